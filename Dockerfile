@@ -1,0 +1,30 @@
+# One image for every part of a fleet: the API, the workers, the sweep. What a container does is its command.
+FROM python:3.11-slim-bookworm AS build
+RUN apt-get update && apt-get install --yes --no-install-recommends make && rm -rf /var/lib/apt/lists/*
+WORKDIR /src
+COPY requirements requirements
+COPY pyproject.toml Makefile README.md ./
+COPY apexcal apexcal
+COPY service service
+COPY workers workers
+COPY frontend frontend
+# The wheel holds the built pages; node comes out of the locked development requirements.
+RUN make frontend && .venv/bin/uv build --wheel --no-build-isolation --python .venv/bin/python --out-dir /wheels
+
+FROM python:3.11-slim-bookworm
+COPY requirements/bootstrap.lock requirements/app.lock /tmp/requirements/
+RUN python -m pip install --no-cache-dir --require-hashes -r /tmp/requirements/bootstrap.lock \
+ && uv pip install --system --no-cache --require-hashes -r /tmp/requirements/app.lock
+COPY --from=build /wheels /tmp/wheels
+RUN uv pip install --system --no-cache --no-deps /tmp/wheels/*.whl && rm -rf /tmp/wheels /tmp/requirements
+RUN useradd --uid 1000 --create-home apexcal \
+ && install --directory --owner apexcal --group apexcal --mode 700 \
+      /var/lib/apexcal /var/lib/apexcal/blobs /var/cache/apexcal
+USER apexcal
+ENV APEXCAL_DATA_DIR=/var/lib/apexcal \
+    NUMBA_CACHE_DIR=/var/cache/apexcal \
+    OPENBLAS_NUM_THREADS=1 \
+    OMP_NUM_THREADS=1 \
+    PYTHONUNBUFFERED=1
+EXPOSE 8000
+CMD ["python", "-m", "uvicorn", "service.app:create_app", "--factory", "--host", "0.0.0.0", "--port", "8000"]

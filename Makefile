@@ -1,0 +1,71 @@
+# Everything from a bare clone: each target makes what it needs, and costs nothing where that is there already.
+# Needs Python 3.11 or newer as python3, git and make. The caller's environment (certificates, proxies) is kept.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMPS := $(VENV)/stamps
+# npm and what it starts find the node of the environment first.
+NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund --no-audit
+FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o -type f -print 2>/dev/null)
+
+.DEFAULT_GOAL := help
+.PHONY: help setup frontend demo serve test test-long check lock clean
+.DELETE_ON_ERROR:
+
+help:  ## say what there is
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+setup: $(STAMPS)/installed  ## make the environment in .venv
+
+demo: setup frontend  ## start the service and drive the whole job through its API (under two minutes)
+	$(BIN)/python -m apexcal.demo
+
+serve: setup frontend  ## leave the service up, with the demo's data where there is some; ARGS="--port 8001"
+	$(BIN)/apexcal serve $(ARGS)
+
+test: setup frontend  ## all tests but the long ones; ARGS="tests/apexcal -x"
+	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+
+test-long: setup frontend  ## all tests
+	$(BIN)/python -m pytest $(ARGS)
+
+check: setup $(STAMPS)/node_modules  ## style, types, import rules
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	PATH="$(CURDIR)/$(BIN):$$PATH" frontend/node_modules/.bin/pyright
+	$(BIN)/lint-imports
+	$(NPM) run check
+
+frontend: $(STAMPS)/frontend  ## build the pages into service/web
+
+lock: $(STAMPS)/uv  ## resolve the requirements again; the files hold hashes and no addresses
+	$(BIN)/uv pip compile $(LOCK_FLAGS) requirements/bootstrap.in -o requirements/bootstrap.lock
+	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml -o requirements/app.lock
+	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --group dev -o requirements/dev.lock
+LOCK_FLAGS := --universal --generate-hashes --python-version 3.11 --no-header --no-emit-index-url --quiet
+
+clean:  ## remove what was built; data in var/ stays
+	rm -rf $(VENV) frontend/node_modules service/web dist .pytest_cache .ruff_cache .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(STAMPS)/uv: requirements/bootstrap.lock
+	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ". Say PYTHON=python3.12." if sys.version_info < (3, 11) else 0)'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/bootstrap.lock
+	@mkdir -p $(STAMPS) && touch $@
+
+# uv must install into our environment, whichever one the caller's shell has activated.
+$(STAMPS)/installed: export VIRTUAL_ENV = $(CURDIR)/$(VENV)
+$(STAMPS)/installed: $(STAMPS)/uv requirements/dev.lock pyproject.toml
+	$(BIN)/uv pip install --quiet --require-hashes -r requirements/dev.lock
+	$(BIN)/uv pip install --quiet --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(STAMPS)/node_modules: $(STAMPS)/installed frontend/package.json frontend/package-lock.json
+	$(NPM) ci --silent
+	@touch $@
+
+$(STAMPS)/frontend: $(STAMPS)/node_modules $(FRONTEND_SOURCES)
+	$(NPM) run --silent build
+	@touch $@

@@ -1,0 +1,1 @@
+"""The HTTP client and, built on it, the `apexcal` command."""

@@ -1,0 +1,69 @@
+"""The command ``apexcal``. Exit codes: 0 done; 1 the service refused or failed; 2 wrong usage; 3 no answer.
+
+Each subcommand lives in a module of its own, loaded when it is called: ``apexcal --help`` loads none.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+OK, FAILED, USAGE, UNREACHABLE = 0, 1, 2, 3
+
+# Name -> what `apexcal --help` says of it. The module is apexcal.commands.<name>, its function has the same name.
+COMMANDS = {
+    "serve": "Start the whole service on this machine.",
+    "worker": "Start a worker of a fleet on this host.",
+    "simulate": "Write a simulated recording with its ground truth.",
+    "invite": "Make a one-time sign-in link for a person.",
+    "token": "Make an API token for a program.",
+    "rig": "Describe a vehicle's LiDAR and cameras to the service.",
+    "upload": "Upload a recording and wait until it is ready.",
+    "detect": "Find the board's vertices in a recording.",
+    "calibrate": "Calibrate a camera from marks or from a file of pairs.",
+    "export": "Write a camera's current calibration, or one result.",
+}
+
+
+class _Commands(TyperGroup):
+    """Shows its commands by name and sentence, and loads the one that is called."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> TyperCommand | None:
+        return TyperCommand(cmd_name, help=COMMANDS[cmd_name]) if cmd_name in COMMANDS else None
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, found, rest = super().resolve_command(ctx, args)
+        if found is None or found.name not in COMMANDS:
+            return name, found, rest
+        module = importlib.import_module(f"apexcal.commands.{found.name}")
+        lone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+        lone.command(found.name)(getattr(module, found.name))
+        return name, typer.main.get_command(lone), rest
+
+
+app = typer.Typer(cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+@app.callback()
+def apexcal() -> None:
+    """LiDAR-to-camera calibration as a service: run it, and work with it.
+
+    The service is found by --url and --token, by APEXCAL_URL and APEXCAL_TOKEN, or, without either, in the data
+    folder of an `apexcal serve` on this machine. Exit codes: 0 done; 1 the service refused or the work failed;
+    2 wrong usage; 3 the service does not answer.
+    """
+
+
+def main() -> None:
+    """Entry point of the command."""
+    app(prog_name="apexcal")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""One module per subcommand of ``apexcal``; each holds a function of the same name."""

@@ -1,0 +1,83 @@
+"""What a finished calibration found, for people: a table for each camera, warnings, and what became of the result."""
+
+from __future__ import annotations
+
+from rich import box
+from rich.table import Table
+
+from apexcal.commands.common import console
+from apexcal.transport import Document
+
+# Held-out pairs this much worse than fitted ones mean that the model fits noise, or that there are too few pairs.
+_OVERFITTED = 2.0
+
+
+def show(calibration: Document, chosen: Document) -> None:
+    """Print a table for each camera and the sentences that go with it; ``chosen`` is the correspondence set."""
+    out = console()
+    for note in dict.fromkeys([*chosen.get("notes", []), *calibration.get("notes", [])]):
+        out.print(f"Note: {note}", markup=False, soft_wrap=True)
+    for name, camera in (calibration.get("summary") or {}).get("cameras", {}).items():
+        out.print(table_of(name, camera))
+        if camera.get("why"):
+            out.print(f"* {camera['why']}", markup=False, soft_wrap=True)
+        for warning in warnings_of(camera):
+            out.print(f"Warning: {warning}", markup=False, soft_wrap=True)
+
+
+def table_of(name: str, camera: Document) -> Table:
+    """The models side by side; fits into 80 columns, where a terminal's width is not known."""
+    table = Table(
+        title=f"Camera {name}: mean / RMS reprojection error, pixels",
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+    )
+    for heading in ("model", "GA", "polished", "baseline", "held out"):
+        table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
+    for model, found in camera["models"].items():
+        table.add_row(
+            model + (" *" if model == camera.get("recommended") else ""),
+            *(_pair(found.get(stage)) for stage in ("ga", "polished", "baseline")),
+            _pixels(found.get("heldout_mean_px")),
+        )
+    return table
+
+
+def warnings_of(camera: Document) -> list[str]:
+    """Models that do much worse on pairs that they were not fitted to, and the recommended model's alarms."""
+    warnings: list[str] = []
+    for model, found in camera["models"].items():
+        heldout, fitted = found.get("heldout_mean_px"), found["polished"]["mean_px"]
+        if heldout is not None and heldout > _OVERFITTED * fitted:
+            warnings.append(
+                f"{model} is at {heldout:.2f} px on held-out pairs, at {fitted:.2f} px on fitted ones: there are too "
+                "few pairs for it, or they are too close together."
+            )
+    recommended = camera["models"].get(camera.get("recommended"), {})
+    return warnings + [f"{camera['recommended']}: {alarm}" for alarm in recommended.get("alarms", [])]
+
+
+def why_unpublished(calibration: Document, camera: Document, *, wanted: bool) -> str:
+    """Why no result of this camera became the vehicle's current calibration, and what to do about it."""
+    by_hand = "A reviewer can publish a result on the calibration's page."
+    if not wanted:
+        return f"--no-publish said so. {by_hand}"
+    if not camera.get("recommended"):
+        return f"no model is recommended. {by_hand}"
+    if not camera["models"][camera["recommended"]].get("heldout_pairs"):
+        return f"no pairs were held out to judge it by (--folds 5 does). {by_hand}"
+    if any(run["state"] != "done" for run in calibration["runs"]):
+        return f"not every fit ended well. {by_hand}"
+    return f"another result has been published since. {by_hand}"
+
+
+def _pair(figures: Document | None) -> str:
+    """``mean / rms`` of one stage."""
+    return f"{_pixels(figures.get('mean_px'))} / {_pixels(figures.get('rms_px'))}" if figures else "-"
+
+
+def _pixels(value: float | None) -> str:
+    """A figure with two decimals."""
+    return "-" if value is None else f"{value:.2f}"

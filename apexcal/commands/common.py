@@ -1,0 +1,100 @@
+"""What the subcommands share: where the service is, how to say things, progress bars, exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from apexcal.cli import FAILED, UNREACHABLE, USAGE
+from apexcal.embedded.folder import is_served, read_status
+from apexcal.errors import as_sentence
+
+UrlOption = Annotated[
+    str, typer.Option("--url", envvar="APEXCAL_URL", help="Address of the service.", show_default=False)
+]
+TokenOption = Annotated[
+    str, typer.Option("--token", envvar="APEXCAL_TOKEN", help="API token.", show_default=False, show_envvar=True)
+]
+DataOption = Annotated[Path, typer.Option("--data", help="Data folder of a service on this machine.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the outcome as JSON, and no progress.")]
+
+TOKEN_HINT = "An engineer makes one with `apexcal token NAME --role ROLE`"
+
+
+def console(*, errors: bool = False) -> Console:
+    """The terminal: results on standard output, everything else on standard error."""
+    return Console(stderr=errors, highlight=False)
+
+
+def complain(sentence: str, hint: str = "", *, code: int = FAILED) -> NoReturn:
+    """Say what is wrong and what to do, and leave."""
+    out = console(errors=True)
+    out.print(f"[bold red]apexcal:[/] {escape(as_sentence(sentence))}", soft_wrap=True)
+    if hint:
+        out.print(escape(as_sentence(hint)), soft_wrap=True)
+    raise typer.Exit(code)
+
+
+def usage(sentence: str, hint: str = "") -> NoReturn:
+    """Say that the command was called wrongly, and leave."""
+    complain(sentence, hint, code=USAGE)
+
+
+def locate(url: str, token: str, data: Path) -> tuple[str, str, str]:
+    """Address and token of the service, and where the token is from.
+
+    Both as given, else those of the service on this machine's data folder.
+    """
+    served = is_served(data)
+    local = str(read_status(data).get("url") or "") if served else ""
+    if not url and not local:
+        complain(
+            f"no service runs on {data.resolve()}",
+            "Start one with `apexcal serve`, name its folder with --data, or say where it is: --url and --token, or "
+            "APEXCAL_URL and APEXCAL_TOKEN",
+            code=UNREACHABLE,
+        )
+    origin = "APEXCAL_TOKEN" if token == os.environ.get("APEXCAL_TOKEN") else "what --token gives"
+    if not token and (not url or url.rstrip("/") == local):
+        file = data / "owner.token"
+        try:
+            token, origin = file.read_text(encoding="utf-8", errors="replace").strip(), f"what {file} holds"
+        except OSError:
+            token = ""
+    if not token:
+        usage("no token", f"Give --token or APEXCAL_TOKEN. {TOKEN_HINT}")
+    return url or local, token, origin
+
+
+def say(outcome: Any, as_json: bool, sentence: str) -> None:
+    """The outcome of a command: a sentence for people, or the whole document for programs."""
+    if as_json:
+        print(json.dumps(outcome, indent=2, ensure_ascii=False))
+    else:
+        console().print(escape(sentence), soft_wrap=True)
+
+
+@contextmanager
+def bar(title: str, shown: bool = True) -> Iterator[Callable[[float, str], None]]:
+    """A progress bar on standard error; the yielded function takes a fraction and a message."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("[dim]{task.fields[message]}"),
+    )
+    shown = shown and sys.stderr.isatty() and "NO_PROGRESS" not in os.environ
+    with Progress(*columns, console=console(errors=True), disable=not shown) as progress:
+        task = progress.add_task(f"{title:<24}", total=1.0, message="")
+        yield lambda fraction, message: progress.update(task, completed=fraction, message=escape(message))

@@ -1,0 +1,152 @@
+"""A client for a command, and things found by name or id."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import UUID
+
+from apexcal.client import ApiError, Client, ClientError, TokenError, UnreachableError
+from apexcal.commands.common import FAILED, TOKEN_HINT, UNREACHABLE, complain, locate, usage
+from apexcal.transport import Document
+
+_SHOWN = 20
+
+
+@contextmanager
+def connected(url: str, token: str, data: Path) -> Iterator[Client]:
+    """A client; what goes wrong inside the block is said in a sentence and ends the command with its exit code."""
+    address, secret, origin = locate(url, token, data)
+    try:
+        client = Client(address, secret)
+    except TokenError as error:
+        usage(str(TokenError(origin)), error.hint)
+    except ValueError as error:
+        usage(str(error), "Give it with --url or APEXCAL_URL")
+    try:
+        with client:
+            yield client
+    except UnreachableError as error:
+        complain(str(error), error.hint, code=UNREACHABLE)
+    except ApiError as error:
+        complain(*_refusal(error, origin), code=FAILED)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        complain(f"cannot read {error.filename}: {reason}" if error.filename else reason, code=FAILED)
+    except UnicodeEncodeError:
+        complain("a name or path holds bytes that are no UTF-8", "Write it again in this terminal.", code=FAILED)
+    except (ClientError, ValueError) as error:
+        complain(str(error), getattr(error, "hint", ""), code=FAILED)
+
+
+def _refusal(error: ApiError, token_origin: str) -> tuple[str, str]:
+    """What the service refused and what to do; every field that it names stands on a line of its own."""
+    fields = error.refused_fields
+    if len(fields) > 1:
+        lines = "".join(f"\n  {field}" for field in fields)
+        return f"the service refused {len(fields)} fields ({error.code}):{lines}", "Correct them and try again."
+    hint = "Correct it and try again." if fields else error.hint
+    if error.code == "not_signed_in":
+        hint = f"The token is {token_origin}; give a valid one with --token or APEXCAL_TOKEN. {TOKEN_HINT}."
+    return f"{str(error).rstrip('.')} ({error.code})", hint
+
+
+def _its_id(thing: Document) -> str:
+    return str(thing["id"])
+
+
+def pick(
+    things: Iterable[Document],
+    what: str,
+    wanted: str,
+    option: str,
+    *,
+    label: Callable[[Document], str] = _its_id,
+    make: str = "apexcal rig rig.json --fleet F --vehicle V",
+) -> Document:
+    """The thing with this id or name; without one, the only thing there is. Raises :class:`ClientError`.
+
+    ``label`` tells apart things of one name; ``make`` is the command that makes one where there is none.
+    """
+    found = list(things)
+    matching = [thing for thing in found if not wanted or wanted in (thing["id"], thing["name"])]
+    if len(matching) == 1:
+        return matching[0]
+    names = ", ".join(f"{thing['name']!r}" for thing in found[:_SHOWN]) or "none"
+    if not found:
+        raise ClientError(f"there is no {what} yet", f"Make one first: `{make}`.")
+    if not matching:
+        more = ", ..." if len(found) > _SHOWN else ""
+        raise ClientError(f"there is no {what} with the name or id {wanted!r}", f"There is: {names}{more}")
+    if wanted:
+        ids = "".join(f"\n  {label(thing)}" for thing in matching[:_SHOWN])
+        raise ClientError(f"several {what}s are called {wanted!r}:{ids}", f"Give the id {option}.")
+    raise ClientError(f"there are several {what}s: {names}", f"Say which one {option}.")
+
+
+def find_fleet(client: Client, wanted: str) -> Document:
+    """A fleet by id or name."""
+    return pick(client.fleets.list(), "fleet", wanted, "with --fleet")
+
+
+def find_vehicle(client: Client, fleet: str, wanted: str) -> Document:
+    """A vehicle by id, or by name in a fleet or in all of the caller's fleets."""
+    if _is_id(wanted):
+        return client.vehicles.get(wanted)
+    fleets = [find_fleet(client, fleet)] if fleet else list(client.fleets.list())
+    names = {each["id"]: each["name"] for each in fleets}
+    return pick(
+        (vehicle for each in fleets for vehicle in client.vehicles.list(each["id"])),
+        "vehicle",
+        wanted,
+        "with --vehicle",
+        label=lambda vehicle: f"{vehicle['id']} in the fleet {names[vehicle['fleet_id']]!r}",
+    )
+
+
+def find_recording(client: Client, wanted: str) -> Document:
+    """A recording by id, or by name among all that the caller may see. Raises :class:`ClientError`."""
+    if _is_id(wanted):
+        return client.recordings.get(wanted)
+    return pick(
+        client.recordings.list(),
+        "recording",
+        wanted,
+        "instead of the name",
+        label=lambda recording: f"{recording['id']}, {recording['state']}, of {recording['created_at']}",
+        make="apexcal upload FILE",
+    )
+
+
+def check_id(text: str, what: str, printed_by: str) -> str:
+    """The text, where it is an id. Raises :class:`ClientError` that says where ids come from."""
+    if _is_id(text):
+        return text
+    raise ClientError(
+        f"{text!r} is no id of a {what}", f"{printed_by} prints it, and it stands in the address of the page."
+    )
+
+
+def find_rig(client: Client, vehicle: Document, wanted: str) -> Document:
+    """A vehicle's rig by id or name."""
+    return pick(client.vehicles.rigs(vehicle["id"]), "rig", wanted, "with --rig")
+
+
+def find_camera(rig: Document, wanted: str) -> str:
+    """A camera of a rig by name; without one, the only one."""
+    names = [str(camera["name"]) for camera in rig["cameras"]]
+    if wanted in names:
+        return wanted
+    if wanted or len(names) != 1:
+        problem = f"the rig has no camera {wanted!r}" if wanted else "the rig has several cameras"
+        raise ClientError(problem, f"Say which one with --camera: {', '.join(names)}.")
+    return names[0]
+
+
+def _is_id(text: str) -> bool:
+    try:
+        UUID(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,108 @@
+"""``apexcal detect``: vertices in a recording."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from apexcal.client import ClientError, FailedError
+from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
+from apexcal.commands.connect import connected, find_recording
+from apexcal.documents import parse_document
+from apexcal.embedded.folder import DEFAULT
+from apexcal.regions import parse_region, read_region
+from apexcal.transport import Document
+
+_KEEP = "Inequality that a point must meet, for example 'range < 9' or 'z / x > 0.2'; may be given several times."
+# Below this share of accepted sweeps the region is more likely wrong than the board far away.
+_FEW = 0.05
+
+
+def detect(
+    recording: Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")],
+    keep: Annotated[list[str] | None, typer.Option(help=_KEEP)] = None,
+    region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
+    detector: Annotated[str, typer.Option(help="strict or tolerant.")] = "tolerant",
+    option: Annotated[list[str] | None, typer.Option(help="The detector's NAME=VALUE; several times.")] = None,
+    offset_ms: Annotated[float, typer.Option(help="Added to a vertex's time before its frame is found.")] = 0.0,
+    max_gap_ms: Annotated[float, typer.Option(help="Largest gap between a vertex and its frame.", min=0)] = 50.0,
+    preview: Annotated[bool, typer.Option("--preview", help="Only say what the region keeps.")] = False,
+    url: UrlOption = "",
+    token: TokenOption = "",
+    data: DataOption = DEFAULT,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the board's top vertex in every sweep, inside a region of interest."""
+    if not keep and region is None:
+        usage("no region of interest", "Give --keep 'range < 9' (several times for several), or --region FILE")
+    if not (math.isfinite(offset_ms) and math.isfinite(max_gap_ms)):
+        usage(
+            "--offset-ms and --max-gap-ms are finite numbers",
+            "Both are in milliseconds, for example --offset-ms 12.5",
+        )
+    with connected(url, token, data) as client, bar("Detecting", not as_json) as progress:
+        tree = read_region(region) if region else parse_region(keep or [])
+        options = _options(option or [])
+        of = find_recording(client, recording)
+        if of["state"] == "failed":
+            raise FailedError(f"the recording {of['name']!r}", "failed", of["problem"])
+        if preview:
+            shown = client.wait(client.detections.preview(of["id"], tree), on_progress=progress)
+        else:
+            started = client.detections.create(
+                of["id"],
+                tree,
+                detector=detector,
+                options=options,
+                offset_ns=round(offset_ms * 1e6),
+                max_gap_ns=round(max_gap_ms * 1e6),
+            )
+            shown = client.wait(started, on_progress=progress)
+    say(shown, as_json, _preview(shown["result"]) if preview else _outcome(shown))
+
+
+def _options(texts: list[str]) -> dict[str, Any]:
+    """``name=value`` pairs, the values as JSON."""
+    options: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        try:
+            options[name.strip()] = parse_document(value, f"the option {text!r}")
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise ClientError(f"{text!r} is no option", "Write it as name=number, for example min_points=10.")
+    return options
+
+
+def _preview(result: Document) -> str:
+    return (
+        f"The region keeps {result['points_kept']} of {result['points']} points, "
+        f"in {result['frames_kept']} of {result['frames']} sweeps."
+    )
+
+
+def _outcome(detection: Document) -> str:
+    counts = detection["counts"]
+    rejected = sorted((counts.get("rejected") or {}).items(), key=lambda item: -item[1])
+    reasons = "".join(f"\n  {count} without: {reason.replace('_', ' ')}" for reason, count in rejected)
+    return (
+        f"The detection {detection['id']} accepted {counts['accepted']} of {counts['sweeps']} sweeps, "
+        f"{counts['paired']} of them with a camera frame.{reasons}{_advice(detection)}"
+    )
+
+
+def _advice(detection: Document) -> str:
+    """What to do where hardly any sweep was accepted; empty otherwise."""
+    counts = detection["counts"]
+    if counts["accepted"] >= _FEW * counts["sweeps"]:
+        return ""
+    if detection["detector"] == "strict":
+        return "\nHint: strict accepts few sweeps by its nature; --detector tolerant accepts more."
+    return (
+        "\nHint: hardly any sweep was accepted. Something else in the region is as high or as wide as the board: "
+        "narrow it (docs/engineers.md)."
+    )

@@ -1,0 +1,59 @@
+"""``apexcal rig``: tells the service how a vehicle's sensors are mounted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from apexcal.client import Client
+from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, console, say
+from apexcal.commands.connect import connected, pick
+from apexcal.embedded.folder import DEFAULT
+from apexcal.rigs import read_rig
+from apexcal.transport import Document
+
+
+def rig(
+    description: Annotated[Path, typer.Argument(help="JSON file of the rig, as docs/rigs.md shows.")],
+    fleet: Annotated[
+        str, typer.Option(help="Fleet, by name; a new name makes one. Needed where there are several.")
+    ] = "",
+    vehicle: Annotated[str, typer.Option(help="Vehicle, by name; a new name makes one.")] = "Vehicle",
+    url: UrlOption = "",
+    token: TokenOption = "",
+    data: DataOption = DEFAULT,
+    as_json: JsonOption = False,
+) -> None:
+    """Add a rig to a vehicle: its LiDAR, its cameras and roughly where they are."""
+    with connected(url, token, data) as client:
+        document = read_rig(description)
+        in_fleet = _fleet(client, fleet)
+        on_vehicle = _vehicle(client, in_fleet, vehicle) if in_fleet else None
+        if on_vehicle is None:
+            # Nothing is made for a rig that would be refused.
+            client.vehicles.check_rig(document)
+            in_fleet = in_fleet or _made("fleet", client.fleets.create(fleet or "Fleet"))
+            on_vehicle = _made("vehicle", client.vehicles.create(in_fleet["id"], vehicle))
+        made = client.vehicles.create_rig(on_vehicle["id"], document)
+    where = f"{on_vehicle['name']} in the fleet {in_fleet['name']}" if in_fleet else on_vehicle["name"]
+    say(made, as_json, f"The rig {made['name']!r} of {where} is {made['id']}.")
+
+
+def _fleet(client: Client, wanted: str) -> Document | None:
+    """The fleet of this id or name, or the only one; None where it is to be made. Asks where there are several."""
+    fleets = list(client.fleets.list())
+    if not wanted:
+        return pick(fleets, "fleet", wanted, "with --fleet") if fleets else None
+    return next((fleet for fleet in fleets if wanted in (fleet["id"], fleet["name"])), None)
+
+
+def _vehicle(client: Client, fleet: Document, wanted: str) -> Document | None:
+    return next((each for each in client.vehicles.list(fleet["id"]) if wanted in (each["id"], each["name"])), None)
+
+
+def _made(what: str, thing: Document) -> Document:
+    """Say at once that a thing was made, so that it is known whatever comes after."""
+    console(errors=True).print(f"Made the {what} {thing['name']!r}.", markup=False, soft_wrap=True)
+    return thing

@@ -1,0 +1,31 @@
+"""``apexcal token``: a token for a program, shown once."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, say
+from apexcal.commands.connect import connected, find_fleet
+from apexcal.commands.invite import Role
+from apexcal.embedded.folder import DEFAULT
+
+
+def token(
+    name: Annotated[str, typer.Argument(help="What the token is for, as the list of tokens will show it.")],
+    role: Annotated[Role, typer.Option(help="What its bearer may do.")] = Role.viewer,
+    fleet: Annotated[str, typer.Option(help="Fleet, by name or id; needed where there are several.")] = "",
+    days: Annotated[int, typer.Option(help="Days that it is valid; 0 for no end.", min=0, max=3650)] = 0,
+    url: UrlOption = "",
+    token: TokenOption = "",
+    data: DataOption = DEFAULT,
+    as_json: JsonOption = False,
+) -> None:
+    """Make an API token of one fleet, for programs and other machines. It is shown this once."""
+    with connected(url, token, data) as client:
+        chosen = find_fleet(client, fleet)
+        made = client.fleets.create_token(chosen["id"], name, role.value, expires_in_days=days or None)
+    say(
+        made, as_json, f"{name} is {role.value} of {chosen['name']} with this token, shown only now:\n{made['token']}"
+    )

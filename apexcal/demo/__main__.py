@@ -1,0 +1,89 @@
+"""``make demo``: exit code 0 only if every step really happened and reached what it should."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from apexcal.client import Client, ClientError
+from apexcal.demo import real, report, simulated
+from apexcal.demo.service import Service, serving
+from apexcal.demo.steps import Steps
+from apexcal.embedded.folder import DEFAULT
+from apexcal.transport import Document
+
+REPORT = Path("var/demo/report.json")
+
+
+def main() -> int:
+    """Run both halves at once and say how it went. 0: done; 1: something failed or fell short."""
+    out = Console(highlight=False)
+    began = time.monotonic()
+    try:
+        done = _drive(out)
+    except ClientError as error:
+        Console(stderr=True, highlight=False).print(f"[bold red]demo:[/] {escape(error.sentence)}", soft_wrap=True)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    report.write(done, REPORT)
+    report.show(done, out)
+    missed = report.shortfalls(done)
+    for sentence in missed:
+        out.print(f"[bold red]short:[/] {escape(sentence)}")
+    out.print(f"\nThe report is in {REPORT}. It took {time.monotonic() - began:.0f} s.")
+    out.print("Look at it in a browser: [bold]make serve[/], and open the link that it prints.")
+    return 1 if missed else 0
+
+
+def _drive(out: Console) -> Document:
+    """Simulate while the service starts, then drive both halves through its API."""
+    scratch = Path(tempfile.mkdtemp(prefix="simulated-", dir=_folder(REPORT.parent)))
+    data = real.find_data(Path.cwd())
+    try:
+        with Steps(out) as steps, ThreadPoolExecutor(2) as pool:
+            simulating = pool.submit(simulated.simulate, steps, scratch)
+            with _started(steps) as (service, client):
+                fleet = client.fleets.create(f"Demo {datetime.now(UTC):%Y-%m-%d %H:%M:%S}")
+                beside = pool.submit(_real, steps, service, fleet, data)
+                simulating.result()
+                first = simulated.run(steps, client, fleet, scratch)
+                return {"simulated": first, "real": beside.result()}
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextmanager
+def _started(steps: Steps) -> Iterator[tuple[Service, Client]]:
+    with ExitStack() as until:
+        with steps.step("service", "start") as report:
+            report(0.0, f"embedded, on {DEFAULT}")
+            service = until.enter_context(serving(DEFAULT.resolve()))
+            report(1.0, service.url)
+        yield service, until.enter_context(service.client())
+
+
+def _real(steps: Steps, service: Service, fleet: Document, data: Path | None) -> Document:
+    if data is None:
+        return {"skipped": "there is no ../shared/data/vlp16-diamond-board"}
+    with service.client() as client:
+        return real.run(steps, client, fleet, data)
+
+
+def _folder(path: Path) -> Path:
+    path.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,65 @@
+"""The embedded service that the demo works with: a running one, or one of its own for as long as it takes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from apexcal.client import Client
+from apexcal.embedded.children import tied_to
+from apexcal.embedded.folder import is_served, read_status
+from apexcal.errors import ClientError
+
+WORKERS = 2
+
+
+@dataclass(frozen=True)
+class Service:
+    """Address and the owner's token."""
+
+    url: str
+    token: str
+
+    def client(self) -> Client:
+        """A client of the owner."""
+        return Client(self.url, self.token)
+
+
+@contextmanager
+def serving(data: Path) -> Iterator[Service]:
+    """The service on ``data``: the one that runs there already, else one with two worker processes."""
+    if is_served(data):
+        url = str(read_status(data).get("url") or "")
+        if not url:
+            raise ClientError(f"an apexcal on {data} is starting or stopping", "Try again in a moment.")
+        yield Service(url, _token(data))
+        return
+    command = [sys.executable, "-m", "apexcal.cli", "serve", "--data", str(data), "--port", "0"]
+    with subprocess.Popen(
+        [*command, "--workers", str(WORKERS), "--json"],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=tied_to(os.getpid()),
+    ) as process:
+        try:
+            assert process.stdout is not None
+            said = process.stdout.readline()
+            if not said:
+                raise ClientError(
+                    "the service did not start", f"What it said stands above; its logs are in {data}/logs."
+                )
+            yield Service(json.loads(said)["url"], _token(data))
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def _token(data: Path) -> str:
+    return (data / "owner.token").read_text().strip()

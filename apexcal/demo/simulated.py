@@ -1,0 +1,95 @@
+"""First half: a simulated recording whose truth is known, marked by three people, calibrated on farmed slots."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from apexcal.client import Client
+from apexcal.demo import job
+from apexcal.demo.annotators import NAMES, mark_everything
+from apexcal.demo.steps import Steps
+from apexcal.demo.truth import Truth
+from apexcal.errors import ClientError
+from apexcal.regions import read_region
+from apexcal.rigs import read_rig
+from apexcal.transport import Document
+
+HALF = "simulated"
+CAMERA = "front"
+SECONDS = 120
+FOLDS = 5
+
+
+def simulate(steps: Steps, folder: Path) -> None:
+    """Write the recording, its truth and its rig into a new folder, by the simulator's own command."""
+    with steps.step(HALF, "simulate") as report:
+        command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", str(SECONDS)]
+        with subprocess.Popen([*command, "--progress-json"], stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            for line in process.stdout:
+                said = json.loads(line)
+                if said.get("stage") == "recording":
+                    report(said["done"] / said["total"], f"{SECONDS} s of VLP-16 and camera")
+        if process.returncode != 0:
+            raise ClientError("the simulator failed", "What it said stands above.")
+        size = (folder / "recording.bag").stat().st_size
+        report(1.0, f"a ROS 1 bag of {size / 1e6:.0f} MB")
+
+
+def run(steps: Steps, client: Client, fleet: Document, folder: Path) -> Document:
+    """From the bag to results: the ``simulated`` part of the report."""
+    truth = Truth(folder / "truth.json")
+    vehicle = client.vehicles.create(fleet["id"], "Simulated vehicle")
+    rig = client.vehicles.create_rig(vehicle["id"], read_rig(folder / "rig.json", "Front camera"))
+    recording = job.upload(steps, HALF, client, folder / "recording.bag", rig, "Walk with a board", marks=len(NAMES))
+    region = read_region(folder / "region.json")
+    kept = job.preview(steps, HALF, client, recording, region)
+    strict = job.detect(steps, HALF, client, recording, region, "strict")
+    tolerant = job.detect(steps, HALF, client, recording, region, "tolerant")
+    with steps.step(HALF, "three people mark") as report:
+        progress = mark_everything(client, fleet["id"], tolerant, CAMERA, truth, report)
+        report(
+            1.0, f"{progress['marks']} marks on {progress['complete']} vertices, {progress['rejected']} rejections"
+        )
+    pairs = client.correspondence_sets.build(tolerant["id"], CAMERA)
+    calibration, results = job.calibrate(steps, HALF, client, pairs, folds=FOLDS, farm="slots", publish="recommended")
+    document: Document = dict(judge(client, truth, pairs, calibration, results))
+    document |= {
+        "model": truth.model,
+        "detections": job.acceptance([strict, tolerant]),
+        "region": {name: kept[name] for name in ("frames", "frames_kept", "points", "points_kept")},
+        "marks": progress["marks"],
+        "notes": [*pairs["notes"], *calibration["notes"]],
+        "recording_id": recording["id"],
+        "detection_id": tolerant["id"],
+        "calibration_id": calibration["id"],
+        "current": client.calibrations.current(vehicle["id"], CAMERA)["result_id"],
+    }
+    return document
+
+
+def judge(
+    client: Client, truth: Truth, pairs: Document, calibration: Document, results: dict[str, Document]
+) -> Document:
+    """Each model's figures with its errors against the truth, and what the truth itself would score.
+
+    Every pair is held out once, so the true parameters' held-out error is their mean error on all pairs.
+    """
+    heldout_truth_px = float(np.mean(truth.errors_px(client.correspondence_sets.get(pairs["id"])["pairs"])))
+    models = job.figures(calibration, CAMERA)
+    summary = calibration["summary"]["cameras"][CAMERA]["models"]
+    workers = {worker for found in summary.values() for worker in found["workers"]}
+    for name, figures in models.items():
+        rotation_deg, translation_m = truth.errors_of(results[name]["transform"])
+        figures |= {
+            "heldout_truth_px": heldout_truth_px,
+            "rotation_error_deg": rotation_deg,
+            "translation_error_m": translation_m,
+            "workers_used": len(set(summary[name]["workers"])),
+        }
+    return {**models, "pairs": pairs["count"], "workers_used": len(workers)}

@@ -1,0 +1,143 @@
+"""One child process: started so that it cannot outlive its parent, ended with everything that it started."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
+
+_FIRST_DELAY_S = 0.2
+_LONGEST_DELAY_S = 10.0
+_STEADY_S = 20.0
+_LOG_BYTES = 10 * 1024 * 1024
+
+
+@dataclass(frozen=True)
+class ChildPlan:
+    """How a child is started and stopped. ``environment`` is complete, not an addition."""
+
+    name: str
+    command: tuple[str, ...]
+    environment: Mapping[str, str]
+    log: Path
+    grace_s: float = 10.0
+
+
+def tied_to(parent: int) -> Callable[[], None]:
+    """What a new child runs before its program: it dies with ``parent``, also when that is killed.
+
+    Linux only (prctl PR_SET_PDEATHSIG); elsewhere a killed parent leaves its children to be found by hand.
+    """
+
+    def tie() -> None:
+        if _LIBC is not None:
+            _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+    return tie
+
+
+class Child:
+    """A planned child and, while it runs, its process. A dead one may be started again after a growing delay."""
+
+    def __init__(self, plan: ChildPlan) -> None:
+        self.plan = plan
+        self.restarts = 0
+        self.state = "stopped"
+        self.since = time.time()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._started = 0.0
+        self._due = 0.0
+        self._delay = _FIRST_DELAY_S
+
+    @property
+    def pid(self) -> int | None:
+        """Process id while it runs."""
+        return self._process.pid if self._process else None
+
+    def start(self) -> None:
+        """Start the process in a session of its own, so that a terminal's Ctrl-C reaches the supervisor alone."""
+        log = self.plan.log
+        if log.exists() and log.stat().st_size > _LOG_BYTES:
+            log.replace(log.with_suffix(".log.1"))
+        with log.open("ab") as output:
+            self._process = subprocess.Popen(
+                self.plan.command,
+                env=dict(self.plan.environment),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                preexec_fn=tied_to(os.getpid()),
+            )
+        self._started = time.monotonic()
+        self._turn("running")
+
+    def look(self) -> bool:
+        """Note a death, or start again when that is due. Returns whether something changed."""
+        if self._process is not None:
+            if not self._ended():
+                return False
+            if time.monotonic() - self._started > _STEADY_S:
+                self._delay = _FIRST_DELAY_S
+            self._due = time.monotonic() + self._delay
+            self._delay = min(self._delay * 2, _LONGEST_DELAY_S)
+            self._turn("restarting")
+            return True
+        if self.state == "restarting" and time.monotonic() >= self._due:
+            self.restarts += 1
+            self.start()
+            return True
+        return False
+
+    def due_in(self) -> float:
+        """Seconds until a restart is due; infinite when none is."""
+        return max(0.0, self._due - time.monotonic()) if self.state == "restarting" else float("inf")
+
+    def ask_to_stop(self) -> None:
+        """Send SIGTERM. For a worker that means: finish or give back what you hold, then leave."""
+        if self._process is not None and not self._ended():
+            self._process.send_signal(signal.SIGTERM)
+        self._turn("stopping")
+
+    def wait(self, hurry: Callable[[], bool]) -> None:
+        """Wait for the end within the plan's grace, or until ``hurry`` says so; then kill the whole session."""
+        deadline = time.monotonic() + self.plan.grace_s
+        while self._process is not None and not self._ended():
+            if time.monotonic() > deadline or hurry():
+                self._kill_session()
+            time.sleep(0.02)
+        self._turn("stopped")
+
+    def _turn(self, state: str) -> None:
+        self.state, self.since = state, time.time()
+
+    def _ended(self) -> bool:
+        """Whether the process is gone; if so, reap it and kill what it left behind (a pool's orphans)."""
+        process = self._process
+        if process is None:
+            return True
+        # Looked at without reaping: until then the process id, and so the session's, cannot be anybody else's.
+        with contextlib.suppress(ChildProcessError):
+            if os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+                return False
+        self._kill_session()
+        process.wait()
+        self._process = None
+        return True
+
+    def _kill_session(self) -> None:
+        if self._process is not None:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)

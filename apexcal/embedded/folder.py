@@ -1,0 +1,116 @@
+"""The data folder of an embedded service: who holds it, and where its files lie."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+import stat
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+DEFAULT = Path("var/apexcal")
+# sockaddr_un.sun_path holds 108 bytes with its final zero on Linux, 104 on macOS.
+LONGEST_SOCKET = 103
+
+
+class FolderInUseError(Exception):
+    """Another embedded service runs on this folder."""
+
+    def __init__(self, root: Path, holder: dict[str, Any]) -> None:
+        where = f" at {holder['url']}" if holder.get("url") else ""
+        super().__init__(f"another `apexcal serve` (process {holder.get('pid', 'unknown')}{where}) uses {root}")
+
+
+@dataclass
+class DataFolder:
+    """Everything that an embedded service keeps. Readable by its owner only: recordings show people."""
+
+    root: Path
+    _lock: IO[str] | None = field(default=None, repr=False)
+    _short: Path | None = field(default=None, repr=False)
+
+    @property
+    def logs(self) -> Path:
+        """One log file per child."""
+        return self.root / "logs"
+
+    @property
+    def status(self) -> Path:
+        """What the supervisor says of its children, read by the API's ``/readyz``."""
+        return self.root / "supervisor.json"
+
+    @property
+    def owner_token(self) -> Path:
+        """The owner's API token, for the command line on this machine."""
+        return self.root / "owner.token"
+
+    @property
+    def socket(self) -> Path:
+        """The broker's socket; in a short temporary folder where the data folder's path is too long for one."""
+        return (self._short or self.root) / "broker.sock"
+
+    def hold(self) -> None:
+        """Make the folder and take it for this process. Raises :class:`FolderInUseError`.
+
+        The lock ends with the process, however that ends.
+        """
+        self.root.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self.logs.mkdir(exist_ok=True)
+        lock = (self.root / "serve.lock").open("a+")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            raise FolderInUseError(self.root, read_status(self.root)) from None
+        self._lock = lock
+        if len(os.fsencode(self.root / "broker.sock")) > LONGEST_SOCKET:
+            self._short = _short_folder(self.root)
+
+    def release(self) -> None:
+        """Give the folder back. The lock file stays: removing it would let two holders in."""
+        self.status.unlink(missing_ok=True)
+        if self._short:
+            shutil.rmtree(self._short, ignore_errors=True)
+        if self._lock:
+            self._lock.close()
+            self._lock = None
+
+
+def _short_folder(root: Path) -> Path:
+    """A private temporary folder with a short path, the same one each time: a killed service leaves one, not many."""
+    digest = hashlib.sha256(os.fsencode(root)).hexdigest()[:16]
+    folder = Path(tempfile.gettempdir()) / f"apexcal-{os.getuid()}-{digest}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and found.st_mode & 0o077 == 0:
+        return folder
+    # Somebody else was there first.
+    return Path(tempfile.mkdtemp(prefix="apexcal-"))
+
+
+def read_status(root: Path) -> dict[str, Any]:
+    """What the supervisor of ``root`` last wrote; empty where there is none."""
+    try:
+        status = json.loads((root / "supervisor.json").read_text())
+    except (OSError, ValueError):
+        return {}
+    return status if isinstance(status, dict) else {}
+
+
+def is_served(root: Path) -> bool:
+    """Whether an embedded service holds ``root`` now."""
+    try:
+        with (root / "serve.lock").open("r+") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False

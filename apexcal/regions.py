@@ -1,0 +1,59 @@
+"""Regions of interest as people type them: ``x > 0``, ``range < 9``, ``z / x > 0.2``."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from apexcal.documents import read_document
+from apexcal.errors import ClientError
+from apexcal.transport import Document
+
+QUANTITIES = ("x", "y", "z", "range", "azimuth_deg", "elevation_deg")
+_NAME = "|".join(QUANTITIES)
+_INEQUALITY = re.compile(
+    rf"\s*(?P<quantity>{_NAME})\s*(?:/\s*(?P<by>{_NAME}))?\s*(?P<op><=|>=|<|>)\s*(?P<value>[-+]?[0-9.]+(?:e[-+]?\d+)?)\s*",
+    re.IGNORECASE,
+)
+
+
+def parse_region(inequalities: Sequence[str]) -> Document:
+    """The region where all these inequalities hold, as the API takes it. Nothing of the text is evaluated.
+
+    Raises :class:`ClientError` that quotes the inequality that cannot be read.
+    """
+    nodes = [_leaf(text) for text in inequalities]
+    return nodes[0] if len(nodes) == 1 else {"and": nodes}
+
+
+def read_region(path: Path) -> Document:
+    """A region from a JSON file, for trees with `or` in them. Raises :class:`ClientError`."""
+    document = read_document(path)
+    if not isinstance(document, dict):
+        raise ClientError(f"{path} holds no region", 'A region looks like {"quantity": "x", "op": ">", "value": 0}.')
+    if not {"and", "or", "quantity"} & set(document):
+        raise ClientError(
+            f"{path} is no region",
+            'A region begins with "and", "or" or "quantity"; `apexcal simulate` writes one as region.json.',
+        )
+    return document
+
+
+def _leaf(text: str) -> Document:
+    match = _INEQUALITY.fullmatch(text)
+    try:
+        value = float(match["value"]) if match else None
+    except ValueError:
+        value = None
+    if match is None or value is None:
+        raise ClientError(
+            f"{text!r} is no inequality", f"Write for example 'z / x > 0.2'; there is {', '.join(QUANTITIES)}."
+        )
+    if not math.isfinite(value):
+        raise ClientError(f"{text!r} compares with a number that is too large", "It must be a finite number.")
+    leaf: Document = {"quantity": match["quantity"].lower(), "op": match["op"], "value": value}
+    if match["by"]:
+        leaf["divided_by"] = match["by"].lower()
+    return leaf

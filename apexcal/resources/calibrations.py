@@ -1,0 +1,98 @@
+"""Correspondence sets, calibrations and what they found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+from uuid import UUID
+
+from apexcal.transport import Document, Transport, at
+
+
+class CorrespondenceSets:
+    """``client.correspondence_sets``: immutable 3D-2D pairs of one camera."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._http = transport
+
+    def build(self, detection_id: UUID | str, camera: str, *, exclude_flagged: bool = False) -> Document:
+        """A set from the marks of a detection's vertices. The same content again answers the same set."""
+        body = {"camera": camera, "exclude_flagged": exclude_flagged}
+        return self._http.post(at("detections", detection_id, "correspondence-sets"), body)
+
+    def import_pairs(self, rig_id: UUID | str, camera: str, pairs: Sequence[Mapping[str, float]]) -> Document:
+        """A set from ``{"x", "y", "z", "u", "v"}`` (metres, LiDAR frame; pixels), ``stamp_ns`` or ``group`` each."""
+        return self._import(rig_id, camera, json={"pairs": [dict(pair) for pair in pairs]})
+
+    def import_csv(self, rig_id: UUID | str, camera: str, text: bytes) -> Document:
+        """A set from CSV with the columns x, y, z, u, v and, where known, stamp_ns or group."""
+        return self._import(rig_id, camera, content=text, headers={"Content-Type": "text/csv"})
+
+    def get(self, set_id: UUID | str) -> Document:
+        """One set with its pairs."""
+        return self._http.get(at("correspondence-sets", set_id))
+
+    def list(self, rig_id: UUID | str) -> Iterator[Document]:
+        """The sets of a rig."""
+        return self._http.items(at("rigs", rig_id, "correspondence-sets"))
+
+    def _import(self, rig_id: UUID | str, camera: str, **body: Any) -> Document:
+        return self._http.create(at("rigs", rig_id, "correspondence-sets"), params={"camera": camera}, **body)
+
+
+class Calibrations:
+    """``client.calibrations``: requests, results, and what a vehicle is given."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._http = transport
+
+    def create(
+        self,
+        vehicle_id: UUID | str,
+        correspondence_set_ids: Sequence[str],
+        models: Sequence[str] | None = None,
+        **request: Any,
+    ) -> Document:
+        """Request a calibration: every model, or every one of ``models``, on every camera's pairs.
+
+        ``request`` holds what the API takes besides: ``preset``, ``schedule``, ``search``, ``rotation_range_deg``,
+        ``bounds_preset``, ``bounds``, ``locked``, ``priors``, ``loss``, ``seed``, ``folds``, ``farm``, ``publish``.
+        """
+        body = {"correspondence_set_ids": list(correspondence_set_ids), **request}
+        if models is not None:
+            body["models"] = list(models)
+        return self._http.post(at("vehicles", vehicle_id, "calibrations"), body)
+
+    def list(self, vehicle_id: UUID | str) -> Iterator[Document]:
+        """The calibrations of a vehicle, newest first."""
+        return self._http.items(at("vehicles", vehicle_id, "calibrations"))
+
+    def get(self, calibration_id: UUID | str) -> Document:
+        """One calibration: its state, its runs and, when it is done, its ``summary``."""
+        return self._http.get(at("calibrations", calibration_id))
+
+    def cancel(self, calibration_id: UUID | str) -> Document:
+        """End a calibration that is not done."""
+        return self._http.post(at("calibrations", calibration_id, "cancel"))
+
+    def result(self, result_id: UUID | str) -> Document:
+        """What a run found: parameters, transform, standard deviations, residuals, alarms."""
+        return self._http.get(at("results", result_id))
+
+    def slots(self, calibration_id: UUID | str, camera: str, model: str, fold: int = -1) -> Iterator[Document]:
+        """The GA slots of one run, with the worker that ran each."""
+        return self._http.items(at("calibrations", calibration_id, "slots"), camera=camera, model=model, fold=fold)
+
+    def publish(self, result_id: UUID | str) -> Document:
+        """Make a result its camera's current calibration."""
+        return self._http.post(at("results", result_id, "publication"))
+
+    def current(self, vehicle_id: UUID | str, camera: str) -> Document:
+        """A camera's current calibration; ApiError ``no_calibration_yet`` where there is none."""
+        return self._http.get(at("vehicles", vehicle_id, "cameras", camera, "calibration"))
+
+    def current_if_changed(
+        self, vehicle_id: UUID | str, camera: str, etag: str | None = None
+    ) -> tuple[Document, str] | None:
+        """A camera's current calibration and its ETag; None where it still is the one that ``etag`` names."""
+        return self._http.get_if_changed(at("vehicles", vehicle_id, "cameras", camera, "calibration"), etag)

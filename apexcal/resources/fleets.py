@@ -1,0 +1,114 @@
+"""Fleets with their people and tokens; vehicles and rigs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+from uuid import UUID
+
+from apexcal.errors import ApiError
+from apexcal.transport import Document, Transport, at
+
+Role = Literal["viewer", "annotator", "reviewer", "engineer", "admin"]
+
+
+class Fleets:
+    """``client.fleets``: who works with what."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._http = transport
+
+    def create(self, name: str) -> Document:
+        """Make a fleet (the owner only). ``{"id", "name", ...}``"""
+        return self._http.post("/fleets", {"name": name})
+
+    def list(self) -> Iterator[Document]:
+        """The fleets that this person or token is in."""
+        return self._http.items("/fleets")
+
+    def get(self, fleet_id: UUID | str) -> Document:
+        """One fleet."""
+        return self._http.get(at("fleets", fleet_id))
+
+    def rename(self, fleet_id: UUID | str, name: str, *, version: int) -> Document:
+        """Give a fleet another name."""
+        return self._http.patch(at("fleets", fleet_id), {"name": name}, version=version)
+
+    def members(self, fleet_id: UUID | str) -> Iterator[Document]:
+        """``{"person_id", "name", "role"}`` of everybody in a fleet."""
+        return self._http.items(at("fleets", fleet_id, "members"))
+
+    def invite(self, fleet_id: UUID | str, name: str, role: Role) -> Document:
+        """A one-time sign-in link for a new person: ``{"person_id", "name", "role", "link", "expires_at"}``."""
+        return self._http.post(at("fleets", fleet_id, "invitations"), {"name": name, "role": role})
+
+    def set_role(self, fleet_id: UUID | str, person_id: UUID | str, role: Role) -> Document:
+        """Give a member another role."""
+        return self._http.patch(at("fleets", fleet_id, "members", person_id), {"role": role})
+
+    def remove_member(self, fleet_id: UUID | str, person_id: UUID | str) -> None:
+        """End a person's membership. What they marked stays."""
+        self._http.delete(at("fleets", fleet_id, "members", person_id))
+
+    def create_token(
+        self, fleet_id: UUID | str, name: str, role: Role, *, expires_in_days: int | None = None
+    ) -> Document:
+        """A token for a program: ``{"id", "token", ...}``. The token is shown this once."""
+        body: Document = {"name": name, "role": role}
+        if expires_in_days is not None:
+            body["expires_in_days"] = expires_in_days
+        return self._http.post(at("fleets", fleet_id, "tokens"), body)
+
+    def tokens(self, fleet_id: UUID | str) -> Iterator[Document]:
+        """The tokens of a fleet, without their secrets."""
+        return self._http.items(at("fleets", fleet_id, "tokens"))
+
+    def revoke_token(self, token_id: UUID | str) -> None:
+        """End a token at once."""
+        self._http.delete(at("tokens", token_id))
+
+
+class Vehicles:
+    """``client.vehicles``: vehicles, and how their sensors are mounted."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._http = transport
+
+    def create(self, fleet_id: UUID | str, name: str) -> Document:
+        """Make a vehicle in a fleet."""
+        return self._http.post(at("fleets", fleet_id, "vehicles"), {"name": name})
+
+    def list(self, fleet_id: UUID | str) -> Iterator[Document]:
+        """The vehicles of a fleet."""
+        return self._http.items(at("fleets", fleet_id, "vehicles"))
+
+    def get(self, vehicle_id: UUID | str) -> Document:
+        """One vehicle."""
+        return self._http.get(at("vehicles", vehicle_id))
+
+    def rename(self, vehicle_id: UUID | str, name: str, *, version: int) -> Document:
+        """Give a vehicle another name."""
+        return self._http.patch(at("vehicles", vehicle_id), {"name": name}, version=version)
+
+    def create_rig(self, vehicle_id: UUID | str, rig: Mapping[str, Any]) -> Document:
+        """Add a rig: one LiDAR and its cameras, each with its nominal ``T_camera_lidar`` (a transform document)."""
+        return self._http.post(at("vehicles", vehicle_id, "rigs"), dict(rig))
+
+    def check_rig(self, rig: Mapping[str, Any]) -> None:
+        """Ask whether a description would be accepted, and make nothing. Raises the refusal as :class:`ApiError`.
+
+        The service checks a description before it looks for the vehicle, and there is none with the nil id.
+        """
+        try:
+            self.create_rig(UUID(int=0), rig)
+        except ApiError as error:
+            if error.code != "not_found":
+                raise
+
+    def rigs(self, vehicle_id: UUID | str) -> Iterator[Document]:
+        """The rigs of a vehicle."""
+        return self._http.items(at("vehicles", vehicle_id, "rigs"))
+
+    def rig(self, rig_id: UUID | str) -> Document:
+        """One rig."""
+        return self._http.get(at("rigs", rig_id))

@@ -1,0 +1,140 @@
+"""Recordings: upload, state, frames, and the original back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+from uuid import UUID
+
+from apexcal.errors import ClientError
+from apexcal.sources import open_source
+from apexcal.transport import Document, Transport, at
+from apexcal.uploads import Progress, send_parts
+
+
+class Recordings:
+    """``client.recordings``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._http = transport
+
+    def create(
+        self,
+        vehicle_id: UUID | str,
+        rig_id: UUID | str,
+        name: str,
+        file_name: str,
+        *,
+        marks_per_vertex: int = 1,
+        retain_days: int | None = None,
+        reading: Mapping[str, Any] | None = None,
+    ) -> Document:
+        """Announce a recording; its parts follow. ``{"id", "upload": {"part_bytes"}, ...}``
+
+        ``reading`` is what the file does not say of itself: ``point_times`` (``auto`` or ``stamp_only``),
+        ``stamp_convention`` (``start`` or ``end``), ``rate_hz``.
+        """
+        body: Document = {
+            "rig_id": str(rig_id),
+            "name": name,
+            "file_name": file_name,
+            "marks_per_vertex": marks_per_vertex,
+            "retain_days": retain_days,
+            "reading": dict(reading or {}),
+        }
+        return self._http.post(at("vehicles", vehicle_id, "recordings"), body)
+
+    def upload(
+        self,
+        path: Path,
+        vehicle_id: UUID | str,
+        rig_id: UUID | str,
+        *,
+        name: str | None = None,
+        marks_per_vertex: int = 1,
+        retain_days: int | None = None,
+        reading: Mapping[str, Any] | None = None,
+        on_progress: Progress | None = None,
+    ) -> Document:
+        """Upload a file, or a folder as a tar, as a new recording, and return it while it is being ingested.
+
+        An upload that breaks off leaves the recording ``uploading``: :meth:`resume` goes on with it.
+        """
+        source = open_source(path)
+        recording = self.create(
+            vehicle_id,
+            rig_id,
+            name or path.resolve().name,
+            source.name,
+            marks_per_vertex=marks_per_vertex,
+            retain_days=retain_days,
+            reading=reading,
+        )
+        return self.resume(recording, path, on_progress=on_progress)
+
+    def resume(self, recording: Document, path: Path, *, on_progress: Progress | None = None) -> Document:
+        """Send what is missing of a recording's upload, and complete it."""
+        sent = send_parts(self._http, recording, open_source(path), on_progress)
+        body = {"parts": sent.parts, "size": sent.size, "sha256": sent.sha256}
+        answer = self._http.post(at("recordings", recording["id"], "complete"), body)
+        done: Document = answer["recording"]
+        return done
+
+    def unfinished(self, path: Path, vehicle_id: UUID | str, rig_id: UUID | str) -> Document | None:
+        """The newest recording of this vehicle whose upload of a file of this name broke off."""
+        name = open_source(path).name
+        found = [
+            recording
+            for recording in self.list(vehicle_id=vehicle_id, state="uploading")
+            if recording["file_name"] == name and recording["rig_id"] == str(rig_id)
+        ]
+        return max(found, key=lambda recording: datetime.fromisoformat(recording["created_at"]), default=None)
+
+    def list(
+        self,
+        *,
+        fleet_id: UUID | str | None = None,
+        vehicle_id: UUID | str | None = None,
+        state: str | None = None,
+    ) -> Iterator[Document]:
+        """Recordings of a fleet or a vehicle."""
+        return self._http.items("/recordings", fleet_id=fleet_id, vehicle_id=vehicle_id, state=state)
+
+    def get(self, recording_id: UUID | str) -> Document:
+        """One recording with its state, facts, warnings, problem and sensors."""
+        return self._http.get(at("recordings", recording_id))
+
+    def edit(self, recording: Document, **changes: Any) -> Document:
+        """Change ``name`` or ``marks_per_vertex`` of a recording as it was read."""
+        return self._http.patch(at("recordings", recording["id"]), changes, version=recording["version"])
+
+    def retry(self, recording_id: UUID | str) -> Document:
+        """Ingest a failed recording again."""
+        return self._http.post(at("recordings", recording_id, "retry"))
+
+    def delete(self, recording_id: UUID | str, *, with_published: bool = False) -> None:
+        """Delete a recording with everything that came from it."""
+        self._http.delete(at("recordings", recording_id), with_published=True if with_published else None)
+
+    def frames(self, recording_id: UUID | str, camera: str) -> Iterator[Document]:
+        """``{"index", "stamp_ns", "media_type", "width", "height"}`` of every frame of a camera."""
+        return self._http.items(at("recordings", recording_id, "cameras", camera, "frames"), limit=5000)
+
+    def frame(self, recording_id: UUID | str, camera: str, index: int) -> bytes:
+        """One frame's image file (JPEG, PNG or WebP)."""
+        return self._http.send(
+            "GET", at("recordings", recording_id, "cameras", camera, "frames", index), headers={"Accept": "image/*"}
+        ).content
+
+    def download(self, recording_id: UUID | str, target: Path) -> int:
+        """Write the original to a new file and return its size in bytes."""
+        if target.exists():
+            raise ClientError(f"{target} exists already", "Name a file that does not exist yet.")
+        beside = target.with_name(target.name + ".part")
+        with self._http.stream(at("recordings", recording_id, "original")) as response, beside.open("wb") as file:
+            for chunk in response.iter_bytes(1 << 20):
+                file.write(chunk)
+        beside.replace(target)
+        return target.stat().st_size

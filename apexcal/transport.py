@@ -1,0 +1,197 @@
+"""Requests with everything that every request needs: sign-in, retries, idempotency keys, problems as exceptions."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+from urllib.parse import SplitResult, quote, urlsplit
+
+import httpx
+
+from apexcal.errors import ApiError, TokenError, UnreachableError
+
+Document = dict[str, Any]
+
+# A part of 16 MiB over a slow line takes minutes; everything else answers at once.
+_TIMEOUT = httpx.Timeout(60.0, connect=5.0, write=300.0)
+_PAUSES_S = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 8.0)
+_BUSY = (429, 502, 503, 504)
+# What a header can carry behind "Bearer ": visible ASCII.
+_TOKEN = re.compile(r"[!-~]+")
+
+
+class Transport:
+    """Speaks JSON over HTTP with one service. Safe to share between threads."""
+
+    def __init__(self, base_url: str, token: str | None = None, pauses_s: tuple[float, ...] = _PAUSES_S) -> None:
+        parts = _split(base_url)
+        self.base_url = f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}"
+        self._pauses_s = pauses_s
+        self._reached = False
+        # A signed-in session is a cookie, and unsafe methods with cookies must name where they come from.
+        headers = {"Accept": "application/json", "Origin": f"{parts.scheme}://{parts.netloc}"}
+        if token:
+            if not _TOKEN.fullmatch(token):
+                raise TokenError("the given text")
+            headers["Authorization"] = f"Bearer {token}"
+        self._http = httpx.Client(base_url=self.base_url + "/v1", headers=headers, timeout=_TIMEOUT)
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def get(self, path: str, **query: Any) -> Document:
+        """GET a JSON document. ``None`` values of the query are left out."""
+        return self._json(self.send("GET", path, params=_given(query)))
+
+    def items(self, path: str, **query: Any) -> Iterator[Document]:
+        """Every item of a paged list, page after page."""
+        query["limit"] = query.get("limit") or 100
+        while True:
+            page = self.get(path, **query)
+            yield from page["items"]
+            if not page.get("next"):
+                return
+            query["after"] = page["next"]
+
+    def post(self, path: str, body: Any = None, *, key: str | None = None) -> Document:
+        """POST a JSON document; an empty dict for an answer without a body.
+
+        A key makes a repetition harmless: the service answers a repeated key with its first answer. It is made up
+        when none is given, so a request that is sent again after a lost connection never creates twice.
+        """
+        return self.create(path, json=body, key=key)
+
+    def create(
+        self,
+        path: str,
+        *,
+        params: Mapping[str, Any] | None = None,
+        json: Any = None,
+        content: bytes | None = None,
+        headers: Mapping[str, str] | None = None,
+        key: str | None = None,
+    ) -> Document:
+        """POST anything, with an idempotency key."""
+        headers = {**(headers or {}), "Idempotency-Key": key or str(uuid.uuid4())}
+        return self._json(self.send("POST", path, params=params, json=json, content=content, headers=headers))
+
+    def patch(self, path: str, body: Any, *, version: int | None = None) -> Document:
+        """Edit this version of a row; :class:`ApiError` ``version_conflict`` where it has changed meanwhile."""
+        headers = None if version is None else {"If-Match": f'"v{version}"'}
+        return self._json(self.send("PATCH", path, json=body, headers=headers))
+
+    def put(self, path: str, body: Any, headers: Mapping[str, str] | None = None) -> Document:
+        """PUT a JSON document."""
+        return self._json(self.send("PUT", path, json=body, headers=headers))
+
+    def get_if_changed(self, path: str, etag: str | None) -> tuple[Document, str] | None:
+        """GET a document with its ETag, or None where it still is the one that ``etag`` names."""
+        response = self.send("GET", path, headers={"If-None-Match": etag} if etag else None)
+        if response.status_code == httpx.codes.NOT_MODIFIED:
+            return None
+        return self._json(response), response.headers["ETag"]
+
+    def delete(self, path: str, **query: Any) -> None:
+        """DELETE; nothing is answered."""
+        self.send("DELETE", path, params=_given(query))
+
+    def send(
+        self,
+        method: str,
+        path: str,
+        *,
+        params: Mapping[str, Any] | None = None,
+        json: Any = None,
+        content: bytes | None = None,
+        headers: Mapping[str, str] | None = None,
+    ) -> httpx.Response:
+        """One request, tried again while the service is away or busy. Raises ApiError, UnreachableError.
+
+        Every request of this client may be repeated: reads and deletes by nature, parts by their digest, edits by
+        their version, creations by their key.
+        """
+        request = {"params": params, "json": json, "content": content, "headers": headers}
+        # A service that never answered is more likely misspelt than restarting.
+        pauses_s = self._pauses_s if self._reached else self._pauses_s[:2]
+        for pause_s in (*pauses_s, None):
+            try:
+                response = self._http.request(method, path, **{k: v for k, v in request.items() if v is not None})
+            except httpx.TransportError as error:
+                if pause_s is None:
+                    raise self._unreachable(error) from error
+            else:
+                self._reached = True
+                if response.status_code < 400:
+                    return response
+                if response.status_code not in _BUSY or pause_s is None:
+                    raise problem_of(response)
+            time.sleep(pause_s)
+        raise AssertionError("the last pause is None")
+
+    @contextmanager
+    def stream(self, path: str) -> Iterator[httpx.Response]:
+        """GET bytes as a stream. Raises ApiError, UnreachableError."""
+        try:
+            with self._http.stream("GET", path, headers={"Accept": "*/*"}) as response:
+                if response.status_code >= 400:
+                    response.read()
+                    raise problem_of(response)
+                yield response
+        except httpx.TransportError as error:
+            raise self._unreachable(error) from error
+
+    def _unreachable(self, error: httpx.TransportError) -> UnreachableError:
+        reason = str(error).rstrip(".") or type(error).__name__
+        return UnreachableError(
+            f"no answer from {self.base_url}: {reason}",
+            "Is the service running (`apexcal serve`), and is the address right (--url or APEXCAL_URL)?",
+        )
+
+    @staticmethod
+    def _json(response: httpx.Response) -> Document:
+        if not response.content:
+            return {}
+        document: Document = response.json()
+        return document
+
+
+def _split(base_url: str) -> SplitResult:
+    try:
+        parts = urlsplit(base_url)
+        if parts.scheme in ("http", "https") and parts.hostname and parts.port != 0:
+            return parts
+    except ValueError:
+        pass
+    raise ValueError(f"{base_url!r} is no address of a service; it looks like http://127.0.0.1:8000")
+
+
+def at(*segments: object) -> str:
+    """The path of these segments, each quoted: what is no id stays one segment, and leads nowhere else."""
+    # Dots are quoted by hand: quote() leaves them, and a segment of dots alone would climb.
+    quoted = (quote(str(segment), safe="", errors="replace") for segment in segments)
+    return "".join("/" + (part.replace(".", "%2E") if part in (".", "..") else part) for part in quoted)
+
+
+def problem_of(response: httpx.Response) -> ApiError:
+    """The problem document of a refused request, or one made up where the answer is none (a proxy's page)."""
+    try:
+        fields = json.loads(response.content)
+    except ValueError:
+        fields = None
+    if not isinstance(fields, dict):
+        fields = {
+            "code": "not_a_problem_document",
+            "detail": f"{response.request.url} answered {response.status_code} {response.reason_phrase}",
+            "hint": "Is this the address of an apexcal service?",
+        }
+    return ApiError(response.status_code, fields)
+
+
+def _given(query: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in query.items() if value is not None}

@@ -1,0 +1,20 @@
+/** Fleets, vehicles and rigs. */
+
+import { all, create, get } from "./http.ts";
+import type { Fleet, Rig, RigRequest, Vehicle } from "./types.ts";
+
+export const createFleet = (name: string): Promise<Fleet> => create<Fleet>("/fleets", { name });
+
+export const vehicles = (fleetId: string): Promise<Vehicle[]> => all<Vehicle>(`/fleets/${fleetId}/vehicles`);
+
+export const vehicle = (id: string): Promise<Vehicle> => get<Vehicle>(`/vehicles/${id}`);
+
+export const createVehicle = (fleetId: string, name: string): Promise<Vehicle> =>
+  create<Vehicle>(`/fleets/${fleetId}/vehicles`, { name });
+
+export const rigs = (vehicleId: string): Promise<Rig[]> => all<Rig>(`/vehicles/${vehicleId}/rigs`);
+
+export const rig = (id: string): Promise<Rig> => get<Rig>(`/rigs/${id}`);
+
+export const createRig = (vehicleId: string, rig: RigRequest): Promise<Rig> =>
+  create<Rig>(`/vehicles/${vehicleId}/rigs`, rig);

@@ -1,0 +1,328 @@
+/** The documents of the service's API, as the pages use them. Stamps ending in _ns are integer nanoseconds. */
+
+import type { ProblemDocument } from "./http.ts";
+
+export type Role = "viewer" | "annotator" | "reviewer" | "engineer" | "admin";
+export const ROLES: readonly Role[] = ["viewer", "annotator", "reviewer", "engineer", "admin"];
+
+export interface Me {
+  id: string;
+  name: string;
+  is_owner: boolean;
+  fleets: { id: string; name: string; role: Role }[];
+}
+
+export interface Member {
+  person_id: string;
+  name: string;
+  role: Role;
+}
+
+export interface Invitation {
+  person_id: string;
+  name: string;
+  role: Role;
+  link: string;
+  expires_at: string;
+}
+
+export interface Fleet {
+  id: string;
+  name: string;
+}
+
+export interface Vehicle {
+  id: string;
+  fleet_id: string;
+  name: string;
+}
+
+export type Rotation =
+  | { euler_order: "zyx" | "xyz_eq2"; angles_deg: number[] }
+  | { matrix: number[][] }
+  | { quaternion_xyzw: number[] };
+
+export interface Transform {
+  to_frame: string;
+  from_frame: string;
+  rotation: Rotation;
+  translation_m: number[];
+}
+
+export interface RigCamera {
+  name: string;
+  frame: string;
+  topic: string | null;
+  image_size: [number, number];
+  nominal: Transform;
+  bounds: Record<string, [number, number]>;
+}
+
+export interface RigRequest {
+  name: string;
+  lidar: { frame: string; topic: string | null };
+  T_vehicle_lidar: Transform | null;
+  cameras: RigCamera[];
+}
+
+export interface Rig extends RigRequest {
+  id: string;
+  fleet_id: string;
+  vehicle_id: string;
+}
+
+export type JobState = "queued" | "running" | "done" | "failed" | "cancelled";
+
+export interface JobProgress {
+  fraction: number | null;
+  message: string | null;
+}
+
+export interface Job {
+  id: number;
+  kind: string;
+  state: JobState;
+  attempt: number;
+  progress: JobProgress | null;
+  problem: ProblemDocument | null;
+}
+
+export interface Sensor {
+  id: string;
+  kind: string;
+  name: string;
+  topic: string;
+  frame_id: string;
+  count: number;
+  first_ns: number;
+  last_ns: number;
+  facts: Record<string, unknown>;
+}
+
+export interface Recording {
+  id: string;
+  fleet_id: string;
+  vehicle_id: string;
+  rig_id: string;
+  name: string;
+  file_name: string;
+  state: "uploading" | "queued" | "ingesting" | "ready" | "failed";
+  size: number;
+  marks_per_vertex: number;
+  facts: Record<string, unknown> | null;
+  warnings: unknown[];
+  problem: ProblemDocument | null;
+  job: Job | null;
+  sensors?: Sensor[];
+  created_at: string;
+  version: number;
+  upload?: { part_bytes: number };
+}
+
+export interface UploadedPart {
+  number: number;
+  size: number;
+  sha256: string;
+}
+
+export interface Frame {
+  index: number;
+  stamp_ns: number;
+  media_type: string;
+  width: number;
+  height: number;
+}
+
+export interface RegionPreview {
+  id: string;
+  state: JobState;
+  result: Record<string, unknown> | null;
+  problem: ProblemDocument | null;
+  job: Job | null;
+}
+
+export interface DetectionCounts {
+  sweeps?: number;
+  accepted?: number;
+  rejected?: Record<string, number>;
+  paired?: number | Record<string, number>;
+}
+
+export interface Detection {
+  id: string;
+  recording_id: string;
+  region: unknown;
+  detector: string;
+  options: Record<string, unknown>;
+  pairing: { offset_ns: number; max_gap_ns: number };
+  state: JobState;
+  counts: DetectionCounts;
+  problem: ProblemDocument | null;
+  job: Job | null;
+  created_at: string;
+}
+
+export interface Vertex {
+  id: string;
+  sweep_index: number;
+  time_ns: number;
+  x: number;
+  y: number;
+  z: number;
+  ring?: number;
+  points?: number;
+  frames?: Record<string, { index: number; gap_ns: number }>;
+}
+
+export type VerdictName = "confirmed" | "rejected" | "unsure";
+
+export interface MarkPoint {
+  u: number;
+  v: number;
+  version?: number;
+}
+
+export interface MarkingTask {
+  task_id: string;
+  leased_until: string;
+  vertex: Vertex;
+  camera: string;
+  frame: { index: number; stamp_ns: number; width: number; height: number; url: string };
+  gap_ns: number;
+  predicted: MarkPoint | null;
+  own: { mark: MarkPoint | null; verdict: VerdictName | null } | null;
+}
+
+export interface MarkingProgress {
+  vertices: number;
+  marks_wanted: number;
+  answered: number;
+  mine: number;
+  complete: number;
+  confirmed: number;
+  rejected: number;
+  unsure: number;
+  marks: number;
+  people: { name: string; answers: number }[];
+}
+
+export interface TaskAnswer {
+  mark: MarkPoint | null;
+  verdict: VerdictName | null;
+  progress: MarkingProgress;
+  others: MarkPoint[];
+}
+
+export interface CorrespondenceSet {
+  id: string;
+  rig_id: string;
+  vehicle_id: string;
+  recording_id: string | null;
+  camera: string;
+  source: "annotations" | "import";
+  count: number;
+  content_hash: string;
+  notes: string[];
+  flagged?: number;
+  created_at?: string;
+}
+
+export const MODELS = ["pinhole", "brown_conrady", "kannala_brandt"] as const;
+export type ModelName = (typeof MODELS)[number];
+
+export interface CalibrationRequest {
+  correspondence_set_ids: string[];
+  models: ModelName[];
+  preset: "default" | "paper" | "toolbox";
+  search: "rotation_vector" | "euler";
+  loss: "mean" | "saturating";
+  bounds_preset: "image-size" | "paper-table-1";
+  folds: number;
+  farm: "auto" | "slots" | "runs";
+  seed: number | null;
+  publish: "recommended" | "none";
+}
+
+export interface CalibrationRun {
+  camera: string;
+  model: string;
+  fold: number;
+  state: string;
+  iteration: number;
+  best_loss: number | null;
+  failure: ProblemDocument | null;
+}
+
+export interface Errors {
+  mean_px: number | null;
+  rms_px: number | null;
+}
+
+export interface ModelSummary {
+  result_id: string | null;
+  ga?: Errors | null;
+  polished?: Errors | null;
+  baseline?: Errors | null;
+  heldout_mean_px?: number | null;
+  heldout_rms_px?: number | null;
+  seconds?: number | null;
+  workers?: string[];
+  iterations?: number | null;
+  alarms?: unknown[];
+}
+
+export interface CalibrationSummary {
+  cameras: Record<string, { recommended: string | null; why: string; models: Record<string, ModelSummary> }>;
+}
+
+export interface Calibration {
+  id: string;
+  fleet_id?: string;
+  vehicle_id: string;
+  rig_id: string;
+  state: string;
+  request: Partial<CalibrationRequest>;
+  notes: string[];
+  problem: ProblemDocument | null;
+  progress: JobProgress | null;
+  runs: CalibrationRun[];
+  summary: CalibrationSummary | null;
+  created_at: string;
+  finished_at: string | null;
+}
+
+/** A run's solution; `parameters` and `std` are in degrees, metres and pixels. */
+export interface Result {
+  id: string;
+  calibration_id: string;
+  camera: string;
+  model: string;
+  fold: number;
+  status?: string;
+  message?: string;
+  pairs?: number;
+  free_parameters?: number;
+  parameters?: Record<string, number>;
+  std?: Record<string, number | null>;
+  intrinsics?: Record<string, unknown>;
+  /** T_camera_lidar. */
+  transform?: Transform;
+  sigma_px?: number;
+  residuals_px?: number[];
+  worst_correlation?: { pair: [string, string]; value: number } | null;
+  at_bounds?: string[];
+  alarms?: unknown[];
+}
+
+export interface CurrentCalibration {
+  vehicle_id: string;
+  camera: string;
+  published_at: string;
+  result_id: string;
+  calibration_id: string;
+  model: string;
+  intrinsics: Record<string, number>;
+  T_camera_lidar: Transform;
+  T_vehicle_camera?: Transform | null;
+  quality?: Record<string, unknown> | null;
+}

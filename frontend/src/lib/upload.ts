@@ -1,0 +1,61 @@
+/** Uploading a recording's original file in numbered parts, each with its checksum; resumable. */
+
+import { completeUpload, putPart, uploadedParts } from "./api/recordings.ts";
+import { ApiProblem } from "./api/http.ts";
+import { base64, hex, sha256 } from "./sha256.ts";
+
+export interface Part {
+  number: number;
+  start: number;
+  end: number;
+}
+
+/** How a file of `size` bytes is cut; parts count from 1, an empty file is one empty part. */
+export function partsOf(size: number, partBytes: number): Part[] {
+  const count = Math.max(1, Math.ceil(size / partBytes));
+  return Array.from({ length: count }, (_, i) => ({
+    number: i + 1,
+    start: i * partBytes,
+    end: Math.min(size, (i + 1) * partBytes),
+  }));
+}
+
+/**
+ * Sends what the service does not hold yet, then completes the upload. A part that the service already has is
+ * compared by checksum, so continuing with another file is refused by the service instead of mixing the two.
+ */
+export async function uploadFile(
+  recordingId: string,
+  file: File,
+  partBytes: number,
+  onProgress: (sentBytes: number) => void,
+  signal: AbortSignal,
+): Promise<void> {
+  const known = new Map((await uploadedParts(recordingId)).map((part) => [part.number, part]));
+  const size = known.get(1)?.size ?? partBytes;
+  const parts = partsOf(file.size, known.size > 1 ? size : partBytes);
+  let sent = 0;
+  for (const part of parts) {
+    const bytes = await file.slice(part.start, part.end).arrayBuffer();
+    const digest = await sha256(bytes);
+    if (known.get(part.number)?.sha256 !== hex(digest)) {
+      await putWithRetry(recordingId, part.number, bytes, base64(digest), signal);
+    }
+    sent += bytes.byteLength;
+    onProgress(sent);
+  }
+  await completeUpload(recordingId, parts.length, file.size);
+}
+
+async function putWithRetry(id: string, number: number, bytes: ArrayBuffer, digest: string, signal: AbortSignal) {
+  for (let attempt = 0; ; attempt += 1) {
+    try {
+      await putPart(id, number, bytes, digest, signal);
+      return;
+    } catch (error) {
+      const passing = error instanceof ApiProblem && (error.status === 0 || error.status >= 500) && error.status !== 507;
+      if (!passing || attempt >= 5 || signal.aborted) throw error;
+      await new Promise((resolve) => setTimeout(resolve, 500 * 2 ** attempt));
+    }
+  }
+}

@@ -1,0 +1,1 @@
+"""Marks, verdicts and the tasks that lead to them."""

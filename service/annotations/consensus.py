@@ -1,0 +1,176 @@
+"""What several people say of one vertex, made into one answer. Pure functions: no database.
+
+The rules, in the order in which they are applied:
+
+- ``unsure`` counts neither way, and its mark, if there is one, is not used.
+- More rejections than confirmations remove the vertex. As many of both keep it and flag it.
+- The correspondence is the only mark, the mean of two, the geometric median of more.
+- A vertex that nobody both confirmed and marked gives no correspondence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+Pixel = tuple[float, float]
+
+
+class Outcome(StrEnum):
+    """What becomes of a vertex."""
+
+    KEPT = "kept"
+    TIED = "tied"  # kept and flagged
+    REMOVED = "removed"
+    UNMARKED = "unmarked"
+
+
+@dataclass(frozen=True, slots=True)
+class Opinion:
+    """One person's verdict on a vertex, and the mark (u, v) in pixels that belongs to it, if there is one."""
+
+    verdict: str
+    mark: Pixel | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Consensus:
+    """What the opinions amount to.
+
+    Attributes:
+        outcome: kept, tied (kept and flagged), removed or unmarked.
+        pixel: (u, v) of the correspondence; None where there is none.
+        spread_px: root mean square distance of the marks from ``pixel``; 0 for one mark, None without.
+        marks: how many marks ``pixel`` stands on.
+        answers: how many people said anything, ``unsure`` included.
+    """
+
+    outcome: Outcome
+    pixel: Pixel | None
+    spread_px: float | None
+    marks: int
+    answers: int
+
+
+def agree(opinions: Sequence[Opinion]) -> Consensus:
+    """Make one answer of all opinions on a vertex. Their order does not matter, to the last bit."""
+    marks = sorted(opinion.mark for opinion in opinions if opinion.verdict == "confirmed" and opinion.mark)
+    confirmed = sum(opinion.verdict == "confirmed" for opinion in opinions)
+    rejected = sum(opinion.verdict == "rejected" for opinion in opinions)
+    if rejected > confirmed:
+        return Consensus(Outcome.REMOVED, None, None, 0, len(opinions))
+    if not marks:
+        return Consensus(Outcome.UNMARKED, None, None, 0, len(opinions))
+    pixel = combine(marks)
+    spread = math.sqrt(sum(_distance(mark, pixel) ** 2 for mark in marks) / len(marks))
+    outcome = Outcome.TIED if rejected == confirmed else Outcome.KEPT
+    return Consensus(outcome, pixel, spread, len(marks), len(opinions))
+
+
+def combine(marks: Sequence[Pixel]) -> Pixel:
+    """One mark itself, the mean of two, the geometric median of more.
+
+    Raises:
+        ValueError: there is no mark.
+    """
+    if not marks:
+        raise ValueError("there is no mark to combine")
+    ordered = sorted(marks)
+    return _mean(ordered) if len(ordered) <= 2 else geometric_median(ordered)
+
+
+def geometric_median(points: Sequence[Pixel]) -> Pixel:
+    """The point with the smallest sum of distances to ``points`` (pixels), the same for every order of them.
+
+    First the points themselves: p is a median exactly where the unit vectors to the others add up to no more than
+    p's own multiplicity (Kuhn 1973). Where several are (an even number of points on a line) all between them is
+    a median, and their mean is taken. Otherwise the sum is smooth and strictly convex about its minimum:
+    Weiszfeld's iteration comes near, Newton's ends it to the precision of the numbers.
+    """
+    ordered = sorted(points)
+    medians = sorted({point for point in ordered if _is_median(point, ordered)})
+    if medians:
+        return _mean(medians)
+    guess = _mean(ordered)
+    for _ in range(200):
+        steps = [_weiszfeld_step(guess, ordered), *_newton_steps(guess, ordered)]
+        moved = min(steps, key=lambda step: _sum_of_distances(step, ordered))
+        if _distance(moved, guess) <= 1e-13 * (1.0 + abs(guess[0]) + abs(guess[1])):
+            break
+        guess = moved
+    return guess
+
+
+def _is_median(point: Pixel, points: Sequence[Pixel]) -> bool:
+    pull_u = pull_v = 0.0
+    here = 0
+    for other in points:
+        distance = _distance(other, point)
+        if distance == 0.0:
+            here += 1
+            continue
+        pull_u += (other[0] - point[0]) / distance
+        pull_v += (other[1] - point[1]) / distance
+    # A margin of a few ulp: with points on a line the pull is 1 up to rounding.
+    return math.hypot(pull_u, pull_v) <= here + 1e-12 * len(points)
+
+
+def _weiszfeld_step(guess: Pixel, points: Sequence[Pixel]) -> Pixel:
+    """Weiszfeld 1937, with the step of Vardi and Zhang 2000 where the guess meets one of the points."""
+    weights = weighted_u = weighted_v = 0.0
+    pull_u = pull_v = 0.0
+    here = 0
+    for point in points:
+        distance = _distance(point, guess)
+        if distance == 0.0:
+            here += 1
+            continue
+        weights += 1.0 / distance
+        weighted_u += point[0] / distance
+        weighted_v += point[1] / distance
+        pull_u += (point[0] - guess[0]) / distance
+        pull_v += (point[1] - guess[1]) / distance
+    pull = math.hypot(pull_u, pull_v)
+    stay = min(1.0, here / pull) if pull > 0.0 else 1.0
+    return (
+        (1.0 - stay) * weighted_u / weights + stay * guess[0],
+        (1.0 - stay) * weighted_v / weights + stay * guess[1],
+    )
+
+
+def _newton_steps(guess: Pixel, points: Sequence[Pixel]) -> list[Pixel]:
+    """Newton's step and shortened ones (the sum has kinks at the points); none where it is undefined."""
+    gradient_u = gradient_v = h_uu = h_uv = h_vv = 0.0
+    for point in points:
+        distance = _distance(point, guess)
+        if distance == 0.0:
+            return []
+        unit_u, unit_v = (guess[0] - point[0]) / distance, (guess[1] - point[1]) / distance
+        gradient_u += unit_u
+        gradient_v += unit_v
+        h_uu += unit_v * unit_v / distance
+        h_uv -= unit_u * unit_v / distance
+        h_vv += unit_u * unit_u / distance
+    determinant = h_uu * h_vv - h_uv * h_uv
+    if determinant <= 0.0:
+        return []
+    step_u = (h_uv * gradient_v - h_vv * gradient_u) / determinant
+    step_v = (h_uv * gradient_u - h_uu * gradient_v) / determinant
+    return [(guess[0] + step_u / 4**k, guess[1] + step_v / 4**k) for k in range(8)]
+
+
+def _sum_of_distances(place: Pixel, points: Sequence[Pixel]) -> float:
+    return math.fsum(_distance(point, place) for point in points)
+
+
+def _mean(points: Sequence[Pixel]) -> Pixel:
+    return (
+        math.fsum(point[0] for point in points) / len(points),
+        math.fsum(point[1] for point in points) / len(points),
+    )
+
+
+def _distance(a: Pixel, b: Pixel) -> float:
+    return math.hypot(a[0] - b[0], a[1] - b[1])

@@ -1,0 +1,109 @@
+"""Which vertex a person gets next, and the lease on it.
+
+Under one lock per recording, so that people who ask at the same moment never take more vertices than wanted: on
+SQLite every writing transaction is alone anyway, on PostgreSQL the recording's row is locked.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import Select, and_, exists, select, update
+from sqlalchemy.orm import Session
+
+from service.annotations.answered import has_answered, is_live, leases_of_others, taken_by_others
+from service.db.annotations import MarkingTask
+from service.db.clock import now
+from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.recordings import Recording, Sensor
+
+
+def lock_recording(session: Session, recording_id: UUID) -> Recording:
+    """The recording, its hand-out locked until the transaction ends. Rows that refer to it may still be inserted."""
+    statement = select(Recording).where(Recording.id == recording_id)
+    return session.scalars(statement.with_for_update(key_share=True).execution_options(populate_existing=True)).one()
+
+
+def next_task(
+    session: Session, detection: Detection, camera: Sensor, person_id: UUID, lease_s: float, skip: UUID | None
+) -> MarkingTask | None:
+    """The person's held task with a fresh lease, or a newly leased one; None where nothing is left for them.
+
+    What they skipped, or let the lease of run out, comes again after everything that they have not seen. The task
+    named by ``skip`` is given back and not returned by this call.
+    """
+    recording = lock_recording(session, detection.recording_id)
+    mine = (MarkingTask.detection_id == detection.id, MarkingTask.person_id == person_id)
+    if skip is not None:
+        give_back = update(MarkingTask).where(MarkingTask.id == skip, *mine).values(leased_until=now())
+        session.execute(give_back.execution_options(synchronize_session=False))
+    held = session.scalar(
+        select(MarkingTask.vertex_id)
+        .join(Vertex, Vertex.id == MarkingTask.vertex_id)
+        .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == camera.id))
+        .where(*mine, MarkingTask.sensor_id == camera.id, is_live(MarkingTask), ~has_answered(person_id))
+        .limit(1)
+    )
+    if held is None:
+        leases = leases_of_others(session, camera.id, person_id)
+        still_open = (~has_answered(person_id), taken_by_others(person_id, leases) < recording.marks_per_vertex)
+        unseen = _paired(detection, camera, person_id, seen=False).where(*still_open)
+        held = session.scalar(unseen.order_by(Vertex.rank).limit(1))
+        if held is None:
+            seen = _paired(detection, camera, person_id, seen=True).where(*still_open)
+            if skip is not None:
+                seen = seen.where(MarkingTask.id != skip)
+            held = session.scalar(seen.order_by(MarkingTask.leased_until, Vertex.rank).limit(1))
+    return None if held is None else _lease(session, detection.id, held, camera.id, person_id, lease_s)
+
+
+def is_open(session: Session, vertex: Vertex, camera_id: UUID, person_id: UUID, wanted: int) -> bool:
+    """Whether a vertex still takes this person's answer: their own first one is in, or too few others gave one."""
+    leases = leases_of_others(session, camera_id, person_id)
+    statement = (
+        select(has_answered(person_id), taken_by_others(person_id, leases))
+        .select_from(Vertex)
+        .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == camera_id))
+        .where(Vertex.id == vertex.id)
+    )
+    answered, taken = session.execute(statement).one()
+    return bool(answered) or taken < wanted
+
+
+def _paired(detection: Detection, camera: Sensor, person_id: UUID, *, seen: bool) -> Select[UUID]:
+    """Vertices with a frame of the camera: those that this person had a task for, joined with it, or the others."""
+    own: Any = (
+        MarkingTask.vertex_id == Vertex.id,
+        MarkingTask.sensor_id == camera.id,
+        MarkingTask.person_id == person_id,
+    )
+    statement = (
+        select(Vertex.id)
+        .select_from(Vertex)
+        .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == camera.id))
+        .where(Vertex.detection_id == detection.id)
+    )
+    return statement.join(MarkingTask, and_(*own)) if seen else statement.where(~exists().where(*own))
+
+
+def _lease(
+    session: Session, detection_id: UUID, vertex_id: UUID, camera_id: UUID, person_id: UUID, lease_s: float
+) -> MarkingTask:
+    task = session.scalar(
+        select(MarkingTask).where(
+            MarkingTask.vertex_id == vertex_id,
+            MarkingTask.sensor_id == camera_id,
+            MarkingTask.person_id == person_id,
+        )
+    )
+    if task is None:
+        task = MarkingTask(
+            detection_id=detection_id, vertex_id=vertex_id, sensor_id=camera_id, person_id=person_id, answered_at=None
+        )
+        session.add(task)
+    task.answered_at = None
+    task.leased_until = now(lease_s)  # pyright: ignore[reportAttributeAccessIssue] - the database's own clock
+    session.flush()
+    session.refresh(task)
+    return task

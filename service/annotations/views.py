@@ -1,0 +1,81 @@
+"""Tasks and what belongs to them, as the answers of this room show them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from urllib.parse import quote
+from uuid import UUID
+
+from sqlalchemy import and_, select
+from sqlalchemy.orm import Session
+
+from service.annotations.schemas import MarkView, Own, TaskFrame, TaskVertex, TaskView
+from service.annotations.writing import find_mark, find_verdict
+from service.auth.access import Access
+from service.db.annotations import Mark, MarkingTask
+from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.recordings import CameraFrame, Sensor
+from service.http.problems import not_found
+
+
+class PairedFrame(NamedTuple):
+    """A vertex together with its frame in one camera; ``gap_ns`` is frame time minus vertex time."""
+
+    vertex: Vertex
+    camera: Sensor
+    frame: CameraFrame
+    gap_ns: int
+
+
+def find_task(access: Access, task_id: UUID) -> tuple[MarkingTask, Detection]:
+    """A person's own task and its detection. Another person's tasks do not exist for them."""
+    task = access.session.get(MarkingTask, task_id)
+    if task is None or task.person_id != access.person.id:
+        raise not_found()
+    return task, access.find(Detection, task.detection_id, "annotator")
+
+
+def find_frame(session: Session, vertex_id: UUID, sensor_id: UUID) -> PairedFrame:
+    """The frame that a vertex is paired with in a camera."""
+    row = session.execute(
+        select(Vertex, Sensor, CameraFrame, VertexFrame.gap_ns)
+        .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
+        .join(Sensor, Sensor.id == VertexFrame.sensor_id)
+        .join(
+            CameraFrame,
+            and_(CameraFrame.sensor_id == VertexFrame.sensor_id, CameraFrame.index == VertexFrame.frame_index),
+        )
+        .where(Vertex.id == vertex_id, VertexFrame.sensor_id == sensor_id)
+    ).one()
+    return PairedFrame(*row)
+
+
+def mark_view(mark: Mark | None) -> MarkView | None:
+    """A mark's public members."""
+    return MarkView(u=mark.u, v=mark.v, version=mark.version) if mark else None
+
+
+def task_view(session: Session, task: MarkingTask) -> TaskView:
+    """A task with all that is needed to judge it, and nothing of what others said."""
+    found = find_frame(session, task.vertex_id, task.sensor_id)
+    vertex, camera, frame, gap_ns = found
+    verdict = find_verdict(session, task.person_id, vertex.apex_id)
+    return TaskView(
+        task_id=task.id,
+        leased_until=task.leased_until,
+        vertex=TaskVertex.model_validate(vertex, from_attributes=True),
+        camera=camera.name,
+        frame=TaskFrame(
+            index=frame.index,
+            stamp_ns=frame.stamp_ns,
+            width=frame.width,
+            height=frame.height,
+            url=f"/v1/recordings/{camera.recording_id}/cameras/{quote(camera.name, safe='')}/frames/{frame.index}",
+        ),
+        gap_ns=gap_ns,
+        predicted=None,
+        own=Own(
+            mark=mark_view(find_mark(session, task.person_id, camera.id, frame.index)),
+            verdict=verdict.verdict if verdict else None,  # pyright: ignore[reportArgumentType] - only verdicts
+        ),
+    )

@@ -1,0 +1,103 @@
+"""The web application: ``uvicorn service.app:create_app --factory``."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import APIRouter, FastAPI
+from fastapi.concurrency import run_in_threadpool
+
+from service.annotations import routes as annotations
+from service.auth import member_routes, token_routes
+from service.auth import routes as auth
+from service.auth.expiry import remove_ended
+from service.calibrations import routes as calibrations
+from service.db.session import Database
+from service.detections import routes as detections
+from service.events import routes as events
+from service.events.hints import COURIER as HINTS
+from service.events.hints import Publisher
+from service.fleets import routes as fleets
+from service.http import etags, headers, health, idempotency, jobs, problems, web
+from service.jobs.messages import COURIER as JOBS
+from service.jobs.messages import Sender
+from service.recordings import frame_routes, upload_routes
+from service.recordings import routes as recordings
+from service.recordings.retention import delete_overdue
+from service.settings import MIB, Settings, get_settings
+from service.storage.store import Store
+
+# JSON bodies; the largest are imported correspondences. Upload parts have their own limit.
+_MAX_BODY_BYTES = 32 * MIB
+
+ROUTERS: tuple[APIRouter, ...] = (
+    auth.router,
+    member_routes.router,
+    token_routes.router,
+    fleets.router,
+    recordings.router,
+    upload_routes.router,
+    frame_routes.router,
+    jobs.router,
+    events.router,
+    detections.router,
+    annotations.router,
+    calibrations.router,
+)
+
+_UPKEEP_S = 600.0
+
+log = logging.getLogger(__name__)
+
+
+async def _keep_house(database: Database) -> None:
+    """Remove what has ended, every ten minutes. Several services doing it at once do no harm."""
+    while True:
+        await asyncio.sleep(_UPKEEP_S)
+        for task in (delete_overdue, remove_ended):
+            try:
+                await run_in_threadpool(task, database)
+            except Exception:
+                log.exception("%s failed; it is tried again", task.__name__)
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """The application of these settings; by default of the environment's."""
+    settings = settings or get_settings()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        upkeep = asyncio.create_task(_keep_house(app.state.database))
+        yield
+        upkeep.cancel()
+        app.state.sender.close()
+        app.state.publisher.close()
+        app.state.database.close()
+
+    app = FastAPI(
+        title="apexcal",
+        description="LiDAR-to-camera calibration as a distributed job service.",
+        version="1",
+        lifespan=lifespan,
+        openapi_url="/v1/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.settings = settings
+    app.state.database = Database(settings.database)
+    app.state.store = Store(settings.blobs)
+    app.state.sender = Sender(settings.broker)
+    app.state.publisher = Publisher(settings.events)
+    app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})
+
+    for room in (problems, etags, idempotency):
+        room.install(app)
+    app.add_middleware(headers.SafeHeaders)
+    app.include_router(health.router)
+    for router in ROUTERS:
+        app.include_router(router, prefix="/v1", max_body_size=_MAX_BODY_BYTES)
+    web.install(app)
+    return app

@@ -1,0 +1,224 @@
+"""Who asks, and what they may: the one helper through which every route reaches rows.
+
+``ReadAccess`` and ``WriteAccess`` carry a session that is committed before the answer is sent. Rows of a fleet
+that the person is not in do not exist for them: 404, never 403.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+from uuid import UUID
+
+from fastapi import Depends, Request
+from fastapi.encoders import jsonable_encoder
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+from sqlalchemy import Select, select
+from sqlalchemy.orm import Session
+
+from service.auth.origins import check_origin
+from service.auth.roles import Role, least, rank
+from service.auth.secrets import TOKEN_PREFIX, secret_hash
+from service.db.clock import utc_now
+from service.db.fleets import Fleet
+from service.db.ids import new_id
+from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person
+from service.db.session import Database
+from service.http.idempotency import RequestKey, kept_answer, of_caller, repeat, request_key, sealed
+from service.http.problems import Problem, not_found
+
+COOKIE = "apexcal_session"
+
+ModelT = TypeVar("ModelT")
+
+
+@dataclass(frozen=True)
+class Identity:
+    """A person who proved who they are, with ``credential``, and the fleets and role that it is limited to."""
+
+    person: Person
+    roles: dict[UUID, Role]
+    credential: str
+    only_fleet: UUID | None = None
+    only_role: str | None = None
+
+    @property
+    def sees_all(self) -> bool:
+        """Whether every fleet is theirs."""
+        return self.person.is_owner and self.only_fleet is None
+
+    def role(self, fleet_id: UUID) -> Role | None:
+        """The role in a fleet, or None where the person is not in it."""
+        if self.only_fleet is not None and fleet_id != self.only_fleet:
+            return None
+        held: Role | None = "admin" if self.person.is_owner else self.roles.get(fleet_id)
+        return least(held, self.only_role) if held else None
+
+
+class Access:
+    """A session together with what its person may do with it."""
+
+    def __init__(self, session: Session, identity: Identity, asked: RequestKey | None = None) -> None:
+        self.session = session
+        self.identity = identity
+        self.person = identity.person
+        self._asked = asked
+        self._took: tuple[UUID, Role] | None = None
+
+    def role(self, fleet_id: UUID) -> Role | None:
+        """The person's role in a fleet, or None."""
+        return self.identity.role(fleet_id)
+
+    def need(self, fleet_id: UUID, role: Role) -> None:
+        """Raises :class:`Problem` 404 outside the person's fleets, 403 where their role there is too low."""
+        held = self.role(fleet_id)
+        if held is None:
+            raise not_found()
+        if rank(held) < rank(role):
+            raise Problem(
+                403,
+                "role_too_low",
+                f"This takes the role {role} in the fleet, and you are {held}.",
+                "Ask an admin of the fleet to change your role.",
+            )
+        if self._took is None or rank(role) > rank(self._took[1]):
+            self._took = (fleet_id, role)
+
+    def find(self, model: type[ModelT], key: Any, role: Role = "viewer", *, lock: bool = False) -> ModelT:
+        """The row of ``model`` with this key, where the person has ``role`` in its fleet.
+
+        ``lock`` holds the row until the transaction ends (PostgreSQL; SQLite has one writer at a time).
+        """
+        row = self.session.get(model, key, with_for_update=True if lock else None)
+        fleet_id = None if row is None else row.id if isinstance(row, Fleet) else getattr(row, "fleet_id", None)
+        if row is None or fleet_id is None:
+            raise not_found()
+        self.need(fleet_id, role)
+        return row
+
+    def scope(self, statement: Select[Any], model: Any, role: Role = "viewer") -> Select[Any]:
+        """Limit a query to the rows of ``model`` in fleets where the person has ``role``."""
+        column = model.id if model is Fleet else model.fleet_id
+        if self.identity.sees_all:
+            return statement
+        fleets = {*self.identity.roles, *filter(None, (self.identity.only_fleet,))}
+        return statement.where(column.in_([one for one in fleets if rank(self.role(one) or "") >= rank(role)]))
+
+    def answer(self, body: BaseModel | dict[str, Any], status: int = 201, *, secret: bool = False) -> JSONResponse:
+        """The answer of a POST that made something, kept with it where the request has an Idempotency-Key.
+
+        ``secret`` says that the answer holds one: it is then kept sealed with the caller's credential.
+        """
+        document: dict[str, Any] = jsonable_encoder(body)
+        if self._asked:
+            self._remember(self._asked, status, document, secret=secret)
+        headers = {"Cache-Control": "no-store"} if secret else None
+        return JSONResponse(document, status_code=status, headers=headers)
+
+    def _remember(self, asked: RequestKey, status: int, document: dict[str, Any], *, secret: bool) -> None:
+        fleet_id, role = self._took or (None, None)
+        row_id = new_id()
+        self.session.add(
+            IdempotencyKey(
+                id=row_id,
+                person_id=self.person.id,
+                key=asked.key,
+                request_hash=asked.request_hash,
+                fleet_id=fleet_id,
+                role=role,
+                status=status,
+                body=sealed(row_id, document, self.identity.credential) if secret else document,
+            )
+        )
+
+    def replay(self) -> None:
+        """Raises what repeats the answer that this request got before; nothing where it is new.
+
+        Raises :class:`Problem` where its key belongs to another request, and where who asks may no longer make it.
+        """
+        kept = kept_answer(self.session, self.person.id, self._asked) if self._asked else None
+        if kept is None:
+            return
+        if kept.fleet_id is not None:
+            self.need(kept.fleet_id, kept.role or "admin")  # pyright: ignore[reportArgumentType] - only roles
+        raise repeat(kept, self.identity.credential)
+
+
+def identify(request: Request) -> Identity:
+    """Who sends this request. Raises :class:`Problem` 401 ``not_signed_in``."""
+    database: Database = request.app.state.database
+    kind, _, bearer = request.headers.get("authorization", "").partition(" ")
+    cookie = request.cookies.get(COOKIE)
+    if kind.lower() == "bearer" and bearer.startswith(TOKEN_PREFIX):
+        with database.reading() as session:
+            return _by_token(session, bearer)
+    if cookie:
+        check_origin(request, request.app.state.settings.public_url)
+        with database.reading() as session:
+            return _by_cookie(session, cookie)
+    raise _not_signed_in("The request carries neither a session nor an API token.")
+
+
+def _by_token(session: Session, secret: str) -> Identity:
+    found = session.execute(
+        select(ApiToken, Person)
+        .join(Person, Person.id == ApiToken.person_id)
+        .where(ApiToken.secret_hash == secret_hash(secret), ApiToken.revoked_at.is_(None))
+    ).first()
+    if found is None or (found[0].expires_at and found[0].expires_at <= utc_now()):
+        raise _not_signed_in("The API token is unknown, revoked or has ended.")
+    token, person = found
+    return Identity(person, _roles(session, person), secret, token.fleet_id, token.role)
+
+
+def _by_cookie(session: Session, secret: str) -> Identity:
+    person = session.scalar(
+        select(Person)
+        .join(BrowserSession, BrowserSession.person_id == Person.id)
+        .where(BrowserSession.secret_hash == secret_hash(secret), BrowserSession.expires_at > utc_now())
+    )
+    if person is None:
+        raise _not_signed_in("The browser's session has ended.")
+    return Identity(person, _roles(session, person), secret)
+
+
+def _roles(session: Session, person: Person) -> dict[UUID, Role]:
+    rows = session.execute(select(Membership.fleet_id, Membership.role).where(Membership.person_id == person.id))
+    return {row.fleet_id: row.role for row in rows}
+
+
+def _not_signed_in(detail: str) -> Problem:
+    return Problem(
+        401,
+        "not_signed_in",
+        detail,
+        "Open a sign-in link in the browser, or send Authorization: Bearer apx_... from a program.",
+        headers={"WWW-Authenticate": "Bearer"},
+    )
+
+
+CurrentIdentity = Annotated[Identity, Depends(identify)]
+
+
+def _read_access(request: Request, identity: CurrentIdentity) -> Iterator[Access]:
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        yield Access(session, identity)
+
+
+def _write_access(
+    request: Request, identity: CurrentIdentity, asked: Annotated[RequestKey | None, Depends(request_key)]
+) -> Iterator[Access]:
+    database: Database = request.app.state.database
+    if asked:
+        asked = of_caller(asked, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
+    with database.writing() as session:
+        access = Access(session, identity, asked)
+        access.replay()
+        yield access
+
+
+ReadAccess = Annotated[Access, Depends(_read_access, scope="function")]
+WriteAccess = Annotated[Access, Depends(_write_access, scope="function")]

@@ -1,0 +1,83 @@
+"""Make the owner where there is none, and print a one-time sign-in link: ``python -m service.auth.bootstrap``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from datetime import timedelta
+from pathlib import Path
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
+from service.auth.sessions import make_link
+from service.db.clock import utc_now
+from service.db.people import ApiToken, Person
+from service.db.session import Database
+from service.settings import get_settings
+
+_LOCAL_TOKEN = "this machine"
+
+
+def owner(session: Session, name: str = "Owner") -> Person:
+    """The first owner, made where there is none."""
+    found = session.scalar(select(Person).where(Person.is_owner).order_by(Person.id).limit(1))
+    if found is None:
+        found = Person(name=name, is_owner=True)
+        session.add(found)
+        session.flush()
+    return found
+
+
+def renew_owner_token(session: Session, person: Person) -> str:
+    """A fresh token of the owner for programs on this machine; earlier ones end in a minute.
+
+    They do not end at once because a command that started a moment ago may still hold one.
+    """
+    session.execute(
+        update(ApiToken)
+        .where(ApiToken.person_id == person.id, ApiToken.name == _LOCAL_TOKEN, ApiToken.expires_at.is_(None))
+        .values(expires_at=utc_now() + timedelta(minutes=1))
+    )
+    secret = new_secret(TOKEN_PREFIX)
+    session.add(ApiToken(secret_hash=secret_hash(secret), name=_LOCAL_TOKEN, person_id=person.id))
+    return secret
+
+
+def write_private(path: Path, text: str) -> None:
+    """Write a file that only its owner can read, replacing it whole."""
+    staged = path.with_name(path.name + ".new")
+    staged.unlink(missing_ok=True)
+    descriptor = os.open(staged, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w") as file:
+        file.write(text)
+    staged.replace(path)
+
+
+def main() -> None:
+    """Print the owner's link; with --token-file, leave an API token there too."""
+    parser = argparse.ArgumentParser(prog="python -m service.auth.bootstrap", description=__doc__)
+    parser.add_argument("--name", default="Owner", help="the owner's name, where there is no owner yet")
+    parser.add_argument("--token-file", type=Path, help="write an API token of the owner to this file (mode 0600)")
+    parser.add_argument("--no-link", action="store_true", help="print no sign-in link")
+    chosen = parser.parse_args()
+    settings = get_settings()
+    database = Database(settings.database)
+    try:
+        with database.writing() as session:
+            person = owner(session, chosen.name)
+            token = renew_owner_token(session, person) if chosen.token_file else ""
+            link = ""
+            if not chosen.no_link:
+                link, _ = make_link(session, person.id, settings.public_url, settings.invitation_hours)
+        if chosen.token_file:
+            write_private(chosen.token_file, token + "\n")
+        if link:
+            print(link)
+    finally:
+        database.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,23 @@
+"""What proves who somebody is ends by itself; rows of what has ended are removed after a while."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+from sqlalchemy import delete
+
+from service.db.clock import utc_now
+from service.db.people import BrowserSession, IdempotencyKey, SignInLink
+from service.db.session import Database
+
+# Nobody repeats a request, or asks why a link does not work, after this.
+_REMEMBERED = timedelta(days=14)
+
+
+def remove_ended(database: Database) -> None:
+    """Remove sessions that have ended, links that ended long ago, and answers that nobody will ask for again."""
+    now = utc_now()
+    with database.writing() as session:
+        session.execute(delete(BrowserSession).where(BrowserSession.expires_at < now))
+        session.execute(delete(SignInLink).where(SignInLink.expires_at < now - _REMEMBERED))
+        session.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < now - _REMEMBERED))

@@ -1,0 +1,79 @@
+"""Routes about API tokens: they act as the person who made them, within one fleet and at most with a role."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from uuid import UUID
+
+from fastapi import APIRouter
+from fastapi.responses import JSONResponse
+from sqlalchemy import select
+
+from service.auth.access import Access, ReadAccess, WriteAccess
+from service.auth.roles import rank
+from service.auth.schemas import MadeToken, NewToken, Token
+from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
+from service.db.clock import utc_now
+from service.db.fleets import Fleet
+from service.db.ids import new_id
+from service.db.people import ApiToken
+from service.http.pages import Page, Paging, fetch
+from service.http.problems import Problem, not_found
+
+router = APIRouter(tags=["people"])
+
+
+@router.post("/fleets/{id}/tokens", status_code=201, response_model=MadeToken)
+def post_token(id: UUID, body: NewToken, access: WriteAccess) -> JSONResponse:
+    """Make a token for a program. It is shown this once."""
+    access.find(Fleet, id, "engineer")
+    held = access.role(id)
+    if rank(body.role) > rank(held or ""):
+        raise Problem(
+            403, "role_too_low", f"As {held} you cannot make a token for {body.role}.", "Choose a lesser role."
+        )
+    secret = new_secret(TOKEN_PREFIX)
+    now = utc_now()
+    token = ApiToken(
+        id=new_id(),
+        secret_hash=secret_hash(secret),
+        name=body.name,
+        person_id=access.person.id,
+        fleet_id=id,
+        role=body.role,
+        expires_at=now + timedelta(days=body.expires_in_days) if body.expires_in_days else None,
+        created_at=now,
+    )
+    access.session.add(token)
+    return access.answer(MadeToken(**Token.model_validate(token).model_dump(), token=secret), secret=True)
+
+
+@router.get("/fleets/{id}/tokens")
+def get_tokens(id: UUID, access: ReadAccess, paging: Paging) -> Page[Token]:
+    """A fleet's tokens: an admin sees all, an engineer their own."""
+    access.find(Fleet, id, "engineer")
+    statement = select(ApiToken).where(ApiToken.fleet_id == id)
+    if access.role(id) != "admin":
+        statement = statement.where(ApiToken.person_id == access.person.id)
+    rows, following = fetch(access.session, statement, ApiToken.id, paging)
+    return Page(items=[Token.model_validate(row) for row in rows], next=following)
+
+
+@router.get("/tokens/{id}")
+def get_token(id: UUID, access: ReadAccess) -> Token:
+    """One token, without its secret."""
+    return Token.model_validate(_find(access, id))
+
+
+@router.delete("/tokens/{id}", status_code=204)
+def delete_token(id: UUID, access: WriteAccess) -> None:
+    """Revoke a token at once."""
+    token = _find(access, id)
+    token.revoked_at = token.revoked_at or utc_now()
+
+
+def _find(access: Access, token_id: UUID) -> ApiToken:
+    token = access.find(ApiToken, token_id, "engineer")
+    if token.person_id != access.person.id and access.role(token.fleet_id or token_id) != "admin":
+        raise not_found()
+    return token

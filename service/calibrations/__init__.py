@@ -1,0 +1,1 @@
+"""Correspondence sets, calibration requests and results."""

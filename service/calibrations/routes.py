@@ -1,0 +1,129 @@
+"""Calibrations, their results, and what a vehicle's camera is given."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from uuid import UUID
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import JSONResponse
+from sqlalchemy import select
+
+from service.auth.access import Access, ReadAccess, WriteAccess
+from service.calibrations import published_routes, set_routes
+from service.calibrations.requests import CameraPairs, plan_request
+from service.calibrations.runs import ask_to_end, create
+from service.calibrations.schemas import CalibrationRequest, CalibrationView, SlotView
+from service.calibrations.sets import rig_camera
+from service.calibrations.slots import slot_page
+from service.calibrations.views import calibration_views
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
+from service.db.fleets import Rig, Vehicle
+from service.events.hints import hint
+from service.http.pages import LongPaging, Page, Paging, fetch
+from service.http.problems import Problem
+from service.http.schemas import Sought
+
+router = APIRouter(tags=["calibrations"])
+router.include_router(set_routes.router)
+router.include_router(published_routes.router)
+
+
+@router.post("/vehicles/{vehicle_id}/calibrations", status_code=202, response_model=CalibrationView)
+def ask_calibration(
+    vehicle_id: UUID, wanted: CalibrationRequest, access: WriteAccess, request: Request
+) -> JSONResponse:
+    """Fit models to a vehicle's correspondences: one set for each camera, all of one rig. [engineer]"""
+    vehicle = access.find(Vehicle, vehicle_id, "engineer")
+    rig, sources = _sources(access, vehicle, wanted.correspondence_set_ids)
+    asked = plan_request(wanted, sources)
+    calibration = create(
+        access.session,
+        rig,
+        asked,
+        farm=wanted.farm,
+        publish=wanted.publish,
+        person_id=access.person.id,
+        workers=request.app.state.settings.workers,
+    )
+    hint(access.session, calibration.fleet_id, "calibration", calibration.id)
+    return access.answer(calibration_views(access.session, [calibration])[0], 202)
+
+
+def _sources(access: Access, vehicle: Vehicle, set_ids: list[UUID]) -> tuple[Rig, list[CameraPairs]]:
+    """The cameras of the sets, in the order of their names, and the one rig that they belong to."""
+    sets = [access.find(CorrespondenceSet, set_id, "engineer") for set_id in set_ids]
+    for one in sets:
+        if one.vehicle_id != vehicle.id:
+            raise Problem(
+                422,
+                "set_of_another_vehicle",
+                f"The correspondence set {one.id} belongs to another vehicle.",
+                "Ask for the calibration at the vehicle of the set.",
+            )
+    if len({one.rig_id for one in sets}) > 1:
+        raise Problem(
+            422,
+            "rigs_differ",
+            "The correspondence sets belong to different rigs of the vehicle.",
+            "Ask for one calibration for each rig.",
+        )
+    cameras = [one.camera for one in sets]
+    twice = next((camera for camera in cameras if cameras.count(camera) > 1), None)
+    if twice is not None:
+        raise Problem(
+            422,
+            "camera_twice",
+            f"More than one correspondence set is of the camera {twice}.",
+            "Give one set for each camera.",
+        )
+    rig = access.find(Rig, sets[0].rig_id, "engineer")
+    sources = [CameraPairs(rig_camera(access.session, rig, one.camera), one) for one in sets]
+    return rig, sorted(sources, key=lambda source: source.camera.name)
+
+
+@router.get("/vehicles/{vehicle_id}/calibrations")
+def list_calibrations(vehicle_id: UUID, access: ReadAccess, window: Paging) -> Page[CalibrationView]:
+    """A vehicle's calibrations, newest first."""
+    vehicle = access.find(Vehicle, vehicle_id)
+    statement = select(Calibration).where(Calibration.vehicle_id == vehicle.id)
+    rows, following = fetch(access.session, statement, Calibration.id, window, newest_first=True)
+    return Page(items=calibration_views(access.session, rows), next=following)
+
+
+@router.get("/calibrations/{calibration_id}")
+def read_calibration(calibration_id: UUID, access: ReadAccess) -> CalibrationView:
+    """A calibration: how far it is, and when it is done its models side by side."""
+    return calibration_views(access.session, [access.find(Calibration, calibration_id)])[0]
+
+
+@router.post("/calibrations/{calibration_id}/cancel", status_code=202)
+def cancel_calibration(calibration_id: UUID, access: WriteAccess) -> CalibrationView:
+    """Ask for the end of a calibration; what has ended stays as it is. [engineer]"""
+    calibration = access.find(Calibration, calibration_id, "engineer")
+    ask_to_end(access.session, calibration)
+    hint(access.session, calibration.fleet_id, "calibration", calibration.id)
+    return calibration_views(access.session, [calibration])[0]
+
+
+@router.get("/calibrations/{calibration_id}/slots")
+def list_slots(
+    calibration_id: UUID,
+    access: ReadAccess,
+    window: LongPaging,
+    camera: Annotated[Sought | None, Query()] = None,
+    model: Annotated[Sought | None, Query()] = None,
+    fold: Annotated[int | None, Query(ge=-1, le=20)] = None,
+) -> Page[SlotView]:
+    """What the slots of a calibration found, and who computed them."""
+    calibration = access.find(Calibration, calibration_id)
+    statement = select(CalibrationRun, Slot).join(Slot, Slot.run_id == CalibrationRun.id)
+    statement = statement.where(CalibrationRun.calibration_id == calibration.id)
+    for column, value in (
+        (CalibrationRun.camera, camera),
+        (CalibrationRun.model, model),
+        (CalibrationRun.fold, fold),
+    ):
+        if value is not None:
+            statement = statement.where(column == value)
+    return slot_page(access.session, statement, window)

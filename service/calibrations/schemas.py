@@ -1,0 +1,155 @@
+"""What requests and answers about correspondence sets, calibrations and results look like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+from uuid import UUID
+
+from pydantic import Field
+
+from service.calibrations.model_names import MODELS, BoundsPreset, Loss, PresetName, SearchForm
+from service.http.schemas import Magnitude, Received, Sent
+
+Json = dict[str, Any]
+# What a browser's numbers hold exactly.
+_LARGEST_SEED = 2**53 - 1
+
+
+class BuildRequest(Received):
+    """Make pairs of what people marked; ``exclude_flagged`` leaves out vertices whose verdicts are tied."""
+
+    camera: Annotated[str, Field(max_length=200)]
+    exclude_flagged: bool = False
+
+
+class SetView(Sent):
+    """A correspondence set without its pairs."""
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    rig_id: UUID
+    recording_id: UUID | None
+    detection_id: UUID | None
+    camera: str
+    source: Literal["annotations", "import"]
+    count: int
+    content_hash: str
+    notes: list[str]
+    flagged: int
+    created_at: datetime
+
+
+class SetWithPairs(SetView):
+    """A correspondence set with its pairs: x y z (metres, LiDAR frame), u v (pixels), and what else is known."""
+
+    pairs: list[Json]
+
+
+class Prior(Received):
+    """A Gaussian prior on a parameter."""
+
+    mean: Magnitude
+    sigma: Annotated[float, Field(ge=1e-9, le=1e6, allow_inf_nan=False)]
+
+
+class ScheduleOverrides(Received):
+    """Single numbers of the preset's schedule, replaced."""
+
+    slots: Annotated[int, Field(ge=1, le=1000)] | None = None
+    population: Annotated[int, Field(ge=64, le=100_000)] | None = None
+    generations: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    scale: Annotated[float, Field(gt=0, le=1)] | None = None
+    max_iterations: Annotated[int, Field(ge=1, le=1000)] | None = None
+    patience: Annotated[int, Field(ge=1, le=1000)] | None = None
+    tolerance: Annotated[float, Field(ge=0, lt=1)] | None = None
+    goal_px: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+
+
+class CalibrationRequest(Received):
+    """Fit every model to every camera's pairs. Bounds, locks and priors go by parameter name.
+
+    Angles are in radians, or in degrees with ``_deg`` behind the name. ``search`` and ``bounds_preset`` default to
+    what the preset means: ``paper`` to the Euler form and Table I, the others to the rotation vector and the image
+    size. ``seed`` defaults to one derived from the request and the pairs: the same request gives the same bits.
+    """
+
+    correspondence_set_ids: Annotated[list[UUID], Field(min_length=1, max_length=16)]
+    models: Annotated[list[str], Field(default_factory=lambda: list(MODELS), min_length=1, max_length=8)]
+    preset: PresetName = "default"
+    schedule: ScheduleOverrides = ScheduleOverrides()
+    search: SearchForm | None = None
+    rotation_range_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
+    bounds_preset: BoundsPreset | None = None
+    bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
+    locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
+    priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]
+    loss: Loss = "mean"
+    seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
+    folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5
+    farm: Literal["auto", "slots", "runs"] = "auto"
+    publish: Literal["recommended", "none"] = "none"
+
+
+class RunView(Sent):
+    """One fit: a model on a camera's pairs, all of them (fold -1) or without a held-out block."""
+
+    camera: str
+    model: str
+    fold: int
+    state: str
+    iteration: int
+    best_loss: float | None
+    failure: Json | None
+
+
+class ProgressView(Sent):
+    """How far a calibration is."""
+
+    fraction: float
+    message: str
+
+
+class CalibrationView(Sent):
+    """A calibration: what was asked, how far it is, and when it is done what it found."""
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    rig_id: UUID
+    state: str
+    request: Json
+    notes: list[str]
+    problem: Json | None
+    progress: ProgressView
+    runs: list[RunView]
+    summary: Json | None
+    created_at: datetime
+    finished_at: datetime | None
+
+
+class SlotView(Sent):
+    """The best individual of one GA slot."""
+
+    camera: str
+    model: str
+    fold: int
+    iteration: int
+    slot: int
+    loss: float
+    parameters: list[float]
+    evaluations: int
+    seconds: float
+    worker: str
+
+
+class PublicationView(Sent):
+    """A result that a vehicle's camera was given."""
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    camera: str
+    result_id: UUID
+    published_at: datetime

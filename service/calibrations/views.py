@@ -1,0 +1,134 @@
+"""Calibrations, results and the current calibration, as the answers show them."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.calibrations.runs import UNENDED
+from service.calibrations.schemas import CalibrationView, ProgressView, PublicationView, RunView
+from service.calibrations.transforms import T_vehicle_camera
+from service.db.base import Json
+from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
+from service.db.fleets import Rig
+
+
+def calibration_views(session: Session, rows: Sequence[Calibration]) -> list[CalibrationView]:
+    """Calibrations with their runs."""
+    runs: dict[UUID, list[CalibrationRun]] = defaultdict(list)
+    statement = select(CalibrationRun).order_by(CalibrationRun.camera, CalibrationRun.model, CalibrationRun.fold)
+    for run in session.scalars(statement.where(CalibrationRun.calibration_id.in_([row.id for row in rows]))):
+        runs[run.calibration_id].append(run)
+    return [_calibration_view(row, runs[row.id]) for row in rows]
+
+
+def _best_loss(run: CalibrationRun) -> float | None:
+    """The best loss so far in pixels; None before the first iteration, and where it is no number to show."""
+    loss = (run.schedule or {}).get("best_loss")
+    return float(loss) if isinstance(loss, int | float) and isfinite(loss) else None
+
+
+def _calibration_view(row: Calibration, runs: list[CalibrationRun]) -> CalibrationView:
+    return CalibrationView(
+        id=row.id,
+        fleet_id=row.fleet_id,
+        vehicle_id=row.vehicle_id,
+        rig_id=row.rig_id,
+        state=row.state,
+        request=row.request,
+        notes=row.notes,
+        problem=row.problem,
+        progress=_progress(runs),
+        runs=[
+            RunView(
+                camera=run.camera,
+                model=run.model,
+                fold=run.fold,
+                state=run.state,
+                iteration=run.iteration,
+                best_loss=_best_loss(run),
+                failure=run.failure,
+            )
+            for run in runs
+        ],
+        summary=row.summary,
+        created_at=row.created_at,
+        finished_at=row.finished_at,
+    )
+
+
+def _progress(runs: Sequence[CalibrationRun]) -> ProgressView:
+    """Ended fits count whole; a running one approaches a whole, for nobody knows when its narrowing stops."""
+    ended = sum(run.state not in UNENDED for run in runs)
+    begun = sum(run.iteration / (run.iteration + 10.0) for run in runs if run.state in UNENDED)
+    fraction = (ended + begun) / len(runs) if runs else 1.0
+    return ProgressView(fraction=round(fraction, 4), message=f"{ended} of {len(runs)} fits have ended")
+
+
+def result_document(row: Result, run: CalibrationRun, calibration: Calibration) -> Json:
+    """The solver's whole document, and which rows it belongs to."""
+    return row.document | {
+        "id": str(row.id),
+        "fleet_id": str(row.fleet_id),
+        "vehicle_id": str(calibration.vehicle_id),
+        "rig_id": str(calibration.rig_id),
+        "calibration_id": str(row.calibration_id),
+        "run_id": str(row.run_id),
+        "set_id": str(run.set_id),
+        "camera": row.camera,
+        "model": row.model,
+        "fold": row.fold,
+        "seed": run.problem.get("seed"),
+        "created_at": row.created_at,
+    }
+
+
+def publication_view(row: Publication) -> PublicationView:
+    """A publication's public members."""
+    return PublicationView(
+        id=row.id,
+        fleet_id=row.fleet_id,
+        vehicle_id=row.vehicle_id,
+        camera=row.camera,
+        result_id=row.result_id,
+        published_at=row.created_at,
+    )
+
+
+def current_document(publication: Publication, result: Result, calibration: Calibration, rig: Rig) -> Json:
+    """What a vehicle's camera is given: intrinsics and transform together, both frames named."""
+    document: dict[str, Any] = {
+        "vehicle_id": str(publication.vehicle_id),
+        "camera": publication.camera,
+        "published_at": publication.created_at,
+        "result_id": str(result.id),
+        "calibration_id": str(calibration.id),
+        "model": result.model,
+        "intrinsics": result.document["intrinsics"],
+        "T_camera_lidar": result.document["transform"],
+        "quality": _quality(result, calibration),
+    }
+    if rig.T_vehicle_lidar:
+        document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])
+    return document
+
+
+def _quality(result: Result, calibration: Calibration) -> Json:
+    cameras: Json = (calibration.summary or {}).get("cameras", {})
+    summary: Json = cameras.get(result.camera, {}).get("models", {}).get(result.model, {})
+    polished = result.document["polished"]
+    return {
+        "pairs": result.document.get("pairs"),
+        "mean_px": polished["mean_px"],
+        "rms_px": polished["rms_px"],
+        "heldout_mean_px": summary.get("heldout_mean_px"),
+        "heldout_rms_px": summary.get("heldout_rms_px"),
+        "std": result.document.get("std"),
+        "alarms": result.document.get("alarms", []),
+    }

@@ -1,0 +1,81 @@
+"""What people say of a recording: marks in camera frames, verdicts on vertices, and the tasks they hold."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from uuid import UUID
+
+from sqlalchemy import Index, String, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column
+
+from service.db.base import Base, Created, Json, RowId, Version, belongs_to
+
+
+class Mark(Base):
+    """Where a person sees the vertex in one frame of one camera. (0, 0) is the centre of the top-left pixel."""
+
+    __tablename__ = "mark"
+    __table_args__ = (
+        UniqueConstraint("person_id", "sensor_id", "frame_index"),
+        Index("ix_mark_sensor_id_frame_index", "sensor_id", "frame_index"),
+    )
+
+    id: Mapped[RowId]
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    person_id: Mapped[UUID] = belongs_to("person.id", index=False)
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", index=False)
+    frame_index: Mapped[int]
+    u: Mapped[float]
+    v: Mapped[float]
+    covariance: Mapped[Json | None]
+    version: Mapped[Version]
+    created_at: Mapped[Created]
+    updated_at: Mapped[Created]
+
+
+class Verdict(Base):
+    """A person's word on a vertex of a sweep: confirmed, rejected or unsure."""
+
+    __tablename__ = "verdict"
+    __table_args__ = (UniqueConstraint("apex_id", "person_id"),)
+
+    id: Mapped[RowId]
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    apex_id: Mapped[UUID] = belongs_to("apex.id", index=False)
+    person_id: Mapped[UUID] = belongs_to("person.id")
+    verdict: Mapped[str] = mapped_column(String(20))
+    version: Mapped[Version]
+    created_at: Mapped[Created]
+    updated_at: Mapped[Created]
+
+
+class AnnotationRevision(Base):
+    """Every state that a mark or a verdict has had, so that nothing said is lost by a correction."""
+
+    __tablename__ = "annotation_revision"
+    __table_args__ = (UniqueConstraint("subject_id", "version"),)
+
+    id: Mapped[RowId]
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    person_id: Mapped[UUID] = belongs_to("person.id")
+    subject: Mapped[str] = mapped_column(String(20))
+    subject_id: Mapped[UUID]
+    version: Mapped[int]
+    value: Mapped[Json]
+    created_at: Mapped[Created]
+
+
+class MarkingTask(Base):
+    """A vertex and camera that a person was given to judge, leased so that nobody gets it twice."""
+
+    __tablename__ = "marking_task"
+    __table_args__ = (UniqueConstraint("vertex_id", "sensor_id", "person_id"),)
+
+    id: Mapped[RowId]
+    detection_id: Mapped[UUID] = belongs_to("detection.id")
+    vertex_id: Mapped[UUID] = belongs_to("vertex.id", index=False)
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id")
+    person_id: Mapped[UUID] = belongs_to("person.id")
+    leased_until: Mapped[datetime]
+    answered_at: Mapped[datetime | None]
+    created_at: Mapped[Created]

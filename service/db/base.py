@@ -1,0 +1,55 @@
+"""What all tables share: the declarative base, column types and the columns that most rows have."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any
+from uuid import UUID
+
+from sqlalchemy import JSON, BigInteger, ForeignKey, Integer, MetaData, String, Uuid
+from sqlalchemy.orm import DeclarativeBase, mapped_column
+
+from service.db.clock import Instant, utc_now
+from service.db.ids import new_id
+
+Json = dict[str, Any]
+
+# PostgreSQL's JSON keeps the text, and with it every bit of a float; JSONB would rewrite numbers.
+RowId = Annotated[UUID, mapped_column(Uuid, primary_key=True, insert_default=new_id)]
+Nanoseconds = Annotated[int, mapped_column(BigInteger)]
+Bytes = Annotated[int, mapped_column(BigInteger)]
+Name = Annotated[str, mapped_column(String(200))]
+Digest = Annotated[str, mapped_column(String(64))]
+Created = Annotated[datetime, mapped_column(Instant, insert_default=utc_now)]
+Version = Annotated[int, mapped_column(Integer, insert_default=1)]
+
+
+class Base(DeclarativeBase):
+    """Declarative base; constraint names are fixed so that migrations can name them."""
+
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
+    type_annotation_map = {  # noqa: RUF012
+        Json: JSON(none_as_null=True),
+        list[Any]: JSON(none_as_null=True),
+        datetime: Instant,
+        UUID: Uuid,
+    }
+
+
+def belongs_to(target: str, *, nullable: bool = False, index: bool = True, primary_key: bool = False) -> Any:
+    """A foreign key whose rows go when the row that they belong to goes."""
+    return mapped_column(
+        ForeignKey(target, ondelete="CASCADE"), nullable=nullable, index=index, primary_key=primary_key
+    )
+
+
+def refers_to(target: str) -> Any:
+    """A nullable foreign key that is emptied when its target goes."""
+    return mapped_column(ForeignKey(target, ondelete="SET NULL"), nullable=True, index=True)

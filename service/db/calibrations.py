@@ -1,0 +1,139 @@
+"""Correspondence sets, calibration requests, their runs, slots and results, and what a vehicle is given."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import Index, String, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column
+
+from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, refers_to
+
+
+class CorrespondenceSet(Base):
+    """Immutable 3D-2D pairs of one camera.
+
+    ``pairs`` is an object of equally long lists: x y z (metres, LiDAR frame), u v (pixels), and where known
+    stamp_ns, group, gap_ns, marks.
+    """
+
+    __tablename__ = "correspondence_set"
+    __table_args__ = (UniqueConstraint("rig_id", "camera", "content_hash"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
+    rig_id: Mapped[UUID] = belongs_to("rig.id")
+    recording_id: Mapped[UUID | None] = belongs_to("recording.id", nullable=True)
+    detection_id: Mapped[UUID | None] = belongs_to("detection.id", nullable=True)
+    camera: Mapped[Name]
+    source: Mapped[str] = mapped_column(String(20))
+    content_hash: Mapped[Digest]
+    count: Mapped[int]
+    pairs: Mapped[Json]
+    notes: Mapped[list[Any]] = mapped_column(default=list)
+    created_by: Mapped[UUID | None] = refers_to("person.id")
+    created_at: Mapped[Created]
+
+
+class Calibration(Base):
+    """A request: every model on every camera's correspondences. ``remaining`` counts the runs that have not ended."""
+
+    __tablename__ = "calibration"
+    __table_args__ = (Index("ix_calibration_vehicle_id_created_at", "vehicle_id", "created_at"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
+    rig_id: Mapped[UUID] = belongs_to("rig.id")
+    request: Mapped[Json]
+    content_hash: Mapped[Digest]
+    state: Mapped[str] = mapped_column(String(20), default="queued")
+    remaining: Mapped[int]
+    publish: Mapped[str] = mapped_column(String(20))
+    notes: Mapped[list[Any]] = mapped_column(default=list)
+    summary: Mapped[Json | None]
+    problem: Mapped[Json | None]
+    created_by: Mapped[UUID | None] = refers_to("person.id")
+    created_at: Mapped[Created]
+    finished_at: Mapped[datetime | None]
+
+
+class CalibrationRun(Base):
+    """One fit: a model on a camera's pairs, all of them (fold -1) or without the held-out block of a fold.
+
+    ``problem`` is the complete document that the solver reads; ``schedule`` is the state of the narrowing after
+    ``iteration`` finished iterations; ``remaining`` counts the bundles of the running one.
+    """
+
+    __tablename__ = "calibration_run"
+    __table_args__ = (UniqueConstraint("calibration_id", "camera", "model", "fold"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    calibration_id: Mapped[UUID] = belongs_to("calibration.id", index=False)
+    set_id: Mapped[UUID] = belongs_to("correspondence_set.id")
+    camera: Mapped[Name]
+    model: Mapped[str] = mapped_column(String(20))
+    fold: Mapped[int]
+    farm: Mapped[str] = mapped_column(String(10))
+    slots: Mapped[int]
+    bundle: Mapped[int]
+    problem: Mapped[Json]
+    state: Mapped[str] = mapped_column(String(20), default="queued")
+    iteration: Mapped[int] = mapped_column(default=0)
+    remaining: Mapped[int] = mapped_column(default=0)
+    cancel_requested: Mapped[bool] = mapped_column(default=False)
+    schedule: Mapped[Json | None]
+    failure: Mapped[Json | None]
+    created_at: Mapped[Created]
+    finished_at: Mapped[datetime | None]
+
+
+class Slot(Base):
+    """The best individual of one GA slot. Written once, by whichever twin finished first."""
+
+    __tablename__ = "slot"
+
+    run_id: Mapped[UUID] = belongs_to("calibration_run.id", primary_key=True, index=False)
+    iteration: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    slot: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    loss: Mapped[float]
+    parameters: Mapped[list[Any]]
+    evaluations: Mapped[int]
+    seconds: Mapped[float]
+    worker: Mapped[Name]
+
+
+class Result(Base):
+    """What a run found; ``document`` is the solver's solution, with the held-out figures where there are any."""
+
+    __tablename__ = "result"
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    calibration_id: Mapped[UUID] = belongs_to("calibration.id")
+    run_id: Mapped[UUID] = belongs_to("calibration_run.id", index=False)
+    camera: Mapped[Name]
+    model: Mapped[str] = mapped_column(String(20))
+    fold: Mapped[int]
+    document: Mapped[Json]
+    created_at: Mapped[Created]
+    __table_args__ = (UniqueConstraint("run_id"),)
+
+
+class Publication(Base):
+    """A result that a vehicle's camera was given; the newest one is current."""
+
+    __tablename__ = "publication"
+    __table_args__ = (Index("ix_publication_vehicle_id_camera_created_at", "vehicle_id", "camera", "created_at"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
+    camera: Mapped[Name]
+    result_id: Mapped[UUID] = belongs_to("result.id")
+    published_by: Mapped[UUID | None] = refers_to("person.id")
+    created_at: Mapped[Created]

@@ -1,0 +1,61 @@
+"""Time stamps of rows, and the database's own clock.
+
+Leases are compared by the database's clock alone, so workers whose clocks differ agree on who holds a job.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import BigInteger, Dialect, type_coerce
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.expression import ColumnElement, FunctionElement
+from sqlalchemy.types import TypeDecorator
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class Instant(TypeDecorator[datetime]):
+    """An aware UTC datetime, stored as integer microseconds since 1970 on both databases."""
+
+    impl = BigInteger
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> int | None:
+        if value is None:
+            return None
+        delta = value - _EPOCH
+        return (delta.days * 86_400 + delta.seconds) * 1_000_000 + delta.microseconds
+
+    def process_result_value(self, value: Any | None, dialect: Dialect) -> datetime | None:
+        if value is None:
+            return None
+        seconds, micros = divmod(int(value), 1_000_000)
+        return datetime.fromtimestamp(seconds, UTC).replace(microsecond=micros)
+
+
+class _clock(FunctionElement[int]):  # noqa: N801 - SQLAlchemy names functions so
+    inherit_cache = True
+    type = BigInteger()
+
+
+@compiles(_clock, "sqlite")
+def _sqlite_clock(element: _clock, compiler: Any, **kw: Any) -> str:
+    # SQLite before 3.42 has no unixepoch('subsec'); julianday resolves a millisecond.
+    return "(CAST(round((julianday('now') - 2440587.5) * 86400000) AS INTEGER) * 1000)"
+
+
+@compiles(_clock, "postgresql")
+def _postgresql_clock(element: _clock, compiler: Any, **kw: Any) -> str:
+    return "CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS BIGINT)"
+
+
+def now(plus_s: float = 0.0) -> ColumnElement[datetime]:
+    """The database's own clock plus ``plus_s`` seconds, as an SQL expression."""
+    return type_coerce(_clock() + round(plus_s * 1e6), Instant())
+
+
+def utc_now() -> datetime:
+    """This process's clock, for rows that no other clock is compared with."""
+    return datetime.now(UTC)

@@ -1,0 +1,101 @@
+"""Region previews, detection runs and the vertices that they found."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from uuid import UUID
+
+from sqlalchemy import BigInteger, Index, String, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column
+
+from service.db.base import Base, Created, Digest, Json, Name, Nanoseconds, RowId, belongs_to, refers_to
+
+
+class RegionPreview(Base):
+    """How many frames and points a region keeps."""
+
+    __tablename__ = "region_preview"
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    region: Mapped[Json]
+    state: Mapped[str] = mapped_column(String(20), default="queued")
+    result: Mapped[Json | None]
+    problem: Mapped[Json | None]
+    job_id: Mapped[int | None] = mapped_column(BigInteger)
+    created_at: Mapped[Created]
+
+
+class Detection(Base):
+    """One run of a detector inside a region. ``remaining`` counts the shards that have not ended."""
+
+    __tablename__ = "detection"
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    region: Mapped[Json]
+    detector: Mapped[Name]
+    options: Mapped[Json]
+    pairing: Mapped[Json]
+    content_hash: Mapped[Digest]
+    state: Mapped[str] = mapped_column(String(20), default="queued")
+    remaining: Mapped[int] = mapped_column(default=1)
+    counts: Mapped[Json] = mapped_column(default=dict)
+    problem: Mapped[Json | None]
+    created_by: Mapped[UUID | None] = refers_to("person.id")
+    created_at: Mapped[Created]
+    finished_at: Mapped[datetime | None]
+
+
+class Apex(Base):
+    """A board's vertex in one sweep, whichever detection runs found it. Verdicts belong to it."""
+
+    __tablename__ = "apex"
+    __table_args__ = (Index("ix_apex_recording_id_sweep_index", "recording_id", "sweep_index"),)
+
+    id: Mapped[RowId]
+    recording_id: Mapped[UUID] = belongs_to("recording.id", index=False)
+    sweep_index: Mapped[int]
+    x: Mapped[float]
+    y: Mapped[float]
+    z: Mapped[float]
+
+
+class Vertex(Base):
+    """A vertex as one detection run measured it, in metres in the LiDAR frame.
+
+    ``rank`` orders the marking: any first part of the order covers the whole recording evenly.
+    """
+
+    __tablename__ = "vertex"
+    __table_args__ = (
+        UniqueConstraint("detection_id", "apex_id"),
+        Index("ix_vertex_detection_id_rank", "detection_id", "rank"),
+    )
+
+    id: Mapped[RowId]
+    detection_id: Mapped[UUID] = belongs_to("detection.id", index=False)
+    apex_id: Mapped[UUID] = belongs_to("apex.id")
+    rank: Mapped[int]
+    sweep_index: Mapped[int]
+    time_ns: Mapped[Nanoseconds]
+    x: Mapped[float]
+    y: Mapped[float]
+    z: Mapped[float]
+    ring: Mapped[int]
+    points: Mapped[int]
+    quality: Mapped[str | None] = mapped_column(String(20))
+    covariance: Mapped[Json | None]
+
+
+class VertexFrame(Base):
+    """The camera frame that a vertex is paired with. ``gap_ns`` is frame time minus vertex time."""
+
+    __tablename__ = "vertex_frame"
+
+    vertex_id: Mapped[UUID] = belongs_to("vertex.id", primary_key=True, index=False)
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True)
+    frame_index: Mapped[int]
+    gap_ns: Mapped[Nanoseconds]

@@ -1,0 +1,70 @@
+"""Fleets, their vehicles, and the rigs that the vehicles carry."""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy import UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column, relationship
+
+from service.db.base import Base, Created, Json, Name, RowId, Version, belongs_to
+
+
+class Fleet(Base):
+    """What roles are bound to: every row below belongs to exactly one fleet."""
+
+    __tablename__ = "fleet"
+
+    id: Mapped[RowId]
+    name: Mapped[Name] = mapped_column(unique=True)
+    version: Mapped[Version]
+    created_at: Mapped[Created]
+
+
+class Vehicle(Base):
+    """One vehicle of a fleet."""
+
+    __tablename__ = "vehicle"
+    __table_args__ = (UniqueConstraint("fleet_id", "name"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    name: Mapped[Name]
+    version: Mapped[Version]
+    created_at: Mapped[Created]
+
+
+class Rig(Base):
+    """One LiDAR and one or more cameras on a vehicle. ``T_vehicle_lidar`` is a transform document or absent."""
+
+    __tablename__ = "rig"
+    __table_args__ = (UniqueConstraint("vehicle_id", "name"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id")
+    name: Mapped[Name]
+    lidar_frame: Mapped[Name]
+    lidar_topic: Mapped[str | None]
+    T_vehicle_lidar: Mapped[Json | None]
+    version: Mapped[Version]
+    created_at: Mapped[Created]
+    cameras: Mapped[list[RigCamera]] = relationship(order_by="RigCamera.position", passive_deletes=True)
+
+
+class RigCamera(Base):
+    """One camera of a rig: its nominal mount ``T_camera_lidar`` (a transform document), image size and bounds."""
+
+    __tablename__ = "rig_camera"
+    __table_args__ = (UniqueConstraint("rig_id", "name"),)
+
+    id: Mapped[RowId]
+    rig_id: Mapped[UUID] = belongs_to("rig.id")
+    position: Mapped[int]
+    name: Mapped[Name]
+    frame: Mapped[Name]
+    topic: Mapped[str | None]
+    image_width: Mapped[int]
+    image_height: Mapped[int]
+    nominal: Mapped[Json]
+    bounds: Mapped[Json]

@@ -1,0 +1,53 @@
+"""All tables in one place, for the code that asks and for migrations."""
+
+from service.db.annotations import AnnotationRevision, Mark, MarkingTask, Verdict
+from service.db.base import Base
+from service.db.calibrations import (
+    Calibration,
+    CalibrationRun,
+    CorrespondenceSet,
+    Publication,
+    Result,
+    Slot,
+)
+from service.db.detections import Apex, Detection, RegionPreview, Vertex, VertexFrame
+from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.db.jobs import Heartbeat, Job
+from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person, SignInLink
+from service.db.recordings import Blob, CameraFrame, Recording, Sensor, UploadPart
+
+__all__ = [
+    "AnnotationRevision",
+    "Apex",
+    "ApiToken",
+    "Base",
+    "Blob",
+    "BrowserSession",
+    "Calibration",
+    "CalibrationRun",
+    "CameraFrame",
+    "CorrespondenceSet",
+    "Detection",
+    "Fleet",
+    "Heartbeat",
+    "IdempotencyKey",
+    "Job",
+    "Mark",
+    "MarkingTask",
+    "Membership",
+    "Person",
+    "Publication",
+    "Recording",
+    "RegionPreview",
+    "Result",
+    "Rig",
+    "RigCamera",
+    "Sensor",
+    "SignInLink",
+    "Slot",
+    "UploadPart",
+    "Vehicle",
+    "Verdict",
+    "Vertex",
+    "VertexFrame",
+]

@@ -1,0 +1,1 @@
+"""Detection runs, their regions and vertices."""

@@ -1,0 +1,65 @@
+"""Names and options of the detectors, in the service's own words.
+
+The workers hold the detectors themselves (``workers/vertices/detectors.py``), and the service may not import
+them; a contract test asserts that both sides know the same names, options, limits and defaults.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from service.http.problems import Problem
+
+
+class DetectorOptions(BaseModel):
+    """Numbers that steer a detector; what is not given has its default."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class StrictOptions(DetectorOptions):
+    """``strict``: exactly one point on the highest ring (Algorithm 1 of the paper)."""
+
+    min_ring_span: int = Field(3, ge=1, le=127)
+
+
+class TolerantOptions(DetectorOptions):
+    """``tolerant``: one to three points close together on the highest ring; their mean (the authors' toolbox)."""
+
+    min_points: int = Field(10, ge=1, le=100_000)
+    max_top_points: int = Field(3, ge=1, le=1000)
+    max_spread_m: float = Field(0.05, ge=0.0, le=10.0)
+    min_points_two_below: int = Field(3, ge=0, le=1000)
+
+
+DETECTORS: dict[str, type[DetectorOptions]] = {"strict": StrictOptions, "tolerant": TolerantOptions}
+
+
+def resolve_options(detector: str, options: dict[str, Any]) -> dict[str, Any]:
+    """All options of a detector: its defaults, overlaid with those given.
+
+    Raises:
+        Problem: 422 ``unknown_detector`` naming those there are, or ``invalid_options`` naming the option.
+    """
+    known = DETECTORS.get(detector)
+    if known is None:
+        raise Problem(
+            422,
+            "unknown_detector",
+            f"There is no detector {detector!r}.",
+            f"The detectors are {' and '.join(DETECTORS)}.",
+            detectors=list(DETECTORS),
+        )
+    try:
+        return known.model_validate(options).model_dump()
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name = ".".join(str(step) for step in first["loc"])
+        raise Problem(
+            422,
+            "invalid_options",
+            f"options.{name} of the detector {detector}: {first['msg']}.",
+            f"Its options are {', '.join(known.model_fields)}.",
+        ) from None

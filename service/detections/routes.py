@@ -1,0 +1,103 @@
+"""Region previews, detections and their vertices."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from uuid import UUID
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import JSONResponse
+from sqlalchemy import select
+
+from service.auth.access import ReadAccess, WriteAccess
+from service.db.detections import Detection, RegionPreview, Vertex
+from service.db.jobs import Job
+from service.db.recordings import Recording
+from service.detections.queries import find_camera, new_detection, ready_recording, shard_payloads, vertices_of
+from service.detections.schemas import DetectionRequest, DetectionView, PreviewRequest, PreviewView, VertexView
+from service.detections.views import detection_view, jobs_of, preview_view, vertex_views
+from service.events.hints import hint
+from service.http.pages import LongPaging, Page, Paging, fetch
+from service.jobs.queue import cancel, enqueue, enqueue_all
+
+router = APIRouter(tags=["detections"])
+
+Camera = Annotated[str | None, Query(max_length=200, description="a camera's name in the rig")]
+
+
+@router.post("/recordings/{recording_id}/region-previews", status_code=202, response_model=PreviewView)
+def ask_preview(recording_id: UUID, wanted: PreviewRequest, access: WriteAccess) -> JSONResponse:
+    """Count what a region keeps. [engineer]"""
+    recording = ready_recording(access, recording_id, "engineer")
+    preview = RegionPreview(
+        fleet_id=recording.fleet_id, recording_id=recording.id, region=wanted.region, state="queued"
+    )
+    access.session.add(preview)
+    access.session.flush()
+    job = enqueue(access.session, kind="preview", fleet_id=recording.fleet_id, subject_id=preview.id)
+    preview.job_id = job.id
+    return access.answer(preview_view(preview, job), 202)
+
+
+@router.get("/region-previews/{preview_id}")
+def read_preview(preview_id: UUID, access: ReadAccess) -> PreviewView:
+    """A region preview."""
+    preview = access.find(RegionPreview, preview_id)
+    job = access.session.get(Job, preview.job_id) if preview.job_id else None
+    return preview_view(preview, job)
+
+
+@router.post("/recordings/{recording_id}/detections", status_code=202, response_model=DetectionView)
+def ask_detection(
+    recording_id: UUID, wanted: DetectionRequest, access: WriteAccess, request: Request
+) -> JSONResponse:
+    """Find the board's vertices in a recording. [engineer]"""
+    recording = ready_recording(access, recording_id, "engineer")
+    detection = new_detection(recording, wanted, access.person.id)
+    access.session.add(detection)
+    access.session.flush()
+    workers = request.app.state.settings.workers
+    payloads = shard_payloads(access.session, recording, workers)
+    detection.remaining = len(payloads)
+    jobs = enqueue_all(
+        access.session, kind="detect", fleet_id=recording.fleet_id, subject_id=detection.id, payloads=payloads
+    )
+    hint(access.session, detection.fleet_id, "detection", detection.id)
+    return access.answer(detection_view(detection, jobs[0]), 202)
+
+
+@router.get("/recordings/{recording_id}/detections")
+def list_detections(recording_id: UUID, access: ReadAccess, window: Paging) -> Page[DetectionView]:
+    """The detections of a recording, newest first."""
+    recording = access.find(Recording, recording_id)
+    statement = select(Detection).where(Detection.recording_id == recording.id)
+    rows, following = fetch(access.session, statement, Detection.id, window, newest_first=True)
+    jobs = jobs_of(access.session, [row.id for row in rows])
+    return Page(items=[detection_view(row, jobs.get(row.id)) for row in rows], next=following)
+
+
+@router.get("/detections/{detection_id}")
+def read_detection(detection_id: UUID, access: ReadAccess) -> DetectionView:
+    """A detection: its state, and when it is done what it counted."""
+    detection = access.find(Detection, detection_id)
+    return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
+
+
+@router.post("/detections/{detection_id}/cancel", status_code=202)
+def cancel_detection(detection_id: UUID, access: WriteAccess) -> DetectionView:
+    """Ask for the end of a detection; one that has ended stays as it is. [engineer]"""
+    detection = access.find(Detection, detection_id, "engineer")
+    cancel(access.session, [detection.id])
+    hint(access.session, detection.fleet_id, "detection", detection.id)
+    return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
+
+
+@router.get("/detections/{detection_id}/vertices")
+def list_vertices(
+    detection_id: UUID, access: ReadAccess, window: LongPaging, camera: Camera = None
+) -> Page[VertexView]:
+    """A detection's vertices in the order of marking; with `camera` those that have a frame of it."""
+    detection = access.find(Detection, detection_id)
+    sensor = find_camera(access.session, detection.recording_id, camera) if camera is not None else None
+    rows, following = fetch(access.session, vertices_of(detection, sensor), Vertex.rank, window)
+    return Page(items=vertex_views(access.session, rows, sensor), next=following)

@@ -1,0 +1,93 @@
+"""What requests and answers about region previews, detections and vertices look like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+from uuid import UUID
+
+from pydantic import Field
+
+from service.detections.regions import Region
+from service.http.jobs import JobView
+from service.http.schemas import Received, Sent
+
+Json = dict[str, Any]
+State = Literal["queued", "running", "done", "failed", "cancelled"]
+
+_ANY_CLOCK_NS = 2**62  # a camera that counts from its start is off by all of Unix time: 1.8e18 ns
+_MINUTE_NS = 60 * 10**9
+
+
+class PreviewRequest(Received):
+    """Ask what a region keeps."""
+
+    region: Region
+
+
+class Pairing(Received):
+    """How a vertex finds its camera frame: the nearest to its time plus ``offset_ns``, within ``max_gap_ns``."""
+
+    offset_ns: Annotated[int, Field(ge=-_ANY_CLOCK_NS, le=_ANY_CLOCK_NS, description="camera minus LiDAR clock")] = 0
+    max_gap_ns: Annotated[int, Field(ge=0, le=_MINUTE_NS, description="farther frames are no pair")] = 50_000_000
+
+
+class DetectionRequest(Received):
+    """Ask for the vertices that a detector finds inside a region."""
+
+    region: Region
+    detector: Annotated[str, Field(max_length=50)] = "tolerant"
+    options: Annotated[Json, Field(default_factory=dict, description="numbers that differ from the defaults")]
+    pairing: Pairing = Pairing()
+
+
+class PreviewView(Sent):
+    """A region preview; ``result`` is there when it is done."""
+
+    id: UUID
+    recording_id: UUID
+    region: Json
+    state: State
+    result: Json | None
+    problem: Json | None
+    job: JobView | None
+    created_at: datetime
+
+
+class DetectionView(Sent):
+    """A detection; ``counts`` has sweeps, accepted, rejected by reason, and paired, when it is done."""
+
+    id: UUID
+    fleet_id: UUID
+    recording_id: UUID
+    region: Json
+    detector: str
+    options: Json
+    pairing: Json
+    state: State
+    counts: Json
+    problem: Json | None
+    job: JobView | None
+    created_at: datetime
+    finished_at: datetime | None
+
+
+class FrameOfVertex(Sent):
+    """The camera frame that a vertex is paired with; ``gap_ns`` is frame time minus vertex time."""
+
+    index: int
+    gap_ns: int
+
+
+class VertexView(Sent):
+    """A vertex in metres in the LiDAR frame, with its frame in each camera that has one."""
+
+    id: UUID
+    sweep_index: int
+    time_ns: int
+    x: float
+    y: float
+    z: float
+    ring: int
+    points: int
+    frames: dict[str, FrameOfVertex]

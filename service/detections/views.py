@@ -1,0 +1,88 @@
+"""Rows of this room as its answers show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.detections import Detection, RegionPreview, Vertex, VertexFrame
+from service.db.jobs import Job
+from service.db.recordings import Sensor
+from service.detections.schemas import DetectionView, FrameOfVertex, PreviewView, VertexView
+from service.http.jobs import JobView
+
+_UNENDED = ("queued", "running")
+
+
+def jobs_of(session: Session, subject_ids: Iterable[UUID]) -> dict[UUID, Job]:
+    """For each subject the job that tells most: the oldest one that has not ended, else the newest."""
+    found: dict[UUID, Job] = {}
+    for job in session.scalars(select(Job).where(Job.subject_id.in_(list(subject_ids))).order_by(Job.id)):
+        known = found.get(job.subject_id)
+        if known is None or known.state not in _UNENDED:
+            found[job.subject_id] = job
+    return found
+
+
+def preview_view(row: RegionPreview, job: Job | None) -> PreviewView:
+    """A preview with its job."""
+    return PreviewView(
+        id=row.id,
+        recording_id=row.recording_id,
+        region=row.region,
+        state=row.state,  # pyright: ignore[reportArgumentType] - the column holds only states
+        result=row.result,
+        problem=row.problem,
+        job=JobView.model_validate(job) if job else None,
+        created_at=row.created_at,
+    )
+
+
+def detection_view(row: Detection, job: Job | None) -> DetectionView:
+    """A detection with its job."""
+    return DetectionView(
+        id=row.id,
+        fleet_id=row.fleet_id,
+        recording_id=row.recording_id,
+        region=row.region,
+        detector=row.detector,
+        options=row.options,
+        pairing=row.pairing,
+        state=row.state,  # pyright: ignore[reportArgumentType] - the column holds only states
+        counts=row.counts,
+        problem=row.problem,
+        job=JobView.model_validate(job) if job else None,
+        created_at=row.created_at,
+        finished_at=row.finished_at,
+    )
+
+
+def vertex_views(session: Session, vertices: Sequence[Vertex], camera: Sensor | None) -> list[VertexView]:
+    """Vertices with their frames: in one camera, or in all of them."""
+    frames = (
+        select(VertexFrame, Sensor.name)
+        .join(Sensor, Sensor.id == VertexFrame.sensor_id)
+        .where(VertexFrame.vertex_id.in_([vertex.id for vertex in vertices]))
+    )
+    if camera is not None:
+        frames = frames.where(VertexFrame.sensor_id == camera.id)
+    of_vertex: dict[UUID, dict[str, FrameOfVertex]] = {vertex.id: {} for vertex in vertices}
+    for frame, name in session.execute(frames):
+        of_vertex[frame.vertex_id][name] = FrameOfVertex(index=frame.frame_index, gap_ns=frame.gap_ns)
+    return [
+        VertexView(
+            id=vertex.id,
+            sweep_index=vertex.sweep_index,
+            time_ns=vertex.time_ns,
+            x=vertex.x,
+            y=vertex.y,
+            z=vertex.z,
+            ring=vertex.ring,
+            points=vertex.points,
+            frames=of_vertex[vertex.id],
+        )
+        for vertex in vertices
+    ]

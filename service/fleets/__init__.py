@@ -1,0 +1,1 @@
+"""Fleets, vehicles and rigs."""

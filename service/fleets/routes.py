@@ -1,0 +1,172 @@
+"""Routes of fleets, vehicles and rigs."""
+
+from __future__ import annotations
+
+from typing import Any
+from uuid import UUID
+
+from fastapi import APIRouter
+from fastapi.responses import JSONResponse
+from sqlalchemy import select
+from sqlalchemy.orm import selectinload
+
+from service.auth.access import Access, ReadAccess, WriteAccess
+from service.db.clock import utc_now
+from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.db.ids import new_id
+from service.events.hints import hint
+from service.fleets.schemas import FleetOut, Named, NewRig, RigOut, VehicleOut
+from service.http.etags import Conditional, version_etag
+from service.http.pages import Page, Paging, fetch
+from service.http.problems import Problem
+
+router = APIRouter(tags=["fleets"])
+
+
+@router.post("/fleets", status_code=201, response_model=FleetOut)
+def post_fleet(body: Named, access: WriteAccess) -> JSONResponse:
+    """Make a fleet. Only an owner may."""
+    if not access.identity.sees_all:
+        raise Problem(403, "owner_only", "Only an owner makes fleets.", "Ask whoever runs the service.")
+    _refuse_taken(access, body.name, select(Fleet.id).where(Fleet.name == body.name), "fleet")
+    fleet = Fleet(id=new_id(), name=body.name, version=1, created_at=utc_now())
+    access.session.add(fleet)
+    return access.answer(_fleet(access, fleet))
+
+
+@router.get("/fleets")
+def get_fleets(access: ReadAccess, paging: Paging) -> Page[FleetOut]:
+    """The person's fleets."""
+    rows, following = fetch(access.session, access.scope(select(Fleet), Fleet), Fleet.id, paging)
+    return Page(items=[_fleet(access, row) for row in rows], next=following)
+
+
+@router.get("/fleets/{id}")
+def get_fleet(id: UUID, access: ReadAccess, conditions: Conditional) -> FleetOut:
+    """One fleet."""
+    fleet = access.find(Fleet, id)
+    conditions.offer(version_etag(fleet.version))
+    return _fleet(access, fleet)
+
+
+@router.patch("/fleets/{id}")
+def patch_fleet(id: UUID, body: Named, access: WriteAccess, conditions: Conditional) -> FleetOut:
+    """Rename a fleet."""
+    fleet = access.find(Fleet, id, "admin", lock=True)
+    conditions.require(version_etag(fleet.version))
+    taken = select(Fleet.id).where(Fleet.name == body.name, Fleet.id != id)
+    _refuse_taken(access, body.name, taken, "fleet")
+    fleet.name = body.name
+    fleet.version += 1
+    conditions.offer(version_etag(fleet.version))
+    return _fleet(access, fleet)
+
+
+@router.post("/fleets/{id}/vehicles", status_code=201, response_model=VehicleOut)
+def post_vehicle(id: UUID, body: Named, access: WriteAccess) -> JSONResponse:
+    """Add a vehicle to a fleet."""
+    access.find(Fleet, id, "engineer", lock=True)
+    taken = select(Vehicle.id).where(Vehicle.fleet_id == id, Vehicle.name == body.name)
+    _refuse_taken(access, body.name, taken, "vehicle")
+    vehicle = Vehicle(id=new_id(), fleet_id=id, name=body.name, version=1, created_at=utc_now())
+    access.session.add(vehicle)
+    hint(access.session, id, "vehicle", vehicle.id)
+    return access.answer(VehicleOut.model_validate(vehicle))
+
+
+@router.get("/fleets/{id}/vehicles")
+def get_vehicles(id: UUID, access: ReadAccess, paging: Paging) -> Page[VehicleOut]:
+    """A fleet's vehicles."""
+    access.find(Fleet, id)
+    rows, following = fetch(access.session, select(Vehicle).where(Vehicle.fleet_id == id), Vehicle.id, paging)
+    return Page(items=[VehicleOut.model_validate(row) for row in rows], next=following)
+
+
+@router.get("/vehicles/{id}")
+def get_vehicle(id: UUID, access: ReadAccess, conditions: Conditional) -> VehicleOut:
+    """One vehicle."""
+    vehicle = access.find(Vehicle, id)
+    conditions.offer(version_etag(vehicle.version))
+    return VehicleOut.model_validate(vehicle)
+
+
+@router.patch("/vehicles/{id}")
+def patch_vehicle(id: UUID, body: Named, access: WriteAccess, conditions: Conditional) -> VehicleOut:
+    """Rename a vehicle."""
+    vehicle = access.find(Vehicle, id, "engineer", lock=True)
+    conditions.require(version_etag(vehicle.version))
+    taken = select(Vehicle.id).where(
+        Vehicle.fleet_id == vehicle.fleet_id, Vehicle.name == body.name, Vehicle.id != id
+    )
+    _refuse_taken(access, body.name, taken, "vehicle")
+    vehicle.name = body.name
+    vehicle.version += 1
+    conditions.offer(version_etag(vehicle.version))
+    return VehicleOut.model_validate(vehicle)
+
+
+@router.post("/vehicles/{id}/rigs", status_code=201, response_model=RigOut)
+def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
+    """Describe what a vehicle carries: one LiDAR and its cameras."""
+    vehicle = access.find(Vehicle, id, "engineer", lock=True)
+    taken = select(Rig.id).where(Rig.vehicle_id == id, Rig.name == body.name)
+    _refuse_taken(access, body.name, taken, "rig")
+    rig = Rig(
+        id=new_id(),
+        fleet_id=vehicle.fleet_id,
+        vehicle_id=id,
+        name=body.name,
+        lidar_frame=body.lidar.frame,
+        lidar_topic=body.lidar.topic,
+        T_vehicle_lidar=body.T_vehicle_lidar and body.T_vehicle_lidar.model_dump(mode="json"),
+        version=1,
+        created_at=utc_now(),
+        cameras=[
+            RigCamera(
+                id=new_id(),
+                position=position,
+                name=camera.name,
+                frame=camera.frame,
+                topic=camera.topic,
+                image_width=camera.image_size[0],
+                image_height=camera.image_size[1],
+                nominal=camera.nominal.model_dump(mode="json"),
+                bounds={name: list(pair) for name, pair in camera.bounds.items()},
+            )
+            for position, camera in enumerate(body.cameras)
+        ],
+    )
+    access.session.add(rig)
+    return access.answer(RigOut.of(rig))
+
+
+@router.get("/vehicles/{id}/rigs")
+def get_rigs(id: UUID, access: ReadAccess, paging: Paging) -> Page[RigOut]:
+    """A vehicle's rigs."""
+    access.find(Vehicle, id)
+    statement = select(Rig).where(Rig.vehicle_id == id).options(selectinload(Rig.cameras))
+    rows, following = fetch(access.session, statement, Rig.id, paging)
+    return Page(items=[RigOut.of(row) for row in rows], next=following)
+
+
+@router.get("/rigs/{id}")
+def get_rig(id: UUID, access: ReadAccess, conditions: Conditional) -> RigOut:
+    """One rig."""
+    rig = access.find(Rig, id)
+    conditions.offer(version_etag(rig.version))
+    return RigOut.of(rig)
+
+
+def _fleet(access: Access, fleet: Fleet) -> FleetOut:
+    return FleetOut(
+        id=fleet.id,
+        name=fleet.name,
+        role=access.role(fleet.id),
+        version=fleet.version,
+        created_at=fleet.created_at,
+    )
+
+
+def _refuse_taken(access: Access, name: str, statement: Any, what: str) -> None:
+    if access.session.scalar(statement.limit(1)) is not None:
+        raise Problem(409, "name_taken", f"There is a {what} named {name!r} already.", "Choose another name.")

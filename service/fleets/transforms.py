@@ -1,0 +1,97 @@
+"""Transform documents as people send them: both frames named, a rotation that is one, and metres.
+
+``T_to_from`` maps points of ``from_frame`` into ``to_frame``: p_to = R p_from + t. The document is kept as it was
+written; the workers compute with it (SPEC.md: the Euler orders).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from service.http.schemas import Name, Received
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Vector = tuple[Number, Number, Number]
+
+# Published matrices carry four to six digits.
+_ORTHONORMAL_TO = 1e-3
+# A result says its rotation in every form; sent back, its matrix is taken.
+_AS_RESULTS_SAY_IT = {"matrix", "quaternion_xyzw", "euler"}
+_Farthest = Annotated[float, Field(allow_inf_nan=False, ge=-1000.0, le=1000.0)]
+
+
+class EulerAngles(Received):
+    """R = Rz(a) Ry(b) Rx(g) for ``zyx``, R = Rx(a) Ry(b) Rz(g) for ``xyz_eq2``; degrees."""
+
+    euler_order: Literal["zyx", "xyz_eq2"]
+    angles_deg: Vector
+
+
+class Matrix(Received):
+    """Three rows of three numbers."""
+
+    matrix: tuple[Vector, Vector, Vector]
+
+    @model_validator(mode="after")
+    def _is_a_rotation(self) -> Matrix:
+        rows = np.array(self.matrix)
+        if np.abs(rows @ rows.T - np.eye(3)).max() > _ORTHONORMAL_TO:
+            raise ValueError("the rows are not orthonormal: is it the 3 x 3 part alone, without scale?")
+        if np.linalg.det(rows) < 0:
+            raise ValueError("the matrix mirrors (determinant -1): is an axis flipped?")
+        return self
+
+
+class Quaternion(Received):
+    """Scalar last."""
+
+    quaternion_xyzw: tuple[Number, Number, Number, Number]
+
+    @model_validator(mode="after")
+    def _has_unit_length(self) -> Quaternion:
+        if abs(float(np.linalg.norm(self.quaternion_xyzw)) - 1.0) > _ORTHONORMAL_TO:
+            raise ValueError("the quaternion has no unit length: is it in the order x, y, z, w?")
+        return self
+
+
+class Transform(Received):
+    """``T_<to_frame>_<from_frame>``."""
+
+    to_frame: Name
+    from_frame: Name
+    rotation: EulerAngles | Matrix | Quaternion
+    translation_m: tuple[_Farthest, _Farthest, _Farthest]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _names_one_rotation(cls, data: object) -> object:
+        # Without this, a union answers with the complaints of all three forms at once.
+        forms = {"euler_order", "angles_deg", "matrix", "quaternion_xyzw"}
+        if not isinstance(data, dict):
+            return data
+        rotation = data.get("rotation")
+        if isinstance(rotation, dict):
+            if set(rotation) == _AS_RESULTS_SAY_IT:
+                return {**data, "rotation": {"matrix": rotation["matrix"]}}
+            named = forms & set(rotation)
+            if named not in ({"matrix"}, {"quaternion_xyzw"}, {"euler_order", "angles_deg"}):
+                raise ValueError(
+                    "rotation takes exactly one form: euler_order with angles_deg (zyx or xyz_eq2: the order is "
+                    "never assumed), or matrix, or quaternion_xyzw"
+                )
+        return data
+
+
+def check_frames(transform: Transform, name: str, to_frame: str, from_frame: str) -> None:
+    """Raises ValueError unless the transform leads from ``from_frame`` into ``to_frame``."""
+    if (transform.to_frame, transform.from_frame) == (to_frame, from_frame):
+        return
+    swapped = (transform.to_frame, transform.from_frame) == (from_frame, to_frame)
+    raise ValueError(
+        f"{name} maps points of {from_frame!r} into {to_frame!r} (from_frame, to_frame), and this one says "
+        f"from_frame {transform.from_frame!r}, to_frame {transform.to_frame!r}"
+        + (": it is inverted" if swapped else "")
+    )

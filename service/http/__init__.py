@@ -1,0 +1,1 @@
+"""What all routes share: problems, pages, entity tags, idempotency and sessions."""

@@ -1,0 +1,66 @@
+"""Jobs as the outside sees them: what 202 answers with, and how far it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import datetime
+from typing import Annotated, Any, Literal
+from uuid import UUID
+
+from fastapi import APIRouter, Path, Query
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.auth.access import ReadAccess
+from service.db.jobs import Job
+from service.http.pages import Page, Paging, fetch
+from service.http.schemas import Sent
+
+router = APIRouter(tags=["jobs"])
+
+JobState = Literal["queued", "running", "done", "failed", "cancelled"]
+
+
+class JobView(Sent):
+    """A unit of work. ``progress`` is {"fraction", "message"}; ``problem`` is {"code", "detail", "hint"}."""
+
+    id: int
+    kind: str
+    state: JobState
+    attempt: int
+    progress: dict[str, Any] | None
+    problem: dict[str, Any] | None
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+
+
+def job_views(session: Session, ids: Iterable[int | None]) -> dict[int, JobView]:
+    """The views of these jobs, by id."""
+    wanted = {one for one in ids if one is not None}
+    if not wanted:
+        return {}
+    return {job.id: JobView.model_validate(job) for job in session.scalars(select(Job).where(Job.id.in_(wanted)))}
+
+
+@router.get("/jobs")
+def get_jobs(
+    access: ReadAccess,
+    paging: Paging,
+    fleet_id: UUID | None = None,
+    state: Annotated[JobState | None, Query()] = None,
+) -> Page[JobView]:
+    """The jobs of the person's fleets, newest first."""
+    statement = access.scope(select(Job), Job)
+    if fleet_id:
+        statement = statement.where(Job.fleet_id == fleet_id)
+    if state:
+        statement = statement.where(Job.state == state)
+    rows, following = fetch(access.session, statement, Job.id, paging, newest_first=True)
+    return Page(items=[JobView.model_validate(row) for row in rows], next=following)
+
+
+@router.get("/jobs/{id}")
+def get_job(id: Annotated[int, Path(ge=0, lt=2**63)], access: ReadAccess) -> JobView:
+    """One job."""
+    return JobView.model_validate(access.find(Job, id))

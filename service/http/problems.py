@@ -1,0 +1,232 @@
+"""Problem details (RFC 9457): every refusal says what is wrong, in a stable code, and what to do."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError, ProgrammingError
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+MEDIA_TYPE = "application/problem+json"
+
+log = logging.getLogger(__name__)
+
+
+class Problem(Exception):  # noqa: N818 - it is the document, not only an error
+    """A refusal that its reader can act on. ``fields`` are further members of the document."""
+
+    def __init__(
+        self,
+        status: int,
+        code: str,
+        detail: str,
+        hint: str = "",
+        *,
+        headers: Mapping[str, str] | None = None,
+        **fields: Any,
+    ) -> None:
+        super().__init__(f"{code}: {detail}")
+        self.status = status
+        self.code = code
+        self.detail = detail
+        self.hint = hint
+        self.headers = headers
+        self.fields = fields
+
+    def document(self) -> dict[str, Any]:
+        """The problem document."""
+        return {
+            "type": f"urn:apexcal:problem:{self.code}",
+            "title": self.code.replace("_", " ").capitalize(),
+            "status": self.status,
+            "detail": self.detail,
+            "code": self.code,
+            "hint": self.hint,
+            **self.fields,
+        }
+
+    def response(self) -> JSONResponse:
+        """The document as an answer."""
+        return JSONResponse(
+            self.document(), status_code=self.status, media_type=MEDIA_TYPE, headers=dict(self.headers or {})
+        )
+
+
+def not_found() -> Problem:
+    """What is not there, and what a person may not know to be there.
+
+    It never says what was looked for: a route that looks at several rows would tell by it which of them exist.
+    """
+    return Problem(
+        404, "not_found", "There is nothing of this id that you may see.", "Check the id and which fleet it is in."
+    )
+
+
+def schema_mismatch() -> Problem:
+    """The database's schema is older or newer than the code."""
+    return Problem(
+        503,
+        "schema_mismatch",
+        "The database lacks a table or column that this version of the service uses.",
+        "Stop every process of the service, run `python -m service.db.migrate`, and start them in one version.",
+    )
+
+
+def _is_of_another_schema(error: DBAPIError) -> bool:
+    said = str(error.orig)
+    return type(error.orig).__name__ in ("UndefinedColumn", "UndefinedTable") or any(
+        words in said for words in ("no such column", "no such table", "has no column named")
+    )
+
+
+class TooLargeAsProblem:
+    """Makes a problem of the plain text with which the framework refuses a body of too many bytes."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one connection."""
+        replaced = False
+
+        async def send_problem(message: Message) -> None:
+            nonlocal replaced
+            if message["type"] == "http.response.start" and message["status"] == 413:
+                replaced = Headers(scope=message).get("content-type") != MEDIA_TYPE
+                if replaced:
+                    await _too_large().response()(scope, receive, send)
+            if not replaced:
+                await send(message)
+
+        await self._app(scope, receive, send_problem)
+
+
+def _too_large() -> Problem:
+    return Problem(
+        413, "body_too_large", "The request's body is too large.", "Upload recordings in parts; send less at once."
+    )
+
+
+def install(app: FastAPI) -> None:
+    """Answer everything that goes wrong in ``app`` with a problem document."""
+
+    app.add_middleware(TooLargeAsProblem)
+
+    @app.exception_handler(Problem)
+    async def on_problem(request: Request, problem: Problem) -> JSONResponse:
+        return problem.response()
+
+    @app.exception_handler(RequestValidationError)
+    async def on_invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+        return _of_validation(error.errors()).response()
+
+    @app.exception_handler(HTTPException)
+    async def on_http(request: Request, error: HTTPException) -> JSONResponse:
+        return _of_status(request, error).response()
+
+    def on_schema(request: Request, error: Exception) -> JSONResponse:
+        log.error("%s %s: the schema is not this code's", request.method, request.scope["path"], exc_info=error)
+        return schema_mismatch().response()
+
+    @app.exception_handler(ProgrammingError)
+    async def on_statement(request: Request, error: ProgrammingError) -> JSONResponse:
+        if _is_of_another_schema(error):
+            return on_schema(request, error)
+        return await on_bug(request, error)
+
+    @app.exception_handler(OperationalError)
+    async def on_database(request: Request, error: OperationalError) -> JSONResponse:
+        if _is_of_another_schema(error):
+            return on_schema(request, error)
+        log.error("%s %s: the database does not answer", request.method, request.scope["path"], exc_info=error)
+        return Problem(
+            503,
+            "database_unavailable",
+            "The database does not answer at the moment.",
+            "Try again in a few seconds; /readyz says how the service is.",
+            headers={"Retry-After": "2"},
+        ).response()
+
+    @app.exception_handler(IntegrityError)
+    async def on_conflict(request: Request, error: IntegrityError) -> JSONResponse:
+        log.warning("%s %s: %s", request.method, request.scope["path"], error.orig)
+        return Problem(
+            409,
+            "conflict",
+            "Somebody made or removed the same thing at this moment; nothing of this request was kept.",
+            "Read the present state and send the request again if it still holds.",
+        ).response()
+
+    @app.exception_handler(Exception)
+    async def on_bug(request: Request, error: Exception) -> JSONResponse:
+        log.error("%s %s failed", request.method, request.scope["path"], exc_info=error)
+        return Problem(
+            500,
+            "internal_error",
+            "The service failed on this request. The fault is logged, and nothing was changed.",
+            "Try again; if it stays, tell whoever runs the service the time and the address of the request.",
+        ).response()
+
+
+def _of_status(request: Request, error: HTTPException) -> Problem:
+    status = error.status_code
+    headers = error.headers
+    if status == 404:
+        return Problem(
+            404,
+            "no_such_route",
+            f"There is nothing at {request.scope['path']}.",
+            "/v1/openapi.json lists every address.",
+        )
+    if status == 405:
+        allowed = (headers or {}).get("Allow", "")
+        return Problem(
+            405,
+            "method_not_allowed",
+            f"{request.method} is not possible at {request.scope['path']}.",
+            f"Possible here: {allowed}." if allowed else "",
+            headers=headers,
+        )
+    if status == 413:
+        return Problem(
+            413,
+            "body_too_large",
+            "The request's body is too large.",
+            "Upload recordings in parts; send less at once.",
+        )
+    phrase = HTTPStatus(status).phrase
+    return Problem(status, phrase.lower().replace(" ", "_").replace("-", "_"), str(error.detail), headers=headers)
+
+
+def _of_validation(errors: Sequence[Any]) -> Problem:
+    found = [_field_error(error) for error in errors]
+    first = found[0]
+    more = f" ({len(found) - 1} more in `errors`)" if len(found) > 1 else ""
+    return Problem(
+        422,
+        "invalid_request",
+        f"{first['field']}: {first['message']}{more}",
+        "Correct the fields named in `errors` and send the request again.",
+        errors=found,
+    )
+
+
+def _field_error(error: Mapping[str, Any]) -> dict[str, str]:
+    where, *path = error.get("loc", ("request",))
+    # pydantic puts the tags of unions between the names; what people wrote has no such step.
+    names = [str(step) for step in path if not (isinstance(step, str) and step.startswith("function-"))]
+    message = str(error.get("msg", "is not valid")).removeprefix("Value error, ")
+    if error.get("type") == "json_invalid":
+        return {"field": "body", "message": f"is no JSON: {error.get('ctx', {}).get('error', message)} at {names[0]}"}
+    if error.get("type") == "missing" and not names:
+        return {"field": str(where), "message": "is missing; send a JSON object with Content-Type: application/json"}
+    field = ".".join(names) or str(where)
+    return {"field": field if where == "body" else f"{where} {field}", "message": message}

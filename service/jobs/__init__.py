@@ -1,0 +1,1 @@
+"""The job table's protocol: enqueue, claim, renew, finish, sweep."""

@@ -1,0 +1,169 @@
+"""A worker's side of a job: claim it, keep the lease while working, and finish it exactly once."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from service.db.base import Json
+from service.db.clock import now
+from service.db.jobs import Job
+from service.db.session import Database
+from service.jobs.losses import lose
+from service.jobs.parents import tell_parent
+from service.jobs.queue import release
+from service.settings import get_settings
+
+log = logging.getLogger(__name__)
+
+
+class LostLeaseError(Exception):
+    """Somebody else holds the job now; whatever was computed is dropped."""
+
+
+class CancelledError(Exception):
+    """The job's owner asked for its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A job as this worker holds it. ``attempt`` is the fencing token."""
+
+    job_id: int
+    attempt: int
+    kind: str
+    queue: str
+    fleet_id: UUID
+    subject_id: UUID
+    payload: Json
+
+
+def claim(database: Database, job_id: int, worker: str) -> Claim | None:
+    """Take a queued job for one lease, or None: a twin message, a cancelled job, a job that is done."""
+    with database.writing() as session:
+        row = session.execute(
+            update(Job)
+            .where(Job.id == job_id, Job.state == "queued", ~Job.cancel_requested)
+            .values(
+                state="running",
+                attempt=Job.attempt + 1,
+                worker=worker,
+                started_at=now(),
+                lease_until=now(get_settings().lease_s),
+            )
+            .returning(Job.id, Job.attempt, Job.kind, Job.queue, Job.fleet_id, Job.subject_id, Job.payload)
+            .execution_options(synchronize_session=False)
+        ).one_or_none()
+    return Claim(*row) if row else None
+
+
+class Lease:
+    """Renews a claim from a thread of its own and writes progress with it, until the block ends.
+
+    Works beside a computing main thread because the kernels release the interpreter lock.
+    """
+
+    def __init__(self, database: Database, held: Claim) -> None:
+        self._database = database
+        self._held = held
+        self._progress: Json | None = None
+        self._ended = threading.Event()
+        self._broken: type[Exception] | None = None
+        self._thread = threading.Thread(target=self._renew, name=f"lease-{held.job_id}", daemon=True)
+
+    def __enter__(self) -> Lease:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def report(self, fraction: float, message: str) -> None:
+        """Note progress, written with the next renewal. Raises where the lease is lost or the job cancelled."""
+        self._progress = {"fraction": round(min(max(fraction, 0.0), 1.0), 4), "message": message}
+        self.check()
+
+    def check(self) -> None:
+        """Raise :class:`LostLeaseError` or :class:`CancelledError` where going on is pointless."""
+        if self._broken:
+            raise self._broken
+
+    def _renew(self) -> None:
+        settings = get_settings()
+        while not self._ended.wait(settings.renew_s):
+            try:
+                with self._database.writing() as session:
+                    cancelled = session.execute(
+                        update(Job)
+                        .where(_mine(self._held))
+                        .values(lease_until=now(settings.lease_s), progress=self._progress)
+                        .returning(Job.cancel_requested)
+                        .execution_options(synchronize_session=False)
+                    ).scalar_one_or_none()
+            except Exception:
+                log.exception("could not renew the lease of job %d; trying again", self._held.job_id)
+                continue
+            if cancelled is None:
+                self._broken = LostLeaseError
+                return
+            if cancelled:
+                self._broken = CancelledError
+
+
+@contextmanager
+def finishing(database: Database, held: Claim, state: str = "done", problem: Json | None = None) -> Iterator[Session]:
+    """The one transaction that ends a job: the gate, the block's results, the parent, the next release.
+
+    Raises :class:`LostLeaseError`, with everything rolled back, where the job is no longer this worker's.
+    """
+    with database.writing() as session:
+        passed = session.execute(
+            update(Job)
+            .where(_mine(held))
+            .values(state=state, problem=problem, finished_at=now(), lease_until=None)
+            .returning(Job.id)
+            .execution_options(synchronize_session=False)
+        ).one_or_none()
+        if passed is None:
+            raise LostLeaseError(f"job {held.job_id} is no longer attempt {held.attempt}'s")
+        yield session
+        tell_parent(session, held.kind, held.subject_id, state, problem)
+        release(session, held.fleet_id, held.queue)
+
+
+def give_back(database: Database, held: Claim) -> None:
+    """Put a draining worker's job back into the queue, without counting it as a loss."""
+    with database.writing() as session:
+        session.execute(
+            update(Job)
+            .where(_mine(held))
+            .values(state="queued", lease_until=None, send_after=now())
+            .execution_options(synchronize_session=False)
+        )
+
+
+def stumble(database: Database, held: Claim, problem: Json, after_s: float) -> None:
+    """Put back a job whose surroundings failed, counted as a loss."""
+    with database.writing() as session:
+        job = session.scalars(select(Job).where(_mine(held)).with_for_update()).one_or_none()
+        if job:
+            lose(session, job, problem, after_s)
+
+
+def require_mine(session: Session, held: Claim) -> None:
+    """Hold the job's row until the commit. Raises :class:`LostLeaseError` where it is another's by now."""
+    if session.execute(select(Job.id).where(_mine(held)).with_for_update()).one_or_none() is None:
+        raise LostLeaseError(f"job {held.job_id} is no longer attempt {held.attempt}'s")
+
+
+def _mine(held: Claim) -> Any:
+    return (Job.id == held.job_id) & (Job.attempt == held.attempt) & (Job.state == "running")

@@ -1,0 +1,137 @@
+"""The only recovery: what was lost, never sent, cancelled or left over is found here, every two seconds.
+
+Two sweeps at once do no harm: each row is decided by one UPDATE that looks at its state again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable
+
+from sqlalchemy import ColumnElement, func, select, update
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from service.db.base import Json
+from service.db.calibrations import CalibrationRun
+from service.db.clock import now
+from service.db.jobs import Heartbeat, Job
+from service.db.session import Database, post
+from service.jobs.losses import end, lose
+from service.jobs.messages import COURIER, Message
+from service.jobs.queue import release
+from service.settings import get_settings
+from service.storage.blobs import condemn_lost, condemned, forget
+from service.storage.store import Store
+
+log = logging.getLogger(__name__)
+_BATCH = 200
+
+
+def sweep(database: Database, store: Store) -> None:
+    """One pass over everything that may need help."""
+    with database.writing() as session:
+        _beat(session)
+        _spread_cancels(session)
+    _each(database, (Job.state == "running") & (Job.lease_until < now()), _recover)
+    _each(database, (Job.state == "queued") & Job.cancel_requested, _end_cancelled)
+    with database.writing() as session:
+        _send_again(session)
+        _release_waiting(session)
+    _remove_blobs(database, store)
+
+
+def _beat(session: Session) -> None:
+    """Note that the sweep runs. The first of two that start together may find its row already there."""
+    with contextlib.suppress(IntegrityError), session.begin_nested():
+        session.merge(Heartbeat(name="sweep", at=now()))
+
+
+def _spread_cancels(session: Session) -> None:
+    """Flag the jobs that a cancelled run got after the cancel looked."""
+    flagged = select(CalibrationRun.id).where(
+        CalibrationRun.cancel_requested, CalibrationRun.state.in_(("queued", "running"))
+    )
+    session.execute(
+        update(Job)
+        .where(Job.state.in_(("queued", "running")), ~Job.cancel_requested, Job.subject_id.in_(flagged))
+        .values(cancel_requested=True)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], None]) -> None:
+    """Decide every matching job in a transaction of its own, its row locked and looked at again."""
+    with database.reading() as session:
+        found = session.scalars(select(Job.id).where(which).order_by(Job.id).limit(_BATCH)).all()
+    for job_id in found:
+        try:
+            with database.writing() as session:
+                again = select(Job).where(Job.id == job_id, which).with_for_update(skip_locked=True)
+                job = session.scalars(again).one_or_none()
+                if job:
+                    decide(session, job)
+        except Exception:
+            # One job that cannot be decided must not keep the sweep from all the others.
+            log.exception("the sweep could not decide job %d", job_id)
+
+
+def _recover(session: Session, job: Job) -> None:
+    """A lease ran out."""
+    log.warning("job %d lost attempt %d on %s", job.id, job.attempt, job.worker)
+    lose(session, job, _worker_lost(job))
+
+
+def _worker_lost(job: Job) -> Json:
+    return {
+        "code": "worker_lost",
+        "detail": f"The work was started {job.attempt} times and its worker died or stalled {job.lost + 1} times.",
+        "hint": "The input may need more memory or time than a worker has; the operator's log of the worker "
+        f"{job.worker} tells more. Ask for it again after that.",
+    }
+
+
+def _end_cancelled(session: Session, job: Job) -> None:
+    end(session, job, "cancelled", None)
+
+
+def _send_again(session: Session) -> None:
+    """Send what was sent or meant to be sent and is still unclaimed; twice as late each time."""
+    settings = get_settings()
+    delay = round(settings.resend_s * 1e6)
+    overdue = (
+        select(Job.id)
+        .where(Job.state == "queued", ~Job.cancel_requested, Job.send_after < now())
+        .order_by(Job.id)
+        .limit(_BATCH)
+        .with_for_update(skip_locked=True)
+    )
+    rows = session.execute(select(Job.id, Job.queue, Job.sends).where(Job.id.in_(overdue))).all()
+    for job_id, queue, sends in rows:
+        later = now(delay / 1e6 * 2 ** min(sends, 5))
+        session.execute(update(Job).where(Job.id == job_id).values(sends=sends + 1, send_after=later))
+        post(session, COURIER, Message(job_id, queue))
+
+
+def _release_waiting(session: Session) -> None:
+    """Top up every fleet's window, in case that the finish that should have done it never came."""
+    waiting = session.execute(
+        select(Job.fleet_id, Job.queue, func.count())
+        .where(Job.state == "queued", Job.send_after.is_(None))
+        .group_by(Job.fleet_id, Job.queue)
+    ).all()
+    for fleet_id, queue, _ in waiting:
+        release(session, fleet_id, queue)
+
+
+def _remove_blobs(database: Database, store: Store) -> None:
+    """Remove the objects that no row uses, then their rows; a crash in between only repeats the removal."""
+    with database.writing() as session:
+        condemn_lost(session)
+        keys = condemned(session)
+    for key in keys:
+        store.delete(key)
+    if keys:
+        with database.writing() as session:
+            forget(session, keys)

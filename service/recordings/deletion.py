@@ -1,0 +1,83 @@
+"""Deleting a recording with all that came from it, in one transaction. The sweep removes the bytes afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from uuid import UUID
+
+from sqlalchemy import delete, exists, select
+from sqlalchemy.orm import Session, aliased
+
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.detections import Detection, RegionPreview
+from service.db.recordings import Recording, Sensor, UploadPart
+from service.http.problems import Problem
+from service.jobs.queue import abandon
+from service.storage.blobs import condemn
+
+
+def delete_recording(session: Session, recording_id: UUID, *, with_published: bool) -> None:
+    """Delete a recording, its marks, detections, correspondence sets and every calibration that used them.
+
+    Raises :class:`Problem` 409 ``calibration_in_use`` where one of these calibrations is a vehicle's current one,
+    unless ``with_published``.
+    """
+    # Jobs first, as workers lock them before the rows that they work for; then again, for one made meanwhile.
+    abandon(session, _subjects(session, recording_id))
+    session.execute(select(Recording.id).where(Recording.id == recording_id).with_for_update())
+    # A calibration being asked for holds its sets, not the recording: wait for it, so that its runs are seen below.
+    session.execute(
+        select(CorrespondenceSet.id).where(CorrespondenceSet.recording_id == recording_id).with_for_update()
+    ).all()
+    abandon(session, _subjects(session, recording_id))
+    calibrations = _calibrations(session, recording_id)
+    if not with_published:
+        _refuse_in_use(session, calibrations)
+    keys = [
+        *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
+        *session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)),
+    ]
+    condemn(session, keys)
+    session.execute(delete(Calibration).where(Calibration.id.in_(calibrations)))
+    session.execute(delete(Recording).where(Recording.id == recording_id))
+
+
+def _calibrations(session: Session, recording_id: UUID) -> Sequence[UUID]:
+    return session.scalars(
+        select(CalibrationRun.calibration_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .where(CorrespondenceSet.recording_id == recording_id)
+        .distinct()
+    ).all()
+
+
+def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
+    runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(_calibrations(session, recording_id)))
+    return [
+        recording_id,
+        *session.scalars(select(RegionPreview.id).where(RegionPreview.recording_id == recording_id)),
+        *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
+        *session.scalars(runs),
+    ]
+
+
+def _refuse_in_use(session: Session, calibrations: Sequence[UUID]) -> None:
+    newer = aliased(Publication)
+    current = ~exists().where(
+        newer.vehicle_id == Publication.vehicle_id,
+        newer.camera == Publication.camera,
+        newer.created_at > Publication.created_at,
+    )
+    cameras = session.scalars(
+        select(Publication.camera)
+        .join(Result, Result.id == Publication.result_id)
+        .where(Result.calibration_id.in_(calibrations), current)
+        .distinct()
+    ).all()
+    if cameras:
+        raise Problem(
+            409,
+            "calibration_in_use",
+            f"The vehicle's current calibration of {', '.join(sorted(cameras))} came from this recording.",
+            "Publish another calibration first, or delete with ?with_published=true and lose that one too.",
+        )

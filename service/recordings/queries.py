@@ -1,0 +1,56 @@
+"""Reading recordings: rows with their job and sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.auth.access import Access
+from service.db.recordings import Recording, Sensor, UploadPart
+from service.http.jobs import job_views
+from service.http.problems import Problem
+from service.recordings.schemas import RecordingSummary, RecordingView, SensorView
+
+
+def summaries(session: Session, rows: Sequence[Recording]) -> list[RecordingSummary]:
+    """Recordings with their jobs."""
+    jobs = job_views(session, (row.job_id for row in rows))
+    found: list[RecordingSummary] = []
+    for row in rows:
+        view = RecordingSummary.model_validate(row)
+        view.job = jobs.get(row.job_id) if row.job_id is not None else None
+        found.append(view)
+    return found
+
+
+def view(session: Session, row: Recording) -> RecordingView:
+    """A recording with its job and sensors."""
+    summary = summaries(session, [row])[0]
+    sensors = session.scalars(select(Sensor).where(Sensor.recording_id == row.id).order_by(Sensor.name))
+    return RecordingView(**summary.model_dump(), sensors=[SensorView.model_validate(one) for one in sensors])
+
+
+def parts_of(session: Session, row: Recording) -> Sequence[UploadPart]:
+    """A recording's acknowledged parts in order."""
+    return session.scalars(
+        select(UploadPart).where(UploadPart.recording_id == row.id).order_by(UploadPart.number)
+    ).all()
+
+
+def find_camera(access: Access, row: Recording, camera: str) -> Sensor:
+    """A recording's camera by its name. Raises :class:`Problem` 404 ``no_such_camera`` naming those there are."""
+    cameras = access.session.scalars(
+        select(Sensor).where(Sensor.recording_id == row.id, Sensor.kind == "camera").order_by(Sensor.name)
+    ).all()
+    for one in cameras:
+        if one.name == camera:
+            return one
+    names = ", ".join(one.name for one in cameras)
+    raise Problem(
+        404,
+        "no_such_camera",
+        f"The recording has no camera {camera!r}.",
+        f"Its cameras: {names}." if names else f"It is {row.state}: cameras are known once it is ready.",
+    )

@@ -1,0 +1,48 @@
+"""Recordings show people, so whoever uploads one may say when it goes: after that it is deleted by itself."""
+
+from __future__ import annotations
+
+import logging
+
+from sqlalchemy import select
+
+from service.db.clock import utc_now
+from service.db.recordings import Recording
+from service.db.session import Database
+from service.events.hints import hint
+from service.http.problems import Problem
+from service.recordings.deletion import delete_recording
+
+log = logging.getLogger(__name__)
+
+_WAITS = "Its retention has ended; it is kept because a vehicle's current calibration came from it."
+
+
+def delete_overdue(database: Database) -> int:
+    """Delete the recordings whose retention has ended, each in its own transaction, and return how many.
+
+    One that a vehicle's current calibration came from stays until another is published, and says so.
+    """
+    # All of them: of a part, those that stay would be looked at again and again, and the others never.
+    with database.reading() as session:
+        ended = select(Recording.id).where(Recording.retain_until < utc_now()).order_by(Recording.retain_until)
+        overdue = session.scalars(ended).all()
+    deleted = 0
+    for recording_id in overdue:
+        try:
+            with database.writing() as session:
+                row = session.get(Recording, recording_id)
+                if row is None:
+                    continue
+                hint(session, row.fleet_id, "recording", recording_id)
+                session.expunge(row)
+                delete_recording(session, recording_id, with_published=False)
+            deleted += 1
+            log.info("deleted recording %s: its retention has ended", recording_id)
+        except Problem:
+            with database.writing() as session:
+                row = session.get(Recording, recording_id, with_for_update=True)
+                if row is not None and _WAITS not in row.warnings:
+                    row.warnings = [*row.warnings, _WAITS]
+                    row.version += 1
+    return deleted

@@ -1,0 +1,150 @@
+"""Routes of recordings: make, list, read, change, delete, and read the original back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import timedelta
+from typing import Annotated
+from urllib.parse import quote
+from uuid import UUID
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import JSONResponse, StreamingResponse
+from sqlalchemy import select
+
+from service.auth.access import ReadAccess, WriteAccess
+from service.db.clock import utc_now
+from service.db.fleets import Rig, Vehicle
+from service.db.ids import new_id
+from service.db.recordings import Recording
+from service.events.hints import hint
+from service.http.etags import Conditional, version_etag
+from service.http.pages import Page, Paging, fetch
+from service.http.problems import Problem, not_found
+from service.recordings.deletion import delete_recording
+from service.recordings.queries import parts_of, summaries, view
+from service.recordings.schemas import (
+    CreatedRecording,
+    NewRecording,
+    RecordingEdit,
+    RecordingState,
+    RecordingSummary,
+    RecordingView,
+    Upload,
+)
+from service.settings import Settings
+from service.storage.store import Store
+
+router = APIRouter(tags=["recordings"])
+
+
+@router.post("/vehicles/{id}/recordings", status_code=201, response_model=CreatedRecording)
+def post_recording(id: UUID, body: NewRecording, request: Request, access: WriteAccess) -> JSONResponse:
+    """Announce a recording; its file follows in parts."""
+    settings: Settings = request.app.state.settings
+    vehicle = access.find(Vehicle, id, "engineer")
+    rig = access.session.get(Rig, body.rig_id)
+    if rig is None or rig.vehicle_id != vehicle.id:
+        raise not_found()
+    row = Recording(
+        id=new_id(),
+        fleet_id=vehicle.fleet_id,
+        vehicle_id=id,
+        rig_id=rig.id,
+        name=body.name,
+        file_name=body.file_name,
+        marks_per_vertex=body.marks_per_vertex,
+        reading=body.reading.model_dump(exclude_defaults=True),
+        retain_until=utc_now() + timedelta(days=body.retain_days) if body.retain_days else None,
+        created_by=access.person.id,
+    )
+    access.session.add(row)
+    access.session.flush()
+    hint(access.session, row.fleet_id, "recording", row.id)
+    upload = Upload(part_bytes=settings.part_bytes, max_part_bytes=settings.max_part_bytes)
+    return access.answer(CreatedRecording(**view(access.session, row).model_dump(), upload=upload))
+
+
+@router.get("/recordings")
+def get_recordings(
+    access: ReadAccess,
+    paging: Paging,
+    fleet_id: UUID | None = None,
+    vehicle_id: UUID | None = None,
+    state: Annotated[RecordingState | None, Query()] = None,
+) -> Page[RecordingSummary]:
+    """The recordings of the person's fleets, newest first."""
+    statement = access.scope(select(Recording), Recording)
+    wanted = ((Recording.fleet_id, fleet_id), (Recording.vehicle_id, vehicle_id), (Recording.state, state))
+    for column, value in wanted:
+        if value is not None:
+            statement = statement.where(column == value)
+    rows, following = fetch(access.session, statement, Recording.id, paging, newest_first=True)
+    return Page(items=summaries(access.session, rows), next=following)
+
+
+@router.get("/recordings/{id}")
+def get_recording(id: UUID, access: ReadAccess, conditions: Conditional) -> RecordingView:
+    """One recording with its sensors, its job, and its problem where it failed."""
+    row = access.find(Recording, id)
+    conditions.offer(version_etag(row.version), more_changes=True)
+    return view(access.session, row)
+
+
+@router.patch("/recordings/{id}")
+def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditions: Conditional) -> RecordingView:
+    """Rename a recording, ask for more marks of each vertex, or correct its rig before it is ready."""
+    row = access.find(Recording, id, "engineer", lock=True)
+    conditions.require(version_etag(row.version))
+    if body.rig_id and body.rig_id != row.rig_id:
+        rig = access.session.get(Rig, body.rig_id)
+        if rig is None or rig.vehicle_id != row.vehicle_id:
+            raise not_found()
+        if row.state not in ("uploading", "failed"):
+            raise Problem(
+                409,
+                "rig_in_use",
+                f"The recording is {row.state}, read with the rig that it has.",
+                "Upload it again with the other rig.",
+            )
+    for name, value in body.model_dump(exclude_none=True).items():
+        setattr(row, name, value)
+    row.version += 1
+    access.session.flush()
+    hint(access.session, row.fleet_id, "recording", row.id)
+    conditions.offer(version_etag(row.version))
+    return view(access.session, row)
+
+
+@router.delete("/recordings/{id}", status_code=204)
+def remove_recording(id: UUID, access: WriteAccess, with_published: bool = False) -> None:
+    """Delete a recording with all that came from it: marks, detections, correspondences, calibrations."""
+    row = access.find(Recording, id, "engineer")
+    fleet_id = row.fleet_id
+    access.session.expunge(row)
+    delete_recording(access.session, id, with_published=with_published)
+    hint(access.session, fleet_id, "recording", id)
+
+
+@router.get("/recordings/{id}/original", response_class=StreamingResponse)
+def get_original(id: UUID, request: Request, access: ReadAccess) -> StreamingResponse:
+    """The uploaded file, byte for byte."""
+    row = access.find(Recording, id, "engineer")
+    if row.state == "uploading":
+        raise Problem(
+            409, "upload_open", "The upload is not complete, so there is no file yet.", "Complete it first."
+        )
+    keys = [part.blob_key for part in parts_of(access.session, row)]
+    return StreamingResponse(
+        _bytes_of(request.app.state.store, keys),
+        media_type="application/octet-stream",
+        headers={
+            "Content-Length": str(row.size),
+            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(row.file_name, safe='')}",
+        },
+    )
+
+
+def _bytes_of(store: Store, keys: Sequence[str]) -> Iterator[bytes]:
+    for key in keys:
+        yield from store.stream(key)

@@ -1,0 +1,142 @@
+"""Bodies of the routes about recordings."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+from uuid import UUID
+
+from pydantic import Field
+
+from service.http.jobs import JobView
+from service.http.schemas import Name, Received, Sent
+
+MAX_PARTS = 100_000
+
+RecordingState = Literal["uploading", "queued", "ingesting", "ready", "failed"]
+MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
+
+
+class Reading(Received):
+    """What the owner knows of the recording and its file does not say.
+
+    ``point_times: stamp_only`` leaves the points' own times out, as for still poses whose stamps were made up;
+    ``stamp_convention`` says what a sweep's stamp means; ``rate_hz`` how often the LiDAR turns in a second.
+    """
+
+    point_times: Literal["auto", "stamp_only"] = "auto"
+    stamp_convention: Literal["start", "end", "unknown"] | None = None
+    rate_hz: Annotated[float, Field(ge=0.5, le=1000)] | None = None
+
+
+class NewRecording(Received):
+    """A recording to upload: a ROS 1 bag, or a folder packed as tar."""
+
+    rig_id: UUID
+    name: Name
+    file_name: Name
+    marks_per_vertex: MarksPerVertex = 1
+    retain_days: Annotated[int, Field(ge=1, le=36_500)] | None = None
+    reading: Reading = Reading()
+
+
+class RecordingEdit(Received):
+    """What may be changed of a recording; another rig only before it is ready, for an ingestion looks at it."""
+
+    rig_id: UUID | None = None
+    name: Name | None = None
+    marks_per_vertex: MarksPerVertex | None = None
+
+
+class Upload(Sent):
+    """How to send the parts."""
+
+    part_bytes: int
+    max_part_bytes: int
+
+
+class PartView(Sent):
+    """An acknowledged part."""
+
+    number: int
+    size: int
+    sha256: str
+
+
+class Parts(Sent):
+    """All acknowledged parts."""
+
+    items: list[PartView]
+
+
+class Completion(Received):
+    """What the parts make together; ``sha256`` (hexadecimal) is checked before ingestion."""
+
+    parts: Annotated[int, Field(ge=1, le=MAX_PARTS)]
+    size: Annotated[int, Field(ge=1, lt=2**63)]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
+
+
+class SensorView(Sent):
+    """A normalised sensor of a recording."""
+
+    id: UUID
+    kind: str
+    name: str
+    topic: str
+    frame_id: str
+    count: int
+    first_ns: int
+    last_ns: int
+    facts: dict[str, Any]
+
+
+class RecordingSummary(Sent):
+    """A recording as lists show it."""
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    rig_id: UUID
+    name: str
+    file_name: str
+    state: RecordingState
+    size: int
+    marks_per_vertex: int
+    reading: dict[str, Any]
+    facts: dict[str, Any] | None
+    warnings: list[Any]
+    problem: dict[str, Any] | None
+    retain_until: datetime | None
+    created_at: datetime
+    version: int
+    job: JobView | None = None
+
+
+class RecordingView(RecordingSummary):
+    """A recording with its sensors."""
+
+    sensors: list[SensorView]
+
+
+class CreatedRecording(RecordingView):
+    """A recording that waits for its parts."""
+
+    upload: Upload
+
+
+class AcceptedRecording(Sent):
+    """A recording on its way, and the job to follow."""
+
+    recording: RecordingView
+    job: JobView
+
+
+class FrameView(Sent):
+    """A camera frame; ``stamp_ns`` is UTC in nanoseconds."""
+
+    index: int
+    stamp_ns: int
+    media_type: str
+    width: int
+    height: int

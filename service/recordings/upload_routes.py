@@ -1,0 +1,141 @@
+"""Routes of uploads: put numbered parts, see which have arrived, complete."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from uuid import UUID
+
+from fastapi import APIRouter, Path, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import JSONResponse
+
+from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.db.recordings import Recording, UploadPart
+from service.db.session import Database
+from service.events.hints import hint
+from service.http.jobs import job_views
+from service.http.problems import Problem
+from service.jobs.queue import enqueue
+from service.recordings.completion import check_complete
+from service.recordings.queries import parts_of, view
+from service.recordings.schemas import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
+from service.recordings.uploads import (
+    Announced,
+    Body,
+    begin_part,
+    declared_sha256,
+    finish_part,
+    forget_part,
+    part_too_large,
+)
+from service.settings import Settings
+from service.storage.store import Store
+
+router = APIRouter(tags=["recordings"])
+
+# Settings say less; this only keeps the application's limit on JSON bodies away from parts.
+_NO_PART_IS_LARGER = 5 * 1024**3
+
+
+@router.put("/recordings/{id}/parts/{number}", max_body_size=_NO_PART_IS_LARGER)
+async def put_part(
+    id: UUID, number: Annotated[int, Path(ge=1, le=MAX_PARTS)], request: Request, identity: CurrentIdentity
+) -> PartView:
+    """Store one part of the file, streamed. Content-Digest names its SHA-256; the same part may be sent again."""
+    settings: Settings = request.app.state.settings
+    database: Database = request.app.state.database
+    announced = Announced(id, number, declared_sha256(request))
+    length = _declared_length(request)
+    if length > settings.max_part_bytes:
+        raise part_too_large(settings.max_part_bytes)
+    begun = await run_in_threadpool(begin_part, database, identity, announced)
+    body = Body(request, settings.max_part_bytes)
+    if isinstance(begun, UploadPart):
+        # The bytes are looked at all the same: an answer of 200 says that they are the acknowledged ones.
+        async for _ in body:
+            pass
+        body.check(announced)
+        return PartView.model_validate(begun)
+    try:
+        await _store(request.app.state.store, begun, body, length, settings)
+        body.check(announced)
+        part = await run_in_threadpool(finish_part, database, identity, announced, begun, body.size)
+    except Exception:
+        await run_in_threadpool(forget_part, database, begun)
+        raise
+    return PartView.model_validate(part)
+
+
+@router.get("/recordings/{id}/parts")
+def get_parts(id: UUID, access: ReadAccess) -> Parts:
+    """Which parts have arrived, so that an interrupted upload goes on where it stopped."""
+    row = access.find(Recording, id, "engineer")
+    return Parts(items=[PartView.model_validate(part) for part in parts_of(access.session, row)])
+
+
+@router.post("/recordings/{id}/complete", status_code=202, response_model=AcceptedRecording)
+def complete(id: UUID, body: Completion, access: WriteAccess) -> JSONResponse:
+    """Declare that all parts are there; ingestion starts. Saying it again gives the same answer."""
+    row = access.find(Recording, id, "engineer", lock=True)
+    if check_complete(row, parts_of(access.session, row), body):
+        row.size, row.sha256 = body.size, body.sha256
+        _start_ingestion(access, row)
+    return _accepted(access, row)
+
+
+@router.post("/recordings/{id}/retry", status_code=202, response_model=AcceptedRecording)
+def retry(id: UUID, access: WriteAccess) -> JSONResponse:
+    """Ingest a failed recording again from its original, which is kept."""
+    row = access.find(Recording, id, "engineer", lock=True)
+    if row.state != "failed":
+        raise Problem(
+            409,
+            "not_failed",
+            f"Only a failed recording is ingested again; this one is {row.state}.",
+            "Follow its job.",
+        )
+    _start_ingestion(access, row)
+    return _accepted(access, row)
+
+
+def _start_ingestion(access: Access, row: Recording) -> None:
+    """Queue a recording's ingestion, in the transaction that says so."""
+    job = enqueue(access.session, kind="ingest", fleet_id=row.fleet_id, subject_id=row.id)
+    row.state, row.problem, row.job_id = "queued", None, job.id
+    row.version += 1
+    hint(access.session, row.fleet_id, "recording", row.id)
+
+
+def _accepted(access: Access, row: Recording) -> JSONResponse:
+    """A recording on its way."""
+    access.session.flush()
+    recording = view(access.session, row)
+    job = job_views(access.session, [row.job_id])[row.job_id or 0]
+    return access.answer(AcceptedRecording(recording=recording, job=job), 202)
+
+
+async def _store(store: Store, key: str, body: Body, length: int, settings: Settings) -> None:
+    free = store.free_bytes()
+    if free is not None and free - length < settings.min_free_bytes:
+        raise _disk_full(free)
+    try:
+        await store.put_stream(key, aiter(body))
+    except Exception:
+        free = store.free_bytes()
+        if free is not None and free < settings.min_free_bytes:
+            raise _disk_full(free) from None
+        raise
+
+
+def _disk_full(free: int) -> Problem:
+    return Problem(
+        507,
+        "disk_full",
+        f"The service's disk has only {free} bytes left, so it takes no uploads. What was acknowledged is kept.",
+        "Ask whoever runs the service for space, then send the missing parts.",
+    )
+
+
+def _declared_length(request: Request) -> int:
+    text = request.headers.get("content-length", "0")
+    return int(text) if text.isascii() and text.isdigit() else 0

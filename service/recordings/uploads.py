@@ -1,0 +1,164 @@
+"""Rules of uploads: parts are numbered from 1, each one an object with a checksum, sent in any order, any number of
+times. A part is acknowledged once its object is durable and its bytes have the checksum that was announced."""
+
+from __future__ import annotations
+
+import hashlib
+from base64 import b64decode
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from uuid import UUID
+
+from fastapi import Request
+from sqlalchemy import delete, select
+from starlette.requests import ClientDisconnect
+
+from service.auth.access import Access, Identity
+from service.db.recordings import Blob, Recording, UploadPart
+from service.db.session import Database
+from service.http.problems import Problem
+from service.storage.blobs import give_up, keep, reserve
+
+
+@dataclass(frozen=True)
+class Announced:
+    """A part as its request announces it."""
+
+    recording_id: UUID
+    number: int
+    sha256: str
+
+
+class Body:
+    """A request's body as it passes through: counted and hashed, and never more than ``limit`` bytes.
+
+    It ends instead of raising, because a store may wrap what its source raises; look at it after the stream.
+    """
+
+    def __init__(self, request: Request, limit: int) -> None:
+        self._request = request
+        self._limit = limit
+        self._hash = hashlib.sha256()
+        self.size = 0
+        self.too_large = False
+        self.cut_off = False
+
+    async def __aiter__(self) -> AsyncIterator[bytes]:
+        try:
+            async for chunk in self._request.stream():
+                self.size += len(chunk)
+                if self.size > self._limit:
+                    self.too_large = True
+                    return
+                if chunk:
+                    self._hash.update(chunk)
+                    yield chunk
+        except ClientDisconnect:
+            self.cut_off = True
+
+    def check(self, announced: Announced) -> None:
+        """Raises :class:`Problem` unless the whole body came and has the announced checksum."""
+        if self.too_large:
+            raise part_too_large(self._limit)
+        if self.cut_off:
+            raise Problem(400, "upload_cut_off", "The connection ended before the part did.", "Send the part again.")
+        if self.size == 0:
+            raise Problem(400, "empty_part", "The part has no bytes.", "Send the part's bytes as the request's body.")
+        if self._hash.hexdigest() != announced.sha256:
+            raise Problem(
+                400,
+                "checksum_mismatch",
+                f"Part {announced.number} arrived with the SHA-256 {self._hash.hexdigest()}, announced was "
+                f"{announced.sha256}. Nothing of it was stored.",
+                "Send the part again; if it happens again, look for a proxy or disk that changes bytes.",
+            )
+
+
+def declared_sha256(request: Request) -> str:
+    """The SHA-256 of Content-Digest (RFC 9530) in hexadecimal. Raises :class:`Problem` ``checksum_required``."""
+    for item in request.headers.get("content-digest", "").split(","):
+        name, _, value = item.strip().partition("=")
+        if name.lower() == "sha-256" and len(value) > 2 and value[0] == value[-1] == ":":
+            try:
+                digest = b64decode(value[1:-1], validate=True)
+            except ValueError:  # no base64, or no ASCII
+                continue
+            if len(digest) == 32:
+                return digest.hex()
+    raise Problem(
+        400,
+        "checksum_required",
+        "The part comes without the SHA-256 of its bytes.",
+        "Send the header Content-Digest: sha-256=:<base64 of the 32 bytes>:",
+    )
+
+
+def part_too_large(limit: int) -> Problem:
+    """A part that is larger than parts may be."""
+    return Problem(
+        413, "part_too_large", f"A part has at most {limit} bytes.", "Cut the file into parts of `upload.part_bytes`."
+    )
+
+
+def begin_part(database: Database, identity: Identity, announced: Announced) -> str | UploadPart:
+    """Reserve a key for a part; or the part itself, where these bytes are acknowledged already.
+
+    Raises :class:`Problem` ``not_found``, ``role_too_low``, ``part_differs``, ``upload_closed``.
+    """
+    with database.writing() as session:
+        recording = Access(session, identity).find(Recording, announced.recording_id, "engineer")
+        known = session.get(UploadPart, (announced.recording_id, announced.number))
+        if known is not None:
+            _refuse_other_bytes(known, announced)
+            if session.scalar(select(Blob.state).where(Blob.key == known.blob_key)) == "stored":
+                return known
+        _refuse_closed(recording)
+        if known is not None:
+            # Its object is lost, whatever lost it: these bytes take its place.
+            session.execute(delete(UploadPart).where(UploadPart.blob_key == known.blob_key))
+        return reserve(session, f"recordings/{recording.id}/parts")
+
+
+def finish_part(database: Database, identity: Identity, announced: Announced, key: str, size: int) -> UploadPart:
+    """Acknowledge a part whose object is durable. Of twins one wins, and the others' objects are condemned."""
+    with database.writing() as session:
+        recording = Access(session, identity).find(Recording, announced.recording_id, "engineer", lock=True)
+        known = session.get(UploadPart, (announced.recording_id, announced.number))
+        if known is not None:
+            _refuse_other_bytes(known, announced)
+            give_up(session, key)
+            return known
+        _refuse_closed(recording)
+        keep(session, key, size=size, sha256=announced.sha256)
+        part = UploadPart(
+            recording_id=recording.id, number=announced.number, blob_key=key, size=size, sha256=announced.sha256
+        )
+        session.add(part)
+        return part
+
+
+def forget_part(database: Database, key: str) -> None:
+    """Give up a reserved key and what was written to it, unless the part was acknowledged after all."""
+    with database.writing() as session:
+        give_up(session, key)
+
+
+def _refuse_other_bytes(known: UploadPart, announced: Announced) -> None:
+    if known.sha256 != announced.sha256:
+        raise Problem(
+            409,
+            "part_differs",
+            f"Part {known.number} was acknowledged with the SHA-256 {known.sha256}; these are other bytes.",
+            "Did the file change while it was uploaded? Make a new recording for the changed file.",
+            sha256=known.sha256,
+        )
+
+
+def _refuse_closed(recording: Recording) -> None:
+    if recording.state != "uploading":
+        raise Problem(
+            409,
+            "upload_closed",
+            f"The upload of this recording is complete: it is {recording.state}.",
+            "Make a new recording to upload another file.",
+        )

@@ -1,0 +1,71 @@
+"""Blobs by row: a key is reserved before its first byte and condemned when nobody won it.
+
+So no object is ever without a row, and what a crash left is found by asking the table, never by listing the store.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import timedelta
+
+from sqlalchemy import and_, delete, or_, select, update
+from sqlalchemy.orm import Session
+
+from service.db.clock import utc_now
+from service.db.ids import new_id
+from service.db.jobs import Job
+from service.db.recordings import Blob
+
+# A reservation without a job is an upload part on its way; no part takes this long.
+_ABANDONED = timedelta(hours=2)
+
+
+def reserve(
+    session: Session, prefix: str, *, suffix: str = "", job_id: int | None = None, attempt: int | None = None
+) -> str:
+    """Reserve a fresh key under ``prefix``. Commit before writing the object's first byte."""
+    key = f"{prefix}/{new_id().hex}{suffix}"
+    session.add(Blob(key=key, job_id=job_id, attempt=attempt))
+    return key
+
+
+def keep(session: Session, key: str, *, size: int, sha256: str | None = None) -> None:
+    """Declare that the object is durable and in use, in the transaction of the row that uses it."""
+    session.execute(update(Blob).where(Blob.key == key).values(state="stored", size=size, sha256=sha256))
+
+
+def condemn(session: Session, keys: Iterable[str]) -> None:
+    """Declare that nothing uses these objects any more; the sweep removes them."""
+    session.execute(update(Blob).where(Blob.key.in_(list(keys))).values(state="condemned"))
+
+
+def give_up(session: Session, key: str) -> None:
+    """Condemn a reservation that nobody won. One that was kept meanwhile stays: its commit may be unknown to us."""
+    session.execute(update(Blob).where(Blob.key == key, Blob.state == "reserved").values(state="condemned"))
+
+
+def condemn_lost(session: Session) -> None:
+    """Condemn reservations whose work ended without winning: another attempt, or no job, or long abandoned."""
+    working = select(Job.id).where(Job.id == Blob.job_id, Job.attempt == Blob.attempt, Job.state == "running")
+    session.execute(
+        update(Blob)
+        .where(
+            Blob.state == "reserved",
+            or_(
+                and_(Blob.job_id.is_not(None), ~working.exists()),
+                and_(Blob.job_id.is_(None), Blob.created_at < utc_now() - _ABANDONED),
+            ),
+        )
+        .values(state="condemned")
+        .execution_options(synchronize_session=False)
+    )
+
+
+def condemned(session: Session, limit: int = 200) -> list[str]:
+    """Keys whose objects are to be removed."""
+    return list(session.scalars(select(Blob.key).where(Blob.state == "condemned").limit(limit)))
+
+
+def forget(session: Session, keys: Iterable[str]) -> None:
+    """Drop the rows of objects that have been removed."""
+    session.execute(delete(Blob).where(Blob.key.in_(list(keys)), Blob.state == "condemned"))

@@ -1,0 +1,48 @@
+"""What is said of a finished calibration."""
+
+import io
+
+from rich.console import Console
+
+from apexcal.commands.calibrated import table_of, warnings_of, why_unpublished
+
+STAGE = {"mean_px": 119.11, "rms_px": 264.42}
+CAMERA = {
+    "recommended": "kannala_brandt",
+    "models": {
+        "brown_conrady": {"polished": {"mean_px": 4.18, "rms_px": 5.1}, "heldout_mean_px": 34.21, "alarms": ["far"]},
+        "kannala_brandt": {
+            **dict.fromkeys(("ga", "polished", "baseline"), STAGE),
+            "heldout_mean_px": 200.0,
+            "heldout_pairs": 80,
+            "alarms": ["f_x lies on its bound"],
+        },
+    },
+}
+
+
+def test_the_table_fits_into_80_columns():
+    out = Console(file=io.StringIO(), width=80)
+    out.print(table_of("front", CAMERA))
+    shown = out.file.getvalue()
+    assert "kannala_brandt *" in shown
+    assert "119.11 / 264.42" in shown
+    assert "…" not in shown
+
+
+def test_overfitted_models_and_the_recommended_models_alarms_are_warned_of():
+    overfitted, alarm = warnings_of(CAMERA)
+    assert overfitted.startswith("brown_conrady is at 34.21 px on held-out pairs")
+    assert alarm == "kannala_brandt: f_x lies on its bound"
+
+
+def test_each_reason_for_not_publishing_is_its_own():
+    done, failed = {"runs": [{"state": "done"}]}, {"runs": [{"state": "failed"}]}
+    reasons = {
+        why_unpublished(done, CAMERA, wanted=False),
+        why_unpublished(done, CAMERA | {"recommended": None}, wanted=True),
+        why_unpublished(done, CAMERA | {"recommended": "brown_conrady"}, wanted=True),
+        why_unpublished(failed, CAMERA, wanted=True),
+        why_unpublished(done, CAMERA, wanted=True),
+    }
+    assert len(reasons) == 5

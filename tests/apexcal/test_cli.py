@@ -1,0 +1,294 @@
+"""The command's manners: quick help, sentences instead of tracebacks, exit codes."""
+
+import fcntl
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+import typer
+
+from apexcal.cli import COMMANDS
+from apexcal.client import Client
+from apexcal.commands.connect import connected
+
+
+def apexcal(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    clean = {k: v for k, v in os.environ.items() if not k.startswith("APEXCAL_")}
+    return subprocess.run(
+        [sys.executable, "-m", "apexcal.cli", *map(str, words)],
+        capture_output=True,
+        text=True,
+        env=clean | environment,
+        timeout=60,
+    )
+
+
+def test_help_names_every_command_at_once():
+    taken = []
+    for _ in range(3):
+        began = time.perf_counter()
+        shown = apexcal("--help")
+        taken.append(time.perf_counter() - began)
+    assert shown.returncode == 0
+    assert all(f"  {name} " in shown.stdout for name in COMMANDS)
+    assert min(taken) < 0.6, "the help loads something heavy"
+
+
+def test_help_loads_neither_the_client_nor_numbers():
+    heavy = "{'httpx', 'numpy', 'rich.progress'}"
+    code = f"import sys; from apexcal.cli import app; print(sorted({heavy} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", list(COMMANDS))
+def test_every_command_explains_itself(name):
+    shown = apexcal(name, "--help")
+    assert shown.returncode == 0
+    assert f"Usage: apexcal {name}" in shown.stdout
+
+
+def test_wrong_usage_is_2():
+    for words in (["nonsense"], ["upload"], ["detect", "x"], ["calibrate"], ["serve", "--host", "0.0.0.0"]):
+        shown = apexcal(*words)
+        assert shown.returncode == 2, words
+        assert "Traceback" not in shown.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--keep", "x > 1e999"], "'x > 1e999'"),
+        (["--keep", "x > 1", "--option", "min_points=NaN"], "'min_points=NaN'"),
+        (["--region", "{}/region.json"], "region.json holds Infinity"),
+    ],
+)
+def test_a_number_that_is_not_finite_is_said_where_it_stands(tmp_path, words, said):
+    (tmp_path / "region.json").write_text('{"quantity": "x", "op": ">", "value": Infinity}')
+    words = [word.replace("{}", str(tmp_path)) for word in words]
+    refused = apexcal("detect", "x", *words, "--url", "http://127.0.0.1:9", "--token", "apx_x")
+    assert refused.returncode == 1
+    assert said in refused.stderr
+    assert "finite number" in refused.stderr
+
+
+def test_a_shift_in_time_that_is_not_finite_is_wrong_usage():
+    for shift in ("nan", "inf"):
+        refused = apexcal("detect", "x", "--keep", "x > 1", "--offset-ms", shift, "--url", "http://127.0.0.1:9")
+        assert refused.returncode == 2
+        assert "--offset-ms" in refused.stderr
+
+
+def test_a_token_that_is_none_is_said_with_where_it_is_from(embedded, tmp_path):
+    """Nothing of the token itself is printed."""
+    here = ("invite", "Ada", "--url", embedded.url)
+    (tmp_path / "owner.token").write_bytes(b"secr\xe9t")
+    (tmp_path / "supervisor.json").write_text(json.dumps({"url": embedded.url}))
+    with (tmp_path / "serve.lock").open("a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        from_file = apexcal(*here, "--data", tmp_path)
+    refusals = {
+        "--token": apexcal(*here, "--token", "secrét"),
+        "APEXCAL_TOKEN": apexcal(*here, APEXCAL_TOKEN="secr t"),
+        "owner.token": from_file,
+    }
+    for origin, refused in refusals.items():
+        assert refused.returncode == 2, origin
+        assert origin in refused.stderr
+        assert "ASCII" in refused.stderr
+        assert "secr" not in refused.stderr
+
+
+def test_an_address_that_is_none_is_wrong_usage():
+    for address in ("foo", "http://[::1", "http://a:99999", "http://"):
+        refused = apexcal("invite", "Ada", "--url", address, "--token", "apx_x")
+        assert refused.returncode == 2, address
+        assert repr(address) in refused.stderr
+        assert "--url" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (FileNotFoundError(2, "No such file or directory", "gone.jpg"), "cannot read gone.jpg: no such file"),
+        (UnicodeEncodeError("utf-8", "\udcff", 0, 1, "surrogates not allowed"), "no UTF-8"),
+    ],
+)
+def test_a_file_that_goes_away_meanwhile_and_a_name_of_stray_bytes_are_said(tmp_path, capsys, error, said):
+    with pytest.raises(typer.Exit) as left, connected("http://127.0.0.1:9", "apx_x", tmp_path):
+        raise error
+    assert left.value.exit_code == 1
+    assert said in capsys.readouterr().err
+
+
+def test_an_id_that_is_none_reaches_no_other_address(embedded):
+    for words, printed_by in (
+        (("detect", "../../fleets", "--keep", "x > 0"), "apexcal upload"),
+        (("calibrate", "--detection", "../../fleets"), "apexcal detect"),
+    ):
+        refused = apexcal(*words, "--data", embedded.data)
+        assert refused.returncode == 1
+        assert "'../../fleets'" in refused.stderr or printed_by in refused.stderr
+
+
+def test_no_service_is_3_with_what_to_do(tmp_path):
+    for words in (["--data", tmp_path / "none"], ["--url", "http://127.0.0.1:9", "--token", "apx_x"]):
+        shown = apexcal("invite", "Ada", *words)
+        assert shown.returncode == 3
+        assert "apexcal serve" in shown.stderr
+        assert "--data" not in words or str(tmp_path / "none") in shown.stderr
+        assert "Traceback" not in shown.stderr
+
+
+def test_a_refusal_is_1_with_the_services_sentence_and_hint(embedded):
+    shown = apexcal("detect", "01890000-0000-7000-8000-000000000000", "--keep", "x > 0", "--data", embedded.data)
+    assert shown.returncode == 1
+    assert "not_found" in shown.stderr
+    assert "Traceback" not in shown.stderr
+    shown = apexcal("invite", "Ada", APEXCAL_URL=embedded.url, APEXCAL_TOKEN="apx_wrong")
+    assert shown.returncode == 1
+    assert "(not_signed_in)." in shown.stderr
+    assert "APEXCAL_TOKEN" in shown.stderr
+    assert ". (" not in shown.stderr
+
+
+def test_a_worker_needs_the_services_environment():
+    shown = apexcal("worker")
+    assert shown.returncode == 2
+    assert "APEXCAL_DATABASE_URL" in shown.stderr
+    shown = apexcal("worker", "--queues", "solve,paint", APEXCAL_DATABASE_URL="x", APEXCAL_BROKER_URL="y")
+    assert shown.returncode == 2
+    assert "paint" in shown.stderr
+
+
+def test_from_a_rig_file_to_a_calibration(embedded, simulated, tmp_path):
+    """The command's whole path: rig, invite, upload, preview, detect, calibrate from pairs, export."""
+    here = ("--data", embedded.data, "--json")
+    names = ("--fleet", "Command", "--vehicle", "Car")
+    rig = json.loads(apexcal("rig", simulated / "rig.json", *names, *here).stdout)
+    invitation = json.loads(apexcal("invite", "Ada", "--fleet", "Command", *here).stdout)
+    assert "/sign-in#" in invitation["link"]
+    uploaded = apexcal("upload", simulated / "recording.bag", *names, *here)
+    assert uploaded.returncode == 0, uploaded.stderr
+    recording = json.loads(uploaded.stdout)
+    assert recording["state"] == "ready"
+    keep = ("--keep", "x > 2", "--keep", "x < 33", "--keep", "z > -1.7")
+    kept = json.loads(apexcal("detect", recording["id"], *keep, "--preview", *here).stdout)["result"]
+    assert 0 < kept["points_kept"] < kept["points"]
+    found = json.loads(apexcal("detect", recording["id"], *keep, *here).stdout)
+    assert found["state"] == "done"
+    (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
+    calibrated = apexcal(
+        *("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"]),
+        *("--model", "pinhole", "--folds", "2", *here),
+    )
+    assert calibrated.returncode == 0, calibrated.stderr
+    assert json.loads(calibrated.stdout)["state"] == "done"
+    target = tmp_path / "front.json"
+    assert apexcal("export", "--vehicle", rig["vehicle_id"], "-o", target, "--data", embedded.data).returncode == 0
+    current = json.loads(target.read_text())
+    assert current["T_camera_lidar"]["from_frame"] == "velodyne"
+    assert current["model"] == "pinhole"
+    again = apexcal("export", "--vehicle", rig["vehicle_id"], "-o", target, "--data", embedded.data)
+    assert again.returncode == 2
+    fisheye = ("--vehicle", rig["vehicle_id"], "--model", "fisheye")
+    refused = apexcal("calibrate", "--pairs", tmp_path / "pairs.csv", *fisheye, *here)
+    assert refused.returncode == 1
+    assert "brown_conrady" in refused.stderr
+    assert "kannala_brandt" in refused.stderr
+
+
+def test_a_preset_means_what_it_says_where_nothing_else_is_given(embedded, simulated, tmp_path):
+    """The command fills nothing in that the preset would."""
+    here = ("--data", embedded.data, "--json")
+    rig = json.loads(apexcal("rig", simulated / "rig.json", "--fleet", "Presets", "--vehicle", "Car", *here).stdout)
+    (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
+    wanted = ("--model", "pinhole", "--folds", 0, "--preset", "paper")
+    calibrated = apexcal(
+        "calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"], *wanted, *here
+    )
+    request = json.loads(calibrated.stdout)["request"]
+    assert (request["preset"], request["search"], request["bounds_preset"]) == ("paper", "euler", "paper-table-1")
+
+
+def test_a_refused_rig_leaves_nothing_behind_and_every_field_is_said(embedded, owner, simulated, tmp_path):
+    rig = json.loads((simulated / "rig.json").read_text())
+    del rig["cameras"][0]["image_size"], rig["lidar"]["frame"]
+    (tmp_path / "rig.json").write_text(json.dumps(rig))
+    words = ("--fleet", "Refused", "--vehicle", "Car", "--data", embedded.data)
+    refused = apexcal("rig", tmp_path / "rig.json", *words)
+    assert refused.returncode == 1
+    assert "lidar.frame: " in refused.stderr
+    assert "cameras.0.image_size: " in refused.stderr
+    assert "Refused" not in [fleet["name"] for fleet in owner.fleets.list()]
+    made = apexcal("rig", simulated / "rig.json", *words)
+    assert "Made the fleet 'Refused'." in made.stderr
+    assert "Made the vehicle 'Car'." in made.stderr
+    assert "of Car in the fleet Refused is" in made.stdout
+
+
+def test_several_vehicles_of_a_name_are_told_apart_and_several_fleets_asked_for(embedded, owner, simulated):
+    for name in ("North", "South"):
+        owner.vehicles.create(owner.fleets.create(name)["id"], "Twin")
+    several = apexcal("upload", simulated / "recording.bag", "--vehicle", "Twin", "--data", embedded.data)
+    assert several.returncode == 1
+    assert "in the fleet 'North'" in several.stderr
+    assert "in the fleet 'South'" in several.stderr
+    unnamed = apexcal("rig", simulated / "rig.json", "--vehicle", "Twin", "--data", embedded.data)
+    assert unnamed.returncode == 1
+    assert "--fleet" in unnamed.stderr
+
+
+def test_a_token_of_a_fleet_signs_a_program_in(embedded, owner):
+    fleet = owner.fleets.create("Tokens")
+    made = json.loads(
+        apexcal("token", "robot", "--fleet", "Tokens", "--days", 1, "--data", embedded.data, "--json").stdout
+    )
+    with Client(embedded.url, made["token"]) as robot:
+        assert [(each["id"], each["role"]) for each in robot.fleets.list()] == [(fleet["id"], "viewer")]
+
+
+def test_calibrate_says_what_became_of_its_result(embedded, simulated, tmp_path):
+    here = ("--data", embedded.data)
+    names = ("--fleet", "Published", "--vehicle", "Van")
+    rig = json.loads(apexcal("rig", simulated / "rig.json", *names, *here, "--json").stdout)
+    uncalibrated = apexcal("export", "--vehicle", rig["vehicle_id"], *here)
+    assert uncalibrated.returncode == 1
+    assert "apexcal calibrate" in uncalibrated.stderr
+    (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
+    calibrate = ("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"], "--model", "pinhole")
+    for more, said in (
+        (("--folds", 0), "Nothing was published for front on Van: no pairs were held out"),
+        (("--folds", 2, "--no-publish"), "Nothing was published for front on Van: --no-publish"),
+        (("--folds", 2), "pinhole is now the current calibration of front on Van."),
+    ):
+        shown = apexcal(*calibrate, *more, *here)
+        assert said in shown.stdout, shown.stdout + shown.stderr
+    assert apexcal(*calibrate, "--folds", 1, *here).returncode == 2
+    both = apexcal(*calibrate, "--detection", "x", *here)
+    assert both.returncode == 2
+    assert "not both" in both.stderr
+
+
+def test_simulate_says_its_refusals_without_the_program_behind_it(tmp_path):
+    (tmp_path / "file").touch()
+    for words in (["--camera-model", "fisheye", "--out", tmp_path / "a"], ["--out", tmp_path / "file" / "below"]):
+        refused = apexcal("simulate", *words)
+        assert refused.returncode == 2
+        assert "python -m" not in refused.stderr
+        assert "Errno" not in refused.stderr
+
+
+def pairs_csv(simulated) -> str:
+    """Pairs without noise, from the truth: the apex at every camera frame that shows it."""
+    frames = json.loads((simulated / "truth.json").read_text())["frames"]
+    rows = [
+        f"{x},{y},{z},{u},{v},{stamp}"
+        for (x, y, z), (u, v), stamp, seen in zip(
+            frames["apex_xyz"], frames["apex_uv"], frames["stamp_ns"], frames["apex_in_image"], strict=True
+        )
+        if seen
+    ]
+    return "\n".join(["x,y,z,u,v,stamp_ns", *rows]) + "\n"

@@ -1,0 +1,247 @@
+"""The client against a served service: uploads that break off, problems, sign-in, and the whole job."""
+
+import json
+import re
+import socket
+import tarfile
+import threading
+import time
+
+import httpx
+import pytest
+
+from apexcal.client import ApiError, Client, ClientError, FailedError, TooSlowError, UnreachableError
+from apexcal.rigs import read_rig
+from apexcal.sources import open_source
+from apexcal.transport import Transport
+from apexcal.uploads import send_parts
+
+KEEP = {"and": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op": ">", "value": -1.7}]}
+
+
+@pytest.fixture
+def rig(owner, simulated):
+    fleet = owner.fleets.create(f"Fleet {time.monotonic_ns()}")
+    vehicle = owner.vehicles.create(fleet["id"], "Car")
+    return owner.vehicles.create_rig(vehicle["id"], read_rig(simulated / "rig.json", "Rig"))
+
+
+@pytest.fixture
+def large(tmp_path):
+    """A file of three parts and a piece."""
+    path = tmp_path / "large.bag"
+    with path.open("wb") as file:
+        for number in range(50):
+            file.write(bytes([number]) * (1 << 20))
+    return path
+
+
+class InterruptedUploadError(Exception):
+    pass
+
+
+def test_an_interrupted_upload_sends_only_what_is_missing(owner, rig, large):
+    recording = owner.recordings.create(rig["vehicle_id"], rig["id"], "Large", large.name)
+    http = Transport(owner.base_url, token=owner._http._http.headers["Authorization"].removeprefix("Bearer "))
+
+    def interrupt(done: int, total: int) -> None:
+        if done > total / 3:
+            raise InterruptedUploadError
+
+    with pytest.raises(InterruptedUploadError):
+        send_parts(http, recording, open_source(large), interrupt, connections=1)
+    held = {part["number"] for part in http.items(f"/recordings/{recording['id']}/parts")}
+    assert held
+    assert len(held) < 4
+    found = owner.recordings.unfinished(large, rig["vehicle_id"], rig["id"])
+    assert found["id"] == recording["id"]
+    puts = []
+    http._http.event_hooks["request"].append(lambda request: puts.append((request.method, request.url.path)))
+    sent = send_parts(http, found, open_source(large))
+    assert sent.parts == 4
+    numbers = {int(path.rsplit("/", 1)[1]) for method, path in puts if method == "PUT"}
+    assert numbers == {1, 2, 3, 4} - held
+    http.close()
+
+
+def test_going_on_with_another_file_is_refused_before_anything_is_sent(owner, rig, large):
+    recording = owner.recordings.create(rig["vehicle_id"], rig["id"], "Large", large.name)
+    send_parts(owner._http, recording, open_source(large))
+    with large.open("r+b") as file:
+        file.write(b"other")
+    with pytest.raises(ClientError, match="part 1 differs"):
+        owner.recordings.resume(recording, large)
+
+
+def test_an_upload_that_is_no_recording_fails_with_what_to_do_and_keeps_the_original(owner, rig, large, tmp_path):
+    recording = owner.recordings.upload(large, rig["vehicle_id"], rig["id"])
+    with pytest.raises(FailedError) as failed:
+        owner.wait(recording, timeout_s=60)
+    assert failed.value.code == "not_a_recording"
+    assert failed.value.hint
+    assert owner.recordings.download(recording["id"], tmp_path / "back.bag") == large.stat().st_size
+    assert (tmp_path / "back.bag").read_bytes() == large.read_bytes()
+    owner.recordings.delete(recording["id"])
+    with pytest.raises(ApiError) as gone:
+        owner.recordings.get(recording["id"])
+    assert gone.value.status == 404
+
+
+def test_a_folder_goes_up_as_a_tar(owner, rig, simulated, tmp_path):
+    (tmp_path / "poses").mkdir()
+    (tmp_path / "poses" / "notes.txt").write_text("no clouds here")
+    recording = owner.recordings.upload(tmp_path / "poses", rig["vehicle_id"], rig["id"])
+    assert recording["file_name"] == "poses.tar"
+    with pytest.raises(FailedError):
+        owner.wait(recording, timeout_s=60)
+    owner.recordings.download(recording["id"], tmp_path / "back.tar")
+    with tarfile.open(tmp_path / "back.tar") as archive:
+        assert archive.getnames() == ["notes.txt"]
+
+
+def test_a_lost_answer_creates_nothing_twice(owner):
+    """The request reaches the service, its answer does not reach the client, which asks again."""
+    target = httpx.URL(owner.base_url)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        proxy = threading.Thread(target=_lose_first_answer, args=(listener, (target.host, target.port)), daemon=True)
+        proxy.start()
+        token = owner._http._http.headers["Authorization"].removeprefix("Bearer ")
+        with Client(f"http://127.0.0.1:{listener.getsockname()[1]}", token) as lossy:
+            name = f"Lossy {time.monotonic_ns()}"
+            made = lossy.fleets.create(name)
+        proxy.join(10)
+    assert [fleet["id"] for fleet in owner.fleets.list() if fleet["name"] == name] == [made["id"]]
+
+
+def _lose_first_answer(listener: socket.socket, target: tuple[str, int]) -> None:
+    for forward_answer in (False, True):
+        near, _ = listener.accept()
+        with near, socket.create_connection(target) as far:
+            far.sendall(_message(near))
+            answer = _message(far)
+            if forward_answer:
+                near.sendall(answer)
+
+
+def _message(connection: socket.socket) -> bytes:
+    """One whole HTTP message."""
+    head = b""
+    while not head.endswith(b"\r\n\r\n"):
+        head += connection.recv(1)
+    length = int(re.search(rb"content-length: (\d+)", head.lower()).group(1))
+    body = b""
+    while len(body) < length:
+        body += connection.recv(length - len(body))
+    return head + body
+
+
+def test_a_problem_is_an_exception_with_code_and_hint(owner, embedded):
+    with pytest.raises(ApiError) as refused:
+        owner.detections.get("01890000-0000-7000-8000-000000000000")
+    assert (refused.value.status, refused.value.code) == (404, "not_found")
+    assert refused.value.hint
+    with Client(embedded.url, "apx_wrong") as stranger, pytest.raises(ApiError) as refused:
+        stranger.me()
+    assert refused.value.code == "not_signed_in"
+
+
+def test_something_that_is_no_service_is_said():
+    with pytest.raises(ValueError, match="looks like http"):
+        Client("127.0.0.1:8000")
+    with Client("http://127.0.0.1:9") as client, pytest.raises(UnreachableError) as away:
+        client.me()
+    assert "apexcal serve" in away.value.hint
+
+
+def test_a_sign_in_link_works_once(owner, rig):
+    link = owner.fleets.invite(rig["fleet_id"], "Ada", "annotator")["link"]
+    with Client.sign_in(link) as ada:
+        assert ada.me()["name"] == "Ada"
+        assert [(fleet["id"], fleet["role"]) for fleet in ada.me()["fleets"]] == [(rig["fleet_id"], "annotator")]
+        with pytest.raises(ApiError) as used:
+            Client.sign_in(link)
+        assert used.value.code == "link_used"
+        ada.sign_out()
+        with pytest.raises(ApiError):
+            ada.me()
+    with pytest.raises(ClientError, match="no sign-in link"):
+        Client.sign_in(link.split("#", maxsplit=1)[0])
+
+
+def test_from_a_bag_to_a_published_calibration(owner, rig, simulated):
+    """Upload, frames, preview, detection, a person's marks, a set, a calibration, and what the vehicle gets."""
+    said = []
+    uploaded = owner.recordings.upload(simulated / "recording.bag", rig["vehicle_id"], rig["id"])
+    recording = owner.wait(uploaded, on_progress=lambda *progress: said.append(progress), timeout_s=60)
+    assert said[-1] == (1.0, "ready")
+    frames = list(owner.recordings.frames(recording["id"], "front"))
+    truth = json.loads((simulated / "truth.json").read_text())
+    assert [frame["stamp_ns"] for frame in frames] == truth["frames"]["stamp_ns"]
+    assert owner.recordings.frame(recording["id"], "front", 3).startswith(b"\xff\xd8\xff")
+    renamed = owner.recordings.edit(recording, name="Renamed")
+    assert renamed["name"] == "Renamed"
+    with pytest.raises(ApiError) as stale:
+        owner.recordings.edit(recording, name="Again")
+    assert stale.value.code == "version_conflict"
+    assert owner.wait(owner.detections.preview(recording["id"], KEEP), timeout_s=60)["result"]["frames"] == 60
+    loose = {"min_points": 3, "min_points_two_below": 0}
+    started = owner.detections.create(recording["id"], KEEP, detector="tolerant", options=loose)
+    detection = owner.wait(started, timeout_s=60)
+    vertices = list(owner.detections.vertices(detection["id"]))
+    assert len(vertices) == detection["counts"]["accepted"]
+    pixels = dict(zip(truth["frames"]["stamp_ns"], truth["frames"]["apex_uv"], strict=True))
+    link = owner.fleets.invite(rig["fleet_id"], "Bo", "annotator")["link"]
+    with Client.sign_in(link) as bo:
+        while task := bo.marking.next_task(detection["id"], "front"):
+            u, v = pixels[task["frame"]["stamp_ns"]]
+            bo.marking.answer(task["task_id"], "confirmed", u=u, v=v)
+    progress = owner.marking.progress(detection["id"], "front")
+    assert progress["marks"] == progress["complete"] == progress["vertices"]
+    assert len(list(owner.marking.marks(detection["id"], "front"))) == progress["marks"]
+    rows = [
+        {"x": x, "y": y, "z": z, "u": u, "v": v, "stamp_ns": stamp}
+        for (x, y, z), (u, v), stamp, seen in zip(*(truth["frames"][k] for k in TRUTH), strict=True)
+        if seen
+    ]
+    pairs = owner.correspondence_sets.import_pairs(rig["id"], "front", rows)
+    assert pairs["count"] == len(rows)
+    calibration = owner.wait(
+        owner.calibrations.create(
+            rig["vehicle_id"], [pairs["id"]], ["pinhole"], folds=2, seed=7, publish="recommended"
+        ),
+        timeout_s=120,
+    )
+    assert calibration["state"] == "done"
+    current, etag = owner.calibrations.current_if_changed(rig["vehicle_id"], "front")
+    assert current["model"] == "pinhole"
+    assert owner.calibrations.current_if_changed(rig["vehicle_id"], "front", etag) is None
+    with pytest.raises(ApiError) as refused:
+        owner.calibrations.create(rig["vehicle_id"], [pairs["id"]], ["fisheye"])
+    assert refused.value.code == "unknown_model"
+
+
+TRUTH = ("apex_xyz", "apex_uv", "stamp_ns", "apex_in_image")
+
+
+def test_waiting_ends_when_the_caller_says_so(owner, rig, large):
+    recording = owner.recordings.create(rig["vehicle_id"], rig["id"], "Never completed", large.name)
+    with pytest.raises(TooSlowError, match="uploading"):
+        owner.wait(recording, timeout_s=0.2)
+
+
+def test_members_tokens_and_jobs(owner, rig, embedded):
+    fleet_id = rig["fleet_id"]
+    person = owner.fleets.invite(fleet_id, "Chidi", "viewer")["person_id"]
+    assert owner.fleets.set_role(fleet_id, person, "reviewer")["role"] == "reviewer"
+    made = owner.fleets.create_token(fleet_id, "logger", "viewer", expires_in_days=1)
+    with Client(embedded.url, made["token"]) as program:
+        assert [vehicle["id"] for vehicle in program.vehicles.list(fleet_id)] == [rig["vehicle_id"]]
+        with pytest.raises(ApiError) as refused:
+            program.vehicles.create(fleet_id, "No")
+        assert refused.value.code == "role_too_low"
+        owner.fleets.revoke_token(made["id"])
+        with pytest.raises(ApiError):
+            program.me()
+    owner.fleets.remove_member(fleet_id, person)
+    assert person not in {member["person_id"] for member in owner.fleets.members(fleet_id)}
+    assert list(owner.jobs(fleet_id=fleet_id)) == []

@@ -1,0 +1,152 @@
+"""`apexcal serve`: what dies comes back, nothing outlives it, and it says clearly why it does not start."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from apexcal.embedded.folder import DataFolder, FolderInUseError, is_served
+from apexcal.rigs import read_rig
+from tests.apexcal.conftest import SERVE, start, stop
+
+pytestmark = pytest.mark.faults
+
+
+def eventually(true: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, f"{what} did not happen within {seconds} s"
+        time.sleep(0.05)
+
+
+def ready(url: str) -> bool:
+    try:
+        with urllib.request.urlopen(url + "/readyz", timeout=5) as answer:
+            return answer.status == 200
+    except (urllib.error.URLError, OSError):
+        return False
+
+
+def session_of(pid: int) -> set[int]:
+    """Every living process of the session that `pid` leads, as /proc has it."""
+    found = set()
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(fields[3]) == pid and fields[0] != "Z":
+                found.add(int(entry.name))
+    return found
+
+
+@pytest.mark.parametrize("name", ["broker", "worker", "beat", "sweeper", "api"])
+def test_a_killed_child_is_back_and_the_service_ready(embedded, name):
+    before = embedded.children()[name]
+    family = session_of(before["pid"])
+    os.kill(before["pid"], signal.SIGKILL)
+    eventually(lambda: embedded.children()[name]["restarts"] > before["restarts"], f"a new {name}")
+    eventually(lambda: embedded.children()[name]["state"] == "running", f"the new {name}'s start")
+    eventually(lambda: ready(embedded.url), "readiness")
+    eventually(lambda: not family & session_of(before["pid"]), f"the end of what the old {name} left behind")
+    others = {child["pid"] for child in embedded.children().values()}
+    assert before["pid"] not in others
+    eventually(lambda: len(session_of(embedded.children()["worker"]["pid"])) >= 3, "the worker's pool")
+
+
+def test_work_goes_on_after_the_broker_was_killed(embedded, owner, simulated):
+    """What was asked for while the broker was dead is done when it is back: the database knew."""
+    fleet = owner.fleets.create("Broker")
+    vehicle = owner.vehicles.create(fleet["id"], "Car")
+    rig = owner.vehicles.create_rig(vehicle["id"], read_rig(simulated / "rig.json", "Rig"))
+    os.kill(embedded.children()["broker"]["pid"], signal.SIGKILL)
+    recording = owner.recordings.upload(simulated / "recording.bag", vehicle["id"], rig["id"])
+    assert owner.wait(recording, timeout_s=60)["state"] == "ready"
+
+
+def test_a_second_serve_on_the_same_folder_is_refused(embedded):
+    second = subprocess.run([*SERVE, "--data", str(embedded.data)], capture_output=True, text=True, timeout=30)
+    assert second.returncode == 1
+    assert embedded.url in second.stderr
+    assert "--data" in second.stderr
+    assert ready(embedded.url)
+
+
+def test_a_busy_port_is_said(tmp_path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        refused = subprocess.run(
+            [*SERVE, "--data", str(tmp_path / "data"), "--port", str(port)],
+            capture_output=True,
+            text=True,
+            timeout=30,
+        )
+    assert refused.returncode == 1
+    assert str(port) in refused.stderr
+    assert "--port" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    assert not is_served(tmp_path / "data")
+
+
+def test_a_folder_that_cannot_be_made_is_said(tmp_path):
+    (tmp_path / "file").touch()
+    for data in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/apexcal")):
+        refused = subprocess.run([*SERVE, "--data", str(data)], capture_output=True, text=True, timeout=30)
+        assert refused.returncode == 1
+        assert str(data) in refused.stderr
+        assert "--data" in refused.stderr
+        assert "Traceback" not in refused.stderr
+
+
+def test_the_folder_is_its_owners_alone(embedded):
+    assert embedded.data.stat().st_mode & 0o077 == 0
+    assert (embedded.data / "owner.token").stat().st_mode & 0o077 == 0
+
+
+def test_a_killed_parent_leaves_no_child_and_a_stopped_one_neither(tmp_path):
+    """Also with a path that is too long for a socket, which then lies elsewhere."""
+    data = tmp_path / ("deep" * 20) / "data"
+    first = start(data)
+    families = {name: session_of(child["pid"]) for name, child in first.children().items()}
+    assert set(families) == {"broker", "api", "worker", "sweeper", "beat"}
+    assert all(families.values())
+    first.process.kill()
+    first.process.wait()
+    first.process.stdout.close()
+    everyone = set().union(*families.values())
+    leaders = [min(family) for family in families.values()]
+    eventually(lambda: not any(everyone & session_of(leader) for leader in leaders), "the children's end", 15)
+    second = start(data)
+    leaders = [child["pid"] for child in second.children().values()]
+    try:
+        assert ready(second.url)
+        assert second.said["owner_link"] != first.said["owner_link"]
+    finally:
+        began = time.monotonic()
+        assert stop(second) == 0
+    assert time.monotonic() - began < 25
+    assert not any(session_of(leader) for leader in leaders)
+    assert not is_served(data)
+    assert not (data / "supervisor.json").exists()
+
+
+def test_the_lock_is_the_holders_and_ends_with_it(tmp_path):
+    holder = DataFolder(tmp_path)
+    holder.hold()
+    holder.status.write_text(json.dumps({"pid": 1, "url": "http://here"}))
+    with pytest.raises(FolderInUseError, match="http://here"):
+        DataFolder(tmp_path).hold()
+    assert is_served(tmp_path)
+    holder.release()
+    assert not is_served(tmp_path)

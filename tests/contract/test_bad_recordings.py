@@ -1,0 +1,123 @@
+"""A recording that cannot be used is answered with what is wrong and what to do; only its original is kept."""
+
+import pytest
+from sqlalchemy import func, select
+
+from service.db.models import Blob, CameraFrame, Sensor, UploadPart
+from tests.support.uploads import RIG, new_recording, upload
+from tests.support.work import work
+from tests.workers.readers.making_recordings import (
+    PLAIN,
+    clouds,
+    images,
+    interleaved,
+    jpeg_claiming,
+    png,
+    png_claiming,
+    write_bag,
+)
+
+NO_RINGS = {name: form for name, form in PLAIN.items() if name != "ring"}
+
+
+def bag(tmp_path, *streams):
+    return write_bag(tmp_path / "made.bag", interleaved(*streams)).read_bytes()
+
+
+def good(tmp_path):
+    return bag(tmp_path, clouds(), images(data=png(1280, 720)))
+
+
+BAD = {
+    "truncated": (lambda tmp: good(tmp)[:-2000], "recording_truncated"),
+    "text": (lambda tmp: b"This is my shopping list.\n" * 50, "not_a_recording"),
+    "without LiDAR": (lambda tmp: bag(tmp, images()), "no_lidar_topic"),
+    "without rings": (lambda tmp: bag(tmp, clouds(fields=NO_RINGS), images()), "cloud_without_rings"),
+    "another size than the rig's": (lambda tmp: bag(tmp, clouds(), images()), "image_size_differs"),
+    "huge PNG": (lambda tmp: bag(tmp, clouds(), images(data=png_claiming(60_000, 60_000))), "image_too_large"),
+    "huge JPEG": (lambda tmp: bag(tmp, clouds(), images(data=jpeg_claiming(60_000, 60_000))), "image_too_large"),
+}
+
+
+@pytest.mark.usefixtures("broker")
+@pytest.mark.parametrize("kind", BAD)
+def test_it_fails_with_its_reason_and_keeps_the_original(api, context, tmp_path, kind):
+    make, code = BAD[kind]
+    data = make(tmp_path)
+    engineer = api.member(api.fleet(), "engineer")
+    fleet_id = engineer.get("/me").json()["fleets"][0]["id"]
+    made = new_recording(engineer, fleet_id)
+    assert upload(engineer, made["id"], [data[: len(data) // 2], data[len(data) // 2 :]]).status_code == 202
+    work(context)
+    failed = engineer.get(f"/recordings/{made['id']}").json()
+    assert failed["state"] == "failed"
+    problem = failed["problem"]
+    assert problem["code"] == code
+    assert problem["detail"] and problem["hint"]
+    assert "Traceback" not in str(problem) and str(context.settings.data_dir) not in str(problem)
+    assert failed["sensors"] == []
+    with context.database.reading() as session:
+        assert session.scalar(select(func.count()).select_from(Sensor)) == 0
+        assert session.scalar(select(func.count()).select_from(CameraFrame)) == 0
+        kept = set(session.scalars(select(Blob.key).where(Blob.state == "stored")))
+        assert kept == set(session.scalars(select(UploadPart.blob_key)))
+    assert engineer.get(f"/recordings/{made['id']}/original").content == data
+
+
+@pytest.mark.usefixtures("broker")
+def test_a_whole_whose_checksum_is_wrong_fails_before_it_is_read(api, context, tmp_path):
+    engineer = api.member(api.fleet(), "engineer")
+    made = new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
+    assert upload(engineer, made["id"], [good(tmp_path)], sha256="0" * 64).status_code == 202
+    work(context)
+    failed = engineer.get(f"/recordings/{made['id']}").json()
+    assert (failed["state"], failed["problem"]["code"]) == ("failed", "checksum_mismatch")
+
+
+@pytest.mark.usefixtures("broker")
+@pytest.mark.parametrize(("reading", "source"), [({}, "per_point"), ({"point_times": "stamp_only"}, "stamp_only")])
+def test_what_the_owner_knows_of_the_file_reaches_the_reader(api, context, tmp_path, reading, source):
+    engineer = api.member(api.fleet(), "engineer")
+    made = new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"], reading=reading)
+    assert made["reading"] == reading
+    upload(engineer, made["id"], [good(tmp_path)])
+    work(context)
+    lidar = engineer.get(f"/recordings/{made['id']}").json()["sensors"][1]
+    assert lidar["facts"]["time_source"] == source
+
+
+@pytest.mark.usefixtures("broker")
+def test_a_good_one_is_ready_and_its_frames_are_served_as_they_were(api, context, tmp_path):
+    engineer = api.member(api.fleet(), "engineer")
+    made = new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
+    upload(engineer, made["id"], [good(tmp_path)])
+    work(context)
+    ready = engineer.get(f"/recordings/{made['id']}").json()
+    assert (ready["state"], ready["problem"]) == ("ready", None)
+    assert [sensor["name"] for sensor in ready["sensors"]] == ["front", "lidar"]
+    frame = engineer.get(f"/recordings/{made['id']}/cameras/front/frames/2")
+    assert frame.content[:8] == b"\x89PNG\r\n\x1a\n"
+    assert frame.headers["Content-Type"] == "image/png"
+
+
+@pytest.mark.usefixtures("broker")
+def test_a_recording_with_the_wrong_rig_is_read_again_with_the_right_one(api, context, tmp_path):
+    engineer = api.member(api.fleet(), "engineer")
+    made = new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
+    upload(engineer, made["id"], [bag(tmp_path, clouds(), images(data=png(640, 480)))])
+    work(context)
+    failed = engineer.get(f"/recordings/{made['id']}")
+    assert failed.json()["problem"]["code"] == "image_size_differs"
+    assert "640 x 480" in failed.json()["problem"]["detail"]
+    right = RIG | {"name": "small", "cameras": [RIG["cameras"][0] | {"image_size": [640, 480]}]}
+    rig = engineer.post(f"/vehicles/{made['vehicle_id']}/rigs", right).json()
+    edit = {"If-Match": failed.headers["ETag"]}
+    assert engineer.patch(f"/recordings/{made['id']}", {"rig_id": rig["id"]}, headers=edit).status_code == 200
+    assert engineer.post(f"/recordings/{made['id']}/retry").status_code == 202
+    work(context)
+    ready = engineer.get(f"/recordings/{made['id']}")
+    assert (ready.json()["state"], ready.json()["rig_id"]) == ("ready", rig["id"])
+    edit = {"If-Match": ready.headers["ETag"]}
+    other = engineer.post(f"/vehicles/{made['vehicle_id']}/rigs", RIG | {"name": "third"}).json()
+    refused = engineer.patch(f"/recordings/{made['id']}", {"rig_id": other["id"]}, headers=edit)
+    assert (refused.status_code, refused.json()["code"]) == (409, "rig_in_use")

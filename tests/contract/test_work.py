@@ -1,0 +1,83 @@
+"""What the service writes is what the workers work on: a calibration from the request to the current calibration."""
+
+import numpy as np
+import pytest
+from sqlalchemy import select
+
+from service.db.jobs import Job
+from service.jobs.sweep import sweep
+from tests.service.detections.seeding import seed_rig
+from tests.support.work import work
+from workers.geometry.models import EXTRINSICS
+from workers.tasks.running import run_job
+
+SCHEDULE = {"population": 200, "generations": 12, "max_iterations": 6, "slots": 2}
+F, CX, CY = 420.0, 325.0, 236.0
+
+
+def pairs_of_a_pinhole():
+    """80 pairs of a level camera in 20 poses, with half a pixel of noise."""
+    rng = np.random.default_rng(3)
+    pairs = []
+    for pose in range(20):
+        x, y = rng.uniform(4, 12), rng.uniform(-2, 2)
+        for _ in range(4):
+            p = np.array([x, y, rng.uniform(-1, 1)]) + rng.uniform(-0.4, 0.4, 3)
+            camera = np.array([-p[1], -p[2] - 0.1, p[0] - 0.2])
+            u, v = F * camera[:2] / camera[2] + (CX, CY) + rng.normal(0, 0.5, 2)
+            pairs.append({"x": p[0], "y": p[1], "z": p[2], "u": u, "v": v, "group": pose})
+    return pairs
+
+
+@pytest.mark.usefixtures("broker")
+def test_workers_finish_what_was_asked_the_same_way_however_it_is_farmed(api, context):
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    rig = seed_rig(api.database, fleet)
+    made = engineer.post(
+        f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs_of_a_pinhole()}, params={"camera": "front"}
+    ).json()
+    found = {}
+    for farm in ("slots", "runs"):
+        body = {"correspondence_set_ids": [made["id"]], "models": ["pinhole"], "folds": 2, "schedule": SCHEDULE}
+        asked = engineer.post(
+            f"/vehicles/{rig.vehicle_id}/calibrations", body | {"farm": farm, "publish": "recommended"}
+        )
+        assert asked.status_code == 202, asked.text
+        work(context)
+        done = engineer.get(f"/calibrations/{asked.json()['id']}").json()
+        assert (done["state"], done["problem"]) == ("done", None)
+        assert done["progress"]["fraction"] == 1.0
+        summary = done["summary"]["cameras"]["front"]["models"]["pinhole"]
+        found[farm] = engineer.get(f"/results/{summary['result_id']}").json()
+        assert summary["heldout_mean_px"] < 1.5
+        slots = engineer.get(f"/calibrations/{done['id']}/slots?fold=-1&limit=1000").json()["items"]
+        assert len(slots) == 2 * found[farm]["iterations"]
+        current = engineer.get(f"/vehicles/{rig.vehicle_id}/cameras/front/calibration").json()
+        assert current["result_id"] == summary["result_id"]
+        assert current["intrinsics"] == found[farm]["intrinsics"]
+    for key in ("ga", "polished", "intrinsics", "transform", "seed", "history"):
+        assert found["slots"][key] == found["runs"][key], key
+    assert set(EXTRINSICS["rotation_vector"]) <= set(found["runs"]["ga"]["parameters"])
+    assert found["runs"]["intrinsics"]["f_x"] == pytest.approx(F, rel=0.05)
+
+
+@pytest.mark.usefixtures("broker")
+def test_a_cancelled_calibration_ends_as_cancelled(api, context):
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    rig = seed_rig(api.database, fleet)
+    made = engineer.post(
+        f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs_of_a_pinhole()}, params={"camera": "front"}
+    ).json()
+    body = {"correspondence_set_ids": [made["id"]], "models": ["pinhole"], "folds": 0, "schedule": SCHEDULE}
+    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/calibrations", body | {"farm": "slots"}).json()
+    with api.database.reading() as session:
+        first = session.scalars(select(Job.id).order_by(Job.id)).first()
+    run_job(context, first)
+    engineer.post(f"/calibrations/{asked['id']}/cancel")
+    sweep(context.database, context.store)
+    work(context)
+    ended = engineer.get(f"/calibrations/{asked['id']}").json()
+    assert ended["state"] == "cancelled", (ended["problem"], ended["runs"])
+    assert [run["state"] for run in ended["runs"]] == ["cancelled"]

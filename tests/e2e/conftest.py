@@ -1,0 +1,150 @@
+"""The real service with a real, small recording in it, and a browser to look at it."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from apexcal.client import Client
+from apexcal.rigs import read_rig
+from tests.e2e.chromium import find_chromium
+from tests.support.processes import start, stop
+
+WEB = Path(__file__).parents[2] / "service" / "web" / "index.html"
+SECONDS = 16
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker("e2e")
+
+
+@dataclass(frozen=True)
+class Track:
+    """A served fleet with one vehicle, one rig and one recording that has been ingested and searched for vertices."""
+
+    url: str
+    owner: Client
+    fleet_id: str
+    vehicle_id: str
+    recording_id: str
+    detection_id: str
+    rig_id: str
+    truth: dict[str, Any]
+    image_size: tuple[int, int]
+
+
+@pytest.fixture(scope="session")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
+    """Starts simulating a recording; called, it waits for the folder with recording.bag and rig.json."""
+    folder = tmp_path_factory.mktemp("simulated")
+    log = folder / "log"
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder / "walk"), "--seconds", str(SECONDS)]
+    child = start(command, log)
+
+    def wait() -> Path:
+        assert child.wait(120) == 0, log.read_text()
+        return folder / "walk"
+
+    return wait
+
+
+@pytest.fixture(scope="session")
+def served(simulated: Callable[[], Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """`apexcal serve` on an empty folder: what it says about itself."""
+    assert WEB.exists(), "the pages are not built: run `make frontend`"
+    folder = tmp_path_factory.mktemp("served")
+    log = folder / "log"
+    data = folder / "data"
+    command = [sys.executable, "-m", "apexcal.cli", "serve", "--data", str(data), "--port", "0", "--workers", "1"]
+    child = start([*command, "--json"], log)
+    try:
+        yield _said(child, log)
+    finally:
+        stop(child)
+
+
+def _said(child: subprocess.Popen[bytes], log: Path) -> dict[str, Any]:
+    """The line of JSON with which the service says that it is up."""
+    end = time.monotonic() + 90
+    while child.poll() is None and time.monotonic() < end:
+        for line in log.read_text().splitlines():
+            if line.startswith("{") and "owner_token_file" in line:
+                said: dict[str, Any] = json.loads(line)
+                return said
+        time.sleep(0.1)
+    raise AssertionError(f"the service did not start:\n{log.read_text()}")
+
+
+@pytest.fixture(scope="session")
+def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Track]:
+    """The service after an upload, an ingestion and a detection over HTTP."""
+    with Client(served["url"], Path(served["owner_token_file"]).read_text().strip()) as owner:
+        fleet = owner.fleets.create("Test track")
+        vehicle = owner.vehicles.create(fleet["id"], "Van 7")
+        folder = simulated()
+        region = json.loads((folder / "region.json").read_text())
+        rig = owner.vehicles.create_rig(vehicle["id"], read_rig(folder / "rig.json", "roof"))
+        recording = owner.recordings.upload(folder / "recording.bag", vehicle["id"], rig["id"])
+        recording = owner.wait(recording, timeout_s=90)
+        detection = owner.wait(owner.detections.create(recording["id"], region), timeout_s=60)
+        assert detection["counts"]["paired"] >= 10, detection["counts"]
+        width, height = rig["cameras"][0]["image_size"]
+        yield Track(
+            served["url"],
+            owner,
+            fleet["id"],
+            vehicle["id"],
+            recording["id"],
+            detection["id"],
+            rig["id"],
+            json.loads((folder / "truth.json").read_text()),
+            (width, height),
+        )
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """A Chromium."""
+    chromium = find_chromium()
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(
+            executable_path=chromium.executable, env=dict(chromium.environment), args=["--no-sandbox"]
+        )
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def sign_in(browser: Browser, track: Track) -> Iterator[Callable[[str, str], Page]]:
+    """Signs an invited person in, in a browser context of their own, by the link and its button.
+
+    A page that threw an error, or asked for something that its content policy forbids, fails the test.
+    """
+    contexts = []
+    complaints: list[str] = []
+
+    def enter(name: str, role: str) -> Page:
+        context = browser.new_context(viewport={"width": 1280, "height": 800})
+        context.set_default_timeout(15_000)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: complaints.append(f"{name}: {error}"))
+        page.on("console", lambda said: complaints.append(said.text) if "Content Security" in said.text else None)
+        page.goto(track.owner.fleets.invite(track.fleet_id, name, role)["link"])
+        page.get_by_role("button", name="Sign in").click()
+        page.get_by_role("link", name="Van 7").wait_for()
+        return page
+
+    yield enter
+    for context in contexts:
+        context.close()
+    assert complaints == []

@@ -1,0 +1,80 @@
+"""A person at the marking page, as the tests drive one."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from playwright.sync_api import Page, Response
+
+from tests.e2e.conftest import Track
+
+
+class Marker:
+    """The marking page of one person. Everything that their browser is told from ``open`` on is kept."""
+
+    def __init__(self, page: Page, track: Track) -> None:
+        self.page = page
+        self.track = track
+        self._responses: list[Response] = []
+        # Bodies are read later: a handler that waits for one would keep other events from whoever waits for them.
+        page.on("response", lambda response: self._responses.append(response))
+
+    def open(self) -> None:
+        """Go to the recording and press its button."""
+        self.page.goto(f"{self.track.url}/recordings/{self.track.recording_id}")
+        self._responses.clear()
+        self.page.get_by_role("link", name="Mark", exact=True).click()
+        self.frame().wait_for()
+        self.ready()
+
+    def received(self) -> list[str]:
+        """Every JSON text that the browser has got."""
+        told = [one for one in self._responses if "application/json" in one.headers.get("content-type", "")]
+        return [one.text() for one in told]
+
+    def tasks(self) -> list[dict[str, Any]]:
+        """Every task that the person was given, in order."""
+        asked = [one for one in self._responses if one.url.endswith("/tasks/next") and one.status == 200]
+        return [one.json() for one in asked]
+
+    @property
+    def vertex(self) -> str:
+        """The vertex that is shown."""
+        return self.tasks()[-1]["vertex"]["id"]
+
+    def frame(self) -> Any:
+        """The camera frame's element."""
+        return self.page.get_by_role("application").locator("img")
+
+    def pixel(self, x: float, y: float) -> tuple[float, float]:
+        """What lies at page position (x, y), by the image element alone: p / scale - 0.5 (SPEC.md)."""
+        box = self.frame().bounding_box()
+        width, height = self.track.image_size
+        return (x - box["x"]) / box["width"] * width - 0.5, (y - box["y"]) / box["height"] * height - 0.5
+
+    def click(self, across: float, down: float) -> tuple[float, float]:
+        """Click at a fraction of the viewport, and return the pixel that lies there."""
+        box = self.page.get_by_role("application").bounding_box()
+        assert box is not None
+        x, y = math.floor(box["x"] + across * box["width"]), math.floor(box["y"] + down * box["height"])
+        self.page.mouse.click(x, y)
+        return self.pixel(x, y)
+
+    def save(self, key: str = "Enter") -> dict[str, Any]:
+        """Press a key that answers; wait for the answer and for the next task. Returns the answer's body."""
+        with self.page.expect_response("**/tasks/next"), self.page.expect_response("**/answer") as answered:
+            self.page.keyboard.press(key)
+        body: dict[str, Any] = answered.value.json()
+        assert answered.value.ok, body
+        self.ready()
+        return body
+
+    def ready(self) -> None:
+        """Wait until the page takes an answer."""
+        self.page.get_by_role("button", name="Reject").and_(self.page.locator(":enabled")).wait_for()
+
+    def own_marks(self) -> dict[str, dict[str, Any]]:
+        """The person's stored marks, as the API tells them, by vertex."""
+        answer = self.page.request.get(f"{self.track.url}/v1/detections/{self.track.detection_id}/marks?camera=front")
+        return {item["vertex_id"]: item for item in answer.json()["items"]}

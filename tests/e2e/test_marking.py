@@ -1,0 +1,125 @@
+"""Marking in a browser: by several people at once, by mouse and by keyboard."""
+
+from collections.abc import Callable
+
+import pytest
+from playwright.sync_api import Page
+
+from tests.e2e.conftest import Track
+from tests.e2e.marking import Marker
+
+SignIn = Callable[[str, str], Page]
+
+
+def ask_marks(track: Track, per_vertex: int) -> None:
+    """Say how many people are to mark each vertex."""
+    track.owner.recordings.edit(track.owner.recordings.get(track.recording_id), marks_per_vertex=per_vertex)
+
+
+@pytest.fixture(autouse=True)
+def everybody_gets_every_vertex(track: Track) -> None:
+    """So that no test takes another one's vertices away."""
+    ask_marks(track, 50)
+
+
+def test_two_people_mark_the_same_recording_at_once(sign_in: SignIn, track: Track) -> None:
+    ask_marks(track, 1)
+    ada, ben = Marker(sign_in("Ada", "annotator"), track), Marker(sign_in("Ben", "annotator"), track)
+    for person in (ada, ben):
+        person.open()
+    clicked: dict[str, tuple[float, float]] = {}
+    for turn in range(3):
+        for person, across in ((ada, 0.3), (ben, 0.35)):
+            clicked[person.vertex] = person.click(across + 0.1 * turn, 0.4 + 0.07 * turn)
+            person.save()
+
+    stored = ada.own_marks() | ben.own_marks()
+    assert stored.keys() == clicked.keys()
+    for vertex, (u, v) in clicked.items():
+        mark = stored[vertex]["mark"]
+        assert (mark["u"], mark["v"]) == pytest.approx((u, v), abs=0.51)
+    given = [{task["vertex"]["id"] for task in person.tasks()} for person in (ada, ben)]
+    assert len(given[0]) == len(given[1]) == 4  # three answered and the one that is shown
+    assert given[0].isdisjoint(given[1])
+    assert ada.own_marks().keys().isdisjoint(ben.own_marks())
+    for person, other in ((ada, ben), (ben, ada)):
+        for item in other.own_marks().values():
+            assert not any(str(item["mark"]["u"]) in text for text in person.received())
+
+
+def test_a_click_is_exact_when_zoomed(sign_in: SignIn, track: Track) -> None:
+    cleo = Marker(sign_in("Cleo", "annotator"), track)
+    cleo.open()
+    shown = cleo.frame().bounding_box()
+    for _ in range(6):
+        cleo.page.mouse.move(420, 320)
+        cleo.page.mouse.wheel(0, -300)
+    assert cleo.frame().bounding_box()["width"] > 8 * shown["width"]
+    vertex = cleo.vertex
+    expected = cleo.click(0.62, 0.41)
+    cleo.page.keyboard.press("Shift+ArrowRight")
+    cleo.page.keyboard.press("ArrowUp")
+    cleo.save()
+    mark = cleo.own_marks()[vertex]["mark"]
+    assert (mark["u"] - 1.0, mark["v"] + 0.1) == pytest.approx(expected, abs=0.02)
+
+
+def test_dragging_a_zoomed_frame_pans_and_marks_nothing(sign_in: SignIn, track: Track) -> None:
+    dora = Marker(sign_in("Dora", "annotator"), track)
+    dora.open()
+    for _ in range(3):
+        dora.page.keyboard.press("+")
+    before = dora.pixel(500, 400)
+    dora.page.mouse.move(500, 400)
+    dora.page.mouse.down()
+    dora.page.mouse.move(540, 380, steps=4)
+    dora.page.mouse.up()
+    assert dora.pixel(540, 380) == pytest.approx(before, abs=0.02)
+    dora.page.keyboard.press("Enter")
+    dora.page.get_by_text("Click the board's top vertex first").wait_for()
+    assert dora.own_marks() == {}
+
+
+def test_reject_unsure_skip_and_undo_by_keys(sign_in: SignIn, track: Track) -> None:
+    emil = Marker(sign_in("Emil", "annotator"), track)
+    emil.open()
+    first = emil.vertex
+    assert emil.save("r")["verdict"] == "rejected"
+    second = emil.vertex
+    assert emil.save("u")["verdict"] == "unsure"
+    skipped = emil.vertex
+    with emil.page.expect_response("**/tasks/next"):
+        emil.page.keyboard.press("s")
+    emil.ready()
+    assert emil.vertex not in {first, second, skipped}
+
+    third = emil.vertex
+    emil.click(0.4, 0.5)
+    emil.save()
+    assert emil.own_marks().keys() == {first, second, third}
+    emil.page.keyboard.press("z")
+    emil.page.get_by_text('Your answer "confirmed" was taken back').wait_for()
+    assert emil.own_marks().keys() == {first, second}
+    u, v = emil.click(0.6, 0.5)
+    emil.save()
+    mark = emil.own_marks()[third]["mark"]
+    assert (mark["u"], mark["v"]) == pytest.approx((u, v), abs=0.51)
+
+
+def test_others_marks_are_seen_only_after_the_own_answer(sign_in: SignIn, track: Track) -> None:
+    fay, gus = Marker(sign_in("Fay", "annotator"), track), Marker(sign_in("Gus", "annotator"), track)
+    fay.open()
+    vertex = fay.vertex
+    u, v = fay.click(0.37, 0.45)
+    fay.save()
+    gus.open()
+    while gus.vertex != vertex:
+        gus.save("u")
+    stored = fay.own_marks()[vertex]["mark"]
+    assert not any(str(stored["u"]) in text for text in gus.received())
+    assert gus.page.get_by_role("application").locator("svg g").count() == 0
+    own = gus.click(0.38, 0.45)
+    answer = gus.save()
+    assert {"u": stored["u"], "v": stored["v"]} in answer["others"]
+    away = ((own[0] - u) ** 2 + (own[1] - v) ** 2) ** 0.5
+    gus.page.get_by_test_id("last").get_by_text(f"{away:.1f}").wait_for()

@@ -1,0 +1,72 @@
+"""The other pages in a browser: signing in, inviting, uploading, trying a region."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, expect
+
+from tests.e2e.conftest import Track
+
+SignIn = Callable[[str, str], Page]
+FRONTEND = Path(__file__).parents[2] / "frontend"
+
+
+def test_a_link_signs_in_once_and_only_by_its_button(browser: Browser, track: Track) -> None:
+    link = track.owner.fleets.invite(track.fleet_id, "Hana", "viewer")["link"]
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(link)
+    page.reload()  # looking at it, as link previews do, uses nothing up
+    page.get_by_role("button", name="Sign in").click()
+    page.get_by_role("link", name="Van 7").wait_for()
+    expect(page.get_by_role("banner")).to_contain_text("Hana")
+    page.get_by_role("button", name="Sign out").click()
+    page.get_by_text("You are not signed in").wait_for()
+    page.goto(link)
+    page.get_by_role("button", name="Sign in").click()
+    expect(page.get_by_role("alert")).to_contain_text("used")
+    context.close()
+
+
+def test_an_engineer_invites_and_sees_a_broken_upload_explained(
+    sign_in: SignIn, track: Track, tmp_path: Path
+) -> None:
+    page = sign_in("Ines", "engineer")
+    page.get_by_label("Name", exact=True).fill("Jon")
+    page.get_by_role("button", name="Make a sign-in link").click()
+    field = page.get_by_role("textbox", name="Sign-in link of Jon")
+    expect(field).to_have_value(f"{track.url}/sign-in#" + field.input_value().partition("#")[2])
+
+    page.get_by_role("link", name="Van 7").click()
+    notes = tmp_path / "notes.bag"
+    notes.write_text("This is no bag.\n" * 100)
+    page.get_by_label("ROS 1 bag").set_input_files(notes)
+    page.get_by_role("button", name="Upload").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("notes.bag")
+    # Nobody reloads: the page hears of the change, or asks.
+    expect(page.get_by_role("alert")).to_contain_text("text file", timeout=20_000)
+    page.get_by_role("button", name="Read it again").wait_for()
+
+
+def test_a_region_is_tried_before_it_is_used(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Kim", "engineer")
+    page.goto(f"{track.url}/recordings/{track.recording_id}")
+    page.get_by_role("button", name="Preview the region").click()
+    expect(page.get_by_text("Keeps")).to_contain_text("sweeps", timeout=20_000)
+    page.get_by_role("button", name="Edit as JSON").click()
+    page.get_by_label("Region as JSON").fill('{"quantity": "w", "op": ">", "value": 0}')
+    expect(page.get_by_role("alert")).to_contain_text("region.quantity")
+    expect(page.get_by_role("button", name="Detect", exact=True)).to_be_disabled()
+    page.get_by_label("Region as JSON").fill('{"quantity": "x", "op": ">", "value": 500}')
+    page.get_by_role("button", name="Detect", exact=True).click()
+    expect(page.get_by_role("alert")).to_contain_text("region", timeout=20_000)
+
+
+def test_the_pages_own_modules() -> None:
+    """The tests beside the modules of the pages, by Node's own runner."""
+    node = Path(sys.executable).parent / "node"
+    command = [node, "--test", "src/**/*.test.ts"]
+    done = subprocess.run(command, cwd=FRONTEND, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout

@@ -1,0 +1,40 @@
+"""One farm per database for all fault tests: starting it takes longer than most of them."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+
+from service.db.migrate import upgrade
+from tests.faults.farm import Farm
+from tests.faults.jobs import Walk, record
+from tests.support.postgres import Postgres
+
+
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def farm(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, sqlite_template: Path
+) -> Iterator[Farm]:
+    """Real processes on a fresh database of each kind."""
+    root = tmp_path_factory.mktemp("farm") / "data"
+    root.mkdir()
+    if request.param == "sqlite":
+        shutil.copy(sqlite_template, root / "apexcal.db")
+        url = f"sqlite:///{root / 'apexcal.db'}"
+    else:
+        server: Postgres = request.getfixturevalue("postgres")
+        url = server.create(f"farm_{uuid4().hex}")
+        upgrade(url)
+    running = Farm(root, url)
+    yield running
+    running.close()
+
+
+@pytest.fixture(scope="session")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Walk:
+    """A simulated recording, long enough that work on it can be interrupted."""
+    return record(tmp_path_factory.mktemp("walk"))

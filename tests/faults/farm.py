@@ -1,0 +1,166 @@
+"""A farm of real processes that can be killed one by one: broker, API, worker, sweeper, beat."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import select
+
+from apexcal.client import Client
+from apexcal.embedded import plans
+from apexcal.embedded.folder import DataFolder
+from service.db.models import Job, Result
+from service.db.session import Database
+from tests.support.broker import Broker
+from tests.support.processes import start, stop, wait_until
+
+LEASE_S = 2.0
+QUICK = {"LEASE_S": str(LEASE_S), "RENEW_S": "0.4", "RESEND_S": "1", "SWEEP_S": "0.5", "MIN_FREE_BYTES": "0"}
+# What differs between two runs of the same bits.
+_TIMES = ("finish_seconds",)
+
+
+class Farm:
+    """Brought up on one database; ``processes`` pool processes in one worker."""
+
+    def __init__(self, root: Path, database_url: str, processes: int = 2) -> None:
+        self.root = root
+        self.broker = Broker()
+        self.database = Database(database_url)
+        self.fuse = root / "die"
+        self.port = _free_port()
+        folder = DataFolder(root)
+        folder.logs.mkdir(parents=True)
+        self._environment = {
+            **plans.environment(folder, public_url=f"http://127.0.0.1:{self.port}", workers=processes),
+            "APEXCAL_DATABASE_URL": database_url,
+            "APEXCAL_BROKER_URL": self.broker.url,
+            "APEXCAL_DIE_WHILE": str(self.fuse),
+            **{f"APEXCAL_{name}": value for name, value in QUICK.items()},
+        }
+        del self._environment["APEXCAL_SUPERVISOR_STATUS"]
+        self._commands = {
+            "api": [
+                *(sys.executable, "-m", "uvicorn", "tests.faults.dying_api:create_app", "--factory"),
+                *("--host", "127.0.0.1", "--port", str(self.port)),
+            ],
+            "worker": list(plans.worker(folder, self._environment, processes).command),
+            "sweeper": list(plans.sweeper(folder, self._environment).command),
+            "beat": list(plans.beat(folder, self._environment).command),
+        }
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        try:
+            for name in self._commands:
+                self.start(name)
+            token = root / "owner.token"
+            self._run("service.auth.bootstrap", "--token-file", str(token))
+            wait_until(self._ready, "the farm's start", 60)
+        except BaseException:
+            self._stop()
+            raise
+        self.client = Client(f"http://127.0.0.1:{self.port}", token.read_text().strip())
+
+    def start(self, name: str) -> None:
+        """Start one kind of process."""
+        log = self.root / "logs" / f"{name}.log"
+        self._children[name] = start(self._commands[name], log, env=self._environment)
+
+    def kill(self, name: str) -> None:
+        """SIGKILL it."""
+        self._children[name].kill()
+        self._children[name].wait()
+
+    def stop(self, name: str) -> None:
+        """SIGTERM it, and wait until it has stopped."""
+        stop(self._children[name])
+
+    def is_dead(self, name: str) -> bool:
+        """Whether it ended."""
+        return self._children[name].poll() is not None
+
+    def restart_worker(self, processes: int) -> None:
+        """Another number of pool processes."""
+        stop(self._children["worker"])
+        command = self._commands["worker"]
+        command[command.index("--concurrency") + 1] = str(processes)
+        self.start("worker")
+
+    def kill_who_works_on(self, kind: str, part: str | None = None) -> int:
+        """Wait until a pool process works on a job of this kind, kill it, and return the job's id."""
+        found: list[tuple[int, str]] = []
+
+        def working() -> bool:
+            with self.database.reading() as session:
+                asked = select(Job).where(Job.kind == kind, Job.state == "running")
+                for job in session.scalars(asked.order_by(Job.id.desc())):
+                    if part in (None, job.payload.get("part")):
+                        found.append((job.id, job.worker or ""))
+                        return True
+            return False
+
+        wait_until(working, f"work on {kind}", 20)
+        job_id, worker = found[-1]
+        os.kill(int(worker.rpartition(":")[2]), signal.SIGKILL)
+        return job_id
+
+    def job(self, job_id: int) -> Job:
+        """A job's row."""
+        with self.database.reading() as session:
+            return session.get_one(Job, job_id)
+
+    def documents(self, calibration: dict[str, Any]) -> dict[tuple[str, str, int], dict[str, Any]]:
+        """What the calibration's runs found, by camera, model and fold, without the times it took."""
+        with self.database.reading() as session:
+            rows = session.scalars(select(Result).where(Result.calibration_id == UUID(calibration["id"]))).all()
+        return {
+            (row.camera, row.model, row.fold): {k: v for k, v in row.document.items() if k not in _TIMES}
+            for row in rows
+        }
+
+    def finished(self, work: dict[str, Any], seconds: float = 60.0) -> dict[str, Any]:
+        """Follow it to its end, whatever becomes of the API meanwhile."""
+        return self.client.wait(work, timeout_s=seconds)
+
+    def close(self) -> None:
+        """Stop everything."""
+        self.client.close()
+        self._stop()
+
+    def _stop(self) -> None:
+        for child in reversed(self._children.values()):
+            stop(child)
+        self.database.close()
+        self.broker.close()
+
+    def _ready(self) -> bool:
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/readyz", timeout=2) as answer:
+                return answer.status == 200
+        except OSError:
+            return False
+
+    def _run(self, module: str, *arguments: str) -> None:
+        subprocess.run([sys.executable, "-m", module, *arguments], env=self._environment, check=True)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def seconds_of(action: Callable[[], Any]) -> float:
+    """How long it took."""
+    began = time.monotonic()
+    action()
+    return time.monotonic() - began

@@ -1,0 +1,85 @@
+"""The work that the fault tests interrupt: a recording to ingest and detect in, a calibration to solve."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from apexcal.client import Client
+from apexcal.rigs import read_rig
+
+REGION = {"and": [{"quantity": "x", "op": ">", "value": 1.0}, {"quantity": "z", "op": ">", "value": -1.2}]}
+# A slot of about half a second, so that a kill finds somebody at work.
+SLOW = {"slots": 4, "population": 2000, "generations": 1000, "max_iterations": 2}
+
+
+class Walk(NamedTuple):
+    """A simulated recording and the rig that it was made with."""
+
+    bag: Path
+    rig: dict[str, Any]
+
+
+def record(folder: Path) -> Walk:
+    """Simulate 20 seconds."""
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "20", "--seed", "5"]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return Walk(next(folder.glob("*.bag")), read_rig(folder / "rig.json", "roof"))
+
+
+def new_rig(client: Client, rig: dict[str, Any], name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A vehicle of a new fleet with this rig."""
+    vehicle = client.vehicles.create(client.fleets.create(name)["id"], "car")
+    return vehicle, client.vehicles.create_rig(vehicle["id"], rig)
+
+
+def pairs(count: int = 200, seed: int = 1) -> list[dict[str, float]]:
+    """Pairs that a pinhole camera at the nominal mount sees with 1 px of noise. x forward, metres; u v pixels."""
+    random = np.random.default_rng(seed)
+    x = random.uniform(4, 30, count)
+    y, z = x * random.uniform(-0.4, 0.4, count), random.uniform(-1.0, 1.0, count)
+    u = 480 - 500 * y / x + random.normal(0, 1, count)
+    v = 300 - 500 * (z - 0.1) / x + random.normal(0, 1, count)
+    columns = {"x": x, "y": y, "z": z, "u": u, "v": v}
+    stamps = (np.arange(count) * 100_000_000).tolist()
+    return [
+        {**{name: float(values[index]) for name, values in columns.items()}, "stamp_ns": stamps[index]}
+        for index in range(count)
+    ]
+
+
+LEVEL_RIG: dict[str, Any] = {
+    "name": "roof",
+    "lidar": {"frame": "velodyne", "topic": None},
+    "T_vehicle_lidar": None,
+    "cameras": [
+        {
+            "name": "front",
+            "frame": "camera_front_optical",
+            "topic": None,
+            "image_size": [960, 600],
+            "nominal": {
+                "to_frame": "camera_front_optical",
+                "from_frame": "velodyne",
+                "rotation": {"euler_order": "zyx", "angles_deg": [90.0, -90.0, 0.0]},
+                "translation_m": [0.0, 0.0, 0.0],
+            },
+            "bounds": {},
+        }
+    ],
+}
+
+
+def ask(
+    client: Client, name: str, *, models: Sequence[str] = ("pinhole",), folds: int = 0, **request: Any
+) -> dict[str, Any]:
+    """Ask for a calibration of made pairs on a new vehicle; the same name-independent request gives the same seed."""
+    vehicle, rig = new_rig(client, LEVEL_RIG, name)
+    made = client.correspondence_sets.import_pairs(rig["id"], "front", pairs())
+    request = {"models": list(models), "folds": folds, "farm": "slots", "schedule": SLOW, **request}
+    return client.calibrations.create(vehicle["id"], [made["id"]], **request)

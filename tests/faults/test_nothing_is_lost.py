@@ -1,0 +1,184 @@
+"""Whatever dies at whatever moment: each request ends exactly once, with the bits of an undisturbed run."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from itertools import count
+
+import pytest
+from sqlalchemy import func, select
+
+from service.db.models import Blob, Job, Recording, Result, Slot
+from service.jobs.messages import Message, Sender
+from tests.faults.farm import LEASE_S, Farm, seconds_of
+from tests.faults.jobs import REGION, Walk, ask, new_rig
+from tests.support.processes import wait_until
+
+pytestmark = [pytest.mark.faults, pytest.mark.timeout(300)]
+_names = (f"fleet {number}" for number in count())
+
+
+@pytest.fixture(scope="module")
+def undisturbed(farm: Farm):
+    """What the calibration finds when nothing happens, and how long it takes."""
+    began = time.monotonic()
+    calibration = farm.finished(ask(farm.client, next(_names)))
+    assert calibration["state"] == "done"
+    return farm.documents(calibration), time.monotonic() - began
+
+
+def assert_ended_once_with_the_same_bits(farm: Farm, calibration, undisturbed) -> None:
+    calibration = farm.finished(calibration)
+    assert calibration["state"] == "done"
+    assert farm.documents(calibration) == undisturbed[0]
+    with farm.database.reading() as session:
+        runs = list(session.scalars(select(Result.run_id)).all())
+        assert len(runs) == len(set(runs))
+        twice = select(Slot.run_id).group_by(Slot.run_id, Slot.iteration, Slot.slot).having(func.count() > 1)
+        assert session.execute(twice).all() == []
+
+
+def test_a_worker_process_killed_within_a_slot(farm: Farm, undisturbed):
+    began = time.monotonic()
+    calibration = ask(farm.client, next(_names))
+    job_id = farm.kill_who_works_on("solve", "slots")
+    assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+    later = time.monotonic() - began - undisturbed[1]
+    assert farm.job(job_id).lost == 1
+    assert later < LEASE_S + 5
+
+
+def test_the_whole_worker_killed(farm: Farm, undisturbed):
+    calibration = ask(farm.client, next(_names))
+    time.sleep(0.5)
+    farm.kill("worker")
+    farm.start("worker")
+    assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+
+
+def test_one_worker_and_four_give_the_same_bits_farmed_either_way(farm: Farm, undisturbed):
+    farm.restart_worker(1)
+    alone = ask(farm.client, next(_names))
+    assert_ended_once_with_the_same_bits(farm, alone, undisturbed)
+    farm.restart_worker(4)
+    assert_ended_once_with_the_same_bits(farm, ask(farm.client, next(_names)), undisturbed)
+    whole = farm.finished(ask(farm.client, next(_names), farm="runs"))
+    assert farm.documents(whole) == undisturbed[0]
+    farm.restart_worker(2)
+
+
+def test_the_api_killed_between_commit_and_send(farm: Farm, undisturbed):
+    """The client repeats its request with the same idempotency key, so the one calibration is not made twice."""
+    name = next(_names)
+    farm.fuse.touch()
+    with ThreadPoolExecutor() as pool:
+        asked = pool.submit(ask, farm.client, name)
+        wait_until(lambda: farm.is_dead("api"), "the API's death")
+        farm.start("api")
+        calibration = asked.result()
+    assert len(list(farm.client.calibrations.list(calibration["vehicle_id"]))) == 1
+    assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+
+
+def test_every_message_delivered_three_times(farm: Farm, undisturbed):
+    calibration = ask(farm.client, next(_names))
+    sender = Sender(farm.broker.url)
+    seen: set[int] = set()
+    while farm.client.calibrations.get(calibration["id"])["state"] not in ("done", "failed"):
+        with farm.database.reading() as session:
+            ids = session.scalars(select(Job.id).where(Job.kind == "solve", Job.state != "done")).all()
+        sender([Message(job_id, "solve") for job_id in ids if job_id not in seen] * 2)
+        seen.update(ids)
+        time.sleep(0.05)
+    sender.close()
+    assert seen
+    assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+
+
+def test_a_worker_told_to_stop_gives_its_job_back_uncounted_and_a_cancel_ends_it(farm: Farm):
+    endless = {"slots": 20, "population": 4000, "generations": 1000, "max_iterations": 50}
+    calibration = ask(farm.client, next(_names), farm="runs", schedule=endless)
+    wait_until(lambda: _running(farm) != [], "work")
+    (job_id,) = _running(farm)
+    assert seconds_of(lambda: farm.stop("worker")) < 8
+    assert (farm.job(job_id).state, farm.job(job_id).lost) == ("queued", 0)
+    farm.start("worker")
+    wait_until(lambda: farm.job(job_id).state == "running", "another claim", 30)
+    farm.client.calibrations.cancel(calibration["id"])
+    wait_until(lambda: farm.job(job_id).state == "cancelled", "the cancel", 10)
+    assert farm.client.calibrations.get(calibration["id"])["state"] == "cancelled"
+
+
+def _running(farm: Farm) -> list[int]:
+    with farm.database.reading() as session:
+        return list(session.scalars(select(Job.id).where(Job.kind == "solve", Job.state == "running")))
+
+
+def test_the_broker_stopped_for_20_s_and_started_empty(farm: Farm, undisturbed):
+    calibration = ask(farm.client, next(_names))
+    farm.broker.stop()
+    with ThreadPoolExecutor() as pool:
+        meanwhile = pool.submit(ask, farm.client, next(_names))
+        time.sleep(20)
+        farm.broker.start()
+        assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+        assert_ended_once_with_the_same_bits(farm, meanwhile.result(), undisturbed)
+
+
+def test_sweeper_and_beat_killed(farm: Farm, undisturbed):
+    calibration = ask(farm.client, next(_names))
+    farm.kill("beat")
+    farm.kill("sweeper")
+    farm.start("sweeper")
+    farm.start("beat")
+    farm.kill_who_works_on("solve", "slots")
+    assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+
+
+def test_ingestion_and_detection_killed_at_work(farm: Farm, walk: Walk):
+    vehicle, rig = new_rig(farm.client, walk.rig, next(_names))
+    plain = farm.finished(farm.client.recordings.upload(walk.bag, vehicle["id"], rig["id"], name="plain"))
+    assert plain["state"] == "ready"
+    killed = farm.client.recordings.upload(walk.bag, vehicle["id"], rig["id"], name="killed")
+    job_id = farm.kill_who_works_on("ingest")
+    killed = farm.finished(killed)
+    assert killed["state"] == "ready"
+    assert farm.job(job_id).lost == 1
+    assert _sensors(killed) == _sensors(plain)
+    wait_until(lambda: _unused_blobs(farm) == 0, "the removal of what the dead worker left")
+
+    one = farm.finished(farm.client.detections.create(plain["id"], REGION, detector="tolerant"))
+    two = farm.client.detections.create(killed["id"], REGION, detector="tolerant")
+    job_id = farm.kill_who_works_on("detect")
+    two = farm.finished(two)
+    assert two["state"] == "done"
+    assert farm.job(job_id).lost == 1
+    assert one["counts"] == two["counts"]
+    assert _vertices(farm, one) == _vertices(farm, two)
+
+
+def _sensors(recording):
+    return [
+        {key: value for key, value in sensor.items() if key not in ("id", "recording_id")}
+        for sensor in recording["sensors"]
+    ]
+
+
+def _vertices(farm: Farm, detection):
+    return [
+        (v["sweep_index"], v["time_ns"], v["x"], v["y"], v["z"])
+        for v in farm.client.detections.vertices(detection["id"])
+    ]
+
+
+def _unused_blobs(farm: Farm) -> int:
+    """Blobs that are neither stored, nor of a recording that is still there; and files without a row."""
+    with farm.database.reading() as session:
+        rows = set(session.scalars(select(Blob.key).where(Blob.state == "stored")))
+        reserved = session.scalar(select(func.count()).where(Blob.state != "stored")) or 0
+        assert session.scalar(select(func.count()).select_from(Recording)) is not None
+    files = {
+        str(path.relative_to(farm.root / "blobs")) for path in (farm.root / "blobs").rglob("*") if path.is_file()
+    }
+    return reserved + len(files - rows)

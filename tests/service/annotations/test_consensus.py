@@ -1,0 +1,118 @@
+"""The consensus of several people: its rules, and the geometric median as an optimum."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from service.annotations.consensus import Opinion, Outcome, agree, combine, geometric_median
+
+coordinate = st.floats(-0.5, 2000.0).map(lambda value: round(value, 3))
+pixel = st.tuples(coordinate, coordinate)
+
+
+def total(place, points):
+    return math.fsum(math.hypot(u - place[0], v - place[1]) for u, v in points)
+
+
+def confirmed(u, v):
+    return Opinion("confirmed", (u, v))
+
+
+def test_one_mark_is_taken_as_it_is():
+    found = agree([confirmed(10.25, 20.5)])
+    assert (found.outcome, found.pixel, found.spread_px, found.marks) == (Outcome.KEPT, (10.25, 20.5), 0.0, 1)
+
+
+def test_two_marks_give_their_mean_and_their_spread():
+    found = agree([confirmed(10.0, 20.0), confirmed(14.0, 20.0)])
+    assert found.pixel == (12.0, 20.0)
+    assert found.spread_px == pytest.approx(2.0)
+
+
+def test_three_marks_give_the_median_so_that_one_blunder_hardly_moves_it():
+    found = agree([confirmed(100.0, 100.0), confirmed(101.0, 100.5), confirmed(400.0, 300.0)])
+    assert math.hypot(found.pixel[0] - 100.5, found.pixel[1] - 100.25) < 1.0
+
+
+def test_four_marks_of_a_convex_quadrilateral_meet_where_its_diagonals_cross():
+    u, v = geometric_median([(0.0, 0.0), (4.0, 4.0), (0.0, 4.0), (8.0, -4.0)])
+    assert (u, v) == pytest.approx((2.0, 2.0), abs=1e-9)
+
+
+def test_a_mark_inside_the_triangle_of_the_others_is_the_median():
+    assert geometric_median([(0.0, 0.0), (10.0, 0.0), (0.0, 10.0), (2.0, 3.0)]) == (2.0, 3.0)
+
+
+def test_fermat_point_of_an_equilateral_triangle():
+    corners = [(math.cos(angle), math.sin(angle)) for angle in (0.1, 0.1 + 2 * math.pi / 3, 0.1 + 4 * math.pi / 3)]
+    assert geometric_median(corners) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "outcome"),
+    [
+        (["confirmed", "confirmed", "rejected"], Outcome.KEPT),
+        (["confirmed", "rejected"], Outcome.TIED),
+        (["confirmed", "rejected", "unsure"], Outcome.TIED),
+        (["confirmed", "rejected", "rejected"], Outcome.REMOVED),
+        (["rejected", "unsure", "unsure"], Outcome.REMOVED),
+        (["confirmed", "unsure", "unsure"], Outcome.KEPT),
+        (["unsure"], Outcome.UNMARKED),
+        ([], Outcome.UNMARKED),
+    ],
+)
+def test_verdicts_are_counted_and_unsure_counts_neither_way(verdicts, outcome):
+    opinions = [Opinion(verdict, (1.0, 2.0)) for verdict in verdicts]
+    found = agree(opinions)
+    assert found.outcome is outcome
+    assert found.answers == len(verdicts)
+    assert (found.pixel is not None) == (outcome in (Outcome.KEPT, Outcome.TIED))
+
+
+def test_marks_of_people_who_did_not_confirm_are_not_used():
+    found = agree([confirmed(10.0, 10.0), Opinion("unsure", (90.0, 90.0)), Opinion("rejected", (50.0, 50.0))])
+    assert (found.pixel, found.marks) == ((10.0, 10.0), 1)
+
+
+def test_a_confirmation_without_a_mark_gives_nothing_but_still_outvotes():
+    assert agree([Opinion("confirmed")]).outcome is Outcome.UNMARKED
+    found = agree([confirmed(1.0, 1.0), Opinion("confirmed"), Opinion("rejected")])
+    assert (found.outcome, found.marks) == (Outcome.KEPT, 1)
+
+
+def test_no_mark_at_all_is_a_programming_error():
+    with pytest.raises(ValueError, match="no mark"):
+        combine([])
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(pixel, min_size=3, max_size=9))
+def test_the_median_is_an_optimum(points):
+    found = geometric_median(points)
+    best = total(found, points)
+    slack = 1e-9 * (1.0 + best)
+    for step in (100.0, 1.0, 1e-3):
+        for k in range(8):
+            angle = k * math.pi / 4
+            beside = (found[0] + step * math.cos(angle), found[1] + step * math.sin(angle))
+            assert best <= total(beside, points) + slack
+    assert all(best <= total(point, points) + slack for point in points)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(pixel, min_size=1, max_size=7), st.randoms(use_true_random=False))
+def test_the_order_of_people_changes_no_bit(points, random):
+    shuffled = list(points)
+    random.shuffle(shuffled)
+    assert agree([confirmed(*p) for p in points]) == agree([confirmed(*p) for p in shuffled])
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(pixel, min_size=3, max_size=7), st.integers(-1000, 1000), st.integers(-1000, 1000))
+def test_the_median_moves_with_the_marks(points, du, dv):
+    found = geometric_median(points)
+    moved = geometric_median([(u + du, v + dv) for u, v in points])
+    shifted = [(u + du, v + dv) for u, v in points]
+    assert total(moved, shifted) == pytest.approx(total(found, points), rel=1e-9, abs=1e-9)

@@ -1,0 +1,274 @@
+"""Tasks one after the other: leases, what is handed out to whom, and what people see of each other."""
+
+import pytest
+
+from service.db.annotations import AnnotationRevision, Mark, MarkingTask, Verdict
+from service.db.clock import now
+from service.db.detections import Detection, VertexFrame
+from service.db.recordings import Recording
+from tests.service.detections.seeding import seed_answer, seed_detection, seed_marking, vertices_of
+
+
+@pytest.fixture
+def fleet(api):
+    return api.fleet()
+
+
+def ask(person, seed, skip=None, camera="front"):
+    body = {"camera": camera} | ({"skip": skip} if skip else {})
+    answer = person.post(f"/detections/{seed.detection_id}/tasks/next", body)
+    assert answer.status_code in (200, 204), answer.text
+    return answer.json() if answer.status_code == 200 else None
+
+
+def reply(person, task, verdict="confirmed", mark=(10.0, 20.0)):
+    body = {"verdict": verdict, "mark": {"u": mark[0], "v": mark[1]} if mark else None}
+    return person.post(f"/tasks/{task['task_id']}/answer", body)
+
+
+def let_leases_end(api):
+    with api.database.writing() as session:
+        session.query(MarkingTask).update({"leased_until": now(-1)})
+
+
+def test_a_task_has_all_that_is_needed_to_mark(api, fleet):
+    seed = seed_marking(api.database, fleet)
+    task = ask(api.member(fleet, "annotator"), seed)
+    assert task["vertex"]["id"] == str(seed.vertices[0])
+    assert task["vertex"]["x"] == 5.0
+    assert task["frame"] == {
+        "index": 0,
+        "stamp_ns": 0,
+        "width": 640,
+        "height": 480,
+        "url": f"/v1/recordings/{seed.recording_id}/cameras/front/frames/0",
+    }
+    assert (task["camera"], task["gap_ns"], task["predicted"]) == ("front", 0, None)
+    assert task["own"] == {"mark": None, "verdict": None}
+
+
+def test_vertices_come_in_the_order_of_their_rank_and_each_once(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=4)
+    ann = api.member(fleet, "annotator")
+    given = []
+    while task := ask(ann, seed):
+        given.append(task["vertex"]["id"])
+        assert reply(ann, task).status_code == 200
+    assert given == [str(one) for one in seed.vertices]
+
+
+def test_asking_again_renews_and_gives_the_same_task(api, fleet):
+    seed = seed_marking(api.database, fleet)
+    ann = api.member(fleet, "annotator")
+    first, again = ask(ann, seed), ask(ann, seed)
+    assert first["task_id"] == again["task_id"]
+    assert again["leased_until"] >= first["leased_until"]
+
+
+def test_skipping_moves_on_and_the_skipped_one_comes_last(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=3)
+    ann = api.member(fleet, "annotator")
+    skipped = ask(ann, seed)
+    second = ask(ann, seed, skip=skipped["task_id"])
+    assert second["vertex"]["id"] == str(seed.vertices[1])
+    reply(ann, second)
+    reply(ann, ask(ann, seed))
+    last = ask(ann, seed)
+    assert last["vertex"]["id"] == skipped["vertex"]["id"]
+    assert ask(ann, seed, skip=last["task_id"]) is None
+    assert ask(ann, seed)["vertex"]["id"] == skipped["vertex"]["id"]
+
+
+def test_a_skipped_vertex_is_free_for_others_at_once(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=1)
+    one, two = api.member(fleet, "annotator", "one"), api.member(fleet, "annotator", "two")
+    held = ask(one, seed)
+    assert ask(two, seed) is None
+    assert ask(one, seed, skip=held["task_id"]) is None
+    assert ask(two, seed)["vertex"]["id"] == str(seed.vertices[0])
+
+
+def test_nobody_gets_what_enough_others_hold_or_have_answered(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=2, marks_per_vertex=2)
+    one, two, three = (api.member(fleet, "annotator", name) for name in ("one", "two", "three"))
+    tasks = [ask(person, seed) for person in (one, two, three)]
+    assert [task["vertex"]["id"] for task in tasks] == [str(seed.vertices[n]) for n in (0, 0, 1)]
+    reply(one, tasks[0])
+    assert ask(one, seed)["vertex"]["id"] == str(seed.vertices[1])
+    reply(three, tasks[2])
+    assert ask(three, seed) is None
+    let_leases_end(api)
+    assert ask(three, seed)["vertex"]["id"] == str(seed.vertices[0])
+
+
+def test_another_detection_run_finds_the_same_vertices_answered(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=3)
+    ann = api.member(fleet, "annotator")
+    reply(ann, ask(ann, seed))
+    again = seed_detection(api.database, fleet, seed.recording_id, seed.apexes)
+    answer = ann.post(f"/detections/{again}/tasks/next", {"camera": "front"}).json()
+    assert answer["vertex"]["id"] == str(vertices_of(api.database, again)[1])
+    progress = ann.get(f"/detections/{again}/progress?camera=front").json()
+    assert (progress["answered"], progress["mine"], progress["marks"]) == (1, 1, 1)
+
+
+def test_a_lease_counts_in_every_detection_run_of_the_recording(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=1)
+    again = seed_detection(api.database, fleet, seed.recording_id, seed.apexes)
+    ask(api.member(fleet, "annotator", "one"), seed)
+    two = api.member(fleet, "annotator", "two")
+    assert two.post(f"/detections/{again}/tasks/next", {"camera": "front"}).status_code == 204
+
+
+def test_others_marks_are_seen_only_after_an_own_answer(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=2, marks_per_vertex=2)
+    one, two = api.member(fleet, "annotator", "one"), api.member(fleet, "annotator", "two")
+    reply(one, ask(one, seed), mark=(100.5, 50.25))
+    task = ask(two, seed)
+    assert "100.5" not in str(task)
+    marks = f"/detections/{seed.detection_id}/marks?camera=front"
+    assert two.get(marks).json()["items"] == []
+    assert api.member(fleet, "viewer").get(marks).json()["items"] == []
+    answer = reply(two, task, mark=(101.0, 51.0)).json()
+    assert answer["others"] == [{"u": 100.5, "v": 50.25}]
+    assert answer["mark"] == {"u": 101.0, "v": 51.0, "version": 1}
+    seen = two.get(marks).json()["items"]
+    assert [(item["person"], item["own"], item["mark"]["u"]) for item in seen] == [
+        ("one", False, 100.5),
+        ("two", True, 101.0),
+    ]
+    reply(one, ask(one, seed), mark=(7.0, 7.0))
+    assert len(two.get(marks).json()["items"]) == 2
+    assert len(api.member(fleet, "reviewer").get(marks).json()["items"]) == 3
+
+
+def test_an_answer_is_checked_before_anything_is_kept(api, fleet):
+    seed = seed_marking(api.database, fleet)
+    ann = api.member(fleet, "annotator")
+    task = ask(ann, seed)
+    for mark, code in (
+        (None, "mark_required"),
+        ((639.6, 0.0), "mark_outside_image"),
+        ((0.0, -0.51), "mark_outside_image"),
+    ):
+        answer = reply(ann, task, mark=mark)
+        assert (answer.status_code, answer.json()["code"]) == (422, code)
+    bad = ann.post(f"/tasks/{task['task_id']}/answer", {"verdict": "maybe"})
+    assert (bad.status_code, bad.json()["code"]) == (422, "invalid_request")
+    with api.database.reading() as session:
+        assert session.query(Mark).count() == session.query(Verdict).count() == 0
+    assert reply(ann, task, mark=(639.5, -0.5)).status_code == 200
+
+
+def test_tasks_of_others_do_not_exist(api, fleet):
+    seed = seed_marking(api.database, fleet)
+    one, two = api.member(fleet, "annotator", "one"), api.member(fleet, "annotator", "two")
+    task = ask(one, seed)
+    assert reply(two, task).status_code == 404
+    outsider = api.member(api.fleet(), "admin")
+    assert outsider.post(f"/detections/{seed.detection_id}/tasks/next", {"camera": "front"}).status_code == 404
+    viewer = api.member(fleet, "viewer")
+    assert viewer.post(f"/detections/{seed.detection_id}/tasks/next", {"camera": "front"}).status_code == 403
+
+
+def test_a_late_answer_is_taken_while_the_vertex_is_open_and_refused_after(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=1)
+    one, two = api.member(fleet, "annotator", "one"), api.member(fleet, "annotator", "two")
+    late = ask(one, seed)
+    let_leases_end(api)
+    other = ask(two, seed)
+    refused = reply(one, late)
+    assert (refused.status_code, refused.json()["code"]) == (409, "vertex_taken")
+    let_leases_end(api)
+    assert reply(one, late).status_code == 200
+    assert reply(two, other).json()["code"] == "vertex_taken"
+    assert reply(one, late, mark=(11.0, 21.0)).json()["mark"] == {"u": 11.0, "v": 21.0, "version": 2}
+
+
+def test_every_state_of_an_answer_is_kept_and_a_repetition_is_none(api, fleet):
+    seed = seed_marking(api.database, fleet)
+    ann = api.member(fleet, "annotator")
+    task = ask(ann, seed)
+    reply(ann, task, mark=(1.0, 1.0))
+    reply(ann, task, mark=(1.0, 1.0))
+    reply(ann, task, mark=(2.0, 1.0))
+    reply(ann, task, verdict="rejected", mark=None)
+    with api.database.reading() as session:
+        rows = session.query(AnnotationRevision).order_by(AnnotationRevision.subject, AnnotationRevision.version)
+        kept = [(row.subject, row.version, row.value.get("u") or row.value.get("verdict")) for row in rows]
+    assert kept == [("mark", 1, 1.0), ("mark", 2, 2.0), ("verdict", 1, "confirmed"), ("verdict", 2, "rejected")]
+
+
+def test_progress_counts_vertices_and_answers(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=4, marks_per_vertex=2)
+    one, two = api.member(fleet, "annotator", "one"), api.member(fleet, "annotator", "two")
+    said = (
+        (one, 0, "confirmed", (1.0, 1.0)),
+        (two, 0, "confirmed", (2.0, 2.0)),
+        (one, 1, "rejected", None),
+        (one, 2, "unsure", None),
+        (two, 3, "confirmed", None),
+    )
+    for person, number, verdict, mark in said:
+        seed_answer(api.database, seed, person.person_id, number, verdict, mark)
+    progress = one.get(f"/detections/{seed.detection_id}/progress?camera=front").json()
+    assert progress == {
+        "vertices": 4,
+        "marks_wanted": 2,
+        "answered": 3,
+        "answers": 4,
+        "mine": 3,
+        "complete": 1,
+        "confirmed": 2,
+        "rejected": 1,
+        "unsure": 1,
+        "marks": 2,
+        "people": [{"name": "one", "answers": 3}, {"name": "two", "answers": 1}],
+    }
+
+
+def test_a_detection_that_is_not_done_hands_nothing_out(api, fleet):
+    seed = seed_marking(api.database, fleet)
+    with api.database.writing() as session:
+        session.get_one(Detection, seed.detection_id).state = "running"
+    answer = api.member(fleet, "annotator").post(f"/detections/{seed.detection_id}/tasks/next", {"camera": "front"})
+    assert (answer.status_code, answer.json()["code"]) == (409, "detection_not_done")
+
+
+def test_asking_for_more_marks_opens_the_vertices_again(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=1)
+    one, two = api.member(fleet, "annotator", "one"), api.member(fleet, "annotator", "two")
+    reply(one, ask(one, seed))
+    assert ask(two, seed) is None
+    with api.database.writing() as session:
+        session.get_one(Recording, seed.recording_id).marks_per_vertex = 2
+    assert ask(two, seed) is not None
+    assert ask(one, seed) is None
+
+
+def test_a_vertex_without_a_frame_is_not_handed_out(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=1)
+    with api.database.writing() as session:
+        session.query(VertexFrame).delete()
+    assert ask(api.member(fleet, "annotator"), seed) is None
+
+
+def test_a_mark_in_another_frame_answers_nothing(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=3)
+    one, two = api.member(fleet, "annotator", "one"), api.member(fleet, "annotator", "two")
+    seed_answer(api.database, seed, one.person_id, 0, "confirmed", None)
+    seed_answer(api.database, seed, one.person_id, 1, "unsure", (5.0, 5.0))
+    assert ask(two, seed)["vertex"]["id"] == str(seed.vertices[0])
+    assert ask(one, seed)["vertex"]["id"] == str(seed.vertices[2])
+
+
+def test_who_is_unsure_sees_nothing_of_the_others_yet(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=1, marks_per_vertex=3)
+    one, two = api.member(fleet, "annotator", "one"), api.member(fleet, "annotator", "two")
+    reply(one, ask(one, seed), mark=(100.5, 50.25))
+    task = ask(two, seed)
+    marks = f"/detections/{seed.detection_id}/marks?camera=front"
+    assert reply(two, task, "unsure", None).json()["others"] == []
+    assert [item["own"] for item in two.get(marks).json()["items"]] == [True]
+    assert reply(two, task, "rejected", None).json()["others"] == [{"u": 100.5, "v": 50.25}]
+    assert [item["own"] for item in two.get(marks).json()["items"]] == [False, True]

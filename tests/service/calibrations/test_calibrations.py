@@ -1,0 +1,240 @@
+"""Calibration requests: what they come to as runs and jobs, and how what cannot work is refused."""
+
+from uuid import UUID
+
+import pytest
+
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet
+from service.db.jobs import Job
+from tests.service.detections.seeding import seed_rig
+
+pytestmark = pytest.mark.usefixtures("broker")
+
+
+@pytest.fixture
+def fleet(api):
+    return api.fleet()
+
+
+@pytest.fixture
+def engineer(api, fleet):
+    return api.member(fleet, "engineer")
+
+
+@pytest.fixture
+def rig(api, fleet):
+    return seed_rig(api.database, fleet, bounds={"f_x": [300.0, 900.0], "k5": [-0.1, 0.1], "fx": [0.0, 1.0]})
+
+
+def add_set(engineer, rig, count=60, camera="front", **extra):
+    pairs = [
+        {"x": 4 + 0.1 * n, "y": n % 7 - 3.0, "z": 0.3, "u": 10.0 + n, "v": 20.0, "stamp_ns": n * 10**8} | extra
+        for n in range(count)
+    ]
+    answer = engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs}, params={"camera": camera})
+    assert answer.status_code in (200, 201), answer.text
+    return answer.json()["id"]
+
+
+def ask(engineer, rig, *sets, **body):
+    return engineer.post(f"/vehicles/{rig.vehicle_id}/calibrations", {"correspondence_set_ids": list(sets), **body})
+
+
+def documents(api, calibration_id):
+    with api.database.reading() as session:
+        runs = session.query(CalibrationRun).filter_by(calibration_id=UUID(calibration_id))
+        return {(run.model, run.fold): run.problem for run in runs}
+
+
+def test_a_request_becomes_a_run_for_every_model_and_fold(api, engineer, rig):
+    answer = ask(engineer, rig, add_set(engineer, rig), models=["pinhole", "brown_conrady"], folds=3, farm="slots")
+    assert answer.status_code == 202, answer.text
+    made = answer.json()
+    assert made["state"] == "queued"
+    assert [(run["model"], run["fold"]) for run in made["runs"]] == [
+        (model, fold) for model in ("brown_conrady", "pinhole") for fold in (-1, 0, 1, 2)
+    ]
+    assert made["progress"] == {"fraction": 0.0, "message": "0 of 8 fits have ended"}
+    assert "name 'fx', which no model has" in made["notes"][0]
+    with api.database.reading() as session:
+        assert session.query(Calibration).one().remaining == 8
+        runs = session.query(CalibrationRun).all()
+        assert {(run.farm, run.slots, run.bundle, run.remaining) for run in runs} == {("slots", 4, 1, 4)}
+        assert session.query(Job).filter_by(kind="solve").count() == 8 * 4
+    document = documents(api, made["id"])[("pinhole", 1)]
+    assert document["bounds"] == {"f_x": [300.0, 900.0]}
+    assert (document["fold"], document["folds"], document["search"]) == (1, 3, "rotation_vector")
+    assert document["image_size"] == [640, 480]
+    assert document["nominal"]["to_frame"] == "camera_front_optical"
+    assert document["seed"] == made["request"]["seed"]
+    assert engineer.get(f"/calibrations/{made['id']}").json() == made
+    assert engineer.get(f"/vehicles/{rig.vehicle_id}/calibrations").json()["items"] == [made]
+
+
+def test_only_what_a_model_has_goes_into_its_document(api, engineer, rig):
+    made = ask(
+        engineer,
+        rig,
+        add_set(engineer, rig),
+        models=["pinhole", "brown_conrady"],
+        bounds={"f_x": [400, 500], "rotation_x_deg": [-10, 10]},
+        locked={"skew": 0.0, "t_x": 0.1},
+        priors={"k1": {"mean": 0.0, "sigma": 0.1}, "rotation_y_deg": {"mean": 90, "sigma": 180}},
+        schedule={"slots": 3, "goal_px": 0.5},
+    ).json()
+    pinhole, brown = (documents(api, made["id"])[(model, -1)] for model in ("pinhole", "brown_conrady"))
+    assert pinhole["bounds"]["f_x"] == brown["bounds"]["f_x"] == [400.0, 500.0]
+    assert pinhole["bounds"]["rotation_x"] == pytest.approx([-0.17453293, 0.17453293])
+    assert brown["bounds"]["k5"] == [-0.1, 0.1]
+    assert "k5" not in pinhole["bounds"]
+    assert pinhole["locked"] == {"t_x": 0.1}
+    assert brown["locked"] == {"skew": 0.0, "t_x": 0.1}
+    assert pinhole["priors"] == {"rotation_y": {"mean": pytest.approx(1.5707963), "sigma": pytest.approx(3.1415927)}}
+    assert brown["priors"]["k1"] == {"mean": 0.0, "sigma": 0.1}
+    assert pinhole["schedule"] == {"slots": 3, "population": 800, "generations": 30, "goal_px": 0.5}
+    with api.database.reading() as session:
+        assert {run.slots for run in session.query(CalibrationRun)} == {3}
+
+
+def test_the_same_request_has_the_same_seed_whatever_its_ids_and_its_farming(api, fleet, engineer, rig):
+    one = add_set(engineer, rig)
+    first = ask(engineer, rig, one, farm="slots").json()
+    again = ask(engineer, rig, one, farm="runs", publish="recommended").json()
+    assert first["id"] != again["id"]
+    assert first["request"]["seed"] == again["request"]["seed"]
+    others = [
+        ask(engineer, rig, one, loss="saturating"),
+        ask(engineer, rig, one, models=["pinhole"]),
+        ask(engineer, rig, add_set(engineer, rig, count=61)),
+        ask(engineer, rig, one, seed=7),
+    ]
+    seeds = {answer.json()["request"]["seed"] for answer in others}
+    assert len(seeds | {first["request"]["seed"]}) == 5
+    assert 7 in seeds
+
+
+def test_the_paper_preset_means_its_own_form_and_bounds(api, engineer, rig):
+    made = ask(engineer, rig, add_set(engineer, rig), models=["pinhole"], preset="paper").json()
+    document = documents(api, made["id"])[("pinhole", -1)]
+    assert (document["search"], document["bounds_preset"]) == ("euler", "paper-table-1")
+    named = ask(engineer, rig, add_set(engineer, rig), models=["pinhole"], preset="paper", search="rotation_vector")
+    assert documents(api, named.json()["id"])[("pinhole", -1)]["search"] == "rotation_vector"
+
+
+@pytest.mark.parametrize(
+    ("body", "code", "says"),
+    [
+        ({"models": ["fisheye"]}, "unknown_model", "kannala_brandt"),
+        ({"models": ["fisheye"]}, "unknown_model", "brown_conrady"),
+        ({"models": ["pinhole", "ocam"]}, "unknown_model", "'ocam'"),
+        ({"bounds": {"f_x": [900, 300]}}, "bounds_inside_out", "f_x"),
+        ({"bounds": {"f_x": [300, 300]}}, "bounds_inside_out", "locked"),
+        ({"bounds": {"fx": [300, 900]}}, "unknown_parameter", "'fx'"),
+        ({"models": ["pinhole"], "bounds": {"k1": [0, 1]}}, "unknown_parameter", "k1"),
+        ({"locked": {"alpha": 0}}, "unknown_parameter", "rotation_x"),
+        ({"locked": {"rotation_x": 0, "rotation_x_deg": 0}}, "unknown_parameter", "twice"),
+        ({"priors": {"k1": {"mean": 0, "sigma": 0}}}, "invalid_request", "priors.k1.sigma"),
+        (
+            {"priors": {"f_x": {"mean": 1e308, "sigma": 1}}},
+            "invalid_request",
+            "priors.f_x.mean: Input",
+        ),
+        ({"priors": {"f_x": {"mean": 400, "sigma": 1e-320}}}, "invalid_request", "priors.f_x.sigma"),
+        ({"priors": {"f_x": {"mean": 400, "sigma": 1e7}}}, "invalid_request", "priors.f_x.sigma"),
+        ({"locked": {"f_x": 1e308}}, "invalid_request", "locked.f_x: Input should be less than or equal to 1000000"),
+        ({"bounds": {"t_x": [-1e200, 1e200]}}, "invalid_request", "bounds.t_x.0: Input should be greater"),
+        ({"schedule": {"population": 10}}, "invalid_request", "schedule.population"),
+        ({"preset": "best"}, "invalid_request", "preset"),
+        ({"models": []}, "invalid_request", "models"),
+        ({"seed": 2**53}, "invalid_request", "seed"),
+        ({"folds": 21}, "invalid_request", "folds"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_nothing_is_stored(api, engineer, rig, body, code, says):
+    answer = ask(engineer, rig, add_set(engineer, rig), **body)
+    problem = answer.json()
+    assert (answer.status_code, problem["code"]) == (422, code)
+    assert says in problem["detail"] + problem["hint"]
+    with api.database.reading() as session:
+        assert session.query(Calibration).count() == session.query(CalibrationRun).count() == 0
+
+
+def test_too_few_pairs_names_both_numbers_and_a_lock_helps(api, engineer, rig):
+    nine = add_set(engineer, rig, count=9)
+    refused = ask(engineer, rig, nine, models=["pinhole"])
+    assert refused.json()["code"] == "too_few_pairs"
+    assert "9 pairs" in refused.json()["detail"] and "10 free" in refused.json()["detail"]
+    helped = ask(engineer, rig, nine, models=["pinhole"], locked={"f_x": 500})
+    assert helped.status_code == 202
+    only = {"camera": "front", "model": "pinhole", "fold": -1, "state": "queued", "iteration": 0}
+    assert helped.json()["runs"] == [only | {"best_loss": None, "failure": None}]
+    assert any("Nothing is held out of pinhole on front" in note for note in helped.json()["notes"])
+
+
+def test_held_out_blocks_are_whole_poses(api, engineer, rig):
+    poses = [{"x": 4.0 + n, "y": 0.1 * n, "z": 0.3, "u": 10.0, "v": 20.0 + n, "group": n // 20} for n in range(60)]
+    made = engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": poses}, params={"camera": "front"}).json()
+    answer = ask(engineer, rig, made["id"], models=["pinhole"], folds=5).json()
+    assert [run["fold"] for run in answer["runs"]] == [-1, 0, 1, 2]
+    assert any("3 blocks instead of 5" in note for note in answer["notes"])
+
+
+def test_sets_must_fit_the_vehicle_the_rig_and_the_cameras(api, fleet, engineer, rig):
+    one, two = add_set(engineer, rig), add_set(engineer, rig, count=50)
+    assert ask(engineer, rig, one, two).json()["code"] == "camera_twice"
+    other_fleet = api.fleet()
+    stranger = api.member(other_fleet, "engineer")
+    their_rig = seed_rig(api.database, other_fleet)
+    theirs = add_set(stranger, their_rig)
+    assert ask(engineer, rig, theirs).status_code == 404
+    assert ask(stranger, rig, theirs).status_code == 404
+    assert ask(engineer, rig, "00000000-0000-7000-8000-000000000000").status_code == 404
+    low = ask(api.member(fleet, "reviewer"), rig, one)
+    assert (low.status_code, low.json()["code"]) == (403, "role_too_low")
+
+
+def test_what_a_set_said_of_itself_is_said_of_the_calibration(api, engineer, rig):
+    one = add_set(engineer, rig)
+    with api.database.writing() as session:
+        session.query(CorrespondenceSet).update(
+            {"notes": ["31 of 222 vertices have fewer than the 3 marks asked for."]}
+        )
+    notes = ask(engineer, rig, one).json()["notes"]
+    assert "front: 31 of 222 vertices have fewer than the 3 marks asked for." in notes
+
+
+def test_cancelling_flags_every_run_and_every_job(api, engineer, rig):
+    made = ask(engineer, rig, add_set(engineer, rig), models=["pinhole"]).json()
+    answer = engineer.post(f"/calibrations/{made['id']}/cancel")
+    assert answer.status_code == 202
+    with api.database.reading() as session:
+        assert all(run.cancel_requested for run in session.query(CalibrationRun))
+        assert all(job.cancel_requested for job in session.query(Job))
+
+
+def test_a_request_sent_twice_with_its_key_is_one_calibration(api, engineer, rig):
+    one = add_set(engineer, rig)
+    body = {"correspondence_set_ids": [one], "models": ["pinhole"]}
+    sent = [
+        engineer.post(f"/vehicles/{rig.vehicle_id}/calibrations", body, headers={"Idempotency-Key": "k"})
+        for _ in range(2)
+    ]
+    assert sent[0].json() == sent[1].json()
+    with api.database.reading() as session:
+        assert session.query(Calibration).count() == 1
+
+
+def test_the_same_pairs_on_another_vehicle_get_the_same_seed(api):
+    seeds = []
+    for fleet in (api.fleet(), api.fleet()):
+        engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
+        seeds.append(ask(engineer, rig, add_set(engineer, rig)).json()["request"]["seed"])
+    assert seeds[0] == seeds[1]
+
+
+def test_the_seed_is_of_the_pairs_and_not_of_what_they_came_from(api, engineer, rig):
+    one = add_set(engineer, rig)
+    first = ask(engineer, rig, one).json()["request"]["seed"]
+    with api.database.writing() as session:
+        session.get_one(CorrespondenceSet, UUID(one)).content_hash = "of another recording"
+    assert ask(engineer, rig, one).json()["request"]["seed"] == first

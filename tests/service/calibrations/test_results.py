@@ -1,0 +1,238 @@
+"""Results, their slots and publication, and the current calibration at its one address."""
+
+import numpy as np
+import pytest
+from sqlalchemy import text, update
+from sqlalchemy.exc import StatementError
+
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
+from service.db.fleets import Rig
+from tests.service.detections.seeding import LEVEL, seed_rig
+
+T_VEHICLE_LIDAR = {
+    "to_frame": "base_link",
+    "from_frame": "velodyne",
+    "rotation": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]},
+    "translation_m": [1.0, 0.0, 2.0],
+}
+DOCUMENT = {
+    "model": "pinhole",
+    "status": "ok",
+    "pairs": 60,
+    "polished": {"mean_px": 1.25, "rms_px": 1.5},
+    "intrinsics": {"model": "pinhole", "f_x": 500.0, "f_y": 501.0, "c_x": 320.0, "c_y": 240.0},
+    "transform": LEVEL,
+    "std": {"t_x_m": 0.01},
+    "alarms": ["c_y and the pitch nearly coincide."],
+}
+
+
+@pytest.fixture
+def fleet(api):
+    return api.fleet()
+
+
+@pytest.fixture
+def rig(api, fleet):
+    return seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
+
+
+def seed_results(api, rig, folds=(-1, 0), mean=0.9):
+    """A finished calibration with a result for each fold, and two slots a run."""
+    common = {"fleet_id": rig.fleet_id, "vehicle_id": rig.vehicle_id, "rig_id": rig.id}
+    with api.database.writing() as session:
+        pairs = session.query(CorrespondenceSet).first() or CorrespondenceSet(
+            **common, camera="front", source="import", content_hash="0", count=60, pairs={}, notes=[]
+        )
+        summary = {"cameras": {"front": {"models": {"pinhole": {"heldout_mean_px": mean, "heldout_rms_px": 1.1}}}}}
+        calibration = Calibration(
+            **common, request={}, content_hash="0", state="done", remaining=0, publish="none", summary=summary
+        )
+        session.add_all([pairs, calibration])
+        session.flush()
+        results = []
+        for fold in folds:
+            run = CalibrationRun(
+                fleet_id=rig.fleet_id,
+                calibration_id=calibration.id,
+                set_id=pairs.id,
+                camera="front",
+                model="pinhole",
+                fold=fold,
+                farm="slots",
+                slots=2,
+                bundle=1,
+                problem={"seed": 5},
+                state="done",
+                iteration=1,
+                schedule={"best_loss": 1.5},
+            )
+            session.add(run)
+            session.flush()
+            result = Result(
+                fleet_id=rig.fleet_id,
+                calibration_id=calibration.id,
+                run_id=run.id,
+                camera="front",
+                model="pinhole",
+                fold=fold,
+                document=DOCUMENT,
+            )
+            session.add(result)
+            session.add_all(
+                Slot(
+                    run_id=run.id,
+                    iteration=iteration,
+                    slot=slot,
+                    loss=1.5 + slot,
+                    parameters=[0.0, 1.0],
+                    evaluations=24000,
+                    seconds=0.01,
+                    worker=f"worker-{slot}",
+                )
+                for iteration in range(2)
+                for slot in range(2)
+            )
+            session.flush()
+            results.append(result.id)
+        return calibration.id, results
+
+
+def current_address(rig):
+    return f"/vehicles/{rig.vehicle_id}/cameras/front/calibration"
+
+
+def test_a_result_is_the_whole_document_with_its_ids(api, fleet, rig):
+    calibration, (full, _) = seed_results(api, rig)
+    read = api.member(fleet, "viewer").get(f"/results/{full}").json()
+    assert {key: read[key] for key in DOCUMENT} == DOCUMENT
+    assert (read["id"], read["calibration_id"]) == (str(full), str(calibration))
+    assert (read["camera"], read["fold"], read["seed"], read["vehicle_id"]) == ("front", -1, 5, str(rig.vehicle_id))
+    assert api.member(api.fleet(), "admin").get(f"/results/{full}").status_code == 404
+
+
+def test_slots_come_in_pages_and_by_fit(api, fleet, rig):
+    calibration, _ = seed_results(api, rig)
+    viewer = api.member(fleet, "viewer")
+    found, after = [], ""
+    while True:
+        page = viewer.get(f"/calibrations/{calibration}/slots?limit=3{after}").json()
+        found += page["items"]
+        if page["next"] is None:
+            break
+        after = f"&after={page['next']}"
+    assert [(slot["fold"], slot["iteration"], slot["slot"]) for slot in found] == [
+        (fold, iteration, slot) for fold in (-1, 0) for iteration in range(2) for slot in range(2)
+    ]
+    assert found[1]["worker"] == "worker-1"
+    assert found[1]["parameters"] == [0.0, 1.0]
+    one = viewer.get(f"/calibrations/{calibration}/slots?camera=front&model=pinhole&fold=0").json()["items"]
+    assert one == found[4:]
+    assert viewer.get(f"/calibrations/{calibration}/slots?model=kannala_brandt").json()["items"] == []
+    assert viewer.get(f"/calibrations/{calibration}/slots?after=x").json()["code"] == "invalid_cursor"
+    read = viewer.get(f"/calibrations/{calibration}").json()
+    assert [run["best_loss"] for run in read["runs"]] == [1.5, 1.5]
+    assert read["progress"] == {"fraction": 1.0, "message": "2 of 2 fits have ended"}
+
+
+def test_before_a_publication_the_answer_says_what_to_do(api, fleet, rig):
+    answer = api.member(fleet, "viewer").get(current_address(rig))
+    assert (answer.status_code, answer.json()["code"]) == (404, "no_calibration_yet")
+    assert "publication" in answer.json()["hint"]
+
+
+def test_a_published_result_is_current_with_both_transforms(api, fleet, rig):
+    calibration, (full, _) = seed_results(api, rig)
+    published = api.member(fleet, "reviewer").post(f"/results/{full}/publication", {})
+    assert published.status_code == 201
+    viewer = api.member(fleet, "viewer")
+    answer = viewer.get(current_address(rig))
+    current = answer.json()
+    assert (current["result_id"], current["calibration_id"]) == (str(full), str(calibration))
+    assert (current["model"], current["intrinsics"]) == ("pinhole", DOCUMENT["intrinsics"])
+    assert current["T_camera_lidar"] == LEVEL
+    T = current["T_vehicle_camera"]
+    assert (T["to_frame"], T["from_frame"]) == ("base_link", "camera_front_optical")
+    # The camera stands where the LiDAR does, plus what its nominal translation says in the LiDAR's axes.
+    np.testing.assert_allclose(T["translation_m"], [1.2, 0.0, 1.9], atol=1e-12)
+    np.testing.assert_allclose(T["rotation"]["matrix"], [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-12)
+    assert current["quality"]["mean_px"] == 1.25
+    assert current["quality"]["heldout_mean_px"] == 0.9
+    assert viewer.get(current_address(rig), headers={"If-None-Match": answer.headers["etag"]}).status_code == 304
+
+
+def test_a_newer_publication_takes_over_and_changes_the_etag(api, fleet, rig):
+    reviewer = api.member(fleet, "reviewer")
+    _, (first, _) = seed_results(api, rig)
+    _, (second, _) = seed_results(api, rig)
+    reviewer.post(f"/results/{first}/publication")
+    before = reviewer.get(current_address(rig))
+    assert reviewer.post(f"/results/{first}/publication").status_code == 200
+    assert reviewer.post(f"/results/{second}/publication").status_code == 201
+    after = reviewer.get(current_address(rig), headers={"If-None-Match": before.headers["etag"]})
+    assert (after.status_code, after.json()["result_id"]) == (200, str(second))
+    reviewer.post(f"/results/{first}/publication")
+    assert reviewer.get(current_address(rig)).json()["result_id"] == str(first)
+
+
+def test_a_rig_without_a_vehicle_frame_gives_none(api, fleet, rig):
+    with api.database.writing() as session:
+        session.get_one(Rig, rig.id).T_vehicle_lidar = None
+    _, (full, _) = seed_results(api, rig)
+    reviewer = api.member(fleet, "reviewer")
+    reviewer.post(f"/results/{full}/publication")
+    assert "T_vehicle_camera" not in reviewer.get(current_address(rig)).json()
+
+
+def test_only_fits_to_all_pairs_and_only_by_reviewers(api, fleet, rig):
+    _, (full, held) = seed_results(api, rig)
+    refused = api.member(fleet, "reviewer").post(f"/results/{held}/publication")
+    assert (refused.status_code, refused.json()["code"]) == (409, "not_publishable")
+    assert api.member(fleet, "annotator").post(f"/results/{full}/publication").status_code == 403
+    assert api.member(api.fleet(), "admin").post(f"/results/{full}/publication").status_code == 404
+
+
+def test_a_loss_that_is_no_number_does_not_hide_the_calibration(api, fleet, rig):
+    calibration, _ = seed_results(api, rig)
+    if api.database.engine.dialect.name == "sqlite":  # as an older version wrote it; PostgreSQL never took it
+        with api.database.writing() as session:
+            session.execute(text("UPDATE calibration_run SET schedule = '{\"best_loss\": Infinity}'"))
+    else:
+        with api.database.writing() as session:
+            session.execute(update(CalibrationRun).values(schedule={"best_loss": None}))
+    viewer = api.member(fleet, "viewer")
+    read = viewer.get(f"/calibrations/{calibration}")
+    assert (read.status_code, [run["best_loss"] for run in read.json()["runs"]]) == (200, [None, None])
+    assert viewer.get(f"/vehicles/{rig.vehicle_id}/calibrations").json()["items"] == [read.json()]
+
+
+@pytest.mark.parametrize("number", [float("inf"), float("nan")])
+def test_a_number_that_is_not_finite_is_never_stored(api, rig, number):
+    seed_results(api, rig)
+    with (
+        pytest.raises((StatementError, ValueError), match="not finite would be stored"),
+        api.database.writing() as session,
+    ):
+        session.execute(update(CalibrationRun).values(schedule={"best_loss": number}))
+
+
+@pytest.mark.parametrize(
+    ("query", "code"),
+    [
+        ("camera=%00", "invalid_request"),
+        ("model=%00", "invalid_request"),
+        ("after=RUN.99999999999999999999999.1", "invalid_cursor"),
+        ("after=RUN.1.2147483648", "invalid_cursor"),
+        ("after=RUN.-1.1", "invalid_cursor"),
+    ],
+)
+def test_strange_queries_for_slots_are_refused(api, fleet, rig, query, code):
+    calibration, _ = seed_results(api, rig)
+    query = query.replace("RUN", rig.id.hex)
+    answer = api.member(fleet, "viewer").get(f"/calibrations/{calibration}/slots?{query}")
+    assert (answer.status_code, answer.json()["code"]) == (422, code)
+
+
+def test_a_camera_that_no_text_can_name_is_refused(api, fleet, rig):
+    answer = api.member(fleet, "viewer").get(f"/vehicles/{rig.vehicle_id}/cameras/%00/calibration")
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_request")

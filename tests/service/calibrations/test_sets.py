@@ -1,0 +1,200 @@
+"""Correspondence sets: made of marks with everything said that was left out, imported, immutable, each once."""
+
+from pathlib import Path
+
+import pytest
+
+from service.db.calibrations import CorrespondenceSet
+from service.db.recordings import Recording
+from tests.service.detections.seeding import (
+    Seed,
+    seed_answer,
+    seed_apexes,
+    seed_detection,
+    seed_marking,
+    seed_recording,
+    seed_rig,
+    vertices_of,
+)
+
+CSV = {"Content-Type": "text/csv"}
+ROWS = "x,y,z,u,v,pose\n4,0,0.5,320.5,200,1\n5,1,0.5,200,210,2\n"
+
+
+@pytest.fixture
+def fleet(api):
+    return api.fleet()
+
+
+@pytest.fixture
+def engineer(api, fleet):
+    return api.member(fleet, "engineer")
+
+
+@pytest.fixture
+def rig(api, fleet):
+    return seed_rig(api.database, fleet)
+
+
+def build(engineer, seed, **body):
+    return engineer.post(f"/detections/{seed.detection_id}/correspondence-sets", {"camera": "front", **body})
+
+
+def say(api, seed, person, *said):
+    for number, (verdict, mark) in enumerate(said):
+        if verdict:
+            seed_answer(api.database, seed, person.person_id, number, verdict, mark)
+
+
+def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=6, marks_per_vertex=3)
+    one, two, three = (api.member(fleet, "annotator", name) for name in ("one", "two", "three"))
+    say(api, seed, one, *[("confirmed", (100.0, 50.0))] * 3, ("rejected", None), ("unsure", None))
+    say(
+        api,
+        seed,
+        two,
+        ("confirmed", (102.0, 50.0)),
+        ("confirmed", (100.0, 60.0)),
+        ("rejected", None),
+        ("rejected", None),
+    )
+    say(api, seed, three, ("confirmed", (101.0, 50.0)), (None, None), (None, None), ("confirmed", (1.0, 1.0)))
+    answer = build(engineer, seed)
+    assert answer.status_code == 201
+    made = answer.json()
+    assert (made["count"], made["source"], made["flagged"], made["camera"]) == (3, "annotations", 1, "front")
+    assert made["notes"] == [
+        "1 of 6 vertices has not been judged by anybody and is left out.",
+        "3 of 6 vertices have fewer than the 3 marks asked for.",
+        "1 of 6 vertices was removed, because most people rejected it.",
+        "1 of 6 vertices has as many rejections as confirmations; it was kept and flagged.",
+        "1 of 6 vertices is left out, because people were unsure of it.",
+    ]
+    pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
+    assert [(pair["u"], pair["v"], pair["marks"], pair["flagged"]) for pair in pairs] == [
+        (101.0, 50.0, 3, False),
+        (100.0, 55.0, 2, False),
+        (100.0, 50.0, 1, True),
+    ]
+    assert (pairs[1]["spread_px"], pairs[1]["stamp_ns"], pairs[1]["gap_ns"]) == (5.0, 100_000_000, 1)
+    strict = build(engineer, seed, exclude_flagged=True).json()
+    assert (strict["count"], strict["flagged"]) == (2, 0)
+    assert "it was left out" in strict["notes"][3]
+
+
+def test_the_same_marks_give_the_same_set(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=2)
+    person = api.member(fleet, "annotator")
+    say(api, seed, person, ("confirmed", (1.0, 2.0)), ("confirmed", (3.0, 4.0)))
+    first, again = build(engineer, seed), build(engineer, seed)
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert again.json() == first.json()
+    with api.database.reading() as session:
+        assert session.query(CorrespondenceSet).count() == 1
+
+
+def test_without_a_confirmed_mark_there_is_no_set(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=2)
+    answer = build(engineer, seed)
+    assert (answer.status_code, answer.json()["code"]) == (409, "nothing_marked")
+    assert build(api.member(fleet, "reviewer"), seed).status_code == 403
+    assert build(api.member(api.fleet(), "admin"), seed).status_code == 404
+
+
+def test_an_import_is_stored_once_and_read_back_as_it_was_brought(engineer, rig):
+    address = f"/rigs/{rig.id}/correspondence-sets"
+    made = engineer.post(address, params={"camera": "front"}, content=ROWS, headers=CSV)
+    assert (made.status_code, made.json()["count"], made.json()["source"]) == (201, 2, "import")
+    read = engineer.get(f"/correspondence-sets/{made.json()['id']}")
+    assert read.json()["pairs"][0] == {"x": 4.0, "y": 0.0, "z": 0.5, "u": 320.5, "v": 200.0, "group": 1}
+    again = engineer.post(address, {"pairs": read.json()["pairs"]}, params={"camera": "front"})
+    assert (again.status_code, again.json()["id"]) == (200, made.json()["id"])
+    unchanged = engineer.get(
+        f"/correspondence-sets/{made.json()['id']}", headers={"If-None-Match": read.headers["etag"]}
+    )
+    assert unchanged.status_code == 304
+    listed = engineer.get(address).json()["items"]
+    assert listed == [made.json()]
+
+
+def test_marks_outside_the_rigs_image_are_said(engineer, rig):
+    rows = "x,y,z,u,v\n4,0,0.5,639.6,200\n5,1,0.5,200,210\n"
+    made = engineer.post(f"/rigs/{rig.id}/correspondence-sets", params={"camera": "front"}, content=rows, headers=CSV)
+    assert "1 pair lies outside the image of 640 x 480 pixels" in made.json()["notes"][0]
+
+
+@pytest.mark.parametrize(
+    ("body", "headers", "camera", "status", "code"),
+    [
+        (ROWS.replace("200,1", "two,1"), CSV, "front", 422, "invalid_pairs"),
+        (ROWS.encode("utf-16"), CSV, "front", 422, "invalid_pairs"),
+        (ROWS, {"Content-Type": "application/xml"}, "front", 415, "unsupported_media_type"),
+        (ROWS, CSV, "rear", 404, "unknown_camera"),
+        ("{}", {"Content-Type": "application/json"}, "front", 422, "invalid_pairs"),
+    ],
+)
+def test_bad_imports_are_refused_and_nothing_is_stored(api, engineer, rig, body, headers, camera, status, code):
+    answer = engineer.post(
+        f"/rigs/{rig.id}/correspondence-sets", params={"camera": camera}, content=body, headers=headers
+    )
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert answer.json()["hint"]
+    with api.database.reading() as session:
+        assert session.query(CorrespondenceSet).count() == 0
+
+
+REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board" / "correspondences.csv"
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="the real data (../shared/data beside the repository) is not here")
+def test_the_published_correspondences_are_taken_as_they_are(engineer, rig):
+    made = engineer.post(
+        f"/rigs/{rig.id}/correspondence-sets", params={"camera": "front"}, content=REAL.read_bytes(), headers=CSV
+    ).json()
+    assert made["count"] == 80
+    pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
+    assert {pair["group"] for pair in pairs} == set(range(1, 41, 2))
+
+
+def test_two_recordings_with_the_same_marks_have_a_set_each(api, fleet, engineer, rig):
+    made = []
+    for _ in range(2):
+        recording, camera = seed_recording(api.database, rig, 3)
+        apexes = seed_apexes(api.database, recording, 2)
+        detection = seed_detection(api.database, fleet, recording, apexes)
+        found = vertices_of(api.database, detection)
+        seed = Seed(fleet, rig.vehicle_id, rig.id, recording, camera, detection, found, apexes)
+        say(api, seed, engineer, ("confirmed", (100.0, 50.0)), ("confirmed", (101.0, 50.0)))
+        answer = build(engineer, seed)
+        assert (answer.status_code, answer.json()["recording_id"]) == (201, str(recording))
+        made.append(answer.json())
+    assert engineer.delete(f"/recordings/{made[0]['recording_id']}").status_code == 204
+    assert engineer.get(f"/correspondence-sets/{made[0]['id']}").status_code == 404
+    assert engineer.get(f"/correspondence-sets/{made[1]['id']}").json()["count"] == 2
+
+
+def test_what_is_said_of_a_set_is_never_of_another_time(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=1)
+    say(api, seed, engineer, ("confirmed", (1.0, 2.0)))
+    first = build(engineer, seed).json()
+    with api.database.writing() as session:
+        session.get_one(Recording, seed.recording_id).marks_per_vertex = 3
+    second = build(engineer, seed)
+    assert (second.status_code, first["notes"]) == (201, [])
+    assert second.json()["notes"] == ["1 of 1 vertices has fewer than the 3 marks asked for."]
+
+
+def test_who_marks_does_not_read_the_pairs_made_of_marks(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=1)
+    say(api, seed, engineer, ("confirmed", (1.0, 2.0)))
+    built = build(engineer, seed).json()
+    address = f"/rigs/{seed.rig_id}/correspondence-sets"
+    brought = engineer.post(address, params={"camera": "front"}, content=ROWS, headers=CSV).json()
+    for role in ("viewer", "annotator"):
+        member = api.member(fleet, role)
+        refused = member.get(f"/correspondence-sets/{built['id']}")
+        assert (refused.status_code, refused.json()["code"]) == (403, "role_too_low")
+        assert member.get(f"/correspondence-sets/{brought['id']}").status_code == 200
+        assert member.get(address).json()["items"] == [brought, built]
+    assert api.member(fleet, "reviewer").get(f"/correspondence-sets/{built['id']}").json()["pairs"]

@@ -1,0 +1,22 @@
+"""The migrations make what the models say, on both databases."""
+
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import inspect
+
+from service.db.migrate import upgrade
+from service.db.models import Base
+from service.db.session import Database
+
+
+def test_migrated_schema_equals_the_models(database: Database) -> None:
+    with database.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, Base.metadata) == []
+
+
+def test_every_table_is_there_and_a_second_upgrade_changes_nothing(database_url: str) -> None:
+    upgrade(database_url)
+    opened = Database(database_url)
+    assert set(inspect(opened.engine).get_table_names()) == {*Base.metadata.tables, "alembic_version"}
+    opened.close()

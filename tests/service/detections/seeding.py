@@ -1,0 +1,220 @@
+"""A recording with a camera, a detection and its vertices, as rows: what marking and calibrating start from."""
+
+from dataclasses import dataclass
+from typing import Any
+from uuid import UUID
+
+from service.db.annotations import Mark, Verdict
+from service.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.db.fleets import Rig, RigCamera, Vehicle
+from service.db.ids import new_id
+from service.db.recordings import Blob, CameraFrame, Recording, Sensor
+from service.db.session import Database
+
+WIDTH, HEIGHT = 640, 480
+SECOND = 10**9
+
+LEVEL = {
+    "to_frame": "camera_front_optical",
+    "from_frame": "velodyne",
+    "rotation": {"matrix": [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]},
+    "translation_m": [0.0, -0.1, -0.2],
+}
+
+
+@dataclass(frozen=True)
+class Seed:
+    """Ids of the seeded rows; vertices in the order of their rank."""
+
+    fleet_id: UUID
+    vehicle_id: UUID
+    rig_id: UUID
+    recording_id: UUID
+    camera_id: UUID
+    detection_id: UUID
+    vertices: list[UUID]
+    apexes: list[UUID]
+
+
+def seed_rig(
+    database: Database, fleet_id: UUID, T_vehicle_lidar: dict[str, Any] | None = None, bounds: Any = None
+) -> Rig:
+    """A vehicle with a rig of one camera, `front`, that looks where the LiDAR does."""
+    with database.writing() as session:
+        vehicle = Vehicle(fleet_id=fleet_id, name="car")
+        session.add(vehicle)
+        session.flush()
+        rig = Rig(
+            fleet_id=fleet_id,
+            vehicle_id=vehicle.id,
+            name="roof",
+            lidar_frame="velodyne",
+            T_vehicle_lidar=T_vehicle_lidar,
+        )
+        session.add(rig)
+        session.flush()
+        session.add(
+            RigCamera(
+                rig_id=rig.id,
+                position=0,
+                name="front",
+                frame="camera_front_optical",
+                image_width=WIDTH,
+                image_height=HEIGHT,
+                nominal=LEVEL,
+                bounds=bounds or {},
+            )
+        )
+        return rig
+
+
+def seed_recording(database: Database, rig: Rig, frames: int, marks_per_vertex: int = 1) -> tuple[UUID, UUID]:
+    """A ready recording of 10 Hz with `frames` frames of the camera; returns its id and the camera's."""
+    with database.writing() as session:
+        recording = Recording(
+            fleet_id=rig.fleet_id,
+            vehicle_id=rig.vehicle_id,
+            rig_id=rig.id,
+            name="walk",
+            file_name="walk.bag",
+            state="ready",
+            marks_per_vertex=marks_per_vertex,
+        )
+        session.add(recording)
+        session.flush()
+        sensors = []
+        for name, kind in (("lidar", "lidar"), ("front", "camera")):
+            session.add(Blob(key=f"{recording.id}/{name}", state="stored"))
+            session.flush()
+            sensors.append(
+                Sensor(
+                    recording_id=recording.id,
+                    kind=kind,
+                    name=name,
+                    topic=f"/{name}",
+                    frame_id=name,
+                    blob_key=f"{recording.id}/{name}",
+                    count=frames,
+                    first_ns=0,
+                    last_ns=frames * SECOND // 10,
+                    facts={},
+                )
+            )
+        session.add_all(sensors)
+        session.flush()
+        camera = sensors[1]
+        session.add_all(
+            CameraFrame(
+                sensor_id=camera.id,
+                index=index,
+                stamp_ns=index * SECOND // 10,
+                offset=0,
+                length=1,
+                media_type="image/jpeg",
+                width=WIDTH,
+                height=HEIGHT,
+            )
+            for index in range(frames)
+        )
+        return recording.id, camera.id
+
+
+def seed_detection(database: Database, fleet_id: UUID, recording_id: UUID, apexes: list[UUID]) -> UUID:
+    """A finished detection that found a vertex for each apex, in the order of their ranks."""
+    with database.writing() as session:
+        detection = Detection(
+            fleet_id=fleet_id,
+            recording_id=recording_id,
+            region={"quantity": "x", "op": ">", "value": 0.0},
+            detector="tolerant",
+            options={},
+            pairing={"offset_ns": 0, "max_gap_ns": 50_000_000},
+            content_hash="0" * 64,
+            state="done",
+            remaining=0,
+            counts={},
+        )
+        session.add(detection)
+        session.flush()
+        camera = session.query(Sensor).filter_by(recording_id=recording_id, name="front").one()
+        known = {apex.id: apex for apex in session.query(Apex).filter_by(recording_id=recording_id)}
+        vertices = [
+            Vertex(
+                id=new_id(),
+                detection_id=detection.id,
+                apex_id=apex_id,
+                rank=rank,
+                sweep_index=known[apex_id].sweep_index,
+                time_ns=known[apex_id].sweep_index * SECOND // 10,
+                x=known[apex_id].x,
+                y=known[apex_id].y,
+                z=known[apex_id].z,
+                ring=7,
+                points=2,
+            )
+            for rank, apex_id in enumerate(apexes)
+        ]
+        session.add_all(vertices)
+        session.flush()
+        session.add_all(
+            VertexFrame(vertex_id=row.id, sensor_id=camera.id, frame_index=row.sweep_index, gap_ns=row.rank)
+            for row in vertices
+        )
+        return detection.id
+
+
+def seed_apexes(database: Database, recording_id: UUID, count: int) -> list[UUID]:
+    """One apex in each of the first sweeps, along a line that leads away from the LiDAR."""
+    with database.writing() as session:
+        apexes = [
+            Apex(recording_id=recording_id, sweep_index=index, x=5.0 + index, y=0.1 * index, z=0.5)
+            for index in range(count)
+        ]
+        session.add_all(apexes)
+        session.flush()
+        return [apex.id for apex in apexes]
+
+
+def vertices_of(database: Database, detection_id: UUID) -> list[UUID]:
+    """Ids of a detection's vertices by rank."""
+    with database.reading() as session:
+        rows = session.query(Vertex).filter_by(detection_id=detection_id).order_by(Vertex.rank)
+        return [row.id for row in rows]
+
+
+def seed_marking(database: Database, fleet_id: UUID, vertices: int = 5, marks_per_vertex: int = 1) -> Seed:
+    """All of the above at once."""
+    rig = seed_rig(database, fleet_id)
+    recording_id, camera_id = seed_recording(database, rig, vertices + 1, marks_per_vertex)
+    apexes = seed_apexes(database, recording_id, vertices)
+    detection_id = seed_detection(database, fleet_id, recording_id, apexes)
+    found = vertices_of(database, detection_id)
+    return Seed(fleet_id, rig.vehicle_id, rig.id, recording_id, camera_id, detection_id, found, apexes)
+
+
+def seed_answer(
+    database: Database, seed: Seed, person_id: UUID, number: int, verdict: str, mark: tuple[float, float] | None
+) -> None:
+    """What a person says of the vertex of this rank, written as rows."""
+    with database.writing() as session:
+        session.add(
+            Verdict(
+                recording_id=seed.recording_id,
+                apex_id=seed.apexes[number],
+                person_id=person_id,
+                verdict=verdict,
+                version=1,
+            )
+        )
+        if mark:
+            session.add(
+                Mark(
+                    recording_id=seed.recording_id,
+                    person_id=person_id,
+                    sensor_id=seed.camera_id,
+                    frame_index=number,
+                    u=mark[0],
+                    v=mark[1],
+                    version=1,
+                )
+            )

@@ -1,0 +1,142 @@
+"""Region previews and detections over HTTP, on both databases."""
+
+import pytest
+
+from service.db.detections import Detection, RegionPreview
+from service.db.jobs import Job
+from service.db.recordings import Recording
+from tests.service.detections.seeding import seed_marking, seed_recording, seed_rig
+
+pytestmark = pytest.mark.usefixtures("broker")
+
+REGION = {"and": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range", "op": "<", "value": 30}]}
+
+
+@pytest.fixture
+def fleet(api):
+    return api.fleet()
+
+
+@pytest.fixture
+def engineer(api, fleet):
+    return api.member(fleet, "engineer")
+
+
+def test_a_detection_is_stored_with_all_its_options_and_its_jobs(make_api):
+    api = make_api(workers=4)
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 1000)
+    body = {"region": REGION, "detector": "tolerant", "options": {"min_points": 5}, "pairing": {"offset_ns": -7}}
+    answer = engineer.post(f"/recordings/{recording}/detections", body)
+    assert answer.status_code == 202
+    found = answer.json()
+    assert found["options"] == {
+        "min_points": 5, "max_top_points": 3, "max_spread_m": 0.05, "min_points_two_below": 3
+    }  # fmt: skip
+    assert found["pairing"] == {"offset_ns": -7, "max_gap_ns": 50_000_000}
+    assert found["state"] == "queued"
+    assert found["job"]["kind"] == "detect"
+    with api.database.reading() as session:
+        row = session.query(Detection).one()
+        payloads = [job.payload for job in session.query(Job).filter_by(subject_id=row.id).order_by(Job.id)]
+    assert row.remaining == len(payloads) == 3
+    covered = [sweep for part in payloads for sweep in range(part["first"], part["stop"])]
+    assert covered == list(range(1000))
+    assert engineer.get(f"/detections/{found['id']}").json() == found
+    listed = engineer.get(f"/recordings/{recording}/detections").json()
+    assert (listed["items"], listed["next"]) == ([found], None)
+
+
+def test_the_same_request_sent_again_makes_one_detection(api, fleet, engineer):
+    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
+    headers = {"Idempotency-Key": "once"}
+    first = engineer.post(f"/recordings/{recording}/detections", {"region": REGION}, headers=headers)
+    again = engineer.post(f"/recordings/{recording}/detections", {"region": REGION}, headers=headers)
+    assert (first.status_code, first.json()) == (again.status_code, again.json())
+    with api.database.reading() as session:
+        assert session.query(Detection).count() == 1
+
+
+def test_a_preview_is_a_job_of_its_own(api, fleet, engineer):
+    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
+    answer = engineer.post(f"/recordings/{recording}/region-previews", {"region": REGION})
+    assert answer.status_code == 202
+    assert answer.json()["job"]["kind"] == "preview"
+    with api.database.writing() as session:
+        row = session.query(RegionPreview).one()
+        row.state, row.result = "done", {"frames": 10, "frames_kept": 3}
+    read = engineer.get(f"/region-previews/{answer.json()['id']}").json()
+    assert (read["state"], read["result"]) == ("done", {"frames": 10, "frames_kept": 3})
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "says"),
+    [
+        ({"detector": "refined"}, "unknown_detector", "strict and tolerant"),
+        ({"options": {"min_pionts": 5}}, "invalid_options", "min_pionts"),
+        ({"options": {"max_spread_m": -1}}, "invalid_options", "max_spread_m"),
+        ({"options": {"min_points": True}}, "invalid_options", "min_points"),
+        ({"region": {"and": [{"quantity": "q", "op": ">", "value": 1}]}}, "invalid_request", "$.and[0].quantity"),
+        ({"region": {"quantity": "x", "op": "==", "value": 1}}, "invalid_request", "$.op"),
+        ({"pairing": {"max_gap_ns": -1}}, "invalid_request", "pairing.max_gap_ns"),
+        ({"regoin": 1}, "invalid_request", "regoin"),
+    ],
+)
+def test_bad_requests_are_named_and_nothing_is_stored(api, fleet, engineer, change, code, says):
+    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
+    answer = engineer.post(f"/recordings/{recording}/detections", {"region": REGION, **change})
+    problem = answer.json()
+    assert (answer.status_code, problem["code"]) == (422, code)
+    assert says in problem["detail"] + problem["hint"]
+    with api.database.reading() as session:
+        assert session.query(Detection).count() == session.query(Job).count() == 0
+
+
+def test_a_recording_that_is_not_ready_is_refused_with_what_to_do(api, fleet, engineer):
+    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
+    for state in ("ingesting", "failed"):
+        with api.database.writing() as session:
+            session.get_one(Recording, recording).state = state
+        answer = engineer.post(f"/recordings/{recording}/detections", {"region": REGION})
+        assert (answer.status_code, answer.json()["code"]) == (409, "recording_not_ready")
+        assert answer.json()["hint"]
+
+
+def test_cancelling_asks_every_job_of_the_detection_to_end(api, fleet, engineer):
+    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
+    found = engineer.post(f"/recordings/{recording}/detections", {"region": REGION}).json()
+    assert engineer.post(f"/detections/{found['id']}/cancel").status_code == 202
+    with api.database.reading() as session:
+        assert all(job.cancel_requested for job in session.query(Job))
+
+
+def test_vertices_come_in_pages_with_their_frames(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=5)
+    viewer = api.member(fleet, "viewer")
+    pages, after = [], ""
+    while True:
+        page = viewer.get(f"/detections/{seed.detection_id}/vertices?camera=front&limit=2{after}").json()
+        pages += page["items"]
+        if page["next"] is None:
+            break
+        after = f"&after={page['next']}"
+    assert [item["id"] for item in pages] == [str(one) for one in seed.vertices]
+    assert pages[3]["frames"] == {"front": {"index": 3, "gap_ns": 3}}
+    assert (pages[3]["x"], pages[3]["ring"], pages[3]["points"]) == (8.0, 7, 2)
+    assert viewer.get(f"/detections/{seed.detection_id}/vertices").json()["items"] == pages
+    unknown = viewer.get(f"/detections/{seed.detection_id}/vertices?camera=rear")
+    assert (unknown.status_code, unknown.json()["code"], unknown.json()["cameras"]) == (
+        404,
+        "unknown_camera",
+        ["front"],
+    )
+
+
+def test_roles_and_fleets_are_kept_apart(api, fleet):
+    seed = seed_marking(api.database, fleet)
+    outsider = api.member(api.fleet(), "admin")
+    assert outsider.get(f"/detections/{seed.detection_id}").status_code == 404
+    assert outsider.post(f"/recordings/{seed.recording_id}/detections", {"region": REGION}).status_code == 404
+    low = api.member(fleet, "reviewer").post(f"/recordings/{seed.recording_id}/detections", {"region": REGION})
+    assert (low.status_code, low.json()["code"]) == (403, "role_too_low")

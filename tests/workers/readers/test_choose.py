@@ -1,0 +1,94 @@
+from dataclasses import dataclass, field
+
+import pytest
+
+from workers.readers.choose import choose_sensors
+from workers.readers.recording import ReadError, Sensor
+
+
+@dataclass
+class Listed:
+    """A recording of which only the list of sensors matters."""
+
+    sensors: list = field(default_factory=list)
+    other_topics: tuple = ("/imu (sensor_msgs/msg/Imu)",)
+    format = "listed"
+    warnings = ()
+
+
+def lidar(name="/velodyne_points", fields="x y z intensity ring", count=5):
+    return Sensor("lidar", name, "velodyne", count, {"fields": fields})
+
+
+def camera(name, count=5):
+    return Sensor("camera", name, "camera", count)
+
+
+def chosen(sensors, lidar_name=None, cameras=None):
+    return {name: s.name for name, s in choose_sensors(Listed(sensors), lidar_name, cameras).items()}
+
+
+def refused(sensors, lidar_name=None, cameras=None):
+    with pytest.raises(ReadError) as caught:
+        chosen(sensors, lidar_name, cameras)
+    assert caught.value.hint
+    return caught.value
+
+
+def test_one_of_each_needs_no_names():
+    sensors = [camera("/cam/image/compressed"), lidar()]
+    assert chosen(sensors, cameras=["front"]) == {"lidar": "/velodyne_points", "front": "/cam/image/compressed"}
+    assert chosen(sensors, cameras={"front": None}) == chosen(sensors, cameras=["front"])
+    assert chosen(sensors) == {"lidar": "/velodyne_points", "cam_image": "/cam/image/compressed"}
+    assert chosen(sensors, cameras=[]) == {"lidar": "/velodyne_points"}
+
+
+def test_a_cloud_without_rings_is_not_the_lidar_where_another_has_them():
+    assert chosen([lidar("/depth", "x y z rgb"), lidar()], cameras=[])["lidar"] == "/velodyne_points"
+
+
+def test_a_raw_camera_gives_way_to_its_compressed_twin():
+    sensors = [lidar(), camera("/cam/image_raw"), camera("/cam/image_raw/compressed")]
+    assert chosen(sensors, cameras=["front"])["front"] == "/cam/image_raw/compressed"
+    assert chosen(sensors, cameras={"front": "/cam/image_raw"})["front"] == "/cam/image_raw"
+
+
+def test_cameras_are_told_by_their_names_in_the_topics():
+    sensors = [lidar(), camera("/camera_rear/image"), camera("/camera_front/image"), camera("/camera_left/image")]
+    assert chosen(sensors, cameras=["front", "rear"]) == {
+        "lidar": "/velodyne_points",
+        "front": "/camera_front/image",
+        "rear": "/camera_rear/image",
+    }
+    assert list(chosen(sensors, cameras={"rear": None, "x": "/camera_left/image"})) == ["lidar", "rear", "x"]
+
+
+def test_what_the_recording_holds_is_listed():
+    error = refused([camera("/cam")])
+    assert error.code == "no_lidar_topic" and "/cam (camera, 5 messages)" in error.message and "/imu" in error.message
+    assert refused([camera("/cam"), lidar(count=0)]).code == "no_lidar_topic"
+    error = refused([lidar()], cameras=["front"])
+    assert error.code == "no_camera_topic" and "/velodyne_points" in error.message
+
+
+def test_what_is_not_clear_is_asked():
+    error = refused([lidar("/a"), lidar("/b")], cameras=[])
+    assert error.code == "ambiguous_lidar" and "/a, /b" in error.message
+    assert chosen([lidar("/a"), lidar("/b")], "/b", []) == {"lidar": "/b"}
+    sensors = [lidar(), camera("/one"), camera("/two")]
+    error = refused(sensors, cameras=["front"])
+    assert error.code == "ambiguous_cameras" and "/one, /two" in error.message
+    assert refused(sensors, cameras=["a", "b", "c"]).code == "ambiguous_cameras"
+    both = [lidar(), camera("/front_rear/image"), camera("/x")]
+    assert refused(both, cameras=["front", "rear"]).code == "ambiguous_cameras"
+
+
+def test_a_topic_that_is_not_there_or_is_of_another_kind():
+    error = refused([lidar(), camera("/cam")], "/cam", [])
+    assert error.code == "topic_not_found" and "no LiDAR topic '/cam'" in error.message
+    assert refused([lidar(), camera("/cam")], None, {"front": "/camm"}).code == "topic_not_found"
+
+
+@pytest.mark.parametrize("name", ["", "../x", "a/b", "lidar", "a" * 65, "-x", "ä"])
+def test_camera_names_become_file_names(name):
+    assert refused([lidar(), camera("/cam")], None, [name]).code == "camera_name_invalid"

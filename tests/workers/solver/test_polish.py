@@ -1,0 +1,77 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import residual_pairs, simulated
+from workers.geometry.models import MODELS, SEARCH_FORMS
+from workers.solver.polish import baseline, mean_and_rms, polish, weighted_residuals
+from workers.solver.residuals import predict, residuals_and_jacobian, transform_of
+
+
+@pytest.mark.parametrize("search", SEARCH_FORMS)
+@pytest.mark.parametrize("model", MODELS)
+def test_jacobian_is_the_derivative(model, search):
+    problem, truth = simulated(model, 4, pairs=40, search=search)
+    p = truth.copy()
+    if search == "euler":
+        p[:3] = np.radians([80, -75, 5])
+    residuals, J = residuals_and_jacobian(problem, p)
+    np.testing.assert_allclose(residuals.reshape(-1, 2), residual_pairs(problem, p), atol=1e-9)
+    assert not predict(problem, p)[1].any()
+    for j in range(len(p)):
+        step = 1e-6 * np.eye(len(p))[j] * max(1.0, abs(p[j]) * 0.01)
+        ahead, back = (residuals_and_jacobian(problem, p + s * step)[0] for s in (1, -1))
+        np.testing.assert_allclose(J[:, j], (ahead - back) / (2 * step[j]), rtol=1e-4, atol=2e-4)
+
+
+def test_the_transform_is_what_is_projected():
+    for search in SEARCH_FORMS:
+        problem, _ = simulated("pinhole", 4, search=search)
+        p = problem.lower + 0.4 * (problem.upper - problem.lower)
+        camera = transform_of(problem, p).apply(problem.points)
+        expected = p[6:8] * camera[:, :2] / camera[:, 2:] + p[8:10]
+        ahead = camera[:, 2] > 0.1
+        assert ahead.any()
+        np.testing.assert_allclose(predict(problem, p)[0][ahead], expected[ahead], rtol=1e-9)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_polish_is_stationary_and_below_the_truth(model):
+    problem, truth = simulated(model, 6)
+    fit = polish(problem, truth)
+    assert fit.converged
+    assert fit.rms_px <= mean_and_rms(problem, truth)[1]
+    residuals, J = weighted_residuals(problem, np.array(fit.parameters))
+    cosines = np.abs(J.T @ residuals) / (np.linalg.norm(J, axis=0) * np.linalg.norm(residuals))
+    assert cosines.max() < 1e-4
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_plain_baseline_reaches_the_optimum_of_a_roughly_known_mount(model):
+    for seed in range(4):
+        problem, truth = simulated(model, seed)
+        assert baseline(problem).rms_px == pytest.approx(polish(problem, truth).rms_px, rel=1e-4)
+
+
+def test_weights_leave_out_and_robust_polish_shrugs_off():
+    problem, truth = simulated("pinhole", 8)
+    wrong = problem.pixels.copy()
+    wrong[:40] += 150.0
+    weights = np.where(np.arange(222) < 40, 0.0, 1.0)
+    clean = polish(replace(problem, weights=weights), truth).parameters
+    left_out = polish(replace(problem, pixels=wrong, weights=weights), truth).parameters
+    np.testing.assert_allclose(left_out, clean, rtol=1e-6, atol=1e-6)
+    plain = np.array(polish(replace(problem, pixels=wrong), truth).parameters)
+    robust = np.array(polish(replace(problem, pixels=wrong, loss="saturating"), truth).parameters)
+    assert np.abs(robust[6:] - truth[6:]).max() < 0.1 * np.abs(plain[6:] - truth[6:]).max()
+
+
+def test_locks_and_priors_hold():
+    problem, truth = simulated("pinhole", 9)
+    free = polish(problem, truth).parameters[6]
+    pulled, _ = simulated("pinhole", 9, priors={"f_x": {"mean": free + 50, "sigma": 0.5}})
+    value = polish(pulled, truth).parameters[6]
+    assert free + 10 < value < free + 50
+    locked, _ = simulated("pinhole", 9, locked={"f_x": 700.0})
+    assert polish(locked, truth).parameters[6] == 700.0

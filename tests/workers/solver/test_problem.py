@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
+from workers.solver.errors import SolveError
+from workers.solver.problem import problem_from_document
+
+POINTS = np.random.default_rng(0).uniform((4, -2, -1), (20, 2, 1), (40, 3))
+PIXELS = np.random.default_rng(1).uniform(0, 900, (40, 2))
+REQUEST = {"model": "pinhole", "image_size": SIZE, "nominal": NOMINAL}
+
+
+def refusal(document=None, points=POINTS, pixels=PIXELS, weights=None):
+    with pytest.raises(SolveError) as caught:
+        problem_from_document(REQUEST | (document or {}), points, pixels, weights)
+    assert caught.value.message
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("document", "code"),
+    [
+        ({"model": "fisheye"}, "ambiguous_model"),
+        ({"model": "omni"}, "unknown_model"),
+        ({"search": "quaternion"}, "unknown_search_form"),
+        ({"bounds": {"f_x": [900, 300]}}, "bounds_inside_out"),
+        ({"bounds": {"f_x": [300]}}, "bad_document"),
+        ({"bounds": {"f_x": [float("nan"), 300]}}, "non_finite"),
+        ({"bounds": {"k1": [0, 1]}}, "unknown_parameter"),
+        ({"locked": {"alpha": 0.0}}, "unknown_parameter"),
+        ({"locked": {"f_x": float("inf")}}, "non_finite"),
+        ({"priors": {"f_x": {"mean": 500, "sigma": 0}}}, "bad_prior"),
+        ({"bounds_preset": "huge"}, "unknown_bounds_preset"),
+        ({"rotation_range_deg": -3}, "bounds_inside_out"),
+        ({"loss": "rms"}, "unknown_loss"),
+        ({"preset": "fast"}, "unknown_preset"),
+        ({"schedule": {"slots": 0}}, "bad_schedule"),
+        ({"schedule": {"slots": "many"}}, "bad_schedule"),
+        ({"schedule": {"islands": 3}}, "bad_schedule"),
+        ({"nominal": {"to_frame": "a"}}, "bad_transform"),
+        ({"image_size": None}, "bad_document"),
+        ({"nonsense": 1}, "bad_document"),
+    ],
+)
+def test_requests_that_cannot_be_run_are_answered(document, code):
+    assert refusal(document).code == code
+
+
+def test_pairs_that_cannot_be_fitted_are_answered():
+    bad = POINTS.copy()
+    bad[7, 1] = np.nan
+    error = refusal(points=bad)
+    assert error.code == "non_finite"
+    assert "pair 7" in error.message
+    assert refusal(points=POINTS[:5]).code == "bad_shape"
+    assert refusal(points=POINTS[:9], pixels=PIXELS[:9]).code == "too_few_pairs"
+    assert refusal(weights=np.where(np.arange(40) < 9, 1.0, 0.0)).code == "too_few_pairs"
+    assert refusal(weights=-np.ones(40)).code == "bad_shape"
+
+
+def test_locks_lower_the_number_of_pairs_needed():
+    locked = {"f_x": 700, "f_y": 700, "c_x": 640, "c_y": 480}
+    problem = problem_from_document(REQUEST | {"locked": locked}, POINTS[:6], PIXELS[:6])
+    assert len(problem.free) == 6
+    assert problem.bounds["f_x"] == (700.0, 700.0)
+
+
+def test_image_size_bounds_follow_the_image_and_the_nominal():
+    problem, _ = simulated("brown_conrady", 1)
+    assert problem.bounds["f_x"] == (256.0, 3840.0)
+    assert problem.bounds["c_y"] == (0.0, 959.0)
+    assert problem.bounds["skew"] == (-0.1, 0.1)
+    assert problem.bounds["t_x"] == (-1.0, 1.0)
+    assert problem.bounds["rotation_y"] == pytest.approx((-np.pi / 6, np.pi / 6))
+
+
+def test_paper_preset_is_the_papers():
+    problem, _ = simulated("brown_conrady", 1, preset="paper")
+    assert problem.search == "euler"
+    assert problem.bounds["alpha"] == pytest.approx((0.2 * np.pi, 0.8 * np.pi))
+    assert problem.bounds["f_x"] == (300.0, 900.0)
+    assert problem.schedule.slots == 5
+    assert problem.schedule.population == 800
+    assert problem.schedule.generations == 30
+
+
+def test_toolbox_preset_runs_once():
+    problem, _ = simulated("pinhole", 1, preset="toolbox", schedule={"generations": 10})
+    assert (problem.schedule.slots, problem.schedule.population, problem.schedule.max_iterations) == (20, 2000, 1)
+    assert problem.schedule.generations == 10
+
+
+def test_degrees_are_read_by_name():
+    problem, _ = simulated(
+        "pinhole",
+        1,
+        bounds={"rotation_x_deg": [-10, 20]},
+        locked={"rotation_y_deg": 3},
+        priors={"rotation_z_deg": {"mean": 1, "sigma": 2}},
+    )
+    assert problem.bounds["rotation_x"] == pytest.approx(np.radians((-10, 20)))
+    assert problem.locked["rotation_y"] == pytest.approx(np.radians(3))
+    assert problem.priors["rotation_z"] == pytest.approx(np.radians((1, 2)))

@@ -1,0 +1,131 @@
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import simulated
+from workers.geometry.models import MODELS, SEARCH_FORMS
+from workers.solver.fitness import evaluate_population
+from workers.solver.genetic import select_best
+from workers.solver.slot import (
+    SlotOutcome,
+    loss_px,
+    pack_pairs,
+    prior_rows,
+    run_slot,
+    scales_of,
+    warm_up,
+)
+
+SHORT = {"population": 160, "generations": 12}
+
+
+def outcome(problem, slot=0, iteration=0):
+    return run_slot(problem, problem.lower.tolist(), problem.upper.tolist(), iteration, slot)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_same_slot_same_bits_other_slot_other_bits(model):
+    problem, _ = simulated(model, 3, schedule=SHORT)
+    again, _ = simulated(model, 3, schedule=SHORT)
+    assert outcome(problem) == outcome(again)
+    others = [outcome(problem, slot=1), outcome(problem, iteration=1)]
+    others += [outcome(replace(problem, **part)) for part in ({"seed": 4}, {"camera": "rear"}, {"fold": 0})]
+    assert len({other.parameters for other in [outcome(problem), *others]}) == 6
+
+
+def test_a_fresh_process_gives_the_same_bits():
+    code = (
+        "import json; from tests.workers.solver.rigs import simulated; from workers.solver.slot import run_slot;"
+        f"p, _ = simulated('kannala_brandt', 3, schedule={SHORT!r});"
+        "print(json.dumps(run_slot(p, p.lower.tolist(), p.upper.tolist(), 2, 3).to_document()))"
+    )
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    problem, _ = simulated("kannala_brandt", 3, schedule=SHORT)
+    assert SlotOutcome.from_document(json.loads(printed)) == outcome(problem, slot=3, iteration=2)
+
+
+@pytest.mark.parametrize("search", SEARCH_FORMS)
+@pytest.mark.parametrize("model", MODELS)
+def test_single_precision_fitness_is_the_double_precision_loss(model, search):
+    for loss in ("mean", "saturating"):
+        problem, truth = simulated(model, 5, search=search, loss=loss, priors={"f_x": {"mean": 600, "sigma": 50}})
+        rng = np.random.default_rng(0)
+        free, low, width = problem.free, problem.lower, problem.upper - problem.lower
+        population = rng.random((len(free), 40)).astype(np.float32)
+        if search == "rotation_vector":
+            near = ((truth - low) / width)[:, None] + rng.normal(size=(len(free), 20)) * 0.01
+            population[:, :20] = np.clip(near, 0, 1).astype(np.float32)
+        losses = np.empty(40, dtype=np.float32)
+        evaluate_population(
+            MODELS.index(model), SEARCH_FORMS.index(search), pack_pairs(problem), scales_of(problem), low.copy(),
+            free, low, width, prior_rows(problem), population, losses, 0,
+        )  # fmt: skip
+        expected = [loss_px(problem, low + width * population[:, i].astype(float)) for i in range(40)]
+        # One point on the other side of a fold's edge may move a mean by a pair's share of the diagonal.
+        close = np.isclose(losses, expected, rtol=1e-4)
+        assert close.mean() >= 0.9, (losses, expected)
+        np.testing.assert_allclose(losses, expected, rtol=0.05)
+
+
+def test_locked_parameters_never_move_and_bounds_hold():
+    locks = {"f_x": 650.125, "rotation_y": 0.1, "t_z": 0.25}
+    problem, _ = simulated("brown_conrady", 7, locked=locks, schedule=SHORT)
+    for slot in range(3):
+        found = dict(zip(problem.names, outcome(problem, slot).parameters, strict=True))
+        assert {name: found[name] for name in locks} == locks
+        for name, value in found.items():
+            assert problem.bounds[name][0] <= value <= problem.bounds[name][1]
+
+
+def test_everything_locked_is_just_evaluated():
+    problem, truth = simulated("pinhole", 7)
+    locks = dict(zip(problem.names, truth.tolist(), strict=True))
+    problem, _ = simulated("pinhole", 7, locked=locks)
+    found = outcome(problem)
+    assert found.parameters == tuple(truth.tolist())
+    assert found.evaluations == 0
+    assert found.loss == pytest.approx(1.25, rel=0.15)
+
+
+def test_padding_counts_for_nothing():
+    for pairs in (31, 32, 33):
+        problem, truth = simulated("pinhole", 1, pairs=pairs)
+        pack = pack_pairs(problem)
+        assert pack.shape[1] % 32 == 0
+        assert pack[5].sum() == pairs
+        losses = np.empty(1, dtype=np.float32)
+        width = problem.upper - problem.lower
+        individual = ((truth - problem.lower) / width).astype(np.float32)[:, None]
+        evaluate_population(
+            0, 0, pack, scales_of(problem), problem.lower.copy(), problem.free, problem.lower, width,
+            prior_rows(problem), individual, losses, 0,
+        )  # fmt: skip
+        assert losses[0] == pytest.approx(loss_px(problem, truth), rel=1e-3)
+
+
+def test_selection_takes_the_best_and_breaks_ties_by_index():
+    rng = np.random.default_rng(0)
+    for wanted in (1, 7, 150):
+        losses = rng.random(800).astype(np.float32)
+        losses[::5] = 0.25
+        losses[3] = np.inf
+        chosen = np.empty(wanted, dtype=np.int64)
+        select_best(losses, wanted, chosen)
+        assert sorted(chosen) == sorted(np.argsort(losses, kind="stable")[:wanted])
+
+
+def test_evaluations_are_counted():
+    problem, _ = simulated("pinhole", 1, schedule={"population": 800, "generations": 30})
+    assert outcome(problem).evaluations == 800 + 29 * 792
+
+
+def test_warm_up_leaves_nothing_to_compile():
+    warm_up()
+    before = len(evaluate_population.signatures)
+    problem, _ = simulated("brown_conrady", 1, search="euler", loss="saturating", schedule=SHORT)
+    outcome(problem)
+    assert len(evaluate_population.signatures) == before

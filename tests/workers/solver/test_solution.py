@@ -1,0 +1,152 @@
+import json
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import (
+    NOMINAL,
+    best_mean_px,
+    real_correspondences,
+    real_problem,
+    simulated,
+)
+from workers.geometry.models import INTRINSICS, MODELS
+from workers.geometry.transforms import from_document
+from workers.solver.errors import SolveError
+from workers.solver.folds import folds
+from workers.solver.polish import polish
+from workers.solver.problem import problem_from_document
+from workers.solver.schedule import run_schedule, start
+from workers.solver.solution import evaluate, solve_finish
+from workers.solver.uncertainty import uncertainty
+
+
+def solve(problem):
+    state, _ = run_schedule(problem)
+    solution = solve_finish(problem, state)
+    return json.loads(json.dumps(solution, allow_nan=False))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_search_and_polish_reach_the_optimum_from_the_truth(model):
+    for seed in range(3):
+        problem, truth = simulated(model, seed + 40)
+        solution = solve(problem)
+        assert solution["status"] == "ok"
+        assert solution["ga"]["mean_px"] < 1.01 * best_mean_px(problem, truth)
+        assert solution["polished"]["rms_px"] < 1.0001 * polish(problem, truth).rms_px
+        assert solution["polished"]["rms_px"] <= solution["ga"]["rms_px"]
+        assert solution["at_bounds"] == []
+
+
+def test_any_mount_is_found():
+    for seed in range(3):
+        problem, truth = simulated("pinhole", seed, mount_deg=100, rotation_range_deg=180)
+        assert solve(problem)["polished"]["rms_px"] < 1.0001 * polish(problem, truth).rms_px
+
+
+@pytest.mark.parametrize(("model", "limit_px"), [("pinhole", 19.5), ("brown_conrady", 4.3), ("kannala_brandt", 4.3)])
+def test_the_real_board_is_fitted(model, limit_px):
+    solution = solve(real_problem(model))
+    assert solution["pairs"] == 80
+    assert solution["polished"]["mean_px"] <= limit_px
+    assert solution["at_bounds"] == []
+    if model == "kannala_brandt":
+        # The publisher's own calibration of this camera.
+        assert solution["intrinsics"]["f_x"] == pytest.approx(1176.93, rel=0.05)
+        assert solution["intrinsics"]["c_x"] == pytest.approx(962.275, abs=60)
+
+
+def test_whole_poses_held_out_of_the_real_board():
+    points, pixels, poses = real_correspondences()
+    errors = []
+    for index, held_out in enumerate(folds(poses, 5)):
+        kept = np.setdiff1d(np.arange(80), held_out)
+        request = {"model": "kannala_brandt", "image_size": [1920, 1208], "nominal": NOMINAL, "fold": index}
+        solution = solve(problem_from_document(request, points[kept], pixels[kept]))
+        score = evaluate(solution["intrinsics"], solution["transform"], points[held_out], pixels[held_out])
+        errors += score["errors_px"]
+    assert len(errors) == 80
+    assert np.mean(errors) < 7.0
+
+
+def test_documents_describe_the_same_solution():
+    problem, _ = simulated("brown_conrady", 50)
+    solution = solve(problem)
+    again = evaluate(solution["intrinsics"], solution["transform"], problem.points, problem.pixels)
+    np.testing.assert_allclose(again["errors_px"], solution["residuals_px"], atol=1e-6)
+    assert again["mean_px"] == pytest.approx(solution["polished"]["mean_px"])
+    assert again["rms_px"] == pytest.approx(solution["polished"]["rms_px"])
+    transform = from_document(solution["transform"])
+    assert (transform.to_frame, transform.from_frame) == ("camera_front_optical", "velodyne")
+    assert solution["parameters"]["t_x_m"] == transform.t[0]
+    assert solution["parameters"]["k1"] == solution["intrinsics"]["k1"]
+    assert set(solution["versions"]) >= {"numpy", "numba", "scipy"}
+
+
+def test_standard_deviations_are_those_of_repeated_walks():
+    errors, stds = [], []
+    for seed in range(60):
+        problem, truth = simulated("pinhole", 70)
+        noisy = problem.pixels + np.random.default_rng(seed).normal(size=problem.pixels.shape)
+        clean, _ = simulated("pinhole", 70, noise_px=0.0)
+        request = {"model": "pinhole", "image_size": problem.image_size, "nominal": NOMINAL}
+        repeat = problem_from_document(request, problem.points, noisy - problem.pixels + clean.pixels)
+        fit = polish(repeat, truth)
+        spread = uncertainty(repeat, np.array(fit.parameters))
+        stds.append(spread.std[3:])
+        errors.append(np.array(fit.parameters)[3:] - truth[3:])
+    ratio = np.std(errors, axis=0) / np.mean(stds, axis=0)
+    assert (ratio > 0.7).all()
+    assert (ratio < 1.35).all()
+
+
+def test_locked_intrinsics_pin_the_rotation():
+    free_problem, truth = simulated("pinhole", 51)
+    locks = dict(zip(INTRINSICS["pinhole"], truth[6:].tolist(), strict=True))
+    locked_problem, _ = simulated("pinhole", 51, locked=locks)
+    free, locked = solve(free_problem), solve(locked_problem)
+    assert locked["std"]["rotation_x"] < 0.05
+    assert locked["std"]["rotation_x"] < 0.3 * free["std"]["rotation_x"]
+    assert set(locked["std"]) == {"rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z"}
+    assert {name: locked["intrinsics"][name] for name in locks} == locks
+
+
+def test_alarms_speak_of_edges_rank_and_correlation():
+    edge, _ = simulated("pinhole", 52, bounds={"f_x": [900, 1000], "f_y": [900, 1000]})
+    solution = solve(edge)
+    assert "f_x" in solution["at_bounds"]
+    assert any("edge of the bounds" in alarm for alarm in solution["alarms"])
+
+    seen, _ = simulated("pinhole", 52)
+    one_place = np.repeat(seen.points[:1], 12, axis=0), np.repeat(seen.pixels[:1], 12, axis=0)
+    request = {"model": "pinhole", "image_size": seen.image_size, "nominal": NOMINAL}
+    degenerate = solve(problem_from_document(request, *one_place))
+    assert any("do not determine" in alarm for alarm in degenerate["alarms"])
+    assert None in degenerate["std"].values()
+
+
+def test_what_the_solution_forbids_counts_with_its_cost():
+    problem, _ = simulated("pinhole", 53)
+    solution = solve(problem)
+    behind = problem.points[:1] * [-1, 1, 1]
+    score = evaluate(solution["intrinsics"], solution["transform"], behind, problem.pixels[:1])
+    assert score["forbidden"] == 1
+    assert score["max_px"] >= 1600
+
+
+def test_a_run_stopped_from_outside_says_so():
+    problem, _ = simulated("pinhole", 54)
+    with pytest.raises(SolveError):
+        solve_finish(problem, start(problem))
+    calls = iter(range(100))
+    state, _ = run_schedule(problem, should_stop=lambda: next(calls) >= 5)
+    assert solve_finish(problem, state)["status"] == "unfinished"
+
+
+def test_euler_form_says_when_its_box_cuts():
+    problem, _ = simulated("pinhole", 55, search="euler", bounds_preset="image-size", mount_deg=2)
+    solution = solve(problem)
+    assert solution["search"] == "euler"
+    assert solution["polished"]["rms_px"] > 0
+    assert set(solution["ga"]["parameters"]) >= {"alpha", "beta", "gamma"}

@@ -1,0 +1,104 @@
+"""What a shard of a detection writes, beside shards that failed and runs that go on at the same time."""
+
+import threading
+
+import pytest
+from sqlalchemy import select
+
+from service.db.models import Apex, Detection, VertexFrame
+from service.jobs.claims import claim, finishing
+from service.jobs.queue import enqueue_all
+from tests.service.detections.seeding import seed_recording, seed_rig
+from tests.service.jobs.support import make_fleet
+from workers.tasks import detecting
+from workers.vertices.detectors import Detections
+from workers.vertices.detectors import Vertex as Found
+
+REGION = {"quantity": "x", "op": ">", "value": 0}
+PAIRING = {"offset_ns": 0, "max_gap_ns": 100_000_000}
+
+
+def found(*vertices):
+    """Vertices of (sweep, time in ms)."""
+    made = [Found((5.0, 0.0, 0.5), ms * 1_000_000, 7, sweep, 2, "tolerant") for sweep, ms in vertices]
+    return Detections(made, max(len(made), 1), {})
+
+
+def make_run(database, fleet_id, recording_id, shards=1):
+    """A detection and its jobs' ids."""
+    with database.writing() as session:
+        run = Detection(
+            fleet_id=fleet_id,
+            recording_id=recording_id,
+            region=REGION,
+            detector="tolerant",
+            options={},
+            pairing=PAIRING,
+            content_hash="0",
+            remaining=shards,
+        )
+        session.add(run)
+        session.flush()
+        payloads = [{"first": number, "stop": number + 1} for number in range(shards)]
+        jobs = enqueue_all(session, kind="detect", fleet_id=fleet_id, subject_id=run.id, payloads=payloads)
+        return run, [job.id for job in jobs]
+
+
+@pytest.fixture
+def recording(database):
+    fleet_id = make_fleet(database)
+    recording_id, camera_id = seed_recording(database, seed_rig(database, fleet_id), 5)
+    return fleet_id, recording_id, camera_id
+
+
+def finish(database, run, job_id, detections, pairs, *, wait=None):
+    held = claim(database, job_id, f"w{job_id}")
+    assert held
+    if wait:
+        wait()
+    with finishing(database, held) as session:
+        detecting.writing(run, detections, pairs)(session)
+
+
+def test_a_run_with_a_failed_shard_stays_failed_when_the_others_finish(database, recording):
+    fleet_id, recording_id, camera_id = recording
+    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+    held = claim(database, first, "w")
+    with finishing(database, held, "failed", {"code": "worker_lost"}):
+        pass
+    finish(database, run, second, found((1, 100)), {camera_id: [(1, 0)]})
+    with database.reading() as session:
+        row = session.get_one(Detection, run.id)
+        assert (row.state, row.problem) == ("failed", {"code": "worker_lost"})
+
+
+def test_two_runs_at_once_find_one_apex(database, recording):
+    fleet_id, recording_id, camera_id = recording
+    runs = [make_run(database, fleet_id, recording_id) for _ in range(2)]
+    barrier = threading.Barrier(2)
+    threads = [
+        threading.Thread(
+            target=finish,
+            args=(database, run, jobs[0], found((0, 0)), {camera_id: [(0, 0)]}),
+            kwargs={"wait": barrier.wait},
+        )
+        for run, jobs in runs
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    with database.reading() as session:
+        assert len(session.scalars(select(Apex)).all()) == 1
+
+
+def test_a_frame_belongs_to_the_vertex_nearest_in_time_also_across_shards(database, recording):
+    fleet_id, recording_id, camera_id = recording
+    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+    finish(database, run, first, found((0, 0), (1, 60)), {camera_id: [(0, 3), (1, 40)]})
+    finish(database, run, second, found((2, 110)), {camera_id: [(1, -10)]})
+    with database.reading() as session:
+        rows = session.execute(select(VertexFrame.frame_index, VertexFrame.gap_ns).order_by(VertexFrame.frame_index))
+        assert [tuple(row) for row in rows] == [(0, 3), (1, -10)]
+        counts = session.get_one(Detection, run.id).counts
+        assert (counts["accepted"], counts["paired"], counts["frame_taken"]) == (3, 2, 1)

@@ -1,0 +1,138 @@
+import numpy as np
+import pytest
+
+from tests.workers.vertices.sweeps import EVERYTHING, IN_FRONT, row, sweep
+from workers.vertices.detectors import (
+    DETECTORS,
+    DetectorError,
+    Rejection,
+    Vertex,
+    detect,
+    detect_all,
+    resolve_options,
+)
+
+STRICT_FRAME = row(2, 5) + row(3, 4) + row(5, 1)
+TOLERANT_FRAME = row(3, 5) + row(4, 4) + row(5, 3) + row(6, 2)
+
+
+def test_strict_takes_the_single_point_of_the_top_ring():
+    found = detect("strict", sweep(STRICT_FRAME, stamp_ns=7_000), EVERYTHING, sweep_index=12)
+    assert isinstance(found, Vertex)
+    assert found.xyz == pytest.approx((5.0, 0.0, 0.5))
+    assert (found.ring, found.sweep_index, found.points_used, found.detector) == (5, 12, 1, "strict")
+    assert found.time_ns == 7_000 + 9_000  # the tenth point's own moment, not the sweep's stamp
+
+
+@pytest.mark.parametrize(
+    ("points", "reason"),
+    [
+        ([], "no_points"),
+        (row(9, 8, x=-5.0), "no_points"),
+        (row(3, 5) + row(4, 4) + row(5, 1), "ring_span_too_small"),
+        (row(5, 1), "ring_span_too_small"),
+        (row(2, 5) + row(5, 2), "top_ring_not_single"),
+    ],
+)
+def test_strict_says_why_it_rejects(points, reason):
+    assert detect("strict", sweep(points), IN_FRONT) == Rejection(reason)
+
+
+def test_strict_needs_no_ring_in_between():
+    assert isinstance(detect("strict", sweep(row(0, 1) + row(3, 1)), EVERYTHING), Vertex)
+
+
+def test_points_that_are_not_finite_do_not_count():
+    hidden = [(9, np.nan, 0.0, 0.0), (9, 5.0, np.inf, 0.0)]
+    found = detect("strict", sweep(STRICT_FRAME + hidden), EVERYTHING)
+    assert isinstance(found, Vertex)
+    assert found.ring == 5
+
+
+def test_tolerant_averages_the_top_ring():
+    points = sweep(TOLERANT_FRAME, stamp_ns=1_000_000)
+    found = detect("tolerant", points, EVERYTHING)
+    assert isinstance(found, Vertex)
+    assert found.xyz == pytest.approx((5.0, 0.01, 0.6))
+    assert found.points_used == 2
+    assert found.time_ns == 1_000_000 + 12_500  # between the 13th and the 14th point
+
+
+@pytest.mark.parametrize(
+    ("points", "reason"),
+    [
+        ([], "no_points"),
+        (row(4, 5) + row(5, 3) + row(6, 1), "too_few_points"),
+        (row(4, 5) + row(5, 3) + row(6, 4), "top_ring_too_wide"),
+        (row(4, 5) + row(5, 3) + row(6, 2, step=0.06), "top_points_apart"),
+        (row(4, 5) + row(5, 3) + row(6, 3, step=0.03), "top_points_apart"),
+        (row(3, 5) + row(4, 2) + row(5, 3) + row(6, 2), "too_few_points_two_rings_below"),
+        (row(5, 9) + row(6, 2), "too_few_points_two_rings_below"),
+    ],
+)
+def test_tolerant_says_why_it_rejects(points, reason):
+    assert detect("tolerant", sweep(points), EVERYTHING) == Rejection(reason)
+
+
+def test_tolerant_at_its_limits():
+    exactly_ten = row(4, 3) + row(5, 4) + row(6, 3, step=0.0249)
+    assert isinstance(detect("tolerant", sweep(exactly_ten), EVERYTHING), Vertex)
+
+
+def test_ring_zero_on_top_has_nothing_two_rings_below():
+    assert detect("tolerant", sweep(row(0, 3)), EVERYTHING, {"min_points": 1}) == Rejection(
+        "too_few_points_two_rings_below"
+    )
+
+
+def test_options_change_the_limits():
+    wide = row(4, 5) + row(5, 3) + row(6, 4)
+    assert isinstance(detect("tolerant", sweep(wide), EVERYTHING, {"max_top_points": 4, "max_spread_m": 0.1}), Vertex)
+    assert isinstance(detect("strict", sweep(row(1, 1) + row(2, 1)), EVERYTHING, {"min_ring_span": 1}), Vertex)
+
+
+def test_all_reasons_are_announced_and_counted():
+    sweeps = [sweep(STRICT_FRAME), sweep([]), sweep(row(2, 5) + row(5, 2)), sweep(STRICT_FRAME), sweep([])]
+    found = detect_all(sweeps, EVERYTHING, "strict", first_index=100)
+    assert [vertex.sweep_index for vertex in found.vertices] == [100, 103]
+    assert found.frames == 5
+    assert found.rejected == {"no_points": 2, "top_ring_not_single": 1}
+    assert set(found.rejected) <= set(DETECTORS["strict"].reasons)
+
+
+def test_no_sweeps():
+    found = detect_all([], EVERYTHING, "tolerant")
+    assert (found.vertices, found.frames, found.rejected) == ([], 0, {})
+
+
+def test_an_unknown_detector_is_answered_with_the_known_ones():
+    with pytest.raises(DetectorError) as caught:
+        detect_all([], EVERYTHING, "lenient")
+    assert caught.value.code == "detector_unknown"
+    assert "strict, tolerant" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "code"),
+    [
+        ("strict", {"min_points": 3}, "detector_option_unknown"),
+        ("tolerant", {"max_spread_m": -0.1}, "detector_option_invalid"),
+        ("tolerant", {"max_spread_m": float("nan")}, "detector_option_invalid"),
+        ("tolerant", {"max_spread_m": "wide"}, "detector_option_invalid"),
+        ("tolerant", {"min_points": 2.5}, "detector_option_invalid"),
+        ("tolerant", {"min_points": True}, "detector_option_invalid"),
+    ],
+)
+def test_bad_options_are_refused(name, options, code):
+    with pytest.raises(DetectorError) as caught:
+        resolve_options(DETECTORS[name], options)
+    assert caught.value.code == code
+
+
+def test_the_defaults_are_those_of_the_papers_toolbox():
+    assert resolve_options(DETECTORS["tolerant"], None) == {
+        "min_points": 10,
+        "max_top_points": 3,
+        "max_spread_m": 0.05,
+        "min_points_two_below": 3,
+    }

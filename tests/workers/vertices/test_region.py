@@ -1,0 +1,165 @@
+import json
+import math
+import operator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from workers.vertices.region import MAX_DEPTH, MAX_NODES, OPERATORS, QUANTITIES, Region, RegionError
+
+_COMPARE = dict(zip(OPERATORS, (operator.lt, operator.le, operator.gt, operator.ge), strict=True))
+
+
+def plain_quantity(name, xyz):
+    x, y, z = xyz[:, 0], xyz[:, 1], xyz[:, 2]
+    return {
+        "x": x,
+        "y": y,
+        "z": z,
+        "range": np.sqrt(x * x + y * y + z * z),
+        "azimuth_deg": np.degrees(np.arctan2(y, x)),
+        "elevation_deg": np.degrees(np.arctan2(z, np.sqrt(x * x + y * y))),
+    }[name]
+
+
+def plain_mask(node, xyz, doubtful):
+    """The tree read straight off with NumPy; marks points that lie on a leaf's threshold to rounding."""
+    if "and" in node:
+        return np.logical_and.reduce([plain_mask(child, xyz, doubtful) for child in node["and"]])
+    if "or" in node:
+        return np.logical_or.reduce([plain_mask(child, xyz, doubtful) for child in node["or"]])
+    with np.errstate(all="ignore"):
+        left = plain_quantity(node["quantity"], xyz)
+        if "divided_by" in node:
+            left = left / plain_quantity(node["divided_by"], xyz)
+        if node["quantity"] not in "xyz" or node.get("divided_by", "x") not in "xyz":
+            doubtful |= np.abs(left - node["value"]) <= 1e-12 * (1.0 + np.abs(left))
+        return _COMPARE[node["op"]](left, node["value"])
+
+
+numbers = st.one_of(st.integers(-5, 5), st.floats(-200, 200, allow_nan=False))
+leaves = st.builds(
+    lambda quantity, divisor, op, value: {
+        "quantity": quantity,
+        "op": op,
+        "value": value,
+        **({"divided_by": divisor} if divisor else {}),
+    },
+    st.sampled_from(QUANTITIES),
+    st.one_of(st.none(), st.sampled_from(QUANTITIES)),
+    st.sampled_from(OPERATORS),
+    numbers,
+)
+trees = st.recursive(
+    leaves,
+    lambda nodes: st.builds(
+        lambda key, children: {key: children},
+        st.sampled_from(["and", "or"]),
+        st.lists(nodes, min_size=1, max_size=4),
+    ),
+    max_leaves=12,
+)
+coordinates = st.one_of(st.integers(-3, 3).map(float), st.floats(-60, 60, width=32))
+clouds = st.lists(st.tuples(coordinates, coordinates, coordinates), min_size=1, max_size=20)
+
+
+@settings(max_examples=200, deadline=None)
+@given(trees, clouds)
+def test_the_compiled_mask_equals_a_plain_evaluation(tree, cloud):
+    xyz = np.array(cloud, np.float64)
+    doubtful = np.zeros(len(xyz), bool)
+    expected = plain_mask(tree, xyz, doubtful)
+    found = Region.from_document(tree).mask(xyz)
+    np.testing.assert_array_equal(found[~doubtful], expected[~doubtful])
+
+
+@settings(max_examples=100, deadline=None)
+@given(trees, clouds)
+def test_a_region_survives_json(tree, cloud):
+    xyz = np.array(cloud, np.float32)
+    again = Region.from_document(json.loads(json.dumps(tree)))
+    np.testing.assert_array_equal(again.mask(xyz), Region.from_document(tree).mask(xyz))
+
+
+def test_the_filter_of_the_toolbox():
+    region = Region.from_document(
+        {
+            "and": [
+                {"quantity": "x", "op": ">", "value": 0},
+                {"quantity": "range", "op": "<", "value": 9},
+                {"quantity": "z", "divided_by": "x", "op": ">", "value": 0.2},
+            ]
+        }
+    )
+    xyz = np.array([[5, 0, 1.5], [5, 0, 0.5], [-5, 0, -1.5], [9, 0, 2.5], [5, 1, 1.1]], np.float32)
+    assert region.mask(xyz).tolist() == [True, False, False, False, True]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_point_that_is_not_finite_is_never_inside(bad):
+    region = Region.from_document({"quantity": "x", "op": "<", "value": 100})
+    xyz = np.array([[bad, 0, 0], [0, bad, 0], [0, 0, bad], [0, 0, 0]], np.float32)
+    assert region.mask(xyz).tolist() == [False, False, False, True]
+
+
+def test_dividing_by_zero_is_infinite_or_not_a_number():
+    region = Region.from_document({"quantity": "z", "divided_by": "x", "op": ">", "value": 1e300})
+    assert region.mask(np.array([[0.0, 0, 1], [0.0, 0, -1], [0.0, 0, 0]])).tolist() == [True, False, False]
+
+
+def test_no_points_and_wrong_shape():
+    region = Region.from_document({"quantity": "x", "op": "<", "value": 1})
+    assert region.mask(np.zeros((0, 3), np.float32)).shape == (0,)
+    with pytest.raises(ValueError, match=r"\(N, 3\)"):
+        region.mask(np.zeros(3))
+
+
+_LEAF = {"quantity": "x", "op": ">", "value": 0}
+
+
+@pytest.mark.parametrize(
+    ("document", "path"),
+    [
+        ("x > 0", "$"),
+        (None, "$"),
+        ([_LEAF], "$"),
+        ({}, "$"),
+        ({"and": []}, "$.and"),
+        ({"and": "x"}, "$.and"),
+        ({"and": _LEAF}, "$.and"),
+        ({"and": [_LEAF], "or": [_LEAF]}, "$"),
+        ({"and": [_LEAF], "op": "<"}, "$"),
+        ({"and": [_LEAF, {"or": [{**_LEAF, "quantity": "__import__('os')"}]}]}, "$.and[1].or[0].quantity"),
+        ({**_LEAF, "op": "=="}, "$.op"),
+        ({**_LEAF, "op": ["<"]}, "$.op"),
+        ({**_LEAF, "divided_by": None}, "$.divided_by"),
+        ({**_LEAF, "value": "1"}, "$.value"),
+        ({**_LEAF, "value": True}, "$.value"),
+        ({**_LEAF, "value": math.nan}, "$.value"),
+        ({**_LEAF, "value": 10**400}, "$.value"),
+        ({**_LEAF, "times": 2}, "$"),
+        ({"quantity": "x", "op": ">"}, "$"),
+    ],
+)
+def test_a_bad_node_is_named_by_its_path(document, path):
+    with pytest.raises(RegionError) as caught:
+        Region.from_document(document)
+    assert caught.value.code == "region_invalid"
+    assert f"node {path}:" in caught.value.message
+    assert caught.value.hint
+
+
+def test_depth_and_size_are_limited():
+    def nested(depth):
+        return _LEAF if depth == 1 else {"and": [nested(depth - 1)]}
+
+    Region.from_document(nested(MAX_DEPTH))
+    Region.from_document({"or": [_LEAF] * (MAX_NODES - 1)})
+    endless: dict = {"and": []}
+    endless["and"].append(endless)
+    for document in (nested(MAX_DEPTH + 1), {"or": [_LEAF] * MAX_NODES}, endless):
+        with pytest.raises(RegionError) as caught:
+            Region.from_document(document)
+        assert caught.value.code == "region_too_large"

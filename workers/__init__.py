@@ -1,0 +1,1 @@
+"""What reads recordings, finds vertices and solves; it never speaks HTTP."""

@@ -1,0 +1,39 @@
+"""Celery as apexcal uses it: JSON, early acknowledgement, no results, nothing prefetched.
+
+The job table knows the rest. Started by name: ``celery -A workers.app worker`` does jobs; ``celery -A
+workers.sweeper`` is the clock's side.
+"""
+
+from __future__ import annotations
+
+from celery import Celery
+
+from service.jobs.queue import QUEUES
+from service.settings import get_settings
+
+
+def make_app(tasks: str) -> Celery:
+    """A Celery application that knows the tasks of one module."""
+    settings = get_settings()
+    app = Celery("apexcal", broker=settings.broker, include=[tasks])
+    app.conf.update(
+        task_serializer="json",
+        accept_content=["json"],
+        task_ignore_result=True,
+        task_acks_late=False,
+        task_time_limit=settings.task_limit_s,
+        task_default_queue=QUEUES[0],
+        worker_prefetch_multiplier=1,
+        worker_disable_prefetch=True,
+        worker_hijack_root_logger=False,
+        worker_redirect_stdouts=False,
+        worker_send_task_events=False,
+        broker_connection_retry_on_startup=True,
+        broker_connection_max_retries=None,
+        broker_transport_options={"socket_connect_timeout": 5, "socket_keepalive": True},
+        enable_utc=True,
+    )
+    return app
+
+
+app = make_app("workers.tasks.entry")

@@ -1,0 +1,103 @@
+"""The ingest child: ``python -m workers.readers SOURCE OUT --request JSON``.
+
+Prints JSON lines: ``{"progress": {"done": 3, "total": 40}}`` and at the end ``{"manifest": {...}}`` or
+``{"error": {"code", "message", "hint"}}``. With ``--parent`` and limits it is what ``ingest_limited`` starts; without
+them it is a command for people.
+"""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Final
+
+from workers.readers.confine import confine
+from workers.readers.normalise import normalise
+from workers.readers.recording import ReadError, ReadOptions
+
+_PROGRESS_EVERY_S: Final = 0.2
+_OPTIONS: Final = (
+    f"Options are {', '.join(field.name for field in fields(ReadOptions))}; leave out what is not known."
+)
+
+
+def _say(line: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(line) + "\n")
+    sys.stdout.flush()
+
+
+def _error(code: str, message: str, hint: str) -> int:
+    _say({"error": {"code": code, "message": message, "hint": hint}})
+    return 1
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m workers.readers", description=__doc__)
+    parser.add_argument("source", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--request", type=json.loads, default={}, help="JSON: lidar, cameras, options")
+    parser.add_argument("--parent", type=int, help="pid of the starter; the child dies with it")
+    parser.add_argument("--memory-bytes", type=int)
+    parser.add_argument("--cpu-s", type=int)
+    parser.add_argument("--file-bytes", type=int)
+    return parser.parse_args(argv)
+
+
+class _Progress:
+    """Progress lines, a few per second."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    def __call__(self, done: int, total: int | None) -> None:
+        now = time.monotonic()
+        if now >= self._next or done == total:
+            self._next = now + _PROGRESS_EVERY_S
+            _say({"progress": {"done": done, "total": total}})
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one ingestion; the exit code is 0 only with a manifest."""
+    arguments = _arguments(argv)
+    confine(
+        parent=arguments.parent,
+        memory_bytes=arguments.memory_bytes,
+        cpu_s=arguments.cpu_s,
+        file_bytes=arguments.file_bytes,
+    )
+    request: dict[str, Any] = arguments.request
+    try:
+        options = ReadOptions(**request.get("options", {}))
+    except (TypeError, ValueError) as error:
+        return _error("request_invalid", f"The options of the ingestion are wrong: {error}.", _OPTIONS)
+    try:
+        manifest = normalise(
+            arguments.source,
+            arguments.out,
+            lidar=request.get("lidar"),
+            cameras=request.get("cameras"),
+            options=options,
+            on_progress=_Progress(),
+        )
+    except ReadError as error:
+        return _error(error.code, error.message, error.hint)
+    except MemoryError:
+        return _error("ingest_memory_limit", "", "")
+    except OSError as error:
+        if error.errno == errno.EFBIG:
+            return _error("ingest_file_limit", "", "")
+        if error.errno == errno.ENOSPC:
+            return _error("ingest_disk_full", "", "")
+        raise
+    _say({"manifest": manifest.to_json()})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,115 @@
+"""The simulated camera: its lens, its mount near the LiDAR, and the rays of its pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.geometry.models import INTRINSICS, ModelName
+from workers.geometry.projection import project
+from workers.geometry.rotations import rotation_from_euler, rotation_from_vector
+from workers.geometry.transforms import RigidTransform
+
+LIDAR_FRAME = "velodyne"
+CAMERA_FRAME = "camera_front_optical"
+IMAGE_SIZE = (960, 600)
+
+# Wide lenses, about 100 degrees across, that a camera of this size could have; only that of pinhole keeps
+# straight lines straight.
+LENSES: dict[ModelName, dict[str, float]] = {
+    "pinhole": {"f_x": 431.5, "f_y": 430.0, "c_x": 483.6, "c_y": 297.1},
+    "brown_conrady": {
+        "f_x": 431.0, "f_y": 429.6, "c_x": 484.3, "c_y": 296.2, "skew": 0.0,
+        "k1": -0.28, "k2": 0.08, "k3": 0.0006, "k4": -0.0004, "k5": 0.0,
+    },
+    "kannala_brandt": {
+        "f_x": 452.0, "f_y": 451.0, "c_x": 483.0, "c_y": 297.5,
+        "k1": -0.025, "k2": 0.012, "k3": -0.009, "k4": 0.002,
+    },
+}  # fmt: skip
+
+# As in the paper: near the LiDAR, pitched 15 degrees down. Camera centre in the LiDAR frame, metres.
+NOMINAL_PITCH_DOWN_DEG = 15.0
+NOMINAL_CENTRE_M = (0.10, 0.05, -0.25)
+_MOUNT_SIGMA_DEG = 1.2
+_MOUNT_SIGMA_M = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A lens on a mount.
+
+    Attributes:
+        intrinsics: by name, in the order of the model.
+        image_size: width, height in pixels.
+        T_camera_lidar: the mount, LiDAR points into the optical frame.
+    """
+
+    model: ModelName
+    intrinsics: Mapping[str, float]
+    image_size: tuple[int, int]
+    T_camera_lidar: RigidTransform
+
+    def project(self, points_lidar: ArrayLike) -> NDArray[np.float64]:
+        """Pixels (N, 2) of points (N, 3) in the LiDAR frame; not a number where the lens cannot see them."""
+        return project(self.model, self.intrinsics, self.T_camera_lidar.apply(points_lidar))[0]
+
+    def sees(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which pixels (N, 2) lie inside the image."""
+        width, height = self.image_size
+        u, v = pixels[:, 0], pixels[:, 1]
+        return (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
+
+    def intrinsics_document(self) -> dict[str, Any]:
+        """The JSON form: model, the parameters by name, image_size."""
+        return {"model": self.model, **self.intrinsics, "image_size": list(self.image_size)}
+
+    def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Directions (N, 3) in the LiDAR frame, z = 1 in the camera frame, of pixels (N, 2).
+
+        Newton's method on the projection itself, so that every model has its inverse here; for lenses that
+        see less than 90 degrees to the side.
+        """
+        k = self.intrinsics
+        plane = (pixels - (k["c_x"], k["c_y"])) / (k["f_x"], k["f_y"])
+        for _ in range(15):
+            plane = self._newton_step(plane, pixels)
+        return np.column_stack([plane, np.ones(len(plane))]) @ self.T_camera_lidar.R
+
+    def _newton_step(self, plane: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        step = 1e-6
+        here, right, down = (
+            project(self.model, self.intrinsics, np.column_stack([plane + shift, np.ones(len(plane))]))[0]
+            for shift in ((0.0, 0.0), (step, 0.0), (0.0, step))
+        )
+        jacobian = np.stack([right - here, down - here], axis=2) / step
+        return plane - np.linalg.solve(jacobian, (here - pixels)[:, :, None])[:, :, 0]
+
+    def centre(self) -> NDArray[np.float64]:
+        """The camera's centre (3,) in the LiDAR frame, metres."""
+        return self.T_camera_lidar.inverse().t
+
+
+def nominal_mount() -> RigidTransform:
+    """T_camera_lidar as the rig's drawing says: level but for the pitch, centimetres rounded."""
+    R = rotation_from_euler(np.deg2rad((90.0, -90.0 - NOMINAL_PITCH_DOWN_DEG, 0.0)))
+    return RigidTransform(CAMERA_FRAME, LIDAR_FRAME, R, -R @ np.array(NOMINAL_CENTRE_M))
+
+
+def true_mount(seed: int) -> RigidTransform:
+    """T_camera_lidar as it was really bolted on: the nominal mount, off by a few degrees and centimetres."""
+    random = np.random.default_rng([seed, 3])
+    nominal = nominal_mount()
+    R = rotation_from_vector(np.deg2rad(random.normal(0.0, _MOUNT_SIGMA_DEG, 3))) @ nominal.R
+    centre = np.array(NOMINAL_CENTRE_M) + random.normal(0.0, _MOUNT_SIGMA_M, 3)
+    return RigidTransform(CAMERA_FRAME, LIDAR_FRAME, R, -R @ centre)
+
+
+def make_camera(model: ModelName, seed: int) -> Camera:
+    """The camera of that model on its true mount."""
+    lens = LENSES[model]
+    return Camera(model, {name: lens[name] for name in INTRINSICS[model]}, IMAGE_SIZE, true_mount(seed))

@@ -1,0 +1,1 @@
+"""One GA slot, the narrowing schedule, polish, baselines, folds."""

@@ -1,0 +1,251 @@
+"""What is to be fitted: one frozen, checked value that every later step reads."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite, radians
+from typing import Any, Final, Literal, cast, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.geometry.errors import GeometryError
+from workers.geometry.models import (
+    ModelName,
+    SearchForm,
+    parameter_names,
+    parse_model,
+    parse_search_form,
+)
+from workers.geometry.projection import image_diagonal_px
+from workers.geometry.transforms import RigidTransform, from_document
+from workers.solver.bounds import (
+    DEFAULT_ROTATION_RANGE_DEG,
+    Interval,
+    check_names,
+    narrowed,
+    parse_bounds_preset,
+    preset_bounds,
+)
+from workers.solver.errors import SolveError
+from workers.solver.presets import Schedule, check_schedule, schedule_of
+
+Loss = Literal["mean", "saturating"]
+LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
+ANGLES: Final = frozenset({"rotation_x", "rotation_y", "rotation_z", "alpha", "beta", "gamma"})
+
+_KEYS: Final = frozenset(
+    {
+        *("model", "camera", "fold", "seed", "search", "rotation_range_deg", "bounds_preset", "bounds", "locked"),
+        *("priors", "loss", "saturation_px", "mark_sigma_px", "preset", "schedule", "image_size", "nominal"),
+    }
+)
+
+
+@dataclass(frozen=True, eq=False)
+class FitProblem:
+    """A fit of T_camera_lidar and the intrinsics to 3D-2D pairs.
+
+    points (N, 3) float64, metres, LiDAR frame; pixels (N, 2) float64; weights (N,) float64 >= 0. Bounds, locks and
+    priors go by parameter name in radians, metres and pixels; `bounds` holds every parameter, locked ones with
+    both ends at their value. `loss` is what the genetic algorithm minimises: the weighted mean distance in pixels,
+    or the mean of d / (1 + d / saturation_px). A prior (mean, sigma) weighs against marks of `mark_sigma_px`.
+    Raises SolveError where the parts do not make a problem that can be fitted.
+    """
+
+    model: ModelName
+    search: SearchForm
+    nominal: RigidTransform
+    image_size: tuple[int, int]
+    points: NDArray[np.float64] = field(repr=False)
+    pixels: NDArray[np.float64] = field(repr=False)
+    weights: NDArray[np.float64] = field(repr=False)
+    bounds: dict[str, Interval]
+    locked: dict[str, float] = field(default_factory=dict[str, float])
+    priors: dict[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
+    loss: Loss = "mean"
+    schedule: Schedule = field(default_factory=Schedule)
+    seed: int = 0
+    camera: str = ""
+    fold: int = -1
+    saturation_px: float = 20.0
+    mark_sigma_px: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_pairs(self.points, self.pixels, self.weights)
+        check_names(self.locked, dict.fromkeys(self.names), "locked")
+        check_names(self.priors, dict.fromkeys(self.names), "priors")
+        bounds = narrowed({name: self.bounds[name] for name in self.names}, {})
+        object.__setattr__(self, "bounds", bounds | {name: (v, v) for name, v in self.locked.items()})
+        _check_numbers(self)
+        check_schedule(self.schedule)
+        pairs, free = int(np.count_nonzero(self.weights)), len(self.free)
+        if pairs < max(free, 1):
+            raise SolveError(
+                "too_few_pairs",
+                f"There are {pairs} pairs for {free} free parameters of {self.model}.",
+                "Mark more vertices, or lock what is known (intrinsics, lever arm), or choose a smaller model.",
+            )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameter vector, in its order."""
+        return parameter_names(self.model, self.search)
+
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """Lower ends of the initial bounds, in the order of `names`."""
+        return np.array([self.bounds[name][0] for name in self.names])
+
+    @property
+    def upper(self) -> NDArray[np.float64]:
+        """Upper ends of the initial bounds, in the order of `names`."""
+        return np.array([self.bounds[name][1] for name in self.names])
+
+    @property
+    def free(self) -> NDArray[np.int64]:
+        """Indices into `names` of the parameters that may move."""
+        return np.flatnonzero(self.upper > self.lower).astype(np.int64)
+
+    @property
+    def diagonal_px(self) -> float:
+        """Length of the image's diagonal."""
+        return image_diagonal_px(self.image_size)
+
+
+def problem_from_document(
+    document: Mapping[str, Any], points: ArrayLike, pixels: ArrayLike, weights: ArrayLike | None = None
+) -> FitProblem:
+    """The problem of a stored request (plain JSON, merged with its rig) and its pairs.
+
+    Keys: model, image_size, nominal (a transform document T_camera_lidar); and with defaults camera, fold (-1: all
+    pairs), seed, search, rotation_range_deg, bounds_preset, bounds {name: [lower, upper]}, locked {name: value},
+    priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, preset, schedule {...}. Angles are in
+    radians, or in degrees where their name ends in `_deg`. Preset `paper` implies the Euler form and Table I's
+    bounds unless the request names others. Raises SolveError.
+    """
+    try:
+        return _read(document, points, pixels, weights)
+    except SolveError:
+        raise
+    except GeometryError as error:
+        raise SolveError(error.code, error.message, error.hint) from error
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise SolveError(
+            "bad_document",
+            f"The request cannot be read: {type(error).__name__} {error}.",
+            "It needs model, image_size [width, height] and nominal (a transform document).",
+        ) from error
+
+
+def _read(document: Mapping[str, Any], points: ArrayLike, pixels: ArrayLike, weights: ArrayLike | None) -> FitProblem:
+    unknown = [key for key in document if key not in _KEYS]
+    if unknown:
+        raise SolveError(
+            "bad_document", f"The request has no key {unknown[0]!r}.", f"Keys: {', '.join(sorted(_KEYS))}."
+        )
+    model = parse_model(document["model"])
+    paper = document.get("preset") == "paper"
+    search = parse_search_form(document.get("search") or ("euler" if paper else "rotation_vector"))
+    nominal = from_document(document["nominal"])
+    width, height = (int(size) for size in document["image_size"])
+    overrides = {
+        name: _interval(name, pair) for name, pair in _in_radians(document.get("bounds"), _scale_all).items()
+    }
+    bounds = preset_bounds(
+        parse_bounds_preset(document.get("bounds_preset") or ("paper-table-1" if paper else "image-size")),
+        model,
+        search,
+        (width, height),
+        nominal,
+        float(document.get("rotation_range_deg") or DEFAULT_ROTATION_RANGE_DEG),
+    )
+    marks = np.ascontiguousarray(pixels, dtype=np.float64)
+    return FitProblem(
+        model=model,
+        search=search,
+        nominal=nominal,
+        image_size=(width, height),
+        points=np.ascontiguousarray(points, dtype=np.float64),
+        pixels=marks,
+        weights=np.ones(len(marks)) if weights is None else np.ascontiguousarray(weights, dtype=np.float64),
+        bounds=narrowed(bounds, overrides),
+        locked={n: float(v) for n, v in _in_radians(document.get("locked"), _scale_one).items()},
+        priors=_in_radians(document.get("priors"), _scale_prior),
+        loss=_parse_loss(document.get("loss") or "mean"),
+        schedule=schedule_of(document.get("preset") or "default", document.get("schedule") or {}),
+        seed=int(document.get("seed") or 0),
+        camera=str(document.get("camera") or ""),
+        fold=int(document.get("fold", -1) if document.get("fold") is not None else -1),
+        # A hundredth of the image's diagonal: far above an honest mark's noise, far below a wrong corner.
+        saturation_px=float(document.get("saturation_px") or 0.01 * image_diagonal_px((width, height))),
+        mark_sigma_px=float(document.get("mark_sigma_px") or 1.0),
+    )
+
+
+def _scale_one(value: Any, factor: float) -> float:
+    return float(value) * factor
+
+
+def _scale_all(values: Any, factor: float) -> tuple[float, ...]:
+    return tuple(float(value) * factor for value in values)
+
+
+def _scale_prior(value: Any, factor: float) -> tuple[float, float]:
+    return float(value["mean"]) * factor, float(value["sigma"]) * factor
+
+
+def _in_radians(given: Any, scale: Any) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for name, value in cast("Mapping[str, Any]", given or {}).items():
+        bare = name.removesuffix("_deg")
+        if bare != name and bare in ANGLES:
+            result[bare] = scale(value, radians(1.0))
+        else:
+            result[name] = scale(value, 1.0)
+    return result
+
+
+def _interval(name: str, pair: tuple[float, ...]) -> Interval:
+    if len(pair) != 2:
+        raise SolveError("bad_document", f"The bounds of {name} are not [lower, upper].", "")
+    return pair[0], pair[1]
+
+
+def _parse_loss(name: object) -> Loss:
+    for loss in LOSSES:
+        if name == loss:
+            return loss
+    raise SolveError("unknown_loss", f"There is no loss named {name!r}.", f"The losses are {', '.join(LOSSES)}.")
+
+
+def _check_pairs(points: NDArray[np.float64], pixels: NDArray[np.float64], weights: NDArray[np.float64]) -> None:
+    n = len(pixels)
+    if points.shape != (n, 3) or pixels.shape != (n, 2) or weights.shape != (n,):
+        raise SolveError(
+            "bad_shape",
+            f"Points {points.shape}, pixels {pixels.shape} and weights {weights.shape} do not belong together.",
+            "Points are (N, 3), pixels (N, 2), weights (N,).",
+        )
+    for what, values in (("points", points), ("pixels", pixels), ("weights", weights)):
+        bad = np.flatnonzero(~np.isfinite(values.reshape(n, -1)).all(axis=1))
+        if bad.size:
+            raise SolveError(
+                "non_finite", f"The {what} of pair {bad[0]} are not finite.", f"{bad.size} pairs are affected."
+            )
+    if np.any(weights < 0.0):
+        raise SolveError("bad_shape", "A weight is negative.", "Weights are 0 (leave out) or above.")
+
+
+def _check_numbers(problem: FitProblem) -> None:
+    for name, value in problem.locked.items():
+        if not isfinite(value):
+            raise SolveError("non_finite", f"The locked value of {name} is not finite.", "")
+    for name, (mean, sigma) in problem.priors.items():
+        if not isfinite(mean) or not isfinite(sigma) or sigma <= 0.0:
+            raise SolveError(
+                "bad_prior", f"The prior of {name} is mean {mean}, sigma {sigma}.", "sigma must be above 0."
+            )
+    if min(problem.image_size) < 1 or problem.saturation_px <= 0.0 or problem.mark_sigma_px <= 0.0:
+        raise SolveError(
+            "bad_document", "image_size, saturation_px and mark_sigma_px must be above 0.", "They are in pixels."
+        )

@@ -1,0 +1,138 @@
+"""Residuals of a fit in double precision, with their analytic derivatives in the search's parameters."""
+
+from math import sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from workers.geometry.jacobians import jacobians_into
+from workers.geometry.models import FORM_ID, MODEL_ID
+from workers.geometry.projection import project_into
+from workers.geometry.rotations import axes_of_euler, axes_of_vector, rows_from_euler, rows_from_vector
+from workers.geometry.transforms import RigidTransform
+from workers.solver.problem import FitProblem
+
+Floats = NDArray[np.float64]
+
+
+def turned_points(problem: FitProblem) -> Floats:
+    """Points (N, 3) turned by the nominal rotation, so that the search's rotation alone is left to apply."""
+    if problem.search == "euler":
+        return problem.points
+    x, y, z = problem.points.T
+    R = problem.nominal.R
+    # Written out: a matrix product may go through BLAS, whose bits depend on its build and threads.
+    return np.ascontiguousarray(
+        np.stack([R[i, 0] * x + R[i, 1] * y + R[i, 2] * z for i in range(3)], axis=1), dtype=np.float64
+    )
+
+
+def transform_of(problem: FitProblem, p: Floats) -> RigidTransform:
+    """T_camera_lidar of a parameter vector (D,)."""
+    turn = search_rotation(FORM_ID[problem.search], p)
+    R = turn if problem.search == "euler" else turn @ problem.nominal.R
+    return RigidTransform(problem.nominal.to_frame, problem.nominal.from_frame, R, p[3:6])
+
+
+def predict(problem: FitProblem, p: Floats) -> tuple[Floats, Floats]:
+    """Pixels (N, 2) and violation (N,) of the problem's points under the parameters; wild where violated."""
+    points = np.empty_like(problem.points)
+    pixels, violation = np.empty_like(problem.pixels), np.empty(len(points))
+    move_points(FORM_ID[problem.search], p, turned_points(problem), points)
+    project_into(MODEL_ID[problem.model], p[6:].copy(), points, pixels, violation)
+    return pixels, violation
+
+
+def residuals_and_jacobian(
+    problem: FitProblem, p: Floats, local: bool = False, walls: bool = True
+) -> tuple[Floats, Floats]:
+    """Residuals (2 N,) in px, interleaved u v, and their Jacobian (2 N, D) in the order of `problem.names`.
+
+    With `local` the three rotation columns are for small turns about the camera's axes at p instead of the
+    search's parameters; those have no singular point. Not weighted. A forbidden projection's two residuals carry
+    its cost between them and have zero derivatives; without `walls` the formula is continued there instead, as a
+    plain least squares does that knows of neither folds nor cameras' backs.
+    """
+    n = len(problem.points)
+    residuals, jacobian = np.empty(2 * n), np.zeros((2 * n, len(p)))
+    _fill(
+        MODEL_ID[problem.model],
+        FORM_ID[problem.search],
+        p,
+        turned_points(problem),
+        problem.pixels,
+        problem.diagonal_px,
+        np.eye(3) if local else rotation_axes(FORM_ID[problem.search], p),
+        walls,
+        residuals,
+        jacobian,
+    )
+    return residuals, jacobian
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def search_rotation(form: int, p: Floats) -> Floats:
+    """The search's rotation (3, 3): exp(w), or Rz(alpha) Ry(beta) Rx(gamma)."""
+    rows = rows_from_vector(p[0], p[1], p[2]) if form == 0 else rows_from_euler(p[0], p[1], p[2])
+    R = np.empty((3, 3))
+    for i in range(9):
+        R[i // 3, i % 3] = rows[i]
+    return R
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def rotation_axes(form: int, p: Floats) -> Floats:
+    """(3, 3): column i is the axis, in the camera frame, about which rotation parameter i turns (rad per unit)."""
+    rows = axes_of_vector(p[0], p[1], p[2]) if form == 0 else axes_of_euler(p[0], p[1])
+    axes = np.empty((3, 3))
+    for i in range(9):
+        axes[i // 3, i % 3] = rows[i]
+    return axes
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def move_points(form: int, p: Floats, points: Floats, out: Floats) -> None:
+    """out (N, 3) = search rotation times points (N, 3), plus t."""
+    R = search_rotation(form, p)
+    for i in range(points.shape[0]):
+        for j in range(3):
+            out[i, j] = R[j, 0] * points[i, 0] + R[j, 1] * points[i, 1] + R[j, 2] * points[i, 2] + p[3 + j]
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def _fill(
+    model_id: int,
+    form: int,
+    p: Floats,
+    points: Floats,
+    marks: Floats,
+    diagonal: float,
+    axes: Floats,
+    walls: bool,
+    residuals: Floats,
+    jacobian: Floats,
+) -> None:
+    n = points.shape[0]
+    k = p[6:].copy()
+    moved = np.empty((n, 3))
+    pixels, violation = np.empty((n, 2)), np.empty(n)
+    by_point, by_intrinsics = np.empty((n, 2, 3)), np.empty((n, 2, k.shape[0]))
+    move_points(form, p, points, moved)
+    project_into(model_id, k, moved, pixels, violation)
+    jacobians_into(model_id, k, moved, by_point, by_intrinsics)
+    for i in range(n):
+        if walls and violation[i] > 0.0:
+            residuals[2 * i] = residuals[2 * i + 1] = diagonal * (1.0 + violation[i]) / sqrt(2.0)
+            continue
+        x, y, z = moved[i, 0] - p[3], moved[i, 1] - p[4], moved[i, 2] - p[5]
+        for c in range(2):
+            row = 2 * i + c
+            P = by_point[i, c]
+            residuals[row] = pixels[i, c] - marks[i, c]
+            for j in range(3):
+                a, b, d = axes[0, j], axes[1, j], axes[2, j]
+                jacobian[row, j] = P[0] * (b * z - d * y) + P[1] * (d * x - a * z) + P[2] * (a * y - b * x)
+                jacobian[row, 3 + j] = P[j]
+            for j in range(k.shape[0]):
+                jacobian[row, 6 + j] = by_intrinsics[i, c, j]

@@ -1,0 +1,173 @@
+"""Algorithm 2: the narrowing schedule as a pure state machine that survives JSON."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.solver.errors import SolveError
+from workers.solver.problem import FitProblem
+from workers.solver.slot import SlotOutcome, run_slot
+
+Stopped = Literal["converged", "goal", "iterations"]
+_REASONS: Final[tuple[Stopped, ...]] = ("converged", "goal", "iterations")
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a run stands between two iterations.
+
+    iteration: how many are done. best_loss (px, infinite before the first) never rises. half_width: the box's
+    half-widths before clipping to the initial bounds. stalled: iterations since the last relative decrease above
+    the tolerance. slot_losses: those of the last iteration, in slot order. history: best_loss after each iteration.
+    """
+
+    iteration: int
+    best_loss: float
+    best_parameters: tuple[float, ...]
+    half_width: tuple[float, ...]
+    stalled: int
+    evaluations: int
+    slot_losses: tuple[float, ...]
+    first_slot_losses: tuple[float, ...]
+    history: tuple[float, ...]
+    stopped: Stopped | None
+
+
+def start(problem: FitProblem) -> State:
+    """The state before the first iteration."""
+    lower, upper = problem.lower, problem.upper
+    return State(
+        iteration=0,
+        best_loss=float("inf"),
+        best_parameters=(),
+        half_width=tuple((0.5 * (upper - lower)).tolist()),
+        stalled=0,
+        evaluations=0,
+        slot_losses=(),
+        first_slot_losses=(),
+        history=(),
+        stopped=None,
+    )
+
+
+def bounds_of(problem: FitProblem, state: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(lower, upper) for the next iteration, vectors in the order of `problem.names`."""
+    lower, upper = problem.lower, problem.upper
+    if state.iteration == 0:
+        return lower, upper
+    centre, half = np.array(state.best_parameters), np.array(state.half_width)
+    return np.maximum(lower, centre - half), np.minimum(upper, centre + half)
+
+
+def advance(problem: FitProblem, state: State, outcomes: Sequence[SlotOutcome]) -> State:
+    """The state after an iteration, from the outcomes of all its slots in slot order; ties go to the lowest slot."""
+    schedule = problem.schedule
+    if len(outcomes) != schedule.slots:
+        raise SolveError(
+            "bad_schedule", f"{len(outcomes)} outcomes for {schedule.slots} slots.", "Every slot reports once."
+        )
+    if state.stopped is not None:
+        raise SolveError("bad_schedule", f"The run has already stopped ({state.stopped}).", "")
+    best_loss, best_parameters = state.best_loss, state.best_parameters
+    for outcome in outcomes:
+        if outcome.loss < best_loss or not best_parameters:
+            best_loss, best_parameters = outcome.loss, outcome.parameters
+    decreased = state.iteration == 0 or state.best_loss - best_loss > schedule.tolerance * abs(state.best_loss)
+    losses = tuple(outcome.loss for outcome in outcomes)
+    return _stop(
+        problem,
+        replace(
+            state,
+            iteration=state.iteration + 1,
+            best_loss=best_loss,
+            best_parameters=best_parameters,
+            half_width=tuple(schedule.scale * half for half in state.half_width),
+            stalled=0 if decreased else state.stalled + 1,
+            evaluations=state.evaluations + sum(outcome.evaluations for outcome in outcomes),
+            slot_losses=losses,
+            first_slot_losses=state.first_slot_losses or losses,
+            history=(*state.history, best_loss),
+        ),
+    )
+
+
+def _stop(problem: FitProblem, state: State) -> State:
+    schedule = problem.schedule
+    reason: Stopped | None = None
+    if schedule.goal_px is not None and state.best_loss <= schedule.goal_px:
+        reason = "goal"
+    elif state.stalled >= schedule.patience:
+        reason = "converged"
+    elif state.iteration >= schedule.max_iterations:
+        reason = "iterations"
+    return replace(state, stopped=reason)
+
+
+def to_document(state: State) -> dict[str, Any]:
+    """JSON form. Floats survive it exactly; the infinite loss before the first iteration is null."""
+    return {
+        "iteration": state.iteration,
+        "best_loss": state.best_loss if state.iteration else None,
+        "best_parameters": list(state.best_parameters),
+        "half_width": list(state.half_width),
+        "stalled": state.stalled,
+        "evaluations": state.evaluations,
+        "slot_losses": list(state.slot_losses),
+        "first_slot_losses": list(state.first_slot_losses),
+        "history": list(state.history),
+        "stopped": state.stopped,
+    }
+
+
+def from_document(document: Mapping[str, Any]) -> State:
+    """The state of its JSON form."""
+
+    def numbers(key: str) -> tuple[float, ...]:
+        return tuple(float(value) for value in cast("Sequence[float]", document[key]))
+
+    loss = document["best_loss"]
+    return State(
+        iteration=int(document["iteration"]),
+        best_loss=float("inf") if loss is None else float(loss),
+        best_parameters=numbers("best_parameters"),
+        half_width=numbers("half_width"),
+        stalled=int(document["stalled"]),
+        evaluations=int(document["evaluations"]),
+        slot_losses=numbers("slot_losses"),
+        first_slot_losses=numbers("first_slot_losses"),
+        history=numbers("history"),
+        stopped=next((reason for reason in _REASONS if reason == document["stopped"]), None),
+    )
+
+
+def run_schedule(
+    problem: FitProblem,
+    on_slot: Callable[[int, int, SlotOutcome], None] | None = None,
+    on_iteration: Callable[[State], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> tuple[State, list[list[SlotOutcome]]]:
+    """The whole run in one go, through the same functions as a farmed one.
+
+    on_slot(iteration, slot, outcome) and on_iteration(state) report progress. should_stop is asked before every
+    slot; where it says yes the state of the last whole iteration comes back, with stopped None.
+    """
+    state = start(problem)
+    iterations: list[list[SlotOutcome]] = []
+    while state.stopped is None:
+        lower, upper = bounds_of(problem, state)
+        outcomes: list[SlotOutcome] = []
+        for slot in range(problem.schedule.slots):
+            if should_stop is not None and should_stop():
+                return state, iterations
+            outcome = run_slot(problem, lower.tolist(), upper.tolist(), state.iteration, slot)
+            outcomes.append(outcome)
+            if on_slot is not None:
+                on_slot(state.iteration, slot, outcome)
+        state = advance(problem, state, outcomes)
+        iterations.append(outcomes)
+        if on_iteration is not None:
+            on_iteration(state)
+    return state, iterations

@@ -1,0 +1,171 @@
+# pyright: reportMissingTypeStubs=false
+"""The end of a run: polish, baseline, uncertainty and plain words, as one JSON document."""
+
+import os
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, Final
+
+import numpy as np
+from llvmlite import binding
+from numpy.typing import ArrayLike, NDArray
+
+from workers.geometry.models import INTRINSICS, parse_model
+from workers.geometry.projection import distances_px, image_diagonal_px, project
+from workers.geometry.rotations import euler_from_rotation, vector_from_rotation
+from workers.geometry.transforms import RigidTransform, from_document, to_document
+from workers.solver.diagnosis import alarms, at_bounds
+from workers.solver.errors import SolveError
+from workers.solver.polish import Fit, baseline, distances, mean_and_rms, polish
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import transform_of
+from workers.solver.schedule import State
+from workers.solver.uncertainty import uncertainty
+
+Floats = NDArray[np.float64]
+# llvmlite publishes no types.
+_host_cpu_name: Callable[[], str] = binding.get_host_cpu_name
+_LIBRARIES: Final = ("apexcal", "numpy", "scipy", "numba", "llvmlite")
+_LOSS_WORDS: Final = {"mean": "mean pixel distance", "saturating": "saturating mean pixel distance"}
+
+
+def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
+    """Polish the search's best and describe everything found, as plain JSON.
+
+    The document's `intrinsics` and `transform` (T_camera_lidar) are the polished ones; `ga`, `polished` and
+    `baseline` stand side by side, each with mean and RMS distance in px, what it minimised and its parameters
+    (search form: radians, metres, pixels). `parameters` and `std` are in people's units (degrees, metres, pixels).
+    `status` is `ok`, `unfinished` (the schedule was stopped from outside) or `not_converged` (the polish ran out).
+    Raises SolveError `bad_schedule` where no iteration was done.
+    """
+    if not state.best_parameters:
+        raise SolveError("bad_schedule", "The run has no iteration to finish from.", "Run at least one.")
+    polished, plain = polish(problem, state.best_parameters), baseline(problem)
+    p = np.array(polished.parameters)
+    spread = uncertainty(problem, p)
+    transform = transform_of(problem, p)
+    status, message = _status(state, polished)
+    ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
+    return {
+        "model": problem.model,
+        "search": problem.search,
+        "status": status,
+        "message": message,
+        "loss": problem.loss,
+        "pairs": int(np.count_nonzero(problem.weights)),
+        "free_parameters": len(problem.free),
+        "iterations": state.iteration,
+        "stopped": state.stopped,
+        "evaluations": state.evaluations,
+        "history": list(state.history),
+        "ga": {
+            "mean_px": ga_mean,
+            "rms_px": ga_rms,
+            "minimised": _LOSS_WORDS[problem.loss],
+            "loss_px": state.best_loss,
+            "parameters": _named(problem, state.best_parameters),
+        },
+        "polished": _fit_document(problem, polished),
+        "baseline": _fit_document(problem, plain),
+        "parameters": people_parameters(problem, p, transform),
+        "intrinsics": intrinsics_document(problem, p),
+        "transform": to_document(transform),
+        "residuals_px": distances(problem, p).tolist(),
+        "at_bounds": at_bounds(problem, p),
+        **spread.to_document(),
+        "alarms": alarms(problem, state, (ga_mean, ga_rms), polished, plain, spread),
+        "cpu": cpu_document(),
+        "versions": versions_document(),
+    }
+
+
+def evaluate(
+    intrinsics: Mapping[str, Any], transform: Mapping[str, Any], points: ArrayLike, pixels: ArrayLike
+) -> dict[str, Any]:
+    """Errors of a calibration on pairs it may never have seen.
+
+    intrinsics and transform: documents as in `solve_finish`. points (N, 3) metres, LiDAR frame; pixels (N, 2).
+    Returns mean_px, rms_px, max_px and errors_px (N numbers) and forbidden (how many projections are none: behind
+    the camera, or past the fold; each counts at least the image's diagonal). Raises GeometryError, SolveError.
+    """
+    model = parse_model(intrinsics.get("model"))
+    marks = np.asarray(pixels, dtype=np.float64)
+    if marks.ndim != 2 or marks.shape[1] != 2 or len(marks) == 0 or len(marks) != len(np.asarray(points)):
+        raise SolveError("bad_shape", "There are no pairs to evaluate, or their numbers differ.", "")
+    projected, violation = project(model, intrinsics, from_document(transform).apply(points))
+    errors = distances_px(projected, violation, marks, image_diagonal_px(intrinsics["image_size"]))
+    return {
+        "mean_px": float(np.mean(errors)),
+        "rms_px": float(np.sqrt(np.mean(errors * errors))),
+        "max_px": float(np.max(errors)),
+        "errors_px": errors.tolist(),
+        "forbidden": int(np.count_nonzero(violation > 0.0)),
+    }
+
+
+def people_parameters(problem: FitProblem, p: Floats, transform: RigidTransform) -> dict[str, float]:
+    """Parameters for reading: zyx angles and the turn from the nominal in degrees, metres, then the intrinsics."""
+    angles = np.degrees(euler_from_rotation(transform.R))
+    turn = np.degrees(vector_from_rotation(transform.R @ problem.nominal.R.T))
+    named = dict(zip(("alpha_deg", "beta_deg", "gamma_deg"), angles.tolist(), strict=True))
+    named |= dict(zip(("rotation_x_deg", "rotation_y_deg", "rotation_z_deg"), turn.tolist(), strict=True))
+    named |= dict(zip(("t_x_m", "t_y_m", "t_z_m"), p[3:6].tolist(), strict=True))
+    return named | dict(zip(INTRINSICS[problem.model], p[6:].tolist(), strict=True))
+
+
+def intrinsics_document(problem: FitProblem, p: Floats) -> dict[str, Any]:
+    """{"model", f_x, ..., "image_size": [width, height]} of a parameter vector."""
+    return {
+        "model": problem.model,
+        **dict(zip(INTRINSICS[problem.model], p[6:].tolist(), strict=True)),
+        "image_size": list(problem.image_size),
+    }
+
+
+def cpu_document() -> dict[str, str]:
+    """The instruction set that the kernels were compiled for: across different ones the last bits can differ."""
+    return {
+        "target": os.environ.get("NUMBA_CPU_NAME") or _host_cpu_name(),
+        "machine": platform.machine(),
+        "system": platform.system(),
+    }
+
+
+def versions_document() -> dict[str, str]:
+    """Versions of what computed the result."""
+    found = {"python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def _status(state: State, polished: Fit) -> tuple[str, str]:
+    if state.stopped is None:
+        return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."
+    if not polished.converged:
+        return "not_converged", f"The polish did not converge: {polished.message}"
+    reasons = {
+        "converged": "no iteration brought a relative decrease above the tolerance any more",
+        "goal": "the goal was reached",
+        "iterations": "the number of iterations was reached",
+    }
+    return "ok", f"Stopped after {state.iteration} iterations: {reasons[state.stopped]}."
+
+
+def _fit_document(problem: FitProblem, fit: Fit) -> dict[str, Any]:
+    return {
+        "mean_px": fit.mean_px,
+        "rms_px": fit.rms_px,
+        "minimised": fit.minimised,
+        "converged": fit.converged,
+        "message": fit.message,
+        "parameters": _named(problem, fit.parameters),
+    }
+
+
+def _named(problem: FitProblem, parameters: Sequence[float]) -> dict[str, float]:
+    return dict(zip(problem.names, (float(value) for value in parameters), strict=True))

@@ -1,0 +1,23 @@
+"""The clock's side of the farm: beat, and the one small worker that sweeps when beat says so.
+
+It is no pool process of the workers that solve, so a farm whose every process is busy for an hour is still swept.
+Started by name: ``celery -A workers.sweeper beat`` and ``celery -A workers.sweeper worker --pool solo -Q sweep``.
+"""
+
+from __future__ import annotations
+
+from service.jobs.messages import SWEEP
+from service.settings import get_settings
+from workers.app import make_app
+
+settings = get_settings()
+
+app = make_app("workers.tasks.sweeping")
+app.conf.beat_schedule = {
+    "sweep": {
+        "task": SWEEP,
+        "schedule": settings.sweep_s,
+        # An old message says nothing that a new one does not.
+        "options": {"queue": "sweep", "expires": 4 * settings.sweep_s},
+    }
+}

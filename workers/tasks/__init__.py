@@ -1,0 +1,1 @@
+"""Thin tasks: claim, load, call a pure room, write and finish."""

@@ -1,0 +1,59 @@
+"""What a worker process holds while it lives: its database, its store, its name. Made after the fork."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+
+from service.db.session import Database
+from service.events.hints import COURIER as HINTS
+from service.events.hints import Publisher
+from service.jobs.messages import COURIER, Sender
+from service.settings import Settings, get_settings
+from service.storage.store import Store
+from workers.tasks.leftovers import scratch_prefix
+
+
+class Context:
+    """One per process."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.database = Database(settings.database)
+        self.database.couriers[COURIER] = Sender(settings.broker)
+        self.database.couriers[HINTS] = Publisher(settings.events)
+        self.store = Store(settings.blobs)
+        self.worker = f"{socket.gethostname()}:{os.getpid()}"
+
+    @contextmanager
+    def scratch(self) -> Iterator[Path]:
+        """A folder that is gone after the block; what a killed worker left is removed by the sweep."""
+        self.settings.scratch.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(prefix=f"{scratch_prefix()}{os.getpid()}-", dir=self.settings.scratch))
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def fetch(self, key: str, folder: Path) -> Path:
+        """A blob as a local file: the store's own where it is a folder, else a copy in ``folder``."""
+        local = self.store.local_path(key)
+        if local:
+            return local
+        copy = folder / key.rsplit("/", 1)[-1]
+        with copy.open("wb") as file:
+            for chunk in self.store.stream(key):
+                file.write(chunk)
+        return copy
+
+
+@lru_cache(maxsize=1)
+def get_context() -> Context:
+    """This process's context."""
+    return Context(get_settings())

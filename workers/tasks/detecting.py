@@ -1,0 +1,203 @@
+"""One shard of a detection run: find vertices, pair them with camera frames, tie them to what was judged before."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Sequence
+from math import dist
+from uuid import UUID
+
+import numpy as np
+from sqlalchemy import delete, select, update
+from sqlalchemy.orm import Session
+
+from service.db.base import Json
+from service.db.clock import utc_now
+from service.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.db.ids import new_id
+from service.db.recordings import CameraFrame, Recording, Sensor
+from service.jobs.claims import Claim, Lease
+from workers.tasks.context import Context
+from workers.tasks.loading import lidar_key, open_lidar, watched
+from workers.vertices.detectors import Detections, detect_all
+from workers.vertices.detectors import Vertex as Found
+from workers.vertices.order import spread_order
+from workers.vertices.pairing import pair
+from workers.vertices.region import Region
+
+# Two runs that put a vertex of one sweep this near each other, in metres, mean the same corner of the board.
+_SAME_APEX_M = 0.10
+
+
+def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Detect in the sweeps ``first`` to ``stop`` of the payload, or in all of them."""
+    with context.database.reading() as session:
+        asked = session.get_one(Detection, held.subject_id)
+        key = lidar_key(session, asked.recording_id)
+        cameras = _camera_stamps(session, asked.recording_id)
+    with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
+        shard = range(held.payload.get("first", 0), held.payload.get("stop", len(lidar)))
+        sweeps = watched(lidar, shard, lease, "looking for vertices")
+        region = Region.from_document(asked.region)
+        found = detect_all(sweeps, region, asked.detector, asked.options, first_index=shard.start)
+    pairs = {sensor: _pair(found.vertices, stamps, asked.pairing) for sensor, stamps in cameras.items()}
+
+    return writing(asked, found, pairs)
+
+
+def writing(
+    asked: Detection, found: Detections, pairs: dict[UUID, list[tuple[int, int]]]
+) -> Callable[[Session], None]:
+    """What puts a shard's vertices and pairs into the finishing transaction."""
+
+    def write(session: Session) -> None:
+        # Runs of one recording share its apexes, so they write one after the other.
+        of_recording = select(Recording.id).where(Recording.id == asked.recording_id)
+        session.execute(of_recording.with_for_update(key_share=True))
+        row = session.scalars(select(Detection).where(Detection.id == asked.id).with_for_update()).one()
+        if row.state in ("queued", "running"):
+            _write_vertices(session, asked, found, pairs)
+            _advance(session, row, found)
+
+    return write
+
+
+def _camera_stamps(session: Session, recording_id: UUID) -> dict[UUID, np.ndarray]:
+    """(M,) int64 stamps of every camera's frames, in the order of their indices."""
+    rows = session.execute(
+        select(CameraFrame.sensor_id, CameraFrame.stamp_ns)
+        .join(Sensor, Sensor.id == CameraFrame.sensor_id)
+        .where(Sensor.recording_id == recording_id)
+        .order_by(CameraFrame.sensor_id, CameraFrame.index)
+    )
+    stamps: dict[UUID, list[int]] = defaultdict(list)
+    for sensor_id, stamp_ns in rows:
+        stamps[sensor_id].append(stamp_ns)
+    return {sensor_id: np.array(values, np.int64) for sensor_id, values in stamps.items()}
+
+
+def _pair(vertices: Sequence[Found], stamps: np.ndarray, pairing: Json) -> list[tuple[int, int]]:
+    """(frame index or -1, gap in ns) of each vertex."""
+    times = np.array([vertex.time_ns for vertex in vertices], np.int64)
+    index, gap = pair(times, stamps, offset_ns=pairing["offset_ns"], max_gap_ns=pairing["max_gap_ns"])
+    return list(zip(index.tolist(), gap.tolist(), strict=True))
+
+
+def _write_vertices(
+    session: Session, asked: Detection, found: Detections, pairs: dict[UUID, list[tuple[int, int]]]
+) -> None:
+    apexes = _known_apexes(session, asked.recording_id, [vertex.sweep_index for vertex in found.vertices])
+    for number, vertex in enumerate(found.vertices):
+        apex = _same(apexes[vertex.sweep_index], vertex)
+        if apex is None:
+            x, y, z = vertex.xyz
+            apex = Apex(id=new_id(), recording_id=asked.recording_id, sweep_index=vertex.sweep_index, x=x, y=y, z=z)
+            session.add(apex)
+        row = _vertex_row(asked.id, apex.id, vertex)
+        session.add(row)
+        session.add_all(
+            VertexFrame(vertex_id=row.id, sensor_id=sensor, frame_index=index, gap_ns=gap)
+            for sensor, of_sensor in pairs.items()
+            for index, gap in of_sensor[number : number + 1]
+            if index >= 0
+        )
+    session.flush()
+
+
+def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> dict[int, list[Apex]]:
+    known: dict[int, list[Apex]] = defaultdict(list)
+    if sweeps:
+        asked = select(Apex).where(
+            Apex.recording_id == recording_id, Apex.sweep_index.between(min(sweeps), max(sweeps))
+        )
+        for apex in session.scalars(asked):
+            known[apex.sweep_index].append(apex)
+    return known
+
+
+def _same(apexes: list[Apex], vertex: Found) -> Apex | None:
+    near = [(dist((apex.x, apex.y, apex.z), vertex.xyz), apex) for apex in apexes]
+    distance, apex = min(near, key=lambda pair: pair[0], default=(np.inf, None))
+    return apex if distance <= _SAME_APEX_M else None
+
+
+def _vertex_row(detection_id: UUID, apex_id: UUID, vertex: Found) -> Vertex:
+    x, y, z = vertex.xyz
+    return Vertex(
+        id=new_id(),
+        detection_id=detection_id,
+        apex_id=apex_id,
+        rank=0,
+        sweep_index=vertex.sweep_index,
+        time_ns=vertex.time_ns,
+        x=x,
+        y=y,
+        z=z,
+        ring=vertex.ring,
+        points=vertex.points_used,
+    )
+
+
+def _advance(session: Session, row: Detection, found: Detections) -> None:
+    """Add this shard's counts; the last one settles the pairs, orders the vertices, says when there is nothing."""
+    before = row.counts
+    rejected = Counter(before.get("rejected", {})) + Counter(found.rejected)
+    counts = {
+        "sweeps": before.get("sweeps", 0) + found.frames,
+        "accepted": before.get("accepted", 0) + len(found.vertices),
+        "rejected": dict(sorted(rejected.items())),
+    }
+    row.state = "running"
+    if row.remaining == 1:
+        counts |= _settle_frames(session, row.id)
+        _order(session, row.id)
+        if rejected.get("no_points", 0) == counts["sweeps"]:
+            row.state, row.problem, row.finished_at = "failed", _NOTHING, utc_now()
+    row.counts = counts
+    session.flush()
+
+
+def _settle_frames(session: Session, detection_id: UUID) -> dict[str, int]:
+    """Leave each frame to the vertex nearest to it in time: a mark belongs to a frame and means one vertex.
+
+    Returns how many vertices have a frame of some camera, and how many lost theirs to a nearer one.
+    """
+    rows = session.execute(
+        select(VertexFrame.sensor_id, VertexFrame.frame_index, VertexFrame.gap_ns, VertexFrame.vertex_id)
+        .join(Vertex, Vertex.id == VertexFrame.vertex_id)
+        .where(Vertex.detection_id == detection_id)
+        .order_by(Vertex.time_ns, Vertex.id)
+    ).all()
+    kept: dict[tuple[UUID, int], tuple[int, UUID]] = {}
+    lost: list[tuple[UUID, UUID]] = []
+    for sensor_id, frame_index, gap_ns, vertex_id in rows:
+        other = kept.get((sensor_id, frame_index))
+        if other and other[0] <= abs(gap_ns):
+            lost.append((vertex_id, sensor_id))
+            continue
+        if other:
+            lost.append((other[1], sensor_id))
+        kept[sensor_id, frame_index] = (abs(gap_ns), vertex_id)
+    for vertex_id, sensor_id in lost:
+        session.execute(
+            delete(VertexFrame).where(VertexFrame.vertex_id == vertex_id, VertexFrame.sensor_id == sensor_id)
+        )
+    paired = {vertex_id for _, vertex_id in kept.values()}
+    return {"paired": len(paired), "frame_taken": len({vertex_id for vertex_id, _ in lost} - paired)}
+
+
+def _order(session: Session, detection_id: UUID) -> None:
+    ids = session.scalars(
+        select(Vertex.id).where(Vertex.detection_id == detection_id).order_by(Vertex.time_ns, Vertex.id)
+    ).all()
+    if ids:
+        ranks = zip(ids, spread_order(len(ids)), strict=True)
+        session.execute(update(Vertex), [{"id": vertex_id, "rank": rank} for vertex_id, rank in ranks])
+
+
+_NOTHING: Json = {
+    "code": "region_keeps_nothing",
+    "detail": "No point of any sweep lies inside the region.",
+    "hint": "Ask for a preview of the region and widen it: it should hold the person and the board wherever they "
+    "walk, and as little else as possible.",
+}

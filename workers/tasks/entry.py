@@ -1,0 +1,55 @@
+"""The Celery task that looks at a job, and what a worker does when it starts and when it is told to stop."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import os
+import signal
+import sys
+
+from billiard.process import active_children
+from celery.signals import worker_init, worker_process_init, worker_shutting_down
+
+from service.jobs.messages import RUN_JOB
+from service.settings import get_settings
+from workers.app import app
+from workers.solver.slot import warm_up
+from workers.tasks.context import get_context
+from workers.tasks.drain import DRAIN_SIGNAL, listen_for_drain
+from workers.tasks.leftovers import remove_leftovers
+from workers.tasks.running import run_job
+
+_PR_SET_PDEATHSIG = 1
+
+
+@app.task(name=RUN_JOB)
+def look_at_job(job_id: int) -> None:
+    """Claim the job and do it, or drop the message."""
+    run_job(get_context(), job_id)
+
+
+@worker_init.connect
+def prepare_parent(**_: object) -> None:
+    """Compile in the parent, so that every forked child has the machine code already."""
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s %(message)s")
+    remove_leftovers(get_settings().scratch)
+    warm_up()
+
+
+@worker_shutting_down.connect
+def drain_children(**_: object) -> None:
+    """Celery's warm shutdown waits for every task; ours may take an hour, so they are given back instead."""
+    for child in active_children():
+        if child.pid:
+            os.kill(child.pid, DRAIN_SIGNAL)
+
+
+@worker_process_init.connect
+def prepare_child(**_: object) -> None:
+    """Die with the parent, and when it is told to stop give the job in hand back."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+    listen_for_drain()

@@ -1,0 +1,162 @@
+"""An upload becomes a recording: parts joined and checked, normalised by a limited child, its frames on record."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from sqlalchemy import delete, insert, select, update
+from sqlalchemy.orm import Session
+
+from service.db.base import Json
+from service.db.fleets import RigCamera
+from service.db.models import Rig
+from service.db.recordings import CameraFrame, Recording, Sensor, UploadPart
+from service.jobs.claims import Claim, Lease, require_mine
+from service.storage.blobs import condemn, keep, reserve
+from workers.readers.limited import ingest_limited
+from workers.readers.manifest import FrameTable, Manifest, SensorManifest, read_table
+from workers.readers.recording import ReadError
+from workers.tasks.context import Context
+
+_OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
+
+
+def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Normalise the upload into one MCAP file per sensor, and store these."""
+    with context.database.writing() as session:
+        require_mine(session, held)
+        session.execute(update(Recording).where(Recording.id == held.subject_id).values(state="ingesting"))
+        recording = session.get_one(Recording, held.subject_id)
+        parts = session.scalars(
+            select(UploadPart).where(UploadPart.recording_id == recording.id).order_by(UploadPart.number)
+        ).all()
+        rig = session.get_one(Rig, recording.rig_id)
+        cameras = session.scalars(
+            select(RigCamera).where(RigCamera.rig_id == rig.id).order_by(RigCamera.position)
+        ).all()
+        image_sizes = {camera.name: (camera.image_width, camera.image_height) for camera in cameras}
+        request: Json = {
+            "lidar": rig.lidar_topic,
+            "cameras": {camera.name: camera.topic for camera in cameras},
+            "options": recording.reading,
+        }
+    with context.scratch() as folder:
+        source = _join(context, recording, [part.blob_key for part in parts], folder, lease)
+        out = folder / "normalised"
+        manifest = ingest_limited(
+            source,
+            out,
+            request,
+            memory_bytes=context.settings.ingest_memory_bytes,
+            cpu_s=context.settings.ingest_cpu_s,
+            file_bytes=context.settings.ingest_file_bytes,
+            name=recording.file_name,
+            on_progress=lambda done, total: lease.report(
+                0.1 + 0.8 * (done / total if total else 0.0), f"{done} messages normalised"
+            ),
+        )
+        frames = {sensor.name: _frames(out, sensor) for sensor in manifest.sensors}
+        for name, size in image_sizes.items():
+            _check_sizes(name, size, frames[name])
+        keys = {sensor.name: _store(context, held, recording, sensor, out) for sensor in manifest.sensors}
+
+    def write(session: Session) -> None:
+        _forget_earlier(session, recording)
+        row = session.get_one(Recording, recording.id)
+        row.facts, row.warnings = _facts(manifest), list(manifest.warnings)
+        for sensor in manifest.sensors:
+            key, size = keys[sensor.name]
+            keep(session, key, size=size)
+            sensor_row = _sensor_row(recording, sensor, key)
+            session.add(sensor_row)
+            session.flush()
+            rows = [{"sensor_id": sensor_row.id, **frame} for frame in frames[sensor.name]]
+            if rows:
+                session.execute(insert(CameraFrame), rows)
+
+    return write
+
+
+def _check_sizes(camera: str, size: tuple[int, int], frames: list[Json]) -> None:
+    """Bounds and lens belong to images of the rig's size; others would give a confident wrong answer."""
+    for frame in frames:
+        if (frame["width"], frame["height"]) != size:
+            raise ReadError(
+                "image_size_differs",
+                f"Frame {frame['index']} of the camera {camera} has {frame['width']} x {frame['height']} pixels, and "
+                f"the rig says {size[0]} x {size[1]}.",
+                "Was it recorded with another rig, or scaled? Add a rig with the right image_size, give it to the "
+                "recording and read it again; or choose the topic of the full images.",
+            )
+
+
+def _join(context: Context, recording: Recording, keys: list[str], folder: Path, lease: Lease) -> Path:
+    """The original as one file, its checksum compared with what the uploader said of the whole."""
+    source = folder / "original"
+    digest = hashlib.sha256()
+    done = 0
+    with source.open("wb") as file:
+        for key in keys:
+            for chunk in context.store.stream(key):
+                file.write(chunk)
+                digest.update(chunk)
+                done += len(chunk)
+                lease.report(0.1 * done / max(recording.size, 1), "joining the parts")
+    if recording.sha256 and digest.hexdigest() != recording.sha256:
+        raise ReadError(
+            "checksum_mismatch",
+            f"The joined parts have the SHA-256 {digest.hexdigest()}, announced was {recording.sha256}.",
+            "A part was made from another file or another version of it. Upload the recording again.",
+        )
+    return source
+
+
+def _store(context: Context, held: Claim, recording: Recording, sensor: SensorManifest, out: Path) -> tuple[str, int]:
+    with context.database.writing() as session:
+        key = reserve(
+            session, f"recordings/{recording.id}/sensors", suffix=".mcap", job_id=held.job_id, attempt=held.attempt
+        )
+    return key, context.store.put_file(key, out / sensor.file)
+
+
+def _forget_earlier(session: Session, recording: Recording) -> None:
+    """Drop what an earlier ingestion of the same upload left."""
+    condemn(session, session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording.id)).all())
+    session.execute(delete(Sensor).where(Sensor.recording_id == recording.id))
+
+
+def _sensor_row(recording: Recording, sensor: SensorManifest, key: str) -> Sensor:
+    return Sensor(
+        recording_id=recording.id,
+        kind=sensor.kind,
+        name=sensor.name,
+        topic=sensor.topic,
+        frame_id=sensor.frame_id,
+        blob_key=key,
+        count=sensor.count,
+        first_ns=sensor.first_ns,
+        last_ns=sensor.last_ns,
+        facts={name: value for name, value in asdict(sensor).items() if name not in _OWN_COLUMNS},
+    )
+
+
+def _facts(manifest: Manifest) -> Json:
+    """What is true of the recording as a whole."""
+    first = min(sensor.first_ns for sensor in manifest.sensors)
+    last = max(sensor.last_ns for sensor in manifest.sensors)
+    return {"format": manifest.format, "first_ns": first, "last_ns": last, "seconds": (last - first) / 1e9}
+
+
+def _frames(out: Path, sensor: SensorManifest) -> list[Json]:
+    """A camera's byte ranges as rows; a LiDAR has none."""
+    table = read_table(out / sensor.frames)
+    if not isinstance(table, FrameTable):
+        return []
+    columns = asdict(table)
+    return [
+        {"index": index, **dict(zip(columns, values, strict=True))}
+        for index, values in enumerate(zip(*columns.values(), strict=True))
+    ]

@@ -1,0 +1,38 @@
+"""What detection and preview both need first: a ready recording's LiDAR, opened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.recordings import Sensor
+from service.jobs.claims import Lease
+from workers.readers.normalised import LidarFile
+from workers.readers.recording import Sweep
+from workers.tasks.context import Context
+
+_REPORT_EVERY = 50
+
+
+def lidar_key(session: Session, recording_id: UUID) -> str:
+    """Blob key of a recording's LiDAR."""
+    return session.scalars(
+        select(Sensor.blob_key).where(Sensor.recording_id == recording_id, Sensor.kind == "lidar")
+    ).one()
+
+
+def open_lidar(context: Context, key: str, folder: Path) -> LidarFile:
+    """The LiDAR of a recording, from the store's folder or a copy in ``folder``."""
+    return LidarFile(context.fetch(key, folder))
+
+
+def watched(lidar: LidarFile, sweeps: range, lease: Lease, message: str) -> Iterator[Sweep]:
+    """The sweeps of a range, with progress reported and the lease looked at along the way."""
+    for number, sweep in enumerate(lidar.sweeps(sweeps.start, sweeps.stop)):
+        if number % _REPORT_EVERY == 0:
+            lease.report(number / max(len(sweeps), 1), message)
+        yield sweep

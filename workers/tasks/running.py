@@ -1,0 +1,84 @@
+"""One job from claim to end: the part that is the same for every kind of work."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from sqlalchemy.exc import OperationalError
+from sqlalchemy.orm import Session
+
+from service.db.base import Json
+from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finishing, give_back, stumble
+from workers.geometry.errors import InputError
+from workers.readers.recording import ReadError
+from workers.tasks.context import Context
+from workers.tasks.detecting import detect
+from workers.tasks.drain import DrainedError, interruptible, is_draining
+from workers.tasks.ingesting import ingest
+from workers.tasks.previewing import preview
+from workers.tasks.solving import solve
+
+log = logging.getLogger(__name__)
+
+Work = Callable[[Context, Claim, Lease], Callable[[Session], None]]
+"""Does a job's work outside any transaction and returns what writes its results inside the finishing one."""
+
+WORK: dict[str, Work] = {"ingest": ingest, "preview": preview, "detect": detect, "solve": solve}
+
+# A stumble of the surroundings, not of the work: worth another try a little later.
+_PASSING = (OperationalError, ConnectionError, TimeoutError, OSError)
+_TRY_AGAIN_S = 2.0
+
+
+def run_job(context: Context, job_id: int) -> None:
+    """Claim a job, do it under its lease, and end it as done, failed or cancelled; or give it back."""
+    held = None if is_draining() else claim(context.database, job_id, context.worker)
+    if held is None:
+        return
+    try:
+        with Lease(context.database, held) as lease, interruptible():
+            write = WORK[held.kind](context, held, lease)
+            lease.check()
+            with finishing(context.database, held) as session:
+                write(session)
+    except LostLeaseError:
+        log.warning("job %d attempt %d lost its lease; its work is dropped", held.job_id, held.attempt)
+    except CancelledError:
+        _end(context, held, "cancelled", None)
+    except (ReadError, InputError) as error:
+        _end(context, held, "failed", {"code": error.code, "detail": error.message, "hint": error.hint})
+    except _PASSING as error:
+        log.exception("job %d stumbled; it is tried again", held.job_id)
+        stumble(context.database, held, _surroundings(error), _TRY_AGAIN_S)
+    except DrainedError:
+        give_back(context.database, held)
+    except Exception:
+        log.exception("job %d failed", held.job_id)
+        _end(context, held, "failed", _INTERNAL)
+
+
+_INTERNAL: Json = {
+    "code": "internal_error",
+    "detail": "The work ended with an error that apexcal did not expect.",
+    "hint": "This is a defect of the service, not of your data. The worker's log has the details; tell the operator.",
+}
+
+
+def _surroundings(error: Exception) -> Json:
+    """What to say when it never passes. An OSError's own text may hold a path of the worker, so its reason alone."""
+    reason = (error.strerror if isinstance(error, OSError) else None) or type(error).__name__
+    return {
+        "code": "surroundings_failed",
+        "detail": f"The work was tried several times, and what the worker needs failed each time: {reason}.",
+        "hint": "Nothing is wrong with your data. The operator should look at the worker's disk, database and store; "
+        "ask for it again after that.",
+    }
+
+
+def _end(context: Context, held: Claim, state: str, problem: Json | None) -> None:
+    try:
+        with finishing(context.database, held, state, problem):
+            pass
+    except LostLeaseError:
+        log.warning("job %d attempt %d lost its lease before it could end as %s", held.job_id, held.attempt, state)

@@ -1,0 +1,1 @@
+"""Region of interest, detectors, frame pairing."""
