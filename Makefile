@@ -10,11 +10,11 @@ NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund 
 FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o -type f -print 2>/dev/null)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
 setup: $(STAMPS)/installed  ## make the environment in .venv
 
@@ -29,6 +29,15 @@ test: setup frontend  ## all tests but the long ones; ARGS="tests/apexcal -x"
 
 test-long: setup frontend  ## all tests
 	$(BIN)/python -m pytest $(ARGS)
+
+bench-detection: setup  ## accuracy of the detectors on simulated walks, and throughput; WALKS=4 for a short form
+	$(BIN)/python -m benchmarks.detection
+
+bench-timeoffset: setup  ## how well the offset between the clocks is found from a walk
+	$(BIN)/python -m benchmarks.clock_offset
+
+bench-paper: setup  ## the paper's two recordings, simulated: what vertices, clocks, clicks and the model each add
+	$(BIN)/python -m benchmarks.paper
 
 check: setup $(STAMPS)/node_modules  ## style, types, import rules
 	$(BIN)/ruff check .
