@@ -2,16 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
-from workers.readers.folder import FolderRecording
 from workers.readers.recording import ReadError, ReadOptions, Recording
-from workers.readers.rosbag1 import Rosbag1Recording
 
-# A format is one file with one such class, and one entry here.
-_READERS: Final = (Rosbag1Recording, FolderRecording)
+HEAD_BYTES: Final = 1024
 FORMATS: Final = "a ROS 1 bag, a folder of PCD files and images, or an uncompressed tar of such a folder"
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format of one file, told by its first bytes; its reader is imported only when it is met.
+
+    Attributes:
+        title: for messages, with its article.
+        module, reader: where the class is; it is constructed with the path and the options.
+        matches: whether a file of this format may begin with these :data:`HEAD_BYTES`.
+    """
+
+    title: str
+    module: str
+    reader: str
+    matches: Callable[[bytes], bool]
+
+    def open(self, path: Path, options: ReadOptions) -> Recording:
+        """Import the reader and open a file with it."""
+        return cast(Recording, getattr(import_module(self.module), self.reader)(path, options))
+
+
+def _starts(*magics: bytes) -> Callable[[bytes], bool]:
+    return lambda head: head.startswith(magics)
+
+
+def _is_tar(head: bytes) -> bool:
+    """A header with tar's magic, or of an old tar, whose checksum is all there is to tell it by."""
+    if head[257:262] == b"ustar":
+        return True
+    if len(head) < 512 or not head[0]:
+        return False
+    stated = head[148:156].strip(b" \0")
+    expected = sum(head[:148]) + 8 * ord(" ") + sum(head[156:512])
+    return bool(stated) and all(c in b"01234567" for c in stated) and int(stated, 8) == expected
+
+
+# A format of one file is one module with one class, and one line here.
+FILES: Final[tuple[Format, ...]] = (
+    Format("a ROS 1 bag", "workers.readers.rosbag1", "Rosbag1Recording", _starts(b"#ROSBAG V2.0\n")),
+)
+# Folders and archives hold files of these formats, or clouds and images.
+TREE: Final = Format("a folder or an archive", "workers.readers.folder", "FolderRecording", _is_tar)
 
 _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
     (b"#ROSBAG V1", "a ROS bag of version 1.x", "Convert it with `rosbag fix` or `rosbag migrate` to version 2.0."),
@@ -40,6 +83,11 @@ _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
 )
 
 
+def format_of(head: bytes) -> Format | None:
+    """The format of a file that begins with these bytes; None for archives and for what is not known."""
+    return next((known for known in FILES if known.matches(head)), None)
+
+
 def open_recording(path: str | Path, options: ReadOptions | None = None) -> Recording:
     """Open a recording of any known format.
 
@@ -52,18 +100,19 @@ def open_recording(path: str | Path, options: ReadOptions | None = None) -> Reco
             format's reader raises.
     """
     path = Path(path)
-    if not path.is_dir() and not path.is_file():
+    options = options or ReadOptions()
+    if path.is_dir():
+        return TREE.open(path, options)
+    if not path.is_file():
         raise ReadError("recording_missing", f"{path.name} is neither a file nor a folder.", "Look at the path.")
-    head = b""
-    if path.is_file():
-        with path.open("rb") as file:
-            head = file.read(1024)
-        if not head:
-            raise ReadError("recording_empty", f"{path.name} holds no bytes.", "Copy or upload the file again.")
-    for reader in _READERS:
-        if reader.recognises(path, head):
-            return reader(path, options or ReadOptions())
-    raise _unknown(path, head)
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    if not head:
+        raise ReadError("recording_empty", f"{path.name} holds no bytes.", "Copy or upload the file again.")
+    known = format_of(head) or (TREE if TREE.matches(head) else None)
+    if known is None:
+        raise _unknown(path, head)
+    return known.open(path, options)
 
 
 def _unknown(path: Path, head: bytes) -> ReadError:
@@ -75,7 +124,7 @@ def _unknown(path: Path, head: bytes) -> ReadError:
             "recording_truncated", f"{path.name} ends after {len(head)} bytes.", "Copy or upload the file again."
         )
     try:
-        text = head[:-4].decode() if len(head) == 1024 else head.decode()
+        text = head[:-4].decode() if len(head) == HEAD_BYTES else head.decode()
         what = "a text file" if text.isprintable() or "\n" in text else "no format that is known here"
     except UnicodeDecodeError:
         what = f"no format that is known here (it starts with {head[:8].hex(' ')})"

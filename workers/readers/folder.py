@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import tarfile
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Final, Literal
 
@@ -78,6 +79,11 @@ class FolderRecording:
         """Sentences about what was met while reading."""
         return [*self._times.warnings, *(said for model in self._models.values() for said in model.warnings())]
 
+    @property
+    def share_read(self) -> float | None:
+        """None: the number of messages is known beforehand."""
+        return None
+
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned of a LiDAR from files spread over the folder."""
         return self._model(sensor).facts
@@ -89,7 +95,7 @@ class FolderRecording:
             stamps = np.array([self._times.stamps_ns[p] for p in self._paths(sensor)], np.int64)
             if self._times.source == "index":
                 # Made-up times say nothing about when, within a sweep, a point was measured.
-                options = ReadOptions("stamp_only", options.stamp_convention, options.rate_hz)
+                options = replace(options, point_times="stamp_only")
             elif len(stamps) > 2:
                 period = int(np.median(np.diff(stamps)))
             self._models[sensor.name] = learn_clouds(self._samples(sensor), period, options, sensor.name)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Any, Final, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 StampConvention = Literal["start", "end", "unknown"]
 TimeSource = Literal["per_point", "derived_from_azimuth", "stamp_only"]
+LidarModel = Literal["vlp16", "vlp32c", "hdl32e", "hdl64e", "alpha_prime"]
+
+_MAX_NS: Final = 2**31 * 1_000_000_000
 
 
 class ReadError(Exception):
@@ -20,13 +23,15 @@ class ReadError(Exception):
         code: stable machine-readable name, for example ``recording_truncated``.
         message: what is wrong and where.
         hint: what to do about it.
+        fields: plain data for a program that answers, for example ``candidates``, the topics to choose from.
     """
 
-    def __init__(self, code: str, message: str, hint: str) -> None:
+    def __init__(self, code: str, message: str, hint: str, fields: Mapping[str, Any] | None = None) -> None:
         super().__init__(message)
         self.code = code
         self.message = message
         self.hint = hint
+        self.fields = dict(fields or {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +83,10 @@ class Sensor:
         name: topic or folder name, unique in the recording.
         frame_id: the coordinate frame that the file states, or an empty string.
         count: number of sweeps or frames, where the file says it before it is read, else None.
-        notes: what the file says before it is read, for example ``fields`` of a point cloud.
+        notes: what the file says before it is read: ``fields`` of a point cloud (names, separated by spaces),
+            ``type`` of a topic, ``width`` and ``height`` of a camera's first frame, ``rate_hz``.
+        camera_info: of a camera: the intrinsics that the file states, a starting guess: ``model`` (a name of ours),
+            ``K`` (9 numbers, rows), ``D``, ``distortion_model`` as in the file, ``width``, ``height``.
     """
 
     kind: Literal["lidar", "camera"]
@@ -86,6 +94,7 @@ class Sensor:
     frame_id: str
     count: int | None
     notes: Mapping[str, str] = field(default_factory=dict[str, str])
+    camera_info: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +106,10 @@ class ReadOptions:
             ``stamp_only`` leaves them out (static poses whose stamps are made up).
         stamp_convention: whether a sweep's stamp is its start or its end; None: as far as the file tells.
         rate_hz: turns of the LiDAR per second, 0.5 to 1000; None: from the stamps.
+        lidar_model: sensor that sent captured packets; None: as the packets say.
+        rings: number of rings, 2 to 256, where the file has none and they are computed; None: found by elevation.
+        camera_start_ns: moment of a video's first frame, UTC nanoseconds, where neither the video nor a table of
+            times says it.
 
     Raises:
         ValueError: a value outside of these.
@@ -105,6 +118,9 @@ class ReadOptions:
     point_times: Literal["auto", "stamp_only"] = "auto"
     stamp_convention: StampConvention | None = None
     rate_hz: float | None = None
+    lidar_model: LidarModel | None = None
+    rings: int | None = None
+    camera_start_ns: int | None = None
 
     def __post_init__(self) -> None:
         if self.point_times not in ("auto", "stamp_only"):
@@ -113,6 +129,17 @@ class ReadOptions:
             raise ValueError(f"stamp_convention is 'start', 'end' or 'unknown', not {self.stamp_convention!r}")
         if self.rate_hz is not None and not 0.5 <= self.rate_hz <= 1000:
             raise ValueError(f"rate_hz lies between 0.5 and 1000, not at {self.rate_hz}")
+        if self.lidar_model is not None and self.lidar_model not in get_args(LidarModel):
+            known = ", ".join(get_args(LidarModel))
+            raise ValueError(f"lidar_model is one of {known}, not {self.lidar_model!r}")
+        if self.rings is not None and not _whole(self.rings, 2, 256):
+            raise ValueError(f"rings is a whole number from 2 to 256, not {self.rings!r}")
+        if self.camera_start_ns is not None and not _whole(self.camera_start_ns, 0, _MAX_NS - 1):
+            raise ValueError(f"camera_start_ns is in whole nanoseconds since 1970, not {self.camera_start_ns!r}")
+
+
+def _whole(value: object, low: int, high: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +183,13 @@ class Recording(Protocol):
     @property
     def warnings(self) -> list[str]:
         """Sentences for the owner, growing while the recording is read."""
+        ...
+
+    @property
+    def share_read(self) -> float | None:
+        """Share of the bytes that ``messages`` has passed, 0 to 1, for progress; None where the sensors' counts
+        tell it.
+        """
         ...
 
     def sweeps(self, sensor: Sensor) -> Iterator[Sweep]: ...

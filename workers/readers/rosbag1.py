@@ -103,6 +103,11 @@ class Rosbag1Recording:
             return Sensor("lidar", topic, frame_id, count, {"fields": fields})
         return Sensor("camera", topic, frame_id, count, {"type": connections[0].msgtype})
 
+    @property
+    def share_read(self) -> float | None:
+        """None: the number of messages is known beforehand."""
+        return None
+
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned of a LiDAR from sweeps spread over the bag."""
         return self._model(sensor).facts
