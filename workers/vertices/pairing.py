@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from workers.vertices.detectors import Vertex
+
+PairingMode = Literal["nearest", "interpolate"]
+PAIRING_MODES: Final[tuple[PairingMode, ...]] = ("nearest", "interpolate")
 
 # The gap of a vertex that has no frame at all to be compared with.
 NO_FRAME_GAP_NS = int(np.iinfo(np.int64).max)
@@ -45,3 +54,43 @@ def pair(
     gap = stamps[nearest] - times
     index = np.where(np.abs(gap) <= max_gap_ns, order[nearest], -1)
     return index.astype(np.int64), gap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovedVertices:
+    """Vertices moved along their track to the moments of their camera frames; one row per vertex.
+
+    Attributes:
+        index: (N,) int64 of the frame, -1 where there is no pair.
+        xyz: (N, 3) the apex at the frame's time, metres, LiDAR frame; not a number where there is no pair.
+        covariance: (N, 3, 3) over (azimuth rad, elevation rad, range m), the interpolation's error included; not a
+            number where there is no pair.
+        moved_ns: (N,) int64 signed, frame minus vertex time: over how long the vertex was moved. The gap that is
+            left is zero.
+    """
+
+    index: NDArray[np.int64]
+    xyz: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    moved_ns: NDArray[np.int64]
+
+
+def pair_interpolated(
+    vertices: Sequence[Vertex],
+    frame_stamps_ns: ArrayLike,
+    *,
+    context: Sequence[Vertex] = (),
+    offset_ns: int = 0,
+    max_gap_ns: int,
+) -> MovedVertices:
+    """Pair each vertex with the nearest frame, as `pair` does, and move it along its track to the frame's time.
+
+    Args:
+        vertices: (N,) of a recording or of one of its shards.
+        context: vertices of `tracks.MARGIN_SWEEPS` sweeps on either side of the shard, for the track alone.
+        offset_ns, max_gap_ns: as for `pair`.
+
+    Raises:
+        ValueError: max_gap_ns is negative.
+    """
+    raise NotImplementedError
