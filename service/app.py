@@ -29,6 +29,7 @@ from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue
 from service.settings import MIB, Settings, get_settings
 from service.storage.store import Store
+from service.studies import routes as studies
 
 # JSON bodies; the largest are imported correspondences. Upload parts have their own limit.
 _MAX_BODY_BYTES = 32 * MIB
@@ -44,6 +45,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     jobs.router,
     events.router,
     detections.router,
+    studies.router,
     annotations.router,
     calibrations.router,
 )

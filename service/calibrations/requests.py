@@ -118,16 +118,28 @@ def _size(wanted: CalibrationRequest) -> PresetSize:
 def _document(source: CameraPairs, model: str, common: Json, asked_bounds: Mapping[str, Interval]) -> Json:
     """The solver's document of one model on one camera, with only the parameters that this model has."""
     names = parameter_names(model, common["search"])
-    camera = source.camera
-    rig_bounds = {bare: value for bare, value in _bare(camera.bounds).items() if bare in names}
-    return common | {
+    described = describe_camera(source.camera, model, common["search"])
+    return (
+        common
+        | described
+        | {
+            "bounds": described["bounds"]
+            | {name: list(value) for name, value in asked_bounds.items() if name in names},
+            "locked": {name: value for name, value in common["locked"].items() if name in names},
+            "priors": {name: value for name, value in common["priors"].items() if name in names},
+        }
+    )
+
+
+def describe_camera(camera: RigCamera, model: str, search: SearchForm) -> Json:
+    """The part of the solver's document that the rig tells, with the bounds that this model has."""
+    names = parameter_names(model, search)
+    return {
         "model": model,
         "camera": camera.name,
         "image_size": [camera.image_width, camera.image_height],
         "nominal": camera.nominal,
-        "bounds": rig_bounds | {name: list(value) for name, value in asked_bounds.items() if name in names},
-        "locked": {name: value for name, value in common["locked"].items() if name in names},
-        "priors": {name: value for name, value in common["priors"].items() if name in names},
+        "bounds": {bare: value for bare, value in _bare(camera.bounds).items() if bare in names},
     }
 
 

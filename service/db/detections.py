@@ -1,30 +1,15 @@
-"""Region previews, detection runs and the vertices that they found."""
+"""Detection runs and the vertices that they found."""
 
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Any
 from uuid import UUID
 
-from sqlalchemy import BigInteger, Index, String, UniqueConstraint
+from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from service.db.base import Base, Created, Digest, Json, Name, Nanoseconds, RowId, belongs_to, refers_to
-
-
-class RegionPreview(Base):
-    """How many frames and points a region keeps."""
-
-    __tablename__ = "region_preview"
-
-    id: Mapped[RowId]
-    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
-    recording_id: Mapped[UUID] = belongs_to("recording.id")
-    region: Mapped[Json]
-    state: Mapped[str] = mapped_column(String(20), default="queued")
-    result: Mapped[Json | None]
-    problem: Mapped[Json | None]
-    job_id: Mapped[int | None] = mapped_column(BigInteger)
-    created_at: Mapped[Created]
 
 
 class Detection(Base):
@@ -66,7 +51,9 @@ class Apex(Base):
 class Vertex(Base):
     """A vertex as one detection run measured it, in metres in the LiDAR frame.
 
-    ``rank`` orders the marking: any first part of the order covers the whole recording evenly.
+    ``rank`` orders the marking: any first part of the order covers the whole recording evenly. ``covariance`` is
+    3 x 3 over azimuth (rad), elevation (rad) and range (m), where the detector states one; ``flags`` are names of
+    what the person who confirms should look at.
     """
 
     __tablename__ = "vertex"
@@ -87,11 +74,16 @@ class Vertex(Base):
     ring: Mapped[int]
     points: Mapped[int]
     quality: Mapped[str | None] = mapped_column(String(20))
-    covariance: Mapped[Json | None]
+    flags: Mapped[list[Any]] = mapped_column(default=list)
+    covariance: Mapped[list[Any] | None]
 
 
 class VertexFrame(Base):
-    """The camera frame that a vertex is paired with. ``gap_ns`` is frame time minus vertex time."""
+    """The camera frame that a vertex is paired with. ``gap_ns`` is frame time minus vertex time.
+
+    Where the pairing interpolates, x, y, z and covariance are the vertex's, moved along its track to the frame's
+    time, and the gap is zero.
+    """
 
     __tablename__ = "vertex_frame"
 
@@ -99,3 +91,7 @@ class VertexFrame(Base):
     sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True)
     frame_index: Mapped[int]
     gap_ns: Mapped[Nanoseconds]
+    x: Mapped[float | None]
+    y: Mapped[float | None]
+    z: Mapped[float | None]
+    covariance: Mapped[list[Any] | None]

@@ -10,11 +10,12 @@ from service.db.calibrations import (
     Result,
     Slot,
 )
-from service.db.detections import Apex, Detection, RegionPreview, Vertex, VertexFrame
+from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.jobs import Heartbeat, Job
 from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person, SignInLink
 from service.db.recordings import Blob, CameraFrame, Recording, Sensor, UploadPart
+from service.db.studies import Study
 
 __all__ = [
     "AnnotationRevision",
@@ -38,13 +39,13 @@ __all__ = [
     "Person",
     "Publication",
     "Recording",
-    "RegionPreview",
     "Result",
     "Rig",
     "RigCamera",
     "Sensor",
     "SignInLink",
     "Slot",
+    "Study",
     "UploadPart",
     "Vehicle",
     "Verdict",

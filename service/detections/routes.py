@@ -1,4 +1,4 @@
-"""Region previews, detections and their vertices."""
+"""Detections and their vertices."""
 
 from __future__ import annotations
 
@@ -10,41 +10,18 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import ReadAccess, WriteAccess
-from service.db.detections import Detection, RegionPreview, Vertex
-from service.db.jobs import Job
+from service.db.detections import Detection, Vertex
 from service.db.recordings import Recording
 from service.detections.queries import find_camera, new_detection, ready_recording, shard_payloads, vertices_of
-from service.detections.schemas import DetectionRequest, DetectionView, PreviewRequest, PreviewView, VertexView
-from service.detections.views import detection_view, jobs_of, preview_view, vertex_views
+from service.detections.schemas import DetectionRequest, DetectionView, VertexView
+from service.detections.views import detection_view, jobs_of, vertex_views
 from service.events.hints import hint
 from service.http.pages import LongPaging, Page, Paging, fetch
-from service.jobs.queue import cancel, enqueue, enqueue_all
+from service.jobs.queue import cancel, enqueue_all
 
 router = APIRouter(tags=["detections"])
 
 Camera = Annotated[str | None, Query(max_length=200, description="a camera's name in the rig")]
-
-
-@router.post("/recordings/{recording_id}/region-previews", status_code=202, response_model=PreviewView)
-def ask_preview(recording_id: UUID, wanted: PreviewRequest, access: WriteAccess) -> JSONResponse:
-    """Count what a region keeps. [engineer]"""
-    recording = ready_recording(access, recording_id, "engineer")
-    preview = RegionPreview(
-        fleet_id=recording.fleet_id, recording_id=recording.id, region=wanted.region, state="queued"
-    )
-    access.session.add(preview)
-    access.session.flush()
-    job = enqueue(access.session, kind="preview", fleet_id=recording.fleet_id, subject_id=preview.id)
-    preview.job_id = job.id
-    return access.answer(preview_view(preview, job), 202)
-
-
-@router.get("/region-previews/{preview_id}")
-def read_preview(preview_id: UUID, access: ReadAccess) -> PreviewView:
-    """A region preview."""
-    preview = access.find(RegionPreview, preview_id)
-    job = access.session.get(Job, preview.job_id) if preview.job_id else None
-    return preview_view(preview, job)
 
 
 @router.post("/recordings/{recording_id}/detections", status_code=202, response_model=DetectionView)

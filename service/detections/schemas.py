@@ -1,4 +1,4 @@
-"""What requests and answers about region previews, detections and vertices look like."""
+"""What requests and answers about detections and vertices look like."""
 
 from __future__ import annotations
 
@@ -19,12 +19,6 @@ _ANY_CLOCK_NS = 2**62  # a camera that counts from its start is off by all of Un
 _MINUTE_NS = 60 * 10**9
 
 
-class PreviewRequest(Received):
-    """Ask what a region keeps."""
-
-    region: Region
-
-
 class Pairing(Received):
     """How a vertex finds its camera frame: the nearest to its time plus ``offset_ns``, within ``max_gap_ns``."""
 
@@ -39,19 +33,6 @@ class DetectionRequest(Received):
     detector: Annotated[str, Field(max_length=50)] = "tolerant"
     options: Annotated[Json, Field(default_factory=dict, description="numbers that differ from the defaults")]
     pairing: Pairing = Pairing()
-
-
-class PreviewView(Sent):
-    """A region preview; ``result`` is there when it is done."""
-
-    id: UUID
-    recording_id: UUID
-    region: Json
-    state: State
-    result: Json | None
-    problem: Json | None
-    job: JobView | None
-    created_at: datetime
 
 
 class DetectionView(Sent):

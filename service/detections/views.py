@@ -8,10 +8,10 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.detections import Detection, RegionPreview, Vertex, VertexFrame
+from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Sensor
-from service.detections.schemas import DetectionView, FrameOfVertex, PreviewView, VertexView
+from service.detections.schemas import DetectionView, FrameOfVertex, VertexView
 from service.http.jobs import JobView
 
 _UNENDED = ("queued", "running")
@@ -25,20 +25,6 @@ def jobs_of(session: Session, subject_ids: Iterable[UUID]) -> dict[UUID, Job]:
         if known is None or known.state not in _UNENDED:
             found[job.subject_id] = job
     return found
-
-
-def preview_view(row: RegionPreview, job: Job | None) -> PreviewView:
-    """A preview with its job."""
-    return PreviewView(
-        id=row.id,
-        recording_id=row.recording_id,
-        region=row.region,
-        state=row.state,  # pyright: ignore[reportArgumentType] - the column holds only states
-        result=row.result,
-        problem=row.problem,
-        job=JobView.model_validate(job) if job else None,
-        created_at=row.created_at,
-    )
 
 
 def detection_view(row: Detection, job: Job | None) -> DetectionView:

@@ -14,8 +14,9 @@ from sqlalchemy.orm import Session
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun
 from service.db.clock import utc_now
-from service.db.detections import Detection, RegionPreview
+from service.db.detections import Detection
 from service.db.recordings import Recording
+from service.db.studies import Study
 from service.events.hints import hint
 from service.jobs.solving import end_run
 
@@ -38,8 +39,8 @@ def _recording(session: Session, subject_id: UUID, state: str, problem: Json | N
     hint(session, row.fleet_id, "recording", row.id)
 
 
-def _preview(session: Session, subject_id: UUID, state: str, problem: Json | None) -> None:
-    row = session.get(RegionPreview, subject_id)
+def _study(session: Session, subject_id: UUID, state: str, problem: Json | None) -> None:
+    row = session.get(Study, subject_id)
     if row is None:
         return
     row.state, row.problem = state, problem
@@ -81,7 +82,9 @@ _CANCELLED: Json = {
 
 _PARENTS: dict[str, Callable[[Session, UUID, str, Json | None], None]] = {
     "ingest": _recording,
-    "preview": _preview,
+    "preview": _study,
+    "suggestion": _study,
+    "clock_offset": _study,
     "detect": _detection,
     "solve": _run,
 }

@@ -15,7 +15,14 @@ from service.db.session import post
 from service.jobs.messages import COURIER, Message
 from service.settings import get_settings
 
-QUEUE_OF_KIND = {"ingest": "ingest", "preview": "detect", "detect": "detect", "solve": "solve"}
+QUEUE_OF_KIND = {
+    "ingest": "ingest",
+    "preview": "detect",
+    "suggestion": "detect",
+    "detect": "detect",
+    "clock_offset": "solve",
+    "solve": "solve",
+}
 QUEUES = ("ingest", "detect", "solve", "report")
 _UNENDED = ("queued", "running")
 

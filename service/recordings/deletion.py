@@ -9,8 +9,9 @@ from sqlalchemy import delete, exists, select
 from sqlalchemy.orm import Session, aliased
 
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
-from service.db.detections import Detection, RegionPreview
+from service.db.detections import Detection
 from service.db.recordings import Recording, Sensor, UploadPart
+from service.db.studies import Study
 from service.http.problems import Problem
 from service.jobs.queue import abandon
 from service.storage.blobs import condemn
@@ -55,7 +56,7 @@ def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
     runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(_calibrations(session, recording_id)))
     return [
         recording_id,
-        *session.scalars(select(RegionPreview.id).where(RegionPreview.recording_id == recording_id)),
+        *session.scalars(select(Study.id).where(Study.recording_id == recording_id)),
         *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
         *session.scalars(runs),
     ]

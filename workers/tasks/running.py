@@ -16,15 +16,22 @@ from workers.tasks.context import Context
 from workers.tasks.detecting import detect
 from workers.tasks.drain import DrainedError, interruptible, is_draining
 from workers.tasks.ingesting import ingest
-from workers.tasks.previewing import preview
 from workers.tasks.solving import solve
+from workers.tasks.studying import clock_offset, preview, suggestion
 
 log = logging.getLogger(__name__)
 
 Work = Callable[[Context, Claim, Lease], Callable[[Session], None]]
 """Does a job's work outside any transaction and returns what writes its results inside the finishing one."""
 
-WORK: dict[str, Work] = {"ingest": ingest, "preview": preview, "detect": detect, "solve": solve}
+WORK: dict[str, Work] = {
+    "ingest": ingest,
+    "preview": preview,
+    "suggestion": suggestion,
+    "detect": detect,
+    "clock_offset": clock_offset,
+    "solve": solve,
+}
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError)
@@ -47,7 +54,7 @@ def run_job(context: Context, job_id: int) -> None:
     except CancelledError:
         _end(context, held, "cancelled", None)
     except (ReadError, InputError) as error:
-        _end(context, held, "failed", {"code": error.code, "detail": error.message, "hint": error.hint})
+        _end(context, held, "failed", _refusal(error))
     except _PASSING as error:
         log.exception("job %d stumbled; it is tried again", held.job_id)
         stumble(context.database, held, _surroundings(error), _TRY_AGAIN_S)
@@ -63,6 +70,12 @@ _INTERNAL: Json = {
     "detail": "The work ended with an error that apexcal did not expect.",
     "hint": "This is a defect of the service, not of your data. The worker's log has the details; tell the operator.",
 }
+
+
+def _refusal(error: ReadError | InputError) -> Json:
+    """A refusal as a problem; what a program can answer with, such as `candidates`, stands beside the sentences."""
+    more = error.fields if isinstance(error, ReadError) else {}
+    return {**more, "code": error.code, "detail": error.message, "hint": error.hint}
 
 
 def _surroundings(error: Exception) -> Json:

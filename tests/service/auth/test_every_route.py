@@ -22,10 +22,10 @@ from service.db.models import (
     MarkingTask,
     Person,
     Recording,
-    RegionPreview,
     Result,
     Rig,
     Sensor,
+    Study,
     Vehicle,
     Vertex,
 )
@@ -50,6 +50,7 @@ BODIES = {
     "/rigs/{rig_id}/correspondence-sets": {"pairs": [{"x": 1.0, "y": 0.0, "z": 0.0, "u": 10.0, "v": 10.0}]},
     "/detections": {"region": {"quantity": "x", "op": ">", "value": 0}},
     "/region-previews": {"region": {"quantity": "x", "op": ">", "value": 0}},
+    "/region-suggestions": {},
 }
 NOWHERE = {"jobs": "999999"}
 
@@ -117,7 +118,10 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     detection = Detection(
         id=new_id(), **owned, region={}, detector="strict", options={}, pairing={}, content_hash="0", state="done"
     )
-    preview = RegionPreview(id=new_id(), **owned, region={})
+    preview = Study(id=new_id(), **owned, kind="preview", asked={"region": {}})
+    suggestion = Study(id=new_id(), **owned, kind="suggestion", asked={})
+    offset = Study(id=new_id(), **owned, kind="clock_offset", detection_id=detection.id)
+    offset.asked = {"camera": "front", "marks": {"stamp_ns": [], "u": [], "v": []}}
     apex = Apex(id=new_id(), recording_id=recording.id, sweep_index=0, x=1, y=0, z=0)
     vertex = Vertex(
         id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0, x=1, y=0, z=0
@@ -143,12 +147,14 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         id=new_id(), detection_id=detection.id, vertex_id=vertex.id, sensor_id=sensor.id, person_id=person.id
     )
     task.leased_until = utc_now()
-    for row in (detection, preview, apex, vertex, pairs, calibration, run, result, token, task):
+    for row in (detection, preview, suggestion, offset, apex, vertex, pairs, calibration, run, result, token, task):
         session.add(row)
         session.flush()
     return {
         "detections": detection.id,
         "region-previews": preview.id,
+        "region-suggestions": suggestion.id,
+        "clock-offsets": offset.id,
         "vertices": vertex.id,
         "correspondence-sets": pairs.id,
         "calibrations": calibration.id,

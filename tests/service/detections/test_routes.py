@@ -1,8 +1,8 @@
-"""Region previews and detections over HTTP, on both databases."""
+"""Detections over HTTP, on both databases."""
 
 import pytest
 
-from service.db.detections import Detection, RegionPreview
+from service.db.detections import Detection
 from service.db.jobs import Job
 from service.db.recordings import Recording
 from tests.service.detections.seeding import seed_marking, seed_recording, seed_rig
@@ -56,18 +56,6 @@ def test_the_same_request_sent_again_makes_one_detection(api, fleet, engineer):
     assert (first.status_code, first.json()) == (again.status_code, again.json())
     with api.database.reading() as session:
         assert session.query(Detection).count() == 1
-
-
-def test_a_preview_is_a_job_of_its_own(api, fleet, engineer):
-    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
-    answer = engineer.post(f"/recordings/{recording}/region-previews", {"region": REGION})
-    assert answer.status_code == 202
-    assert answer.json()["job"]["kind"] == "preview"
-    with api.database.writing() as session:
-        row = session.query(RegionPreview).one()
-        row.state, row.result = "done", {"frames": 10, "frames_kept": 3}
-    read = engineer.get(f"/region-previews/{answer.json()['id']}").json()
-    assert (read["state"], read["result"]) == ("done", {"frames": 10, "frames_kept": 3})
 
 
 @pytest.mark.parametrize(

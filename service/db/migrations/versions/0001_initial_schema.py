@@ -370,27 +370,31 @@ def upgrade():
         batch_op.create_index(batch_op.f("ix_detection_recording_id"), ["recording_id"], unique=False)
 
     op.create_table(
-        "region_preview",
+        "study",
         sa.Column("id", sa.Uuid(), nullable=False),
         sa.Column("fleet_id", sa.Uuid(), nullable=False),
         sa.Column("recording_id", sa.Uuid(), nullable=False),
-        sa.Column("region", sa.JSON(none_as_null=True), nullable=False),
+        sa.Column("detection_id", sa.Uuid(), nullable=True),
+        sa.Column("kind", sa.String(length=20), nullable=False),
+        sa.Column("asked", sa.JSON(none_as_null=True), nullable=False),
         sa.Column("state", sa.String(length=20), nullable=False),
         sa.Column("result", sa.JSON(none_as_null=True), nullable=True),
         sa.Column("problem", sa.JSON(none_as_null=True), nullable=True),
         sa.Column("job_id", sa.BigInteger(), nullable=True),
         sa.Column("created_at", sa.BigInteger(), nullable=False),
         sa.ForeignKeyConstraint(
-            ["fleet_id"], ["fleet.id"], name=op.f("fk_region_preview_fleet_id"), ondelete="CASCADE"
+            ["detection_id"], ["detection.id"], name=op.f("fk_study_detection_id"), ondelete="CASCADE"
         ),
+        sa.ForeignKeyConstraint(["fleet_id"], ["fleet.id"], name=op.f("fk_study_fleet_id"), ondelete="CASCADE"),
         sa.ForeignKeyConstraint(
-            ["recording_id"], ["recording.id"], name=op.f("fk_region_preview_recording_id"), ondelete="CASCADE"
+            ["recording_id"], ["recording.id"], name=op.f("fk_study_recording_id"), ondelete="CASCADE"
         ),
-        sa.PrimaryKeyConstraint("id", name=op.f("pk_region_preview")),
+        sa.PrimaryKeyConstraint("id", name=op.f("pk_study")),
     )
-    with op.batch_alter_table("region_preview", schema=None) as batch_op:
-        batch_op.create_index(batch_op.f("ix_region_preview_fleet_id"), ["fleet_id"], unique=False)
-        batch_op.create_index(batch_op.f("ix_region_preview_recording_id"), ["recording_id"], unique=False)
+    with op.batch_alter_table("study", schema=None) as batch_op:
+        batch_op.create_index(batch_op.f("ix_study_detection_id"), ["detection_id"], unique=False)
+        batch_op.create_index(batch_op.f("ix_study_fleet_id"), ["fleet_id"], unique=False)
+        batch_op.create_index("ix_study_recording_id_kind", ["recording_id", "kind"], unique=False)
 
     op.create_table(
         "sensor",
@@ -556,6 +560,7 @@ def upgrade():
         sa.Column("ring", sa.Integer(), nullable=False),
         sa.Column("points", sa.Integer(), nullable=False),
         sa.Column("quality", sa.String(length=20), nullable=True),
+        sa.Column("flags", sa.JSON(none_as_null=True), nullable=False),
         sa.Column("covariance", sa.JSON(none_as_null=True), nullable=True),
         sa.ForeignKeyConstraint(["apex_id"], ["apex.id"], name=op.f("fk_vertex_apex_id"), ondelete="CASCADE"),
         sa.ForeignKeyConstraint(
@@ -649,6 +654,10 @@ def upgrade():
         sa.Column("sensor_id", sa.Uuid(), nullable=False),
         sa.Column("frame_index", sa.Integer(), nullable=False),
         sa.Column("gap_ns", sa.BigInteger(), nullable=False),
+        sa.Column("x", sa.Double(), nullable=True),
+        sa.Column("y", sa.Double(), nullable=True),
+        sa.Column("z", sa.Double(), nullable=True),
+        sa.Column("covariance", sa.JSON(none_as_null=True), nullable=True),
         sa.ForeignKeyConstraint(
             ["sensor_id"], ["sensor.id"], name=op.f("fk_vertex_frame_sensor_id"), ondelete="CASCADE"
         ),
@@ -793,11 +802,12 @@ def downgrade():
         batch_op.drop_index(batch_op.f("ix_sensor_recording_id"))
 
     op.drop_table("sensor")
-    with op.batch_alter_table("region_preview", schema=None) as batch_op:
-        batch_op.drop_index(batch_op.f("ix_region_preview_recording_id"))
-        batch_op.drop_index(batch_op.f("ix_region_preview_fleet_id"))
+    with op.batch_alter_table("study", schema=None) as batch_op:
+        batch_op.drop_index("ix_study_recording_id_kind")
+        batch_op.drop_index(batch_op.f("ix_study_fleet_id"))
+        batch_op.drop_index(batch_op.f("ix_study_detection_id"))
 
-    op.drop_table("region_preview")
+    op.drop_table("study")
     with op.batch_alter_table("detection", schema=None) as batch_op:
         batch_op.drop_index(batch_op.f("ix_detection_recording_id"))
         batch_op.drop_index(batch_op.f("ix_detection_fleet_id"))

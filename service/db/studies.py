@@ -1,0 +1,33 @@
+"""Questions about a recording that a worker answers: what a region keeps, which one to take, how clocks differ."""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy import BigInteger, Index, String
+from sqlalchemy.orm import Mapped, mapped_column
+
+from service.db.base import Base, Created, Json, RowId, belongs_to
+
+
+class Study(Base):
+    """One question and its answer. ``kind`` is ``preview``, ``suggestion`` or ``clock_offset``, as its job's.
+
+    ``asked`` holds all that the worker needs besides the recording (and, for ``clock_offset``, the detection);
+    ``result`` is the answer. Nothing refers to a study, and what is asked anew is another row.
+    """
+
+    __tablename__ = "study"
+    __table_args__ = (Index("ix_study_recording_id_kind", "recording_id", "kind"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    recording_id: Mapped[UUID] = belongs_to("recording.id", index=False)
+    detection_id: Mapped[UUID | None] = belongs_to("detection.id", nullable=True)
+    kind: Mapped[str] = mapped_column(String(20))
+    asked: Mapped[Json] = mapped_column(default=dict)
+    state: Mapped[str] = mapped_column(String(20), default="queued")
+    result: Mapped[Json | None]
+    problem: Mapped[Json | None]
+    job_id: Mapped[int | None] = mapped_column(BigInteger)
+    created_at: Mapped[Created]

@@ -1,0 +1,1 @@
+"""Questions about a recording: region previews, region suggestions, the offset between clocks."""

@@ -1,0 +1,52 @@
+"""Studies as their answers show them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from service.db.jobs import Job
+from service.db.studies import Study
+from service.http.jobs import JobView
+from service.studies.schemas import OffsetView, PreviewView, SuggestionView
+
+
+def preview_view(row: Study, job: Job | None) -> PreviewView:
+    """A preview with its job."""
+    return PreviewView(**_members(row, job), region=row.asked["region"])
+
+
+def suggestion_view(row: Study, job: Job | None) -> SuggestionView:
+    """A suggestion with its job."""
+    return SuggestionView(**_members(row, job))
+
+
+def offset_view(row: Study, job: Job | None) -> OffsetView:
+    """A clock offset with its job, and what to do with it."""
+    return OffsetView(
+        **_members(row, job),
+        detection_id=row.detection_id,  # pyright: ignore[reportArgumentType] - an offset always has one
+        camera=row.asked["camera"],
+        marks=len(row.asked["marks"]["u"]),
+        hint=_how_to_use(row.result) if row.result else None,
+    )
+
+
+def _how_to_use(result: dict[str, Any]) -> str:
+    offset, sigma = result["offset_ns"] / 1e6, result["sigma_ns"] / 1e6
+    return (
+        f"The camera's clock shows {abs(offset):.1f} ms {'more' if offset >= 0 else 'less'} than the LiDAR's, "
+        f"give or take {sigma:.1f} ms. Detect again with pairing.offset_ns = {result['offset_ns']}; "
+        'pairing.mode = "interpolate" then moves each vertex to the very time of its frame. Marks are kept.'
+    )
+
+
+def _members(row: Study, job: Job | None) -> dict[str, Any]:
+    return {
+        "id": row.id,
+        "recording_id": row.recording_id,
+        "state": row.state,
+        "result": row.result,
+        "problem": row.problem,
+        "job": JobView.model_validate(job) if job else None,
+        "created_at": row.created_at,
+    }

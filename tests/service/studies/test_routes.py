@@ -1,0 +1,91 @@
+"""Region previews, region suggestions and clock offsets over HTTP, on both databases."""
+
+import pytest
+
+from service.db.jobs import Job
+from service.db.studies import Study
+from tests.service.detections.seeding import seed_answer, seed_marking, seed_recording, seed_rig
+
+pytestmark = pytest.mark.usefixtures("broker")
+
+REGION = {"and": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range", "op": "<", "value": 30}]}
+FOUND = {"offset_ns": -30_200_000, "sigma_ns": 1_100_000, "rms_px": 1.4, "pairs": 3}
+
+
+@pytest.fixture
+def fleet(api):
+    return api.fleet()
+
+
+@pytest.fixture
+def engineer(api, fleet):
+    return api.member(fleet, "engineer")
+
+
+def answer_with(api, result):
+    with api.database.writing() as session:
+        row = session.query(Study).one()
+        row.state, row.result = "done", result
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "kind", "result"),
+    [
+        ("region-previews", {"region": REGION}, "preview", {"frames": 10, "frames_kept": 3}),
+        ("region-suggestions", None, "suggestion", {"region": REGION, "facts": {"sweeps_moving": 9}}),
+    ],
+)
+def test_a_study_is_a_job_of_its_own(api, fleet, engineer, path, body, kind, result):
+    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
+    asked = engineer.post(f"/recordings/{recording}/{path}", body)
+    assert asked.status_code == 202, asked.text
+    assert (asked.json()["job"]["kind"], asked.json()["state"], asked.json()["result"]) == (kind, "queued", None)
+    assert asked.json().get("region") == (body or {}).get("region")
+    answer_with(api, result)
+    read = engineer.get(f"/{path}/{asked.json()['id']}").json()
+    assert (read["state"], read["result"]) == ("done", result)
+    other = "region-suggestions" if path == "region-previews" else "region-previews"
+    assert engineer.get(f"/{other}/{asked.json()['id']}").status_code == 404
+    with api.database.reading() as session:
+        assert session.query(Job).one().subject_id == session.query(Study).one().id
+
+
+def test_a_clock_offset_starts_from_the_marks_with_their_frames_own_stamps(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=5)
+    body = {"detection_id": str(seed.detection_id), "camera": "front"}
+    path = f"/recordings/{seed.recording_id}/clock-offsets"
+    nothing = engineer.post(path, body)
+    assert (nothing.status_code, nothing.json()["code"]) == (409, "nothing_marked")
+    for number in (1, 3):
+        seed_answer(api.database, seed, engineer.person_id, number, "confirmed", (10.0 * number, 20.0))
+    seed_answer(api.database, seed, engineer.person_id, 4, "rejected", None)
+    asked = engineer.post(path, body)
+    assert asked.status_code == 202, asked.text
+    made = asked.json()
+    assert (made["marks"], made["camera"], made["hint"], made["job"]["kind"]) == (2, "front", None, "clock_offset")
+    with api.database.reading() as session:
+        row = session.query(Study).one()
+        assert row.asked["marks"] == {"stamp_ns": [100_000_000, 300_000_000], "u": [10.0, 30.0], "v": [20.0, 20.0]}
+        assert row.asked["problem"]["image_size"] == [640, 480]
+    answer_with(api, FOUND)
+    read = engineer.get(f"/clock-offsets/{made['id']}").json()
+    assert read["result"] == FOUND
+    assert "30.2 ms less" in read["hint"] and "pairing.offset_ns = -30200000" in read["hint"]
+    assert [one["id"] for one in engineer.get(path).json()["items"]] == [made["id"]]
+
+
+def test_a_clock_offset_that_cannot_be_asked_is_refused(api, fleet, engineer):
+    seed, other = seed_marking(api.database, fleet), seed_marking(api.database, fleet)
+    seed_answer(api.database, seed, engineer.person_id, 1, "confirmed", (10.0, 20.0))
+    path = f"/recordings/{seed.recording_id}/clock-offsets"
+    known = {"detection_id": str(seed.detection_id), "camera": "front"}
+    for change, status, code in (
+        ({"detection_id": str(other.detection_id)}, 404, "not_found"),
+        ({"camera": "rear"}, 404, "unknown_camera"),
+        ({"model": "fisheye"}, 422, "unknown_model"),
+        ({"cam": 1}, 422, "invalid_request"),
+    ):
+        refused = engineer.post(path, known | change)
+        assert (refused.status_code, refused.json()["code"]) == (status, code)
+    with api.database.reading() as session:
+        assert session.query(Study).count() == session.query(Job).count() == 0

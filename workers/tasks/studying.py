@@ -1,0 +1,96 @@
+"""Studies of a recording: what a region keeps, which region to take, how the two clocks differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+from uuid import UUID
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.base import Json
+from service.db.detections import Detection, Vertex
+from service.db.studies import Study
+from service.jobs.claims import Claim, Lease
+from workers.solver.clock_offset import estimate_offset
+from workers.tasks.context import Context
+from workers.tasks.loading import lidar_key, open_lidar, watched
+from workers.vertices.detectors import Vertex as Found
+from workers.vertices.preview import preview as count_kept
+from workers.vertices.region import Region
+from workers.vertices.suggestion import suggest as suggest_region
+from workers.vertices.tracks import Track
+
+_SAMPLES = 240
+
+
+def preview(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Count frames and points inside the region, per ring."""
+    asked, key = _asked(context, held)
+    with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
+        counts = count_kept(
+            watched(lidar, range(len(lidar)), lease, "counting points"), Region.from_document(asked["region"])
+        )
+    return _writing(held, dict(counts))
+
+
+def suggestion(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """A region around what moves."""
+    _, key = _asked(context, held)
+    with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
+        count = max(min(_SAMPLES, len(lidar)), 1)
+        found = suggest_region(
+            lidar,
+            samples=_SAMPLES,
+            on_sweep=lambda done: lease.report(done / count, "looking for what moves"),
+        )
+    return _writing(held, {"region": found.document, "facts": dict(found.facts)})
+
+
+def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """The offset between the clocks, from a detection's vertices and what people marked."""
+    lease.report(0.0, "fitting the camera and its clock")
+    with context.database.reading() as session:
+        study = session.get_one(Study, held.subject_id)
+        vertices = _vertices(session, study.detection_id)
+    marks = study.asked["marks"]
+    estimate = estimate_offset(
+        Track.of(vertices),
+        np.array(marks["stamp_ns"], np.int64),
+        np.column_stack([marks["u"], marks["v"]]).astype(np.float64),
+        study.asked["problem"],
+    )
+    return _writing(held, estimate.to_document())
+
+
+def _asked(context: Context, held: Claim) -> tuple[Json, str]:
+    """What a study asks, and where its recording's LiDAR is."""
+    with context.database.reading() as session:
+        study = session.get_one(Study, held.subject_id)
+        return study.asked, lidar_key(session, study.recording_id)
+
+
+def _vertices(session: Session, detection_id: UUID | None) -> list[Found]:
+    """A detection's vertices as its detector gave them, in the order of their times."""
+    detector = session.get_one(Detection, detection_id).detector
+    rows = session.scalars(select(Vertex).where(Vertex.detection_id == detection_id).order_by(Vertex.time_ns))
+    return [
+        Found(
+            xyz=(row.x, row.y, row.z),
+            time_ns=row.time_ns,
+            ring=row.ring,
+            sweep_index=row.sweep_index,
+            points_used=row.points,
+            detector=detector,
+        )
+        for row in rows
+    ]
+
+
+def _writing(held: Claim, result: dict[str, Any]) -> Callable[[Session], None]:
+    def write(session: Session) -> None:
+        session.get_one(Study, held.subject_id).result = result
+
+    return write
