@@ -1,4 +1,4 @@
-"""Rings numbered by elevation, 0 the lowest, whatever a sensor's own laser ids are."""
+"""Rings numbered by elevation, 0 the lowest: from a sensor's own laser ids, or computed where the file has none."""
 
 from __future__ import annotations
 
@@ -9,10 +9,26 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.elevations import elevations, find_focus, find_levels, nearest_level
+from workers.readers.recording import ReadError
+
 # Line counts of the sensors on the market: a file whose highest lasers see only sky still counts from the right end.
 _LINE_COUNTS: Final = (1, 4, 8, 16, 20, 32, 40, 64, 80, 96, 120, 128, 192, 256)
 _ENOUGH_POINTS: Final = 20
 _CLEAR_STEP_DEG: Final = 0.1
+# Elevations in degrees as the makers' manuals give them; a sensor whose top rings see only sky is told by the others.
+_VLP32C: Final = (
+    *(-25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667, -2.333),
+    *(-2.0, -1.667, -1.333, -1.0, -0.667, -0.333, 0.0, 0.333, 0.667, 1.0, 1.333, 1.667, 2.333, 3.333, 4.667, 7.0),
+    *(10.333, 15.0),
+)
+_KNOWN: Final[tuple[tuple[str, NDArray[np.float64]], ...]] = (
+    ("a VLP-16", np.linspace(-15, 15, 16)),
+    ("an HDL-32E", np.linspace(-92 / 3, 32 / 3, 32)),
+    ("a VLP-32C", np.array(_VLP32C)),
+)
+_MATCH_DEG: Final = 0.15
+_LARGEST_HOLE: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,3 +93,98 @@ def _median_elevations(
     parts = np.split(elevation[order], starts[1:]) if len(ids) else []
     medians = np.array([np.median(part) for part in parts], np.float64)
     return ids, medians, counts >= min(_ENOUGH_POINTS, int(counts.max(initial=1)))
+
+
+@dataclass(frozen=True, slots=True)
+class ComputedRings:
+    """Rings by elevation.
+
+    Attributes:
+        centres: (M,) float64 degrees, ascending, one per ring.
+        focus_m: distance from the sensor's axis of the point from which these elevations are seen.
+        count: number of rings; numbers are 0 to count - 1.
+        note: a sentence that says how the rings were found.
+    """
+
+    centres: NDArray[np.float64]
+    focus_m: float
+    count: int
+    note: str
+
+    def number(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
+        """(N,) int32 ring of (N, 3) points of one sweep in the order of their file, -1 between rings."""
+        return nearest_level(elevations(xyz, self.focus_m), self.centres)
+
+
+def learn_missing_rings(
+    clouds: Sequence[NDArray[np.float32]], where: str, expected: int | None = None
+) -> ComputedRings:
+    """The rings of a LiDAR whose file has no ring field.
+
+    Args:
+        clouds: (N, 3) float32 points of several sweeps, metres, in the LiDAR's own frame, returns only, in the order
+            of their file.
+        where: names the LiDAR in messages.
+        expected: number of rings, if the owner knows it.
+
+    Raises:
+        ReadError: ``rings_not_separable`` where the points' elevations do not fall into separate rings;
+            ``rings_unexpected`` where they fall into more than ``expected``.
+    """
+    xyz = np.concatenate([np.zeros((0, 3), np.float32), *clouds])
+    focus_m, levels = 0.0, find_levels(elevations(xyz))
+    if not levels.separated and len(xyz):
+        focus_m = find_focus(xyz)
+        levels = find_levels(elevations(xyz, focus_m))
+    if not levels.separated:
+        raise _not_separable(where, len(levels.centres), levels.gap_deg, levels.spread_deg, levels.between)
+    centres, how = _complete(levels.centres)
+    if expected is not None and len(centres) > expected:
+        raise ReadError(
+            "rings_unexpected",
+            f"{where} has no ring field, and its points lie at {len(centres)} elevations; {expected} were given.",
+            f"Give the sensor's real number of rings, or leave it out to take the {len(centres)} that were found.",
+        )
+    if expected is not None and len(centres) < expected:
+        how += f"; {expected} were expected, and those not seen are taken to lie above"
+    return ComputedRings(
+        centres,
+        focus_m,
+        max(len(centres), expected or 0),
+        f"the file has no rings; {len(centres)} were computed from the points' elevations "
+        f"({centres[0]:.2f} to {centres[-1]:.2f} degrees{how}).",
+    )
+
+
+def _complete(centres: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+    """Rings that were never hit put in where the sensor is known, or where the others stand on an even grid."""
+    for name, known in _KNOWN:
+        place = np.abs(known[:, None] - centres).argmin(0)
+        fits = np.abs(known[place] - centres).max() < min(_MATCH_DEG, 0.4 * float(np.diff(known).min()))
+        if fits and len(np.unique(place)) == len(centres) > 0.6 * (place.max() - place.min() + 1):
+            return known, f", those of {name}"
+    gaps = np.diff(centres)
+    step = float(np.median(gaps))
+    holes = np.rint(gaps / step).astype(int)
+    if holes.max() == 1 or holes.min() < 1 or holes.max() > _LARGEST_HOLE:
+        return centres, ""
+    if np.abs(gaps - holes * step).max() > 0.15 * step:
+        return centres, ""
+    places = np.r_[0, np.cumsum(holes)]
+    filled = np.interp(np.arange(places[-1] + 1), places, centres)
+    return filled, f", {len(filled) - len(centres)} without points put in between"
+
+
+def _not_separable(where: str, count: int, gap_deg: float, spread_deg: float, between: float) -> ReadError:
+    measured = (
+        f"the nearest to rings are {count} elevations with gaps down to {gap_deg:.3f} degrees, of points that spread "
+        f"over up to {spread_deg:.3f}, and {100 * between:.0f} % of the points between them"
+        if count > 1
+        else "the points' elevations do not crowd anywhere"
+    )
+    return ReadError(
+        "rings_not_separable",
+        f"{where} has no ring field, and its rings cannot be told by elevation: {measured}.",
+        "Record the driver's full point type (for a Velodyne: PointXYZIR), or clouds in the LiDAR's own frame, "
+        "neither moved into the vehicle's frame nor corrected for motion.",
+    )
