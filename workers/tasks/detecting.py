@@ -18,15 +18,17 @@ from service.db.ids import new_id
 from service.db.recordings import CameraFrame, Recording, Sensor
 from service.jobs.claims import Claim, Lease
 from workers.tasks.context import Context
-from workers.tasks.loading import lidar_key, open_lidar, watched
-from workers.vertices.detectors import Detections, detect_all
-from workers.vertices.detectors import Vertex as Found
+from workers.tasks.loading import lidar_key, open_lidar
+from workers.vertices.detectors import detect_range
 from workers.vertices.order import spread_order
 from workers.vertices.pairing import pair
 from workers.vertices.region import Region
+from workers.vertices.vertex import Detections
+from workers.vertices.vertex import Vertex as Found
 
 # Two runs that put a vertex of one sweep this near each other, in metres, mean the same corner of the board.
 _SAME_APEX_M = 0.10
+_REPORT_EVERY = 50
 
 
 def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
@@ -37,9 +39,13 @@ def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
         cameras = _camera_stamps(session, asked.recording_id)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
         shard = range(held.payload.get("first", 0), held.payload.get("stop", len(lidar)))
-        sweeps = watched(lidar, shard, lease, "looking for vertices")
         region = Region.from_document(asked.region)
-        found = detect_all(sweeps, region, asked.detector, asked.options, first_index=shard.start)
+
+        def report(index: int) -> None:
+            if (index - shard.start) % _REPORT_EVERY == 0:
+                lease.report((index - shard.start) / max(len(shard), 1), "looking for vertices")
+
+        found = detect_range(lidar, region, asked.detector, asked.options, indices=shard, on_sweep=report)
     pairs = {sensor: _pair(found.vertices, stamps, asked.pairing) for sensor, stamps in cameras.items()}
 
     return writing(asked, found, pairs)

@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.vertices.detectors import Vertex
+from workers.vertices.vertex import Vertex
 
 PairingMode = Literal["nearest", "interpolate"]
 PAIRING_MODES: Final[tuple[PairingMode, ...]] = ("nearest", "interpolate")

@@ -13,7 +13,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.vertices.detectors import Vertex
+from workers.vertices.vertex import Vertex
 
 MARGIN_SWEEPS: Final = 10
 

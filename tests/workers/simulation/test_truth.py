@@ -5,9 +5,10 @@ import pytest
 from workers.geometry.transforms import from_document
 from workers.simulation.camera import LENSES, make_camera
 from workers.simulation.scene import WALKER_REGION
-from workers.vertices.detectors import detect_all
+from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import pair
 from workers.vertices.region import Region
+from workers.vertices.sources import Listed
 
 
 def cv2_pixels(model, intrinsics, T_camera_lidar, points):
@@ -71,7 +72,7 @@ def test_detected_vertices_are_the_true_apex_to_a_few_centimetres(short):
     sweeps = [
         short.rig.lidar.sweep(i, (stamp - 1_780_000_000_000_000_000) * 1e-9, stamp) for i, stamp in enumerate(stamps)
     ]
-    found = detect_all(sweeps, region, "tolerant")
+    found = detect_range(Listed(sweeps), region, "tolerant", indices=range(len(sweeps)))
     assert 3 <= len(found.vertices) <= 25
     xyz = np.array([vertex.xyz for vertex in found.vertices])
     when_s = (np.array([vertex.time_ns for vertex in found.vertices]) - 1_780_000_000_000_000_000) * 1e-9

@@ -11,8 +11,8 @@ from service.jobs.queue import enqueue_all
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.jobs.support import make_fleet
 from workers.tasks import detecting
-from workers.vertices.detectors import Detections
-from workers.vertices.detectors import Vertex as Found
+from workers.vertices.vertex import Detections
+from workers.vertices.vertex import Vertex as Found
 
 REGION = {"quantity": "x", "op": ">", "value": 0}
 PAIRING = {"offset_ns": 0, "max_gap_ns": 100_000_000}

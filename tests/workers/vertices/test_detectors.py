@@ -2,25 +2,30 @@ import numpy as np
 import pytest
 
 from tests.workers.vertices.sweeps import EVERYTHING, IN_FRONT, row, sweep
-from workers.vertices.detectors import (
-    DETECTORS,
-    DetectorError,
-    Rejection,
-    Vertex,
-    detect,
-    detect_all,
-    resolve_options,
-)
+from workers.vertices.detectors import DETECTORS, detect_range, resolve_options
+from workers.vertices.options import DetectorError
+from workers.vertices.sources import Listed
+from workers.vertices.vertex import Rejection, Vertex
+
+
+def detect(name, seen, region, options=None):
+    """The vertex of a single sweep, or the reason why there is none."""
+    found = detect_range(Listed([seen]), region, name, options, indices=range(1))
+    if found.vertices:
+        return found.vertices[0]
+    (reason,) = found.rejected
+    return Rejection(reason)
+
 
 STRICT_FRAME = row(2, 5) + row(3, 4) + row(5, 1)
 TOLERANT_FRAME = row(3, 5) + row(4, 4) + row(5, 3) + row(6, 2)
 
 
 def test_strict_takes_the_single_point_of_the_top_ring():
-    found = detect("strict", sweep(STRICT_FRAME, stamp_ns=7_000), EVERYTHING, sweep_index=12)
+    found = detect("strict", sweep(STRICT_FRAME, stamp_ns=7_000), EVERYTHING)
     assert isinstance(found, Vertex)
     assert found.xyz == pytest.approx((5.0, 0.0, 0.5))
-    assert (found.ring, found.sweep_index, found.points_used, found.detector) == (5, 12, 1, "strict")
+    assert (found.ring, found.sweep_index, found.points_used, found.detector) == (5, 0, 1, "strict")
     assert found.time_ns == 7_000 + 9_000  # the tenth point's own moment, not the sweep's stamp
 
 
@@ -93,21 +98,41 @@ def test_options_change_the_limits():
 
 def test_all_reasons_are_announced_and_counted():
     sweeps = [sweep(STRICT_FRAME), sweep([]), sweep(row(2, 5) + row(5, 2)), sweep(STRICT_FRAME), sweep([])]
-    found = detect_all(sweeps, EVERYTHING, "strict", first_index=100)
-    assert [vertex.sweep_index for vertex in found.vertices] == [100, 103]
+    found = detect_range(Listed(sweeps), EVERYTHING, "strict", indices=range(5))
+    assert [vertex.sweep_index for vertex in found.vertices] == [0, 3]
     assert found.frames == 5
     assert found.rejected == {"no_points": 2, "top_ring_not_single": 1}
     assert set(found.rejected) <= set(DETECTORS["strict"].reasons)
 
 
 def test_no_sweeps():
-    found = detect_all([], EVERYTHING, "tolerant")
+    found = detect_range(Listed([]), EVERYTHING, "tolerant", indices=range(0))
     assert (found.vertices, found.frames, found.rejected) == ([], 0, {})
+
+
+def test_a_range_gives_its_own_vertices_and_those_around_it_as_context():
+    sweeps = Listed([sweep(STRICT_FRAME)] * 3 + [sweep([])] + [sweep(STRICT_FRAME)] * 3)
+    done = []
+    found = detect_range(sweeps, EVERYTHING, "strict", indices=range(2, 5), margin=2, on_sweep=done.append)
+    assert [vertex.sweep_index for vertex in found.vertices] == [2, 4]
+    assert [vertex.sweep_index for vertex in found.context] == [0, 1, 5, 6]
+    assert (found.frames, found.rejected) == (3, {"no_points": 1})
+    assert done == sorted(done)
+    assert set(done) == {2, 3, 4}
+    whole = detect_range(sweeps, EVERYTHING, "strict", indices=range(7), margin=2)
+    assert whole.vertices == [*found.context[:2], *found.vertices, *found.context[2:]]
+    assert whole.context == ()
+
+
+@pytest.mark.parametrize("indices", [range(0, 4, 2), range(-1, 2), range(2, 4)])
+def test_a_range_that_the_source_does_not_have_is_refused(indices):
+    with pytest.raises(ValueError, match="within 0 to 2"):
+        detect_range(Listed([sweep(STRICT_FRAME)] * 3), EVERYTHING, "strict", indices=indices)
 
 
 def test_an_unknown_detector_is_answered_with_the_known_ones():
     with pytest.raises(DetectorError) as caught:
-        detect_all([], EVERYTHING, "lenient")
+        detect_range(Listed([]), EVERYTHING, "lenient", indices=range(0))
     assert caught.value.code == "detector_unknown"
     assert "strict, tolerant" in caught.value.hint
 

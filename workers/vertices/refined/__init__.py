@@ -1,0 +1,1 @@
+"""The ``refined`` detector: the apex from what the board is, a plane with a right-angled corner."""

@@ -1,0 +1,121 @@
+"""The two detectors that look at the highest ring alone.
+
+``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import Sweep
+from workers.vertices.options import Options, number_options
+from workers.vertices.region import Region
+from workers.vertices.sources import OnSweep, Run, SweepSource
+from workers.vertices.vertex import Rejection, Vertex
+
+STRICT_OPTIONS = number_options(
+    min_ring_span=("integer", 3, 1, 127, "highest minus lowest ring that has points in the region"),
+)
+STRICT_REASONS = {
+    "no_points": "no point of the sweep lies in the region",
+    "ring_span_too_small": "the rings in the region span too few to be a person with a board",
+    "top_ring_not_single": "more than one point on the highest ring",
+}
+TOLERANT_OPTIONS = number_options(
+    min_points=("integer", 10, 1, 100_000, "points in the region"),
+    max_top_points=("integer", 3, 1, 1000, "points on the highest ring"),
+    max_spread_m=("number", 0.05, 0.0, 10.0, "largest distance between points on the highest ring"),
+    min_points_two_below=("integer", 3, 0, 1000, "points two rings below the highest"),
+)
+TOLERANT_REASONS = {
+    "no_points": "no point of the sweep lies in the region",
+    "too_few_points": "too few points of the sweep lie in the region",
+    "top_ring_too_wide": "too many points on the highest ring",
+    "top_points_apart": "the points on the highest ring are too far apart",
+    "too_few_points_two_rings_below": "too few points two rings below the highest",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidates:
+    """The points of one sweep inside the region: (N, 3) metres, (N,) ring, (N,) ns after the stamp."""
+
+    xyz: NDArray[np.float64]
+    ring: NDArray[np.int64]
+    offset_ns: NDArray[np.int64]
+
+
+_Select = Callable[[_Candidates, Options], NDArray[np.bool_] | Rejection]
+
+
+def _strict(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Rejection:
+    """Algorithm 1: ring span (max - min) at least 3, exactly one point on the highest ring."""
+    if inside.ring.size == 0:
+        return Rejection("no_points")
+    top = int(inside.ring.max())
+    if top - int(inside.ring.min()) < options["min_ring_span"]:
+        return Rejection("ring_span_too_small")
+    on_top = inside.ring == top
+    return on_top if np.count_nonzero(on_top) == 1 else Rejection("top_ring_not_single")
+
+
+def _tolerant(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Rejection:
+    """The authors' toolbox: few points on the top ring, close together, and a board below them."""
+    if inside.ring.size == 0:
+        return Rejection("no_points")
+    if inside.ring.size < options["min_points"]:
+        return Rejection("too_few_points")
+    top = int(inside.ring.max())
+    on_top = inside.ring == top
+    if np.count_nonzero(on_top) > options["max_top_points"]:
+        return Rejection("top_ring_too_wide")
+    apart = inside.xyz[on_top][:, None, :] - inside.xyz[on_top][None, :, :]
+    if float(np.linalg.norm(apart, axis=2).max()) > options["max_spread_m"]:
+        return Rejection("top_points_apart")
+    if np.count_nonzero(inside.ring == top - 2) < options["min_points_two_below"]:
+        return Rejection("too_few_points_two_rings_below")
+    return on_top
+
+
+def _look(
+    detector: str, select: _Select, sweep: Sweep, region: Region, options: Options, index: int
+) -> Vertex | Rejection:
+    kept = np.flatnonzero(region.mask(sweep.xyz))
+    inside = _Candidates(
+        sweep.xyz[kept].astype(np.float64),
+        sweep.ring[kept].astype(np.int64),
+        sweep.offset_ns[kept].astype(np.int64),
+    )
+    selected = select(inside, options)
+    if isinstance(selected, Rejection):
+        return selected
+    x, y, z = inside.xyz[selected].mean(axis=0).tolist()
+    return Vertex(
+        xyz=(x, y, z),
+        time_ns=sweep.stamp_ns + round(float(inside.offset_ns[selected].mean())),
+        ring=int(inside.ring[selected][0]),
+        sweep_index=index,
+        points_used=int(np.count_nonzero(selected)),
+        detector=detector,
+    )
+
+
+def _runner(detector: str, select: _Select) -> Run:
+    def run(
+        source: SweepSource, region: Region, options: Options, indices: range, on_sweep: OnSweep
+    ) -> Sequence[Vertex | Rejection]:
+        found: list[Vertex | Rejection] = []
+        for index in indices:
+            found.append(_look(detector, select, source.sweep(index), region, options, index))
+            on_sweep(index)
+        return found
+
+    return run
+
+
+run_strict = _runner("strict", _strict)
+run_tolerant = _runner("tolerant", _tolerant)

@@ -1,0 +1,71 @@
+"""What a detector answers: a vertex with what is known of its errors, or the reason why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+Quality = Literal["fine", "usable"]
+Covariance = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+FLAGS: Mapping[str, str] = {
+    "head_above": "something stands above the apex and behind the board, a head perhaps: look whether the vertex "
+    "is the board's",
+    "second_board": "another object in the region looks nearly as much like the board",
+    "occluded": "something stands in front of a part of the board's edges",
+    "track_jump": "the vertex lies off the path of the sweeps before and after",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Vertex:
+    """The board's apex as one sweep saw it.
+
+    Attributes:
+        xyz: metres, LiDAR frame.
+        time_ns: UTC nanoseconds, when the vertex point itself was measured (mean where there are several).
+        ring: ring of the vertex point, 0 the lowest; the highest ring on the board where the apex lies between rings.
+        sweep_index: number of the sweep in its recording.
+        points_used: how many points were averaged, or lie on the board.
+        detector: name in ``detectors.DETECTORS``.
+        covariance: of (azimuth rad, elevation rad, range m) of the apex in the LiDAR frame; None where the detector
+            states none. Azimuth is atan2(y, x), elevation atan2(z, hypot(x, y)), range the Euclidean distance.
+        quality: ``fine`` or ``usable``; None where the detector does not grade.
+        flags: names in :data:`FLAGS`, for the person who confirms.
+    """
+
+    xyz: tuple[float, float, float]
+    time_ns: int
+    ring: int
+    sweep_index: int
+    points_used: int
+    detector: str
+    covariance: Covariance | None = None
+    quality: Quality | None = None
+    flags: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Rejection:
+    """Why a sweep gave no vertex: a stable name from its detector's ``reasons``."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """The vertices of a range of sweeps in sweep order, and how many of its sweeps were rejected for each reason.
+
+    Attributes:
+        vertices: of the sweeps that were asked for.
+        frames: how many sweeps were asked for.
+        rejected: sweeps for each reason.
+        context: vertices of some sweeps before and after, in sweep order, so that a track can be interpolated up to
+            the range's ends.
+    """
+
+    vertices: list[Vertex]
+    frames: int
+    rejected: dict[str, int]
+    context: tuple[Vertex, ...] = ()
