@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from workers.simulation.camera import Camera
 from workers.simulation.scene import Scene
 from workers.simulation.walker import (
-    BOARD_EDGES_M,
     HEAD_RADIUS_M,
     LEG_APART_M,
     LEG_RADIUS_M,
@@ -101,8 +100,8 @@ class Renderer:
     def _board(self, poses: Poses, index: int) -> list[Shape]:
         apex, edge_left, edge_right = poses.apex[index], poses.edge_left[index], poses.edge_right[index]
         return [
-            (_rectangle(apex, edge_left, edge_right, 0.0), _BOARD),
-            (_rectangle(apex, edge_left, edge_right, 0.09), _BOARD_INSET),
+            (_rectangle(apex, edge_left, edge_right, poses.board_m, 0.0), _BOARD),
+            (_rectangle(apex, edge_left, edge_right, poses.board_m, 0.09), _BOARD_INSET),
         ]
 
     def _hands(self, poses: Poses, index: int) -> list[Shape]:
@@ -115,8 +114,8 @@ def _grips(poses: Poses, index: int) -> tuple[NDArray[np.float64], NDArray[np.fl
     """Where the hands hold the board: on the middle of its upper edges."""
     apex = poses.apex[index]
     return (
-        apex + 0.6 * BOARD_EDGES_M[0] * poses.edge_left[index],
-        apex + 0.5 * BOARD_EDGES_M[1] * poses.edge_right[index],
+        apex + 0.6 * poses.board_m[0] * poses.edge_left[index],
+        apex + 0.5 * poses.board_m[1] * poses.edge_right[index],
     )
 
 
@@ -149,10 +148,14 @@ def _torso(base: NDArray[np.float64], side: NDArray[np.float64], hip: float, nec
 
 
 def _rectangle(
-    apex: NDArray[np.float64], edge_left: NDArray[np.float64], edge_right: NDArray[np.float64], inset: float
+    apex: NDArray[np.float64],
+    edge_left: NDArray[np.float64],
+    edge_right: NDArray[np.float64],
+    board_m: tuple[float, float],
+    inset: float,
 ) -> NDArray[np.float64]:
     """Outline (4 * _STEPS, 3) of the board, or of the field ``inset`` metres inside it."""
-    low, (high_left, high_right) = inset, (edge - inset for edge in BOARD_EDGES_M)
+    low, (high_left, high_right) = inset, (edge - inset for edge in board_m)
     corners = np.array([(low, low), (high_left, low), (high_left, high_right), (low, high_right)])
     part = np.arange(_STEPS)[:, None] / _STEPS
     outline = np.concatenate(

@@ -5,7 +5,7 @@ LiDAR frame of the simulated rig: x forward, y left, z up, metres; the sensor is
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,16 @@ class Scene:
     wall_half_width: float = 26.0
     wall_height: float = 3.0
     poles: NDArray[np.float64] = field(default_factory=_poles)
+
+
+def scene_with(poles: int, seed: int) -> Scene:
+    """The scene with that many more poles, which stand where the walker walks (and walks through them)."""
+    scene = Scene()
+    if poles == 0:
+        return scene
+    random = np.random.default_rng([seed, 8])
+    low, high = (5.0, -3.0, 0.04, 1.6), (20.0, 3.0, 0.08, 2.8)
+    return replace(scene, poles=np.concatenate([scene.poles, random.uniform(low, high, (poles, 4))]))
 
 
 # What a rig's owner would choose for this scene: in front, off the ground, between the poles, before the wall.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,11 +17,14 @@ from workers.readers.recording import Frame
 from workers.simulation.background import paint_background
 from workers.simulation.bag import BagWriter
 from workers.simulation.camera import CAMERA_FRAME, LIDAR_FRAME, Camera, make_camera
-from workers.simulation.lidar import SENSORS, Lidar, with_rings
+from workers.simulation.disturbances import Disturbances
+from workers.simulation.lidar import Lidar
 from workers.simulation.render import Renderer, encode_jpeg
-from workers.simulation.scene import WALKER_REGION, Scene
+from workers.simulation.scene import WALKER_REGION, scene_with
+from workers.simulation.sensors import SENSORS, with_rings
 from workers.simulation.truth import rig_document, truth_document
-from workers.simulation.walker import Poses, Walk
+from workers.simulation.walker import BOARD_EDGES_M, Poses, Walk
+from workers.simulation.walks import WALKS
 
 LIDAR_TOPIC = "/velodyne_points"
 CAMERA_TOPIC = "/camera/front/image/compressed"
@@ -45,6 +48,9 @@ class Settings:
         rings: another number of rings over the sensor's elevations, or None.
         sector_deg: the LiDAR is set to azimuths of +- this much, as a VLP-16 can be.
         range_noise_mm: standard deviation of each range.
+        walk: name in ``walks.WALKS``.
+        board_m: lengths of the board's edges, to the left and to the right of the apex as the LiDAR sees it.
+        disturbances: what makes the board harder to see.
         format: of the recording.
 
     Raises:
@@ -58,6 +64,9 @@ class Settings:
     rings: int | None = None
     sector_deg: float = 60.0
     range_noise_mm: float = 8.0
+    walk: str = "rows"
+    board_m: tuple[float, float] = BOARD_EDGES_M
+    disturbances: Disturbances = field(default_factory=Disturbances)
     format: Literal["bag"] = "bag"
 
     def __post_init__(self) -> None:
@@ -69,6 +78,10 @@ class Settings:
             f"sector_deg must lie between 5 and 80, not {self.sector_deg}": 5.0 <= self.sector_deg <= 80.0,
             f"range_noise_mm must lie between 0 and 500, not {self.range_noise_mm}": (
                 0.0 <= self.range_noise_mm <= 500.0
+            ),
+            f"there is no walk {self.walk!r}; one of {', '.join(WALKS)}": self.walk in WALKS,
+            f"the board's edges must lie between 0.3 and 1.5 m, not at {self.board_m}": all(
+                0.3 <= edge <= 1.5 for edge in self.board_m
             ),
         }
         for complaint, holds in checks.items():
@@ -96,8 +109,15 @@ class Rig:
         sensor = SENSORS[settings.sensor]
         self.settings = settings
         self.sensor = sensor if settings.rings is None else with_rings(sensor, settings.rings)
-        self.scene = Scene()
-        self.walk = Walk(settings.seed, settings.seconds, self.scene.ground_z)
+        self.scene = scene_with(settings.disturbances.poles, settings.seed)
+        self.walk = Walk(
+            settings.seed,
+            settings.seconds,
+            self.scene.ground_z,
+            plan=settings.walk,
+            disturbances=settings.disturbances,
+            board_m=settings.board_m,
+        )
         self.camera: Camera = make_camera(settings.camera_model, settings.seed)
         self.lidar = Lidar(
             self.sensor,
@@ -106,6 +126,7 @@ class Rig:
             sector_deg=settings.sector_deg,
             noise_m=settings.range_noise_mm * 1e-3,
             seed=settings.seed,
+            disturbances=settings.disturbances,
         )
         random = np.random.default_rng([settings.seed, 5])
         self.sweep_stamps_ns = _stamps(random, settings.seconds, self.sensor.rate_hz, jitter_s=20e-6)

@@ -2,19 +2,20 @@
 
 The board is a rectangle turned by 45 degrees, so that one vertex, the apex, is its highest point
 (Lyu et al. 2019). The walker sways a little, raises and lowers the board, and ducks behind it, so that the
-head stays below the apex.
+head stays below the apex, unless the head is meant to be in the way.
 """
 
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d
+
+from workers.simulation.disturbances import Disturbances, SecondPerson
+from workers.simulation.walks import WALKS, Sines, walked
 
 BOARD_EDGES_M = (0.6096, 0.9144)  # 2 x 3 feet
 TORSO_RADIUS_M = 0.15
@@ -24,12 +25,29 @@ HEAD_RADIUS_M = 0.105
 BODY_BEHIND_BOARD_M = 0.22  # axis of the torso behind the board: its front is 7 cm behind
 _TALL_M = 1.74
 _DUCK_M = 0.13  # the head's top stays this much below the apex
-_TICK_S = 0.05
+_LOWEST_APEX_M = 1.14  # the lowest corner just clears the ground
+_HIGHEST_APEX_M = 2.50  # as high as arms reach
+_REACH_PER_HEIGHT = 1.3
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """A body at T moments, LiDAR frame, metres.
+
+    Attributes:
+        body: (T, 2) x y of the torso's axis.
+        left: (T, 2) horizontal unit vector to the side that is left as seen from the LiDAR.
+        height: (T,) of the person as they stand (ducking included), above the ground.
+    """
+
+    body: NDArray[np.float64]
+    left: NDArray[np.float64]
+    height: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Poses:
-    """Board and body at T moments, LiDAR frame, metres.
+    """Board and bodies at T moments, LiDAR frame, metres.
 
     Attributes:
         apex: (T, 3) the board's highest vertex.
@@ -38,6 +56,8 @@ class Poses:
         body: (T, 2) x y of the torso's axis.
         left: (T, 2) horizontal unit vector to the walker's side that is left as seen from the LiDAR.
         height: (T,) of the person as they stand (ducking included), above the ground.
+        board_m: lengths of the edge to the left and the edge to the right.
+        second: the person who goes along, where there is one.
     """
 
     apex: NDArray[np.float64]
@@ -46,31 +66,49 @@ class Poses:
     body: NDArray[np.float64]
     left: NDArray[np.float64]
     height: NDArray[np.float64]
+    board_m: tuple[float, float] = BOARD_EDGES_M
+    second: Person | None = None
 
 
 class Walk:
-    """A walk over a field of 3.2-30 m x 10 m, back and forth until the time is over.
+    """A walk over the field, as its plan says, until the time is over.
 
-    Slow where near, because there the apex moves fast in the image while the nearest frame is up to half a
-    frame away, and because far away few rings meet the board. Far to both sides, because only there do the terms of
-    a lens tell yaw from c_x; up and down as far as arms and ground allow, which tells pitch from c_y.
+    Args:
+        seed: of the way and of the board's motion.
+        ground_z: height of the ground in the LiDAR frame, metres.
+        plan: a name in ``walks.WALKS``.
+        board_m: lengths of the board's edges, to the left and to the right of the apex as the LiDAR sees it.
     """
 
-    def __init__(self, seed: int, seconds: float, ground_z: float) -> None:
+    def __init__(
+        self,
+        seed: int,
+        seconds: float,
+        ground_z: float,
+        *,
+        plan: str = "rows",
+        disturbances: Disturbances | None = None,
+        board_m: tuple[float, float] = BOARD_EDGES_M,
+    ) -> None:
         random = np.random.default_rng([seed, 1])
+        chosen = WALKS[plan]
         self._ground_z = ground_z
-        time_s, xy = _walked(random, seconds + 2.0)
+        self._board_m = board_m
+        self._disturbances = disturbances or Disturbances()
+        time_s, xy = walked(chosen, random, seconds + 2.0)
         self._path = CubicSpline(time_s, xy)
-        self._raise = _Wander(random, (0.1, 0.23), (0.64, 0.04))
-        self._yaw = _Wander(random, (0.11, 0.37, 0.9), np.deg2rad((5.0, 3.0, 1.0)))
-        self._roll = _Wander(random, (0.17, 0.45, 1.1), np.deg2rad((2.5, 1.5, 0.6)))
-        self._tilt = _Wander(random, (0.14, 0.5), np.deg2rad((1.5, 0.8)))
-        self._bob = _Wander(random, (1.7,), (0.008,))
+        self._raise = _Wander(random, chosen.raises)
+        self._yaw = _Wander(random, chosen.yaws, np.pi / 180.0)
+        self._roll = _Wander(random, chosen.rolls, np.pi / 180.0)
+        self._tilt = _Wander(random, chosen.tilts, np.pi / 180.0)
+        self._bob = _Wander(random, chosen.bobs)
+        self._apart = _Wander(np.random.default_rng([seed, 6]), ((0.05, 0.13, 0.31), (0.5, 0.3, 0.2)))
 
     def poses(self, time_s: NDArray[np.float64]) -> Poses:
-        """Board and body at the moments ``time_s`` (T,), seconds since the start."""
+        """Board and bodies at the moments ``time_s`` (T,), seconds since the start."""
         xy = self._path(time_s)
-        apex_height = 1.82 + self._raise(time_s) + self._bob(time_s)
+        middle, share = self._carried()
+        apex_height = middle + share * self._raise(time_s) + self._bob(time_s)
         apex = np.column_stack([xy, self._ground_z + apex_height])
         # The walker faces the vehicle, though not quite when at the side.
         yaw = 0.75 * np.arctan2(xy[:, 1], xy[:, 0]) + self._yaw(time_s)
@@ -81,59 +119,53 @@ class Walk:
         up = np.column_stack([zero, zero, np.cos(tilt)]) + np.sin(tilt)[:, None] * away
         roll = np.deg2rad(45.0) + self._roll(time_s)
         cosine, sine = np.cos(roll)[:, None], np.sin(roll)[:, None]
+        tall = self._disturbances.walker_height_m
+        ducked = np.minimum(tall, apex_height - _DUCK_M)
         return Poses(
             apex=apex,
             edge_left=cosine * left - sine * up,
             edge_right=-sine * left - cosine * up,
             body=xy + BODY_BEHIND_BOARD_M * away[:, :2],
             left=left[:, :2],
-            height=np.minimum(_TALL_M, apex_height - _DUCK_M),
+            height=np.full_like(yaw, tall) if self._disturbances.head_above_m > 0.0 else ducked,
+            board_m=self._board_m,
+            second=self._second(time_s, xy, away[:, :2], left[:, :2], self._disturbances.second_person),
         )
+
+    def _carried(self) -> tuple[float, float]:
+        """The apex's mean height above the ground, and the share of the plan's way up and down that is used."""
+        tall, above = self._disturbances.walker_height_m, self._disturbances.head_above_m
+        lower = max(0.0, (sum(self._board_m) - sum(BOARD_EDGES_M)) * 0.72)  # a larger board needs more room below
+        higher = _REACH_PER_HEIGHT * (tall - _TALL_M)
+        whole = _HIGHEST_APEX_M - _LOWEST_APEX_M
+        if above > 0.0:
+            higher = min(higher, tall - above - _HIGHEST_APEX_M)
+        return 1.82 + 0.5 * (lower + higher), max(1.0 + (higher - lower) / whole, 0.0)
+
+    def _second(
+        self,
+        time_s: NDArray[np.float64],
+        xy: NDArray[np.float64],
+        away: NDArray[np.float64],
+        left: NDArray[np.float64],
+        where: SecondPerson,
+    ) -> Person | None:
+        """Beside: an arm's length to one side, the side for the whole walk; behind: within the board's width."""
+        if where == "none":
+            return None
+        apart = self._apart(time_s)[:, None]
+        body = xy + 0.9 * away + 0.5 * apart * left if where == "behind" else xy + (0.95 + 0.25 * apart) * left
+        return Person(body, left, np.full(len(xy), 1.78))
 
 
 class _Wander:
     """A smooth random function of time: a sum of sines with random phases and slightly random rates."""
 
-    def __init__(
-        self,
-        random: np.random.Generator,
-        rates_hz: tuple[float, ...],
-        amplitudes: tuple[float, ...] | NDArray[np.float64],
-    ) -> None:
+    def __init__(self, random: np.random.Generator, sines: Sines, unit: float = 1.0) -> None:
+        rates_hz, amplitudes = sines
         self._omega = 2.0 * np.pi * np.array(rates_hz) * random.uniform(0.9, 1.1, len(rates_hz))
         self._phase = random.uniform(0.0, 2.0 * np.pi, len(rates_hz))
-        self._amplitude = np.asarray(amplitudes, np.float64)
+        self._amplitude = np.asarray(amplitudes, np.float64) * unit
 
     def __call__(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.sin(time_s[:, None] * self._omega + self._phase) @ self._amplitude
-
-
-def _waypoints(random: np.random.Generator) -> NDArray[np.float64]:
-    """A serpentine over the field: rows across it, each as wide as the field or the sensors' view allows."""
-    side = float(random.choice([-1.0, 1.0]))
-    points: list[tuple[float, float]] = []
-    for x in (3.2, 3.9, 4.7, 5.6, 7.5, 11.0, 29.5):
-        half_width = min(5.0, x * np.tan(np.deg2rad(50.0)))
-        points += [(x, side * half_width), (x, -side * half_width)]
-        side = -side
-    return np.array(points) + random.uniform(-0.15, 0.15, (len(points), 2))
-
-
-def _walked(random: np.random.Generator, seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Even ticks (T,) in seconds and the walker's smooth path (T, 2) over at least ``seconds``."""
-    corners = _waypoints(random)
-    steps: list[NDArray[np.float64]] = []
-    for start, end in pairwise(corners):
-        count = max(2, int(np.ceil(np.linalg.norm(end - start) / 0.02)))
-        steps.append(start + (end - start) * np.linspace(0.0, 1.0, count, endpoint=False)[:, None])
-    line = np.concatenate(steps)
-    line = np.concatenate([line, line[::-1]])  # there and back, so that a long walk repeats without a jump
-    pace = np.clip(0.016 * np.sum(line**2, axis=1), 0.4, 2.0)  # metres per second
-    length = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    at = np.concatenate([[0.0], np.cumsum(length / pace[:-1])])
-    ticks = np.arange(0.0, seconds + 1.0, _TICK_S)
-    # Starts a second into the path: smoothing bends its ends.
-    turn = np.mod(ticks + 1.0, at[-1])
-    xy = np.column_stack([np.interp(turn, at, line[:, axis]) for axis in range(2)])
-    smooth: NDArray[np.float64] = gaussian_filter1d(xy, 0.4 / _TICK_S, axis=0, mode="nearest")
-    return ticks - 0.5, smooth

@@ -1,0 +1,53 @@
+"""What a real recording has and a clean simulation lacks. All of it is off by default."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+SecondPerson = Literal["none", "beside", "behind"]
+SECOND_PERSON: tuple[SecondPerson, ...] = ("none", "beside", "behind")
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbances:
+    """What makes the board harder to see; the defaults change nothing.
+
+    Attributes:
+        beam_mrad: full width of a laser beam, milliradians (a VLP-16 has about 3). A beam that touches a nearer
+            surface with its rim returns from there, so that every edge grows by half a beam.
+        dropout_share: share of returns that are lost, at random.
+        speckle_share: share of beams that meet rain, snow or dust close by instead.
+        walker_height_m: of the person who carries the board; a taller one lifts it higher.
+        head_above_m: 0: the walker ducks behind the board. Else the board is held so low that the head's top is at
+            least this much above the apex.
+        second_person: another person who goes along, ``beside`` or ``behind`` the walker.
+        poles: how many poles stand inside the region where the walker walks.
+
+    Raises:
+        ValueError: a value that cannot be simulated, said in one sentence.
+    """
+
+    beam_mrad: float = 0.0
+    dropout_share: float = 0.0
+    speckle_share: float = 0.0
+    walker_height_m: float = 1.74
+    head_above_m: float = 0.0
+    second_person: SecondPerson = "none"
+    poles: int = 0
+
+    def __post_init__(self) -> None:
+        limits = {
+            "beam_mrad": (0.0, 20.0),
+            "dropout_share": (0.0, 0.9),
+            "speckle_share": (0.0, 0.5),
+            "walker_height_m": (1.4, 2.1),
+            "head_above_m": (0.0, 0.3),
+            "poles": (0, 20),
+        }
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(f"{name} must lie between {low:g} and {high:g}, not {value:g}")
+        if self.second_person not in SECOND_PERSON:
+            raise ValueError(f"second_person is one of {', '.join(SECOND_PERSON)}, not {self.second_person!r}")
