@@ -1,138 +1,36 @@
-"""The region of interest as a request carries it: a tree of inequalities, checked node by node.
+"""The region of interest as a request carries it: a tree of inequalities and shapes, checked node by node.
 
-The workers compile the same document (``workers/vertices/region.py``); a contract test holds both to one language.
-Text is never evaluated: a leaf is a quantity, perhaps divided by another, an operator and a number.
+The workers compile the same document and check it in the same words (``workers/vertices/region_document.py``, which
+also describes the language); a contract test holds both to it. Text is never evaluated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import count
+from typing import Annotated, Any, Final, cast
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Discriminator,
-    Field,
-    FiniteFloat,
-    Tag,
-    TypeAdapter,
-    ValidationError,
-    WithJsonSchema,
-)
+from pydantic import AfterValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-MAX_DEPTH = 16
-MAX_NODES = 256
+QUANTITIES: Final = ("x", "y", "z", "range", "azimuth_deg", "elevation_deg")
+OPERATORS: Final = ("<", "<=", ">", ">=")
+MAX_DEPTH: Final = 16
+MAX_NODES: Final = 256
+MAX_CORNERS: Final = 64
+MAX_METRES: Final = 1e6
 
-Quantity = Literal["x", "y", "z", "range", "azimuth_deg", "elevation_deg"]
-Operator = Literal["<", "<=", ">", ">="]
 Document = dict[str, Any]
 
 
-class _Node(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class Leaf(_Node):
-    """One inequality: ``quantity [/ divided_by] op value``, in metres, degrees or as a ratio."""
-
-    quantity: Quantity
-    divided_by: Quantity | None = None
-    op: Operator
-    value: FiniteFloat
-
-
-class And(_Node):
-    """Holds where all of its nodes hold."""
-
-    all_of: Annotated[list[Node], Field(min_length=1, alias="and")]
-
-
-class Or(_Node):
-    """Holds where one of its nodes holds."""
-
-    any_of: Annotated[list[Node], Field(min_length=1, alias="or")]
-
-
-def _kind(node: object) -> str:
-    if isinstance(node, Mapping):
-        for name in ("and", "or"):
-            if name in node:
-                return name
-    return "leaf"
-
-
-Node = Annotated[
-    Annotated[And, Tag("and")] | Annotated[Or, Tag("or")] | Annotated[Leaf, Tag("leaf")], Discriminator(_kind)
-]
-And.model_rebuild()
-Or.model_rebuild()
-_TREE: TypeAdapter[And | Or | Leaf] = TypeAdapter(Node)
-
-
 def check_region(document: Document) -> Document:
-    """The document in its canonical form (no empty members), for a request's validation.
+    """The document in its canonical form (members that are null left out), for a request's validation.
 
     Raises:
         PydanticCustomError: ``region_invalid`` or ``region_too_large``, naming the path of the first bad node.
     """
-    _check_size(document)
-    try:
-        tree = _TREE.validate_python(document)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise PydanticCustomError(
-            "region_invalid",
-            "region node {path}: {what}",
-            {"path": _path(first["loc"]), "what": first["msg"]},
-        ) from None
-    return _document(tree)
-
-
-def _document(node: And | Or | Leaf) -> Document:
-    # Not model_dump: pydantic tries every member of the union again on each of the levels.
-    if isinstance(node, And):
-        return {"and": [_document(child) for child in node.all_of]}
-    if isinstance(node, Or):
-        return {"or": [_document(child) for child in node.any_of]}
-    return node.model_dump(exclude_none=True)
-
-
-def _check_size(document: Document) -> None:
-    """Refuse what is too deep or too large before anything recursive looks at it."""
-    nodes = 0
-    waiting: list[tuple[object, str, int]] = [(document, "$", 1)]
-    while waiting:
-        node, path, depth = waiting.pop()
-        nodes += 1
-        if depth > MAX_DEPTH or nodes > MAX_NODES:
-            limit = f"deeper than {MAX_DEPTH} levels" if depth > MAX_DEPTH else f"larger than {MAX_NODES} nodes"
-            raise PydanticCustomError(
-                "region_too_large",
-                "region node {path}: the tree is {limit}; merge nested and / or nodes",
-                {"path": path, "limit": limit},
-            )
-        for name in ("and", "or"):
-            children = node.get(name) if isinstance(node, Mapping) else None
-            if isinstance(children, Sequence) and not isinstance(children, str):
-                waiting += [(child, f"{path}.{name}[{index}]", depth + 1) for index, child in enumerate(children)]
-
-
-def _path(location: tuple[str | int, ...]) -> str:
-    """``$.and[1].op`` from pydantic's location, which also names the member that was chosen of each union."""
-    path = "$"
-    chosen = True  # pydantic puts the tag of a union before the field
-    for part in location:
-        if isinstance(part, int):
-            path += f"[{part}]"
-            chosen = True
-        elif chosen:
-            chosen = False
-        else:
-            path += f".{part}"
-    return path
+    return _node(document, "$", 1, count())
 
 
 Region = Annotated[
@@ -142,19 +40,138 @@ Region = Annotated[
         {
             "type": "object",
             "description": (
-                'A tree: {"and": [nodes]}, {"or": [nodes]}, or a leaf {"quantity", "divided_by", "op", "value"}. '
-                f"Quantities: x, y, z, range (metres, LiDAR frame), azimuth_deg, elevation_deg; at most {MAX_DEPTH} "
-                f"levels and {MAX_NODES} nodes."
+                'A tree of {"and": [nodes]}, {"or": [nodes]} and {"not": node} over leaves: an inequality '
+                '{"quantity", "divided_by", "op", "value"}; {"box": {"min": [x, y, z], "max": [x, y, z], "yaw_deg"}} '
+                'turned about its own upright axis; or {"polygon": [[x, y], ...], "z": [low, high]}, 3 to '
+                f"{MAX_CORNERS} corners seen from above. Quantities: x, y, z, range (metres, LiDAR frame), "
+                f"azimuth_deg, elevation_deg; at most {MAX_DEPTH} levels and {MAX_NODES} nodes."
             ),
             "examples": [
                 {
                     "and": [
-                        {"quantity": "x", "op": ">", "value": 0},
-                        {"quantity": "range", "op": "<", "value": 9},
-                        {"quantity": "z", "divided_by": "x", "op": ">", "value": 0.2},
+                        {"polygon": [[2, -3], [30, -6], [30, 6], [2, 3]], "z": [-1.6, 0.8]},
+                        {"quantity": "range", "op": "<", "value": 28},
+                        {"quantity": "z", "divided_by": "x", "op": ">", "value": -0.2},
+                        {"not": {"box": {"min": [9, -1, -2], "max": [10, 1, 1], "yaw_deg": 20}}},
                     ]
                 }
             ],
         }
     ),
 ]
+
+
+def _fail(path: str, what: str, hint: str, code: Any = "region_invalid") -> PydanticCustomError:
+    return PydanticCustomError(code, "region node {path}: {what}. {hint}", {"path": path, "what": what, "hint": hint})
+
+
+def _node(node: object, path: str, depth: int, seen: Iterator[int]) -> Document:
+    if depth > MAX_DEPTH:
+        what = f"the tree is deeper than {MAX_DEPTH} levels"
+        raise _fail(path, what, "Merge nested and / or nodes.", "region_too_large")
+    if next(seen) >= MAX_NODES:
+        what = f"the tree is larger than {MAX_NODES} nodes"
+        raise _fail(path, what, "Merge inequalities, or use a box or a polygon.", "region_too_large")
+    if not isinstance(node, Mapping):
+        raise _fail(path, "it is no object", 'Write {"and": [...]}, a box, a polygon or an inequality.')
+    tree = cast("Mapping[Any, object]", node)
+    for name in ("and", "or"):
+        if name in tree:
+            return {name: _children(tree, name, path, depth, seen)}
+    if "not" in tree:
+        _only(tree, ("not",), path)
+        return {"not": _node(tree["not"], f"{path}.not", depth + 1, seen)}
+    if "box" in tree:
+        _only(tree, ("box",), path)
+        return {"box": _box(tree["box"], f"{path}.box")}
+    if "polygon" in tree:
+        return _polygon(tree, path)
+    return _inequality(tree, path)
+
+
+def _children(node: Mapping[Any, object], name: str, path: str, depth: int, seen: Iterator[int]) -> list[Document]:
+    _only(node, (name,), path)
+    children = _list(node[name])
+    if not children:
+        raise _fail(f"{path}.{name}", "it is no list of at least one node", "Put boxes or inequalities in it.")
+    return [_node(child, f"{path}.{name}[{i}]", depth + 1, seen) for i, child in enumerate(children)]
+
+
+def _inequality(node: Mapping[Any, object], path: str) -> Document:
+    _only(node, ("quantity", "divided_by", "op", "value"), path)
+    for name in ("quantity", "op", "value"):
+        if name not in node:
+            raise _fail(path, f"it lacks {name!r}", 'Example: {"quantity": "x", "op": ">", "value": 0}.')
+    leaf: Document = {"quantity": _choice(node["quantity"], QUANTITIES, f"{path}.quantity")}
+    if node.get("divided_by") is not None:
+        leaf["divided_by"] = _choice(node["divided_by"], QUANTITIES, f"{path}.divided_by")
+    leaf["op"] = _choice(node["op"], OPERATORS, f"{path}.op")
+    leaf["value"] = _number(node["value"], f"{path}.value")
+    return leaf
+
+
+def _box(box: object, path: str) -> Document:
+    hint = 'Write {"min": [x, y, z], "max": [x, y, z]}, perhaps with "yaw_deg".'
+    if not isinstance(box, Mapping):
+        raise _fail(path, "it is no object", hint)
+    given = cast("Mapping[Any, object]", box)
+    _only(given, ("min", "max", "yaw_deg"), path)
+    corners: dict[str, list[float]] = {}
+    for name in ("min", "max"):
+        numbers = _list(given.get(name))
+        if len(numbers) != 3:
+            raise _fail(f"{path}.{name}", "it is no list of three numbers", hint)
+        corners[name] = [_number(value, f"{path}.{name}[{i}]", MAX_METRES) for i, value in enumerate(numbers)]
+    for axis, low, high in zip("xyz", corners["min"], corners["max"], strict=True):
+        if low >= high:
+            raise _fail(path, f"min is not below max in {axis}", "Exchange them.")
+    if given.get("yaw_deg") is None:
+        return {**corners}
+    return {**corners, "yaw_deg": _number(given["yaw_deg"], f"{path}.yaw_deg", 360.0)}
+
+
+def _polygon(node: Mapping[Any, object], path: str) -> Document:
+    _only(node, ("polygon", "z"), path)
+    corners = _list(node["polygon"])
+    if not 3 <= len(corners) <= MAX_CORNERS:
+        raise _fail(
+            f"{path}.polygon", f"it is no list of 3 to {MAX_CORNERS} corners", "Write [[x, y], ...] in metres."
+        )
+    shape: Document = {"polygon": [_pair(xy, f"{path}.polygon[{i}]") for i, xy in enumerate(corners)]}
+    if node.get("z") is not None:
+        low, high = _pair(node["z"], f"{path}.z")
+        if low >= high:
+            raise _fail(f"{path}.z", "low is not below high", "Write [low, high] in metres.")
+        shape["z"] = [low, high]
+    return shape
+
+
+def _pair(value: object, path: str) -> list[float]:
+    numbers = _list(value)
+    if len(numbers) != 2:
+        raise _fail(path, "it is no list of two numbers", "Give two numbers in metres.")
+    return [_number(number, f"{path}[{i}]", MAX_METRES) for i, number in enumerate(numbers)]
+
+
+def _only(node: Mapping[Any, object], known: tuple[str, ...], path: str) -> None:
+    unknown = sorted(str(key)[:60] for key in node if key not in known)
+    if unknown:
+        raise _fail(path, f"it has {unknown[0]!r} beside", f"Possible here: {', '.join(known)}.")
+
+
+def _list(value: object) -> Sequence[object]:
+    return cast("Sequence[object]", value) if isinstance(value, list | tuple) else ()
+
+
+def _choice(name: object, choices: tuple[str, ...], path: str) -> str:
+    if not isinstance(name, str) or name not in choices:
+        raise _fail(path, f"{str(name)[:60]!r} is not known", f"One of: {', '.join(choices)}.")
+    return name
+
+
+def _number(value: object, path: str, largest: float = sys.float_info.max) -> float:
+    # Comparing is exact also for integers that are too large for a float, and false for not-a-number.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -largest <= value <= largest:
+        within = f" from {-largest:g} to {largest:g}" if largest < sys.float_info.max else ""
+        raise _fail(path, f"it is no finite number{within}", "Give metres, degrees or a ratio.")
+    return value

@@ -10,23 +10,25 @@ from pydantic import TypeAdapter, ValidationError
 from service.detections import detectors, regions
 from workers.vertices import detectors as worker_detectors
 from workers.vertices import region as worker_region
+from workers.vertices import region_document
 
 REGION = TypeAdapter(regions.Region)
 
 
-def service_takes(document):
+def service_says(document):
+    """(canonical document, None) or (None, what is wrong)."""
     try:
-        return REGION.validate_python(document)
-    except ValidationError:
-        return None
+        return REGION.validate_python(document), None
+    except ValidationError as error:
+        (found,) = error.errors(include_url=False)
+        return None, found["msg"] if str(found["type"]).startswith("region_") else "Input should be an object"
 
 
-def worker_takes(document):
+def worker_says(document):
     try:
-        worker_region.Region.from_document(document)
-    except worker_region.RegionError:
-        return False
-    return True
+        return worker_region.Region.from_document(document).document, None
+    except region_document.RegionError as error:
+        return None, f"{error.message} {error.hint}"
 
 
 def test_detectors_have_the_same_names_options_limits_and_defaults():
@@ -48,27 +50,39 @@ def test_detectors_have_the_same_names_options_limits_and_defaults():
 
 
 def test_quantities_operators_and_limits_are_the_same():
-    leaf = regions.Leaf.model_json_schema()["properties"]
-    assert tuple(leaf["quantity"]["enum"]) == worker_region.QUANTITIES
-    assert tuple(leaf["op"]["enum"]) == worker_region.OPERATORS
-    assert (regions.MAX_DEPTH, regions.MAX_NODES) == (worker_region.MAX_DEPTH, worker_region.MAX_NODES)
+    for name in ("QUANTITIES", "OPERATORS", "MAX_DEPTH", "MAX_NODES", "MAX_CORNERS", "MAX_METRES"):
+        assert getattr(regions, name) == getattr(region_document, name)
 
 
 value = st.one_of(st.floats(), st.integers(-(10**400), 10**400), st.booleans(), st.none(), st.text(max_size=3))
-quantity = st.sampled_from([*worker_region.QUANTITIES, "X", "r", "", None, 3])
-leaf = st.fixed_dictionaries(
-    {"quantity": quantity, "op": st.sampled_from([*worker_region.OPERATORS, "==", None]), "value": value},
-    optional={"divided_by": st.sampled_from(["x", "range", "w"]), "extra": st.just(1)},
+quantity = st.sampled_from([*region_document.QUANTITIES, "X", "r", "", None, 3])
+bad_leaf = st.fixed_dictionaries(
+    {"quantity": quantity, "op": st.sampled_from([*region_document.OPERATORS, "==", None]), "value": value},
+    optional={"divided_by": st.sampled_from(["x", "range", "w", None]), "extra": st.just(1)},
 )
+metres = st.floats(-99, 99)
 good_leaf = st.fixed_dictionaries(
-    {"quantity": st.sampled_from(worker_region.QUANTITIES), "op": st.just(">"), "value": st.floats(-99, 99)},
-    optional={"divided_by": st.sampled_from(worker_region.QUANTITIES)},
+    {"quantity": st.sampled_from(region_document.QUANTITIES), "op": st.just(">"), "value": metres},
+    optional={"divided_by": st.sampled_from([*region_document.QUANTITIES, None])},
+)
+some_metres = st.one_of(metres, metres, metres, value)
+box = st.fixed_dictionaries(
+    {
+        "min": st.lists(some_metres, min_size=2, max_size=4),
+        "max": st.lists(st.floats(100, 199), min_size=3, max_size=3),
+    },
+    optional={"yaw_deg": some_metres, "extra": st.just(1)},
+).map(lambda members: {"box": members})
+polygon = st.fixed_dictionaries(
+    {"polygon": st.lists(st.tuples(metres, some_metres).map(list), min_size=2, max_size=6)},
+    optional={"z": st.one_of(st.none(), st.lists(metres, min_size=2, max_size=3)), "extra": st.just(1)},
 )
 tree = st.recursive(
-    st.one_of(good_leaf, good_leaf, good_leaf, leaf),
+    st.one_of(good_leaf, good_leaf, good_leaf, bad_leaf, box, polygon),
     lambda node: st.one_of(
         st.lists(node, max_size=4).map(lambda nodes: {"and": nodes}),
         st.lists(node, max_size=4).map(lambda nodes: {"or": nodes}),
+        node.map(lambda child: {"not": child}),
     ),
     max_leaves=12,
 )
@@ -76,34 +90,63 @@ tree = st.recursive(
 
 @settings(max_examples=400, deadline=None)
 @given(tree)
-def test_both_sides_take_and_refuse_the_same_regions(document):
-    taken = service_takes(document)
-    assert (taken is not None) == worker_takes(document)
+def test_both_sides_take_and_refuse_the_same_regions_in_the_same_words(document):
+    taken, wrong = service_says(document)
+    assert (taken, wrong) == worker_says(document)
     if taken is not None:
-        assert worker_takes(json.loads(json.dumps(taken)))
+        assert worker_says(json.loads(json.dumps(taken))) == (taken, None)
 
 
 @pytest.mark.parametrize("depth", [1, 15, 16, 17, 40])
 def test_both_sides_refuse_the_same_depth(depth):
     document = {"quantity": "x", "op": ">", "value": 0}
-    for _ in range(depth - 1):
-        document = {"and": [document]}
-    assert (service_takes(document) is not None) == worker_takes(document) == (depth <= 16)
+    for level in range(depth - 1):
+        document = {"not": document} if level % 2 else {"and": [document]}
+    assert service_says(document) == worker_says(document)
+    assert (service_says(document)[1] is None) == (depth <= 16)
 
 
 @pytest.mark.parametrize("leaves", [254, 255, 256, 300])
 def test_both_sides_refuse_the_same_size(leaves):
     document = {"or": [{"quantity": "x", "op": ">", "value": 0}] * leaves}
-    assert (service_takes(document) is not None) == worker_takes(document) == (leaves <= 255)
+    assert service_says(document) == worker_says(document)
+    assert (service_says(document)[1] is None) == (leaves <= 255)
+
+
+@pytest.mark.parametrize("corners", [2, 3, 64, 65])
+def test_both_sides_refuse_the_same_number_of_corners(corners):
+    document = {"polygon": [[i, i * i] for i in range(corners)]}
+    assert service_says(document) == worker_says(document)
+    assert (service_says(document)[1] is None) == (3 <= corners <= 64)
 
 
 @pytest.mark.parametrize(
     "document",
-    [[], "x > 0", None, {"and": {"quantity": "x"}}, {"and": "abc"}, {"and": [], "or": []}, {"quantity": "x"}, {}],
+    [
+        {"and": {"quantity": "x"}},
+        {"and": "abc"},
+        {"and": [], "or": []},
+        {"quantity": "x"},
+        {},
+        {"not": []},
+        {"not": {"quantity": "x", "op": ">", "value": 0}, "op": ">"},
+        {"box": [1, 2]},
+        {"box": {"min": [0, 0, 0]}},
+        {"box": {"min": [0, 0, 2e6], "max": [1, 1, 3e6]}},
+        {"box": {"min": [0, 0, 0], "max": [1, 0, 1]}},
+        {"polygon": [[0, 0], [1, 0], [1, 1]], "z": [1, 0]},
+        {"polygon": [[0, 0], [1, 0], {"x": 1}]},
+    ],
 )
-def test_both_sides_refuse_what_is_no_tree(document):
-    assert service_takes(document) is None
-    assert not worker_takes(document)
+def test_both_sides_refuse_what_is_no_region_in_the_same_words(document):
+    assert service_says(document) == worker_says(document)
+    assert service_says(document)[0] is None
+
+
+@pytest.mark.parametrize("document", [[], "x > 0", None, 7])
+def test_both_sides_refuse_what_is_no_object(document):
+    assert service_says(document)[0] is None
+    assert worker_says(document)[0] is None
 
 
 def test_a_very_deep_region_is_refused_without_recursion():

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { DEFAULT_ROWS, describe, parseRegion, regionOf, rowsOf } from "./region.ts";
+import { DEFAULT_ROWS, describe, leavesOf, parseRegion, regionOf, rowsOf } from "./region.ts";
 
 test("rows become a conjunction and come back", () => {
   assert.deepEqual(rowsOf(parseRegion(JSON.stringify(regionOf(DEFAULT_ROWS)))), [...DEFAULT_ROWS]);
@@ -10,6 +10,37 @@ test("a region with an alternative is no list of rows", () => {
   const text = '{"or": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "y", "op": "<", "value": 1}]}';
   assert.equal(rowsOf(parseRegion(text)), null);
   assert.equal(describe(parseRegion(text)), "x > 0 or y < 1");
+});
+
+const SHAPES = {
+  and: [
+    { polygon: [[2, -3], [30, -6], [30, 6]], z: [-1.6, 0.8] },
+    { box: { min: [1, 2, 3], max: [4, 5, 6], yaw_deg: 20 } },
+    { quantity: "range", divided_by: null, op: "<", value: 28 },
+  ],
+};
+
+test("shapes are leaves: they come back as they were, though not as rows", () => {
+  const region = parseRegion(JSON.stringify(SHAPES));
+  assert.deepEqual(region, SHAPES);
+  assert.equal(rowsOf(region), null);
+  assert.deepEqual(leavesOf(region), SHAPES.and);
+  assert.equal(leavesOf({ or: [region] }), null);
+});
+
+test("shapes and their opposite are described", () => {
+  assert.equal(
+    describe({ not: SHAPES }),
+    "not (polygon (3 corners, z -1.6 to 0.8) and box (x 1 to 4, y 2 to 5, z 3 to 6, turned by 20°) and range < 28)",
+  );
+});
+
+test("mistakes in shapes are named with their place", () => {
+  assert.throws(() => parseRegion('{"box": {"min": [0, 0], "max": [1, 1, 1]}}'), /region\.box\.min/);
+  assert.throws(() => parseRegion('{"box": {"min": [0, 0, 0], "max": [1, 0, 1]}}'), /not below max in y/);
+  assert.throws(() => parseRegion('{"or": [{"polygon": [[0, 0], [1, 1]]}]}'), /region\.or\[0\]\.polygon/);
+  assert.throws(() => parseRegion('{"not": {"polygon": [[0, 0], [1, 1], [1, "0"]]}}'), /not\.polygon\[2\]/);
+  assert.throws(() => parseRegion('{"polygon": [[0, 0], [1, 1], [1, 0]], "z": [2, 1]}'), /region\.z/);
 });
 
 test("a ratio is described as one", () => {

@@ -1,6 +1,6 @@
 /**
- * A region of interest as the service takes it: inequalities in x, y, z, range and angles, combined by and / or.
- * The editor works on rows that all hold; anything deeper is edited as JSON.
+ * A region of interest as the service takes it: inequalities in x, y, z, range and angles, boxes and polygons on the
+ * ground, combined by and / or / not. The service checks every number; here only the form is checked.
  */
 
 export const QUANTITIES = ["x", "y", "z", "range", "azimuth_deg", "elevation_deg"] as const;
@@ -16,7 +16,23 @@ export interface Inequality {
   value: number;
 }
 
-export type Region = { and: Region[] } | { or: Region[] } | Inequality;
+export type Point = [number, number, number];
+
+/** Turned by `yaw_deg` about its own upright axis, counter-clockwise seen from above. */
+export interface Box {
+  box: { min: Point; max: Point; yaw_deg?: number };
+}
+
+/** 3 to 64 corners seen from above; without `z` from the ground to the sky. */
+export interface Polygon {
+  polygon: [number, number][];
+  z?: [number, number];
+}
+
+export type Leaf = Inequality | Box | Polygon;
+export type Region = { and: Region[] } | { or: Region[] } | { not: Region } | Leaf;
+
+export const MAX_CORNERS = 64;
 
 /** The paper's field of 10 x 30 m ahead, with a margin, and without the ground as a roof-mounted LiDAR sees it. */
 export const DEFAULT_ROWS: readonly Inequality[] = [
@@ -43,6 +59,13 @@ export function rowsOf(region: Region): Inequality[] | null {
   return rows;
 }
 
+/** The leaves of a region that is a plain list of leaves that all hold, else null. */
+export function leavesOf(region: Region): Leaf[] | null {
+  if (isLeaf(region)) return [region];
+  if (!("and" in region) || !region.and.every(isLeaf)) return null;
+  return [...region.and];
+}
+
 /** The region in words, for lists. */
 export function describe(region: unknown): string {
   if (typeof region !== "object" || region === null) return "";
@@ -53,12 +76,26 @@ export function describe(region: unknown): string {
       return children.map((child) => (isLeaf(child) ? describe(child) : `(${describe(child)})`)).join(` ${word} `);
     }
   }
+  if ("not" in node) return `not (${describe(node["not"])})`;
+  if ("box" in node) return describeBox((node as unknown as Box).box);
+  if ("polygon" in node) return describePolygon(node as unknown as Polygon);
   const divided = node["divided_by"] ? ` / ${String(node["divided_by"])}` : "";
   return `${String(node["quantity"])}${divided} ${String(node["op"])} ${String(node["value"])}`;
 }
 
-function isLeaf(node: unknown): boolean {
-  return typeof node === "object" && node !== null && "quantity" in node;
+function describeBox(box: Box["box"]): string {
+  const sides = ["x", "y", "z"].map((axis, i) => `${axis} ${String(box.min[i])} to ${String(box.max[i])}`);
+  const turned = box.yaw_deg ? `, turned by ${String(box.yaw_deg)}°` : "";
+  return `box (${sides.join(", ")}${turned})`;
+}
+
+function describePolygon({ polygon, z }: Polygon): string {
+  const heights = z ? `, z ${String(z[0])} to ${String(z[1])}` : "";
+  return `polygon (${String(polygon.length)} corners${heights})`;
+}
+
+function isLeaf(node: unknown): node is Leaf {
+  return typeof node === "object" && node !== null && ("quantity" in node || "box" in node || "polygon" in node);
 }
 
 /** Reads a region from text. Throws an Error whose message says where it is wrong. */
@@ -74,7 +111,7 @@ export function parseRegion(text: string): Region {
 
 function checked(value: unknown, path: string): Region {
   if (typeof value !== "object" || value === null || Array.isArray(value)) {
-    throw new Error(`${path}: expected {"and": [...]}, {"or": [...]} or an inequality.`);
+    throw new Error(`${path}: expected {"and": [...]}, {"or": [...]}, {"not": ...}, a box, a polygon or an inequality.`);
   }
   const node = value as Record<string, unknown>;
   for (const word of ["and", "or"] as const) {
@@ -84,7 +121,45 @@ function checked(value: unknown, path: string): Region {
     const list = children.map((child, index) => checked(child, `${path}.${word}[${index}]`));
     return word === "and" ? { and: list } : { or: list };
   }
+  if ("not" in node) return { not: checked(node["not"], `${path}.not`) };
+  if ("box" in node) return { box: box(node["box"], `${path}.box`) };
+  if ("polygon" in node) return polygon(node, path);
   return inequality(node, path);
+}
+
+function box(value: unknown, path: string): Box["box"] {
+  if (typeof value !== "object" || value === null) {
+    throw new Error(`${path}: expected {"min": [x, y, z], "max": [x, y, z]}, perhaps with "yaw_deg".`);
+  }
+  const given = value as Record<string, unknown>;
+  const min = numbers(given["min"], 3, `${path}.min`) as Point;
+  const max = numbers(given["max"], 3, `${path}.max`) as Point;
+  const wrong = ["x", "y", "z"].find((_, i) => !(min[i]! < max[i]!));
+  if (wrong) throw new Error(`${path}: min is not below max in ${wrong}.`);
+  const yaw = given["yaw_deg"] ?? 0;
+  if (typeof yaw !== "number") throw new Error(`${path}.yaw_deg: expected a number.`);
+  return yaw ? { min, max, yaw_deg: yaw } : { min, max };
+}
+
+function polygon(node: Record<string, unknown>, path: string): Polygon {
+  const given = node["polygon"];
+  if (!Array.isArray(given) || given.length < 3 || given.length > MAX_CORNERS) {
+    throw new Error(`${path}.polygon: expected a list of 3 to ${String(MAX_CORNERS)} corners [x, y].`);
+  }
+  const corners = given.map((corner, i) => numbers(corner, 2, `${path}.polygon[${i}]`) as [number, number]);
+  const heights = node["z"] ?? null;
+  if (heights === null) return { polygon: corners };
+  const z = numbers(heights, 2, `${path}.z`) as [number, number];
+  if (!(z[0] < z[1])) throw new Error(`${path}.z: low is not below high.`);
+  return { polygon: corners, z };
+}
+
+function numbers(value: unknown, count: number, path: string): number[] {
+  const given: unknown[] = Array.isArray(value) ? value : [];
+  if (given.length !== count || !given.every((item) => typeof item === "number")) {
+    throw new Error(`${path}: expected a list of ${String(count)} numbers.`);
+  }
+  return given;
 }
 
 function inequality(node: Record<string, unknown>, path: string): Inequality {

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from workers.vertices.region import MAX_DEPTH, MAX_NODES, OPERATORS, QUANTITIES, Region, RegionError
+from workers.vertices.region import Region
+from workers.vertices.region_document import MAX_DEPTH, MAX_NODES, OPERATORS, QUANTITIES, RegionError
 
 _COMPARE = dict(zip(OPERATORS, (operator.lt, operator.le, operator.gt, operator.ge), strict=True))
 
@@ -24,12 +25,49 @@ def plain_quantity(name, xyz):
     }[name]
 
 
+def plain_box(box, xyz, doubtful):
+    """The points turned back by the yaw about the box's middle, then compared axis by axis."""
+    low, high = np.array(box["min"], float), np.array(box["max"], float)
+    middle = 0.5 * (low + high)
+    yaw = math.radians(box.get("yaw_deg", 0.0))
+    back = np.array([[math.cos(yaw), math.sin(yaw), 0], [-math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
+    local = (xyz - middle) @ back.T if yaw else xyz - middle
+    half = 0.5 * (high - low)
+    doubtful |= (np.abs(np.abs(local) - half) <= 1e-9).any(axis=1)
+    return (np.abs(local) <= half).all(axis=1)
+
+
+def plain_polygon(node, xyz, doubtful):
+    """The winding of the corners seen from each point: odd inside."""
+    corners = np.array(node["polygon"], float)
+    inside = np.zeros(len(xyz), bool)
+    for i, (x, y, _) in enumerate(xyz):
+        crossings = 0
+        for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            side = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
+            length = math.hypot(x1 - x0, y1 - y0)
+            along = (x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)
+            if abs(side) <= 1e-9 * (1 + length) and -1e-9 <= along <= length * length + 1e-9:
+                doubtful[i] = True
+            if min(y0, y1) <= y < max(y0, y1):
+                crossings += (side > 0) == (y1 > y0)
+        inside[i] = crossings % 2
+    low, high = node.get("z") or (-math.inf, math.inf)
+    return inside & (xyz[:, 2] >= low) & (xyz[:, 2] <= high)
+
+
 def plain_mask(node, xyz, doubtful):
     """The tree read straight off with NumPy; marks points that lie on a leaf's threshold to rounding."""
     if "and" in node:
         return np.logical_and.reduce([plain_mask(child, xyz, doubtful) for child in node["and"]])
     if "or" in node:
         return np.logical_or.reduce([plain_mask(child, xyz, doubtful) for child in node["or"]])
+    if "not" in node:
+        return ~plain_mask(node["not"], xyz, doubtful)
+    if "box" in node:
+        return plain_box(node["box"], xyz, doubtful)
+    if "polygon" in node:
+        return plain_polygon(node, xyz, doubtful)
     with np.errstate(all="ignore"):
         left = plain_quantity(node["quantity"], xyz)
         if "divided_by" in node:
@@ -52,12 +90,33 @@ leaves = st.builds(
     st.sampled_from(OPERATORS),
     numbers,
 )
+metres = st.one_of(st.integers(-5, 5), st.integers(-50, 50).map(lambda tenths: tenths / 10))
+boxes = st.builds(
+    lambda low, size, yaw: {
+        "box": {
+            "min": list(low),
+            "max": [a + b for a, b in zip(low, size, strict=True)],
+            **({"yaw_deg": yaw} if yaw else {}),
+        }
+    },
+    st.tuples(metres, metres, metres),
+    st.tuples(*[st.floats(0.1, 30)] * 3),
+    st.sampled_from([None, 0, 30, -90.0, 200]),
+)
+polygons = st.builds(
+    lambda corners, z: {"polygon": [list(corner) for corner in corners], **({"z": z} if z else {})},
+    st.lists(st.tuples(metres, metres), min_size=3, max_size=8),
+    st.sampled_from([None, [-1, 2.5]]),
+)
 trees = st.recursive(
-    leaves,
-    lambda nodes: st.builds(
-        lambda key, children: {key: children},
-        st.sampled_from(["and", "or"]),
-        st.lists(nodes, min_size=1, max_size=4),
+    st.one_of(leaves, leaves, boxes, polygons),
+    lambda nodes: st.one_of(
+        st.builds(
+            lambda key, children: {key: children},
+            st.sampled_from(["and", "or"]),
+            st.lists(nodes, min_size=1, max_size=4),
+        ),
+        nodes.map(lambda child: {"not": child}),
     ),
     max_leaves=12,
 )
@@ -97,6 +156,26 @@ def test_the_filter_of_the_toolbox():
     assert region.mask(xyz).tolist() == [True, False, False, False, True]
 
 
+def test_a_box_turns_about_its_own_axis():
+    """A plank 10 m long and 1 m wide at (20, 0), turned to lie across the view."""
+    plank = {"min": [15, -0.5, -1], "max": [25, 0.5, 1], "yaw_deg": 90}
+    xyz = np.array([[20, 4.9, 0], [20, -4.9, 0.9], [20, 5.1, 0], [24, 0, 0], [20.4, 0, 0], [20, 0, 1.1]])
+    assert Region.from_document({"box": plank}).mask(xyz).tolist() == [True, True, False, False, True, False]
+
+
+def test_a_polygon_that_crosses_itself_follows_the_even_odd_rule():
+    star = [[math.cos(4 * math.pi * i / 5), math.sin(4 * math.pi * i / 5)] for i in range(5)]
+    xyz = np.array([[0.9, 0.0, 50.0], [0.0, 0.0, 0.0], [0.7, 0.7, 0.0]])
+    assert Region.from_document({"polygon": star}).mask(xyz).tolist() == [True, False, False]
+
+
+def test_null_members_count_as_absent():
+    document = {"and": [{**_LEAF, "divided_by": None}, {"polygon": [[0, 0], [9, 0], [9, 9]], "z": None}]}
+    region = Region.from_document(document)
+    assert region.document == {"and": [_LEAF, {"polygon": [[0, 0], [9, 0], [9, 9]]}]}
+    assert region.mask(np.array([[5.0, 1, 99], [-5, 1, 0]])).tolist() == [True, False]
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_point_that_is_not_finite_is_never_inside(bad):
     region = Region.from_document({"quantity": "x", "op": "<", "value": 100})
@@ -134,13 +213,24 @@ _LEAF = {"quantity": "x", "op": ">", "value": 0}
         ({"and": [_LEAF, {"or": [{**_LEAF, "quantity": "__import__('os')"}]}]}, "$.and[1].or[0].quantity"),
         ({**_LEAF, "op": "=="}, "$.op"),
         ({**_LEAF, "op": ["<"]}, "$.op"),
-        ({**_LEAF, "divided_by": None}, "$.divided_by"),
+        ({**_LEAF, "divided_by": "w"}, "$.divided_by"),
         ({**_LEAF, "value": "1"}, "$.value"),
         ({**_LEAF, "value": True}, "$.value"),
         ({**_LEAF, "value": math.nan}, "$.value"),
         ({**_LEAF, "value": 10**400}, "$.value"),
         ({**_LEAF, "times": 2}, "$"),
         ({"quantity": "x", "op": ">"}, "$"),
+        ({"not": [_LEAF]}, "$.not"),
+        ({"not": _LEAF, "and": [_LEAF]}, "$"),
+        ({"box": {"min": [0, 0], "max": [1, 1, 1]}}, "$.box.min"),
+        ({"box": {"min": [0, 0, 0], "max": [1, "1", 1]}}, "$.box.max[1]"),
+        ({"box": {"min": [0, 0, 0], "max": [1, 1, 0]}}, "$.box"),
+        ({"box": {"min": [0, 0, 0], "max": [1, 1, 1], "roll_deg": 3}}, "$.box"),
+        ({"or": [{"polygon": [[0, 0], [1, 1]]}]}, "$.or[0].polygon"),
+        ({"polygon": [[0, 0], [1, 1], [1, math.inf]]}, "$.polygon[2][1]"),
+        ({"polygon": [[0, 0], [1, 1], [1, 0, 0]]}, "$.polygon[2]"),
+        ({"polygon": [[0, 0], [1, 1], [1, 0]], "z": [2, 1]}, "$.z"),
+        ({"polygon": [[0, 0], [1, 1], [1, 0]], "op": "<"}, "$"),
     ],
 )
 def test_a_bad_node_is_named_by_its_path(document, path):
