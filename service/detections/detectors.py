@@ -34,6 +34,15 @@ class TolerantOptions(DetectorOptions):
     min_points_two_below: int = Field(3, ge=0, le=1000)
 
 
+# What a person who confirms a vertex is told; a contract test holds these to the workers' own words.
+FLAGS: dict[str, str] = {
+    "head_above": "something stands above the apex and behind the board, a head perhaps: look whether the vertex is "
+    "the board's",
+    "second_board": "another object in the region looks nearly as much like the board",
+    "occluded": "something stands in front of a part of the board's edges",
+    "track_jump": "the vertex lies off the path of the sweeps before and after",
+}
+
 DETECTORS: dict[str, type[DetectorOptions]] = {"strict": StrictOptions, "tolerant": TolerantOptions}
 
 

@@ -81,9 +81,11 @@ def shard_payloads(session: Session, recording: Recording, workers: int) -> list
     return [{"first": part.start, "stop": part.stop} for part in shards(max(sweeps or 0, 1), workers)]
 
 
-def vertices_of(detection: Detection, camera: Sensor | None) -> Select[Vertex]:
-    """A detection's vertices; with a camera only those that have a frame of it."""
+def vertices_of(detection: Detection, camera: Sensor | None, quality: str | None = None) -> Select[Vertex]:
+    """A detection's vertices; with a camera only those that have a frame of it, with a quality only those."""
     vertices = select(Vertex).where(Vertex.detection_id == detection.id)
+    if quality is not None:
+        vertices = vertices.where(Vertex.quality == quality)
     if camera is None:
         return vertices
     return vertices.join(VertexFrame, VertexFrame.vertex_id == Vertex.id).where(VertexFrame.sensor_id == camera.id)

@@ -13,7 +13,7 @@ from service.auth.access import ReadAccess, WriteAccess
 from service.db.detections import Detection, Vertex
 from service.db.recordings import Recording
 from service.detections.queries import find_camera, new_detection, ready_recording, shard_payloads, vertices_of
-from service.detections.schemas import DetectionRequest, DetectionView, VertexView
+from service.detections.schemas import DetectionRequest, DetectionView, Quality, VertexView
 from service.detections.views import detection_view, jobs_of, vertex_views
 from service.events.hints import hint
 from service.http.pages import LongPaging, Page, Paging, fetch
@@ -71,10 +71,10 @@ def cancel_detection(detection_id: UUID, access: WriteAccess) -> DetectionView:
 
 @router.get("/detections/{detection_id}/vertices")
 def list_vertices(
-    detection_id: UUID, access: ReadAccess, window: LongPaging, camera: Camera = None
+    detection_id: UUID, access: ReadAccess, window: LongPaging, camera: Camera = None, quality: Quality | None = None
 ) -> Page[VertexView]:
     """A detection's vertices in the order of marking; with `camera` those that have a frame of it."""
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera) if camera is not None else None
-    rows, following = fetch(access.session, vertices_of(detection, sensor), Vertex.rank, window)
+    rows, following = fetch(access.session, vertices_of(detection, sensor, quality), Vertex.rank, window)
     return Page(items=vertex_views(access.session, rows, sensor), next=following)

@@ -14,14 +14,21 @@ from service.http.schemas import Received, Sent
 
 Json = dict[str, Any]
 State = Literal["queued", "running", "done", "failed", "cancelled"]
+Quality = Literal["fine", "usable"]
+Covariance = list[list[float]]
 
 _ANY_CLOCK_NS = 2**62  # a camera that counts from its start is off by all of Unix time: 1.8e18 ns
 _MINUTE_NS = 60 * 10**9
 
 
 class Pairing(Received):
-    """How a vertex finds its camera frame: the nearest to its time plus ``offset_ns``, within ``max_gap_ns``."""
+    """How a vertex finds its camera frame: the nearest to its time plus ``offset_ns``, within ``max_gap_ns``.
 
+    ``mode: interpolate`` moves the vertex along its track to the frame's own time; the gap is zero then, and the
+    interpolation's error is in the covariance.
+    """
+
+    mode: Literal["nearest", "interpolate"] = "nearest"
     offset_ns: Annotated[int, Field(ge=-_ANY_CLOCK_NS, le=_ANY_CLOCK_NS, description="camera minus LiDAR clock")] = 0
     max_gap_ns: Annotated[int, Field(ge=0, le=_MINUTE_NS, description="farther frames are no pair")] = 50_000_000
 
@@ -36,7 +43,10 @@ class DetectionRequest(Received):
 
 
 class DetectionView(Sent):
-    """A detection; ``counts`` has sweeps, accepted, rejected by reason, and paired, when it is done."""
+    """A detection; ``counts`` has sweeps, accepted, rejected by reason, and paired, when it is done.
+
+    Besides that vertices by quality and by flag, where the detector says such things.
+    """
 
     id: UUID
     fleet_id: UUID
@@ -53,15 +63,39 @@ class DetectionView(Sent):
     finished_at: datetime | None
 
 
+class Moved(Sent):
+    """A vertex at another moment; metres in the LiDAR frame, covariance as of a vertex."""
+
+    x: float
+    y: float
+    z: float
+    covariance: Covariance
+
+
 class FrameOfVertex(Sent):
-    """The camera frame that a vertex is paired with; ``gap_ns`` is frame time minus vertex time."""
+    """The camera frame that a vertex is paired with; ``gap_ns`` is frame time minus vertex time.
+
+    ``moved`` is where the vertex was at the frame's time, where the pairing interpolates: x, y, z and covariance.
+    """
 
     index: int
     gap_ns: int
+    moved: Moved | None = None
+
+
+class Flag(Sent):
+    """What the person who confirms a vertex should look at."""
+
+    name: str
+    sentence: str
 
 
 class VertexView(Sent):
-    """A vertex in metres in the LiDAR frame, with its frame in each camera that has one."""
+    """A vertex in metres in the LiDAR frame, with its frame in each camera that has one.
+
+    ``covariance`` is 3 x 3 over azimuth (rad), elevation (rad) and range (m); it and ``quality`` are null where the
+    detector states none.
+    """
 
     id: UUID
     sweep_index: int
@@ -71,4 +105,7 @@ class VertexView(Sent):
     z: float
     ring: int
     points: int
+    quality: Quality | None
+    flags: list[Flag]
+    covariance: Covariance | None
     frames: dict[str, FrameOfVertex]

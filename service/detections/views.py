@@ -11,7 +11,8 @@ from sqlalchemy.orm import Session
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Sensor
-from service.detections.schemas import DetectionView, FrameOfVertex, VertexView
+from service.detections.detectors import FLAGS
+from service.detections.schemas import DetectionView, Flag, FrameOfVertex, Moved, VertexView
 from service.http.jobs import JobView
 
 _UNENDED = ("queued", "running")
@@ -57,7 +58,8 @@ def vertex_views(session: Session, vertices: Sequence[Vertex], camera: Sensor | 
         frames = frames.where(VertexFrame.sensor_id == camera.id)
     of_vertex: dict[UUID, dict[str, FrameOfVertex]] = {vertex.id: {} for vertex in vertices}
     for frame, name in session.execute(frames):
-        of_vertex[frame.vertex_id][name] = FrameOfVertex(index=frame.frame_index, gap_ns=frame.gap_ns)
+        moved = Moved.model_validate(frame) if frame.x is not None else None
+        of_vertex[frame.vertex_id][name] = FrameOfVertex(index=frame.frame_index, gap_ns=frame.gap_ns, moved=moved)
     return [
         VertexView(
             id=vertex.id,
@@ -68,6 +70,9 @@ def vertex_views(session: Session, vertices: Sequence[Vertex], camera: Sensor | 
             z=vertex.z,
             ring=vertex.ring,
             points=vertex.points,
+            quality=vertex.quality,  # pyright: ignore[reportArgumentType] - the column holds only qualities
+            flags=[Flag(name=name, sentence=FLAGS.get(name, name)) for name in vertex.flags],
+            covariance=vertex.covariance,
             frames=of_vertex[vertex.id],
         )
         for vertex in vertices

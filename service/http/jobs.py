@@ -8,10 +8,12 @@ from typing import Annotated, Any, Literal
 from uuid import UUID
 
 from fastapi import APIRouter, Path, Query
+from pydantic import computed_field
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.auth.access import ReadAccess
+from service.db.clock import utc_now
 from service.db.jobs import Job
 from service.http.pages import Page, Paging, fetch
 from service.http.schemas import Sent
@@ -21,8 +23,16 @@ router = APIRouter(tags=["jobs"])
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
+# Before this share of the work, or this many seconds, what was done tells too little of what is left.
+_LEAST_FRACTION, _LEAST_S = 0.02, 2.0
+
+
 class JobView(Sent):
-    """A unit of work. ``progress`` is {"fraction", "message"}; ``problem`` is {"code", "detail", "hint"}."""
+    """A unit of work. ``progress`` is {"fraction", "message"}; ``problem`` is {"code", "detail", "hint"}.
+
+    ``seconds_left`` is about how long a running job still takes, by how far it is since it started; null where that
+    is not known.
+    """
 
     id: int
     kind: str
@@ -33,6 +43,21 @@ class JobView(Sent):
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
+
+    @computed_field
+    @property
+    def seconds_left(self) -> float | None:
+        """See above; to the second."""
+        if self.state != "running" or self.started_at is None or not self.progress:
+            return None
+        stated = self.progress.get("seconds_left")
+        if stated is not None:
+            return round(stated)
+        fraction = self.progress.get("fraction") or 0.0
+        passed = (utc_now() - self.started_at).total_seconds()
+        if fraction < _LEAST_FRACTION or passed < _LEAST_S:
+            return None
+        return round(passed * (1.0 - fraction) / fraction)
 
 
 def job_views(session: Session, ids: Iterable[int | None]) -> dict[int, JobView]:

@@ -57,6 +57,7 @@ def claim(database: Database, job_id: int, worker: str) -> Claim | None:
                 attempt=Job.attempt + 1,
                 worker=worker,
                 started_at=now(),
+                progress=None,
                 lease_until=now(get_settings().lease_s),
             )
             .returning(Job.id, Job.attempt, Job.kind, Job.queue, Job.fleet_id, Job.subject_id, Job.payload)
@@ -87,9 +88,14 @@ class Lease:
         self._ended.set()
         self._thread.join()
 
-    def report(self, fraction: float, message: str) -> None:
-        """Note progress, written with the next renewal. Raises where the lease is lost or the job cancelled."""
+    def report(self, fraction: float, message: str, seconds_left: float | None = None) -> None:
+        """Note progress, written with the next renewal. Raises where the lease is lost or the job cancelled.
+
+        ``seconds_left`` where the work knows it better than its share of the time passed tells.
+        """
         self._progress = {"fraction": round(min(max(fraction, 0.0), 1.0), 4), "message": message}
+        if seconds_left is not None:
+            self._progress["seconds_left"] = round(max(seconds_left, 0.0), 1)
         self.check()
 
     def check(self) -> None:

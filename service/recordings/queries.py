@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
+from uuid import UUID
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.auth.access import Access
+from service.db.fleets import RigCamera
 from service.db.recordings import Recording, Sensor, UploadPart
 from service.http.jobs import job_views
 from service.http.problems import Problem
-from service.recordings.schemas import RecordingSummary, RecordingView, SensorView
+from service.recordings.schemas import Reading, RecordingSummary, RecordingView, SensorView
 
 
 def summaries(session: Session, rows: Sequence[Recording]) -> list[RecordingSummary]:
@@ -30,6 +33,25 @@ def view(session: Session, row: Recording) -> RecordingView:
     summary = summaries(session, [row])[0]
     sensors = session.scalars(select(Sensor).where(Sensor.recording_id == row.id).order_by(Sensor.name))
     return RecordingView(**summary.model_dump(), sensors=[SensorView.model_validate(one) for one in sensors])
+
+
+def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[str, Any]:
+    """What is known of a recording, as its row keeps it: without what is not said.
+
+    Raises:
+        Problem: 422 ``unknown_camera``, where a topic is given for a camera that the rig does not have.
+    """
+    names = set(session.scalars(select(RigCamera.name).where(RigCamera.rig_id == rig_id)))
+    strange = sorted(set(reading.topics.cameras) - names)
+    if strange:
+        raise Problem(
+            422,
+            "unknown_camera",
+            f"A topic is given for {strange[0]!r}, and the rig has no camera of that name.",
+            f"Its cameras are {', '.join(sorted(names))}.",
+            cameras=sorted(names),
+        )
+    return reading.model_dump(exclude_defaults=True)
 
 
 def parts_of(session: Session, row: Recording) -> Sequence[UploadPart]:

@@ -22,7 +22,7 @@ from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found
 from service.recordings.deletion import delete_recording
-from service.recordings.queries import parts_of, summaries, view
+from service.recordings.queries import parts_of, reading_document, summaries, view
 from service.recordings.schemas import (
     CreatedRecording,
     NewRecording,
@@ -54,7 +54,7 @@ def post_recording(id: UUID, body: NewRecording, request: Request, access: Write
         name=body.name,
         file_name=body.file_name,
         marks_per_vertex=body.marks_per_vertex,
-        reading=body.reading.model_dump(exclude_defaults=True),
+        reading=reading_document(access.session, rig.id, body.reading),
         retain_until=utc_now() + timedelta(days=body.retain_days) if body.retain_days else None,
         created_by=access.person.id,
     )
@@ -93,27 +93,35 @@ def get_recording(id: UUID, access: ReadAccess, conditions: Conditional) -> Reco
 
 @router.patch("/recordings/{id}")
 def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditions: Conditional) -> RecordingView:
-    """Rename a recording, ask for more marks of each vertex, or correct its rig before it is ready."""
+    """Rename a recording, ask for more marks of each vertex; before it is ready, correct its rig or reading."""
     row = access.find(Recording, id, "engineer", lock=True)
     conditions.require(version_etag(row.version))
     if body.rig_id and body.rig_id != row.rig_id:
         rig = access.session.get(Rig, body.rig_id)
         if rig is None or rig.vehicle_id != row.vehicle_id:
             raise not_found()
-        if row.state not in ("uploading", "failed"):
-            raise Problem(
-                409,
-                "rig_in_use",
-                f"The recording is {row.state}, read with the rig that it has.",
-                "Upload it again with the other rig.",
-            )
-    for name, value in body.model_dump(exclude_none=True).items():
+        _refuse_if_read(row, "rig_in_use", "rig")
+        row.rig_id = rig.id
+    if body.reading is not None:
+        _refuse_if_read(row, "reading_in_use", "reading")
+        row.reading = reading_document(access.session, row.rig_id, body.reading)
+    for name, value in body.model_dump(exclude_none=True, exclude={"rig_id", "reading"}).items():
         setattr(row, name, value)
     row.version += 1
     access.session.flush()
     hint(access.session, row.fleet_id, "recording", row.id)
     conditions.offer(version_etag(row.version))
     return view(access.session, row)
+
+
+def _refuse_if_read(row: Recording, code: str, what: str) -> None:
+    if row.state not in ("uploading", "failed"):
+        raise Problem(
+            409,
+            code,
+            f"The recording is {row.state}, read with the {what} that it has.",
+            f"Upload it again with the other {what}.",
+        )
 
 
 @router.delete("/recordings/{id}", status_code=204)

@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 from uuid import UUID
 
-from pydantic import Field
+from pydantic import Field, StringConstraints
 
 from service.http.jobs import JobView
 from service.http.schemas import Name, Received, Sent
@@ -17,20 +17,39 @@ RecordingState = Literal["uploading", "queued", "ingesting", "ready", "failed"]
 MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
 
 
+Topic = Annotated[str, StringConstraints(min_length=1, max_length=300, pattern=r"^[^\x00-\x1f\x7f]+$")]
+
+
+class Topics(Received):
+    """Which topic, folder or file of this recording is the LiDAR and which is each camera, by its name in the rig.
+
+    They go before the rig's own; what is not named stays as the rig has it, or is found.
+    """
+
+    lidar: Topic | None = None
+    cameras: Annotated[dict[Name, Topic], Field(default_factory=dict, max_length=64)]
+
+
 class Reading(Received):
     """What the owner knows of the recording and its file does not say.
 
-    ``point_times: stamp_only`` leaves the points' own times out, as for still poses whose stamps were made up;
-    ``stamp_convention`` says what a sweep's stamp means; ``rate_hz`` how often the LiDAR turns in a second.
+    ``topics`` says which is which; ``point_times: stamp_only`` leaves the points' own times out, as for still poses
+    whose stamps were made up; ``stamp_convention`` says what a sweep's stamp means; ``rate_hz`` how often the LiDAR
+    turns in a second; ``lidar_model`` which sensor sent captured packets; ``rings`` how many rings to compute where
+    the file has none; ``camera_start_ns`` when a video's first frame was taken, where nothing else says it.
     """
 
+    topics: Topics = Topics(cameras={})
     point_times: Literal["auto", "stamp_only"] = "auto"
     stamp_convention: Literal["start", "end", "unknown"] | None = None
     rate_hz: Annotated[float, Field(ge=0.5, le=1000)] | None = None
+    lidar_model: Literal["vlp16", "vlp32c", "hdl32e", "hdl64e", "alpha_prime"] | None = None
+    rings: Annotated[int, Field(ge=2, le=256)] | None = None
+    camera_start_ns: Annotated[int, Field(ge=0, lt=2**31 * 10**9)] | None = None
 
 
 class NewRecording(Received):
-    """A recording to upload: a ROS 1 bag, or a folder packed as tar."""
+    """A recording to upload: one file of a known format, or a folder packed as tar."""
 
     rig_id: UUID
     name: Name
@@ -41,9 +60,13 @@ class NewRecording(Received):
 
 
 class RecordingEdit(Received):
-    """What may be changed of a recording; another rig only before it is ready, for an ingestion looks at it."""
+    """What may be changed of a recording; rig and reading only before it is ready, for an ingestion looks at them.
+
+    ``reading`` replaces the whole of it.
+    """
 
     rig_id: UUID | None = None
+    reading: Reading | None = None
     name: Name | None = None
     marks_per_vertex: MarksPerVertex | None = None
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
-from math import dist
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import dist, hypot, radians
 from uuid import UUID
 
 import numpy as np
-from sqlalchemy import delete, select, update
+from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
@@ -21,14 +22,33 @@ from workers.tasks.context import Context
 from workers.tasks.loading import lidar_key, open_lidar
 from workers.vertices.detectors import detect_range
 from workers.vertices.order import spread_order
-from workers.vertices.pairing import pair
+from workers.vertices.pairing import pair, pair_interpolated
 from workers.vertices.region import Region
+from workers.vertices.tracks import MARGIN_SWEEPS
 from workers.vertices.vertex import Detections
 from workers.vertices.vertex import Vertex as Found
 
-# Two runs that put a vertex of one sweep this near each other, in metres, mean the same corner of the board.
+# Two runs that put a vertex of one sweep this near each other mean the same corner of the board: in metres, or as an
+# angle seen from the LiDAR, whichever is larger, for far away the rings are farther apart than that.
 _SAME_APEX_M = 0.10
+_SAME_APEX_RAD = radians(0.3)
 _REPORT_EVERY = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A vertex's frame in one camera: ``gap_ns`` is frame time minus vertex time.
+
+    ``xyz`` and ``covariance`` (3 x 3 over azimuth, elevation, range) where the vertex was moved to the frame's time.
+    """
+
+    frame_index: int
+    gap_ns: int
+    xyz: tuple[float, float, float] | None = None
+    covariance: list[list[float]] | None = None
+
+
+Pairs = dict[UUID, list[Pair | None]]
 
 
 def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
@@ -45,15 +65,14 @@ def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             if (index - shard.start) % _REPORT_EVERY == 0:
                 lease.report((index - shard.start) / max(len(shard), 1), "looking for vertices")
 
-        found = detect_range(lidar, region, asked.detector, asked.options, indices=shard, on_sweep=report)
-    pairs = {sensor: _pair(found.vertices, stamps, asked.pairing) for sensor, stamps in cameras.items()}
+        margin = MARGIN_SWEEPS if asked.pairing["mode"] == "interpolate" else 0
+        found = detect_range(
+            lidar, region, asked.detector, asked.options, indices=shard, on_sweep=report, margin=margin
+        )
+    return writing(asked, found, {sensor: _pair(found, stamps, asked.pairing) for sensor, stamps in cameras.items()})
 
-    return writing(asked, found, pairs)
 
-
-def writing(
-    asked: Detection, found: Detections, pairs: dict[UUID, list[tuple[int, int]]]
-) -> Callable[[Session], None]:
+def writing(asked: Detection, found: Detections, pairs: Pairs) -> Callable[[Session], None]:
     """What puts a shard's vertices and pairs into the finishing transaction."""
 
     def write(session: Session) -> None:
@@ -82,16 +101,20 @@ def _camera_stamps(session: Session, recording_id: UUID) -> dict[UUID, np.ndarra
     return {sensor_id: np.array(values, np.int64) for sensor_id, values in stamps.items()}
 
 
-def _pair(vertices: Sequence[Found], stamps: np.ndarray, pairing: Json) -> list[tuple[int, int]]:
-    """(frame index or -1, gap in ns) of each vertex."""
-    times = np.array([vertex.time_ns for vertex in vertices], np.int64)
-    index, gap = pair(times, stamps, offset_ns=pairing["offset_ns"], max_gap_ns=pairing["max_gap_ns"])
-    return list(zip(index.tolist(), gap.tolist(), strict=True))
+def _pair(found: Detections, stamps: np.ndarray, pairing: Json) -> list[Pair | None]:
+    """Each vertex's frame, or None where there is none near enough."""
+    near = {"offset_ns": pairing["offset_ns"], "max_gap_ns": pairing["max_gap_ns"]}
+    if pairing["mode"] == "nearest":
+        times = np.array([vertex.time_ns for vertex in found.vertices], np.int64)
+        index, gap = pair(times, stamps, **near)
+        rows = zip(index.tolist(), gap.tolist(), strict=True)
+        return [Pair(frame, gap_ns) if frame >= 0 else None for frame, gap_ns in rows]
+    moved = pair_interpolated(found.vertices, stamps, context=found.context, **near)
+    rows = zip(moved.index.tolist(), moved.xyz.tolist(), moved.covariance.tolist(), strict=True)
+    return [Pair(frame, 0, tuple(xyz), covariance) if frame >= 0 else None for frame, xyz, covariance in rows]
 
 
-def _write_vertices(
-    session: Session, asked: Detection, found: Detections, pairs: dict[UUID, list[tuple[int, int]]]
-) -> None:
+def _write_vertices(session: Session, asked: Detection, found: Detections, pairs: Pairs) -> None:
     apexes = _known_apexes(session, asked.recording_id, [vertex.sweep_index for vertex in found.vertices])
     for number, vertex in enumerate(found.vertices):
         apex = _same(apexes[vertex.sweep_index], vertex)
@@ -102,12 +125,26 @@ def _write_vertices(
         row = _vertex_row(asked.id, apex.id, vertex)
         session.add(row)
         session.add_all(
-            VertexFrame(vertex_id=row.id, sensor_id=sensor, frame_index=index, gap_ns=gap)
+            _frame_row(row.id, sensor, pair)
             for sensor, of_sensor in pairs.items()
-            for index, gap in of_sensor[number : number + 1]
-            if index >= 0
+            for pair in of_sensor[number : number + 1]
+            if pair
         )
     session.flush()
+
+
+def _frame_row(vertex_id: UUID, sensor_id: UUID, pair: Pair) -> VertexFrame:
+    x, y, z = pair.xyz or (None, None, None)
+    return VertexFrame(
+        vertex_id=vertex_id,
+        sensor_id=sensor_id,
+        frame_index=pair.frame_index,
+        gap_ns=pair.gap_ns,
+        x=x,
+        y=y,
+        z=z,
+        covariance=pair.covariance,
+    )
 
 
 def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> dict[int, list[Apex]]:
@@ -124,7 +161,7 @@ def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> di
 def _same(apexes: list[Apex], vertex: Found) -> Apex | None:
     near = [(dist((apex.x, apex.y, apex.z), vertex.xyz), apex) for apex in apexes]
     distance, apex = min(near, key=lambda pair: pair[0], default=(np.inf, None))
-    return apex if distance <= _SAME_APEX_M else None
+    return apex if distance <= max(_SAME_APEX_M, _SAME_APEX_RAD * hypot(*vertex.xyz)) else None
 
 
 def _vertex_row(detection_id: UUID, apex_id: UUID, vertex: Found) -> Vertex:
@@ -141,49 +178,67 @@ def _vertex_row(detection_id: UUID, apex_id: UUID, vertex: Found) -> Vertex:
         z=z,
         ring=vertex.ring,
         points=vertex.points_used,
+        quality=vertex.quality,
+        flags=list(vertex.flags),
+        covariance=[list(line) for line in vertex.covariance] if vertex.covariance else None,
     )
 
 
 def _advance(session: Session, row: Detection, found: Detections) -> None:
     """Add this shard's counts; the last one settles the pairs, orders the vertices, says when there is nothing."""
     before = row.counts
-    rejected = Counter(before.get("rejected", {})) + Counter(found.rejected)
     counts = {
         "sweeps": before.get("sweeps", 0) + found.frames,
         "accepted": before.get("accepted", 0) + len(found.vertices),
-        "rejected": dict(sorted(rejected.items())),
+        "rejected": _added(before, "rejected", found.rejected),
+        "quality": _added(before, "quality", Counter(vertex.quality for vertex in found.vertices if vertex.quality)),
+        "flags": _added(before, "flags", Counter(flag for vertex in found.vertices for flag in vertex.flags)),
     }
     row.state = "running"
     if row.remaining == 1:
-        counts |= _settle_frames(session, row.id)
+        counts |= _settle_frames(session, row)
         _order(session, row.id)
-        if rejected.get("no_points", 0) == counts["sweeps"]:
+        if counts["rejected"].get("no_points", 0) == counts["sweeps"]:
             row.state, row.problem, row.finished_at = "failed", _NOTHING, utc_now()
     row.counts = counts
     session.flush()
 
 
-def _settle_frames(session: Session, detection_id: UUID) -> dict[str, int]:
+def _added(before: Json, name: str, more: Mapping[str, int]) -> dict[str, int]:
+    """What all shards so far counted under a name, by reason, class or flag."""
+    return dict(sorted((Counter(before.get(name, {})) + Counter(more)).items()))
+
+
+def _settle_frames(session: Session, run: Detection) -> dict[str, int]:
     """Leave each frame to the vertex nearest to it in time: a mark belongs to a frame and means one vertex.
 
     Returns how many vertices have a frame of some camera, and how many lost theirs to a nearer one.
     """
+    of_frame = and_(CameraFrame.sensor_id == VertexFrame.sensor_id, CameraFrame.index == VertexFrame.frame_index)
+    # Not the stored gap, which is zero for every vertex that was moved.
     rows = session.execute(
-        select(VertexFrame.sensor_id, VertexFrame.frame_index, VertexFrame.gap_ns, VertexFrame.vertex_id)
+        select(
+            VertexFrame.sensor_id,
+            VertexFrame.frame_index,
+            CameraFrame.stamp_ns - Vertex.time_ns,
+            VertexFrame.vertex_id,
+        )
         .join(Vertex, Vertex.id == VertexFrame.vertex_id)
-        .where(Vertex.detection_id == detection_id)
+        .join(CameraFrame, of_frame)
+        .where(Vertex.detection_id == run.id)
         .order_by(Vertex.time_ns, Vertex.id)
     ).all()
     kept: dict[tuple[UUID, int], tuple[int, UUID]] = {}
     lost: list[tuple[UUID, UUID]] = []
-    for sensor_id, frame_index, gap_ns, vertex_id in rows:
+    for sensor_id, frame_index, difference_ns, vertex_id in rows:
+        away_ns = abs(difference_ns - run.pairing["offset_ns"])
         other = kept.get((sensor_id, frame_index))
-        if other and other[0] <= abs(gap_ns):
+        if other and other[0] <= away_ns:
             lost.append((vertex_id, sensor_id))
             continue
         if other:
             lost.append((other[1], sensor_id))
-        kept[sensor_id, frame_index] = (abs(gap_ns), vertex_id)
+        kept[sensor_id, frame_index] = (away_ns, vertex_id)
     for vertex_id, sensor_id in lost:
         session.execute(
             delete(VertexFrame).where(VertexFrame.vertex_id == vertex_id, VertexFrame.sensor_id == sensor_id)

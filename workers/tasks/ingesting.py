@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from service.db.recordings import CameraFrame, Recording, Sensor, UploadPart
 from service.jobs.claims import Claim, Lease, require_mine
 from service.storage.blobs import condemn, keep, reserve
 from workers.readers.limited import ingest_limited
-from workers.readers.manifest import FrameTable, Manifest, SensorManifest, read_table
+from workers.readers.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 
@@ -38,11 +38,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             select(RigCamera).where(RigCamera.rig_id == rig.id).order_by(RigCamera.position)
         ).all()
         image_sizes = {camera.name: (camera.image_width, camera.image_height) for camera in cameras}
-        request: Json = {
-            "lidar": rig.lidar_topic,
-            "cameras": {camera.name: camera.topic for camera in cameras},
-            "options": recording.reading,
-        }
+        request = _request(recording, rig, cameras)
     with context.scratch() as folder:
         source = _join(context, recording, [part.blob_key for part in parts], folder, lease)
         out = folder / "normalised"
@@ -54,8 +50,8 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             cpu_s=context.settings.ingest_cpu_s,
             file_bytes=context.settings.ingest_file_bytes,
             name=recording.file_name,
-            on_progress=lambda done, total: lease.report(
-                0.1 + 0.8 * (done / total if total else 0.0), f"{done} messages normalised"
+            on_progress=lambda progress: lease.report(
+                0.1 + 0.8 * (progress.share or 0.0), progress.sentence(), progress.seconds_left
             ),
         )
         frames = {sensor.name: _frames(out, sensor) for sensor in manifest.sensors}
@@ -66,7 +62,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
     def write(session: Session) -> None:
         _forget_earlier(session, recording)
         row = session.get_one(Recording, recording.id)
-        row.facts, row.warnings = _facts(manifest), list(manifest.warnings)
+        row.facts, row.warnings = manifest.facts(), list(manifest.warnings)
         for sensor in manifest.sensors:
             key, size = keys[sensor.name]
             keep(session, key, size=size)
@@ -78,6 +74,19 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
                 session.execute(insert(CameraFrame), rows)
 
     return write
+
+
+def _request(recording: Recording, rig: Rig, cameras: Sequence[RigCamera]) -> Json:
+    """What to read as what: topics that were named for this recording go before the rig's."""
+    options = dict(recording.reading)
+    topics: Json = options.pop("topics", {})
+    named: Json = topics.get("cameras", {})
+    return {
+        "lidar": topics.get("lidar") or rig.lidar_topic,
+        "cameras": {camera.name: named.get(camera.name) or camera.topic for camera in cameras},
+        "image_sizes": {camera.name: [camera.image_width, camera.image_height] for camera in cameras},
+        "options": options,
+    }
 
 
 def _check_sizes(camera: str, size: tuple[int, int], frames: list[Json]) -> None:
@@ -141,13 +150,6 @@ def _sensor_row(recording: Recording, sensor: SensorManifest, key: str) -> Senso
         last_ns=sensor.last_ns,
         facts={name: value for name, value in asdict(sensor).items() if name not in _OWN_COLUMNS},
     )
-
-
-def _facts(manifest: Manifest) -> Json:
-    """What is true of the recording as a whole."""
-    first = min(sensor.first_ns for sensor in manifest.sensors)
-    last = max(sensor.last_ns for sensor in manifest.sensors)
-    return {"format": manifest.format, "first_ns": first, "last_ns": last, "seconds": (last - first) / 1e9}
 
 
 def _frames(out: Path, sensor: SensorManifest) -> list[Json]:

@@ -17,11 +17,12 @@ from service.jobs.claims import Claim, Lease
 from workers.solver.clock_offset import estimate_offset
 from workers.tasks.context import Context
 from workers.tasks.loading import lidar_key, open_lidar, watched
-from workers.vertices.detectors import Vertex as Found
 from workers.vertices.preview import preview as count_kept
 from workers.vertices.region import Region
 from workers.vertices.suggestion import suggest as suggest_region
 from workers.vertices.tracks import Track
+from workers.vertices.vertex import Covariance
+from workers.vertices.vertex import Vertex as Found
 
 _SAMPLES = 240
 
@@ -84,9 +85,17 @@ def _vertices(session: Session, detection_id: UUID | None) -> list[Found]:
             sweep_index=row.sweep_index,
             points_used=row.points,
             detector=detector,
+            covariance=_covariance(row.covariance),
         )
         for row in rows
     ]
+
+
+def _covariance(lines: list[list[float]] | None) -> Covariance | None:
+    if lines is None:
+        return None
+    first, second, third = ((a, b, c) for a, b, c in lines)
+    return first, second, third
 
 
 def _writing(held: Claim, result: dict[str, Any]) -> Callable[[Session], None]:

@@ -128,7 +128,7 @@ def seed_detection(database: Database, fleet_id: UUID, recording_id: UUID, apexe
             region={"quantity": "x", "op": ">", "value": 0.0},
             detector="tolerant",
             options={},
-            pairing={"offset_ns": 0, "max_gap_ns": 50_000_000},
+            pairing={"mode": "nearest", "offset_ns": 0, "max_gap_ns": 50_000_000},
             content_hash="0" * 64,
             state="done",
             remaining=0,

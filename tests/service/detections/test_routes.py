@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.db.detections import Detection
+from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Recording
 from tests.service.detections.seeding import seed_marking, seed_recording, seed_rig
@@ -34,7 +34,7 @@ def test_a_detection_is_stored_with_all_its_options_and_its_jobs(make_api):
     assert found["options"] == {
         "min_points": 5, "max_top_points": 3, "max_spread_m": 0.05, "min_points_two_below": 3
     }  # fmt: skip
-    assert found["pairing"] == {"offset_ns": -7, "max_gap_ns": 50_000_000}
+    assert found["pairing"] == {"mode": "nearest", "offset_ns": -7, "max_gap_ns": 50_000_000}
     assert found["state"] == "queued"
     assert found["job"]["kind"] == "detect"
     with api.database.reading() as session:
@@ -67,6 +67,7 @@ def test_the_same_request_sent_again_makes_one_detection(api, fleet, engineer):
         ({"options": {"min_points": True}}, "invalid_options", "min_points"),
         ({"region": {"and": [{"quantity": "q", "op": ">", "value": 1}]}}, "invalid_request", "$.and[0].quantity"),
         ({"region": {"quantity": "x", "op": "==", "value": 1}}, "invalid_request", "$.op"),
+        ({"pairing": {"mode": "spline"}}, "invalid_request", "pairing.mode"),
         ({"pairing": {"max_gap_ns": -1}}, "invalid_request", "pairing.max_gap_ns"),
         ({"regoin": 1}, "invalid_request", "regoin"),
     ],
@@ -110,8 +111,9 @@ def test_vertices_come_in_pages_with_their_frames(api, fleet):
             break
         after = f"&after={page['next']}"
     assert [item["id"] for item in pages] == [str(one) for one in seed.vertices]
-    assert pages[3]["frames"] == {"front": {"index": 3, "gap_ns": 3}}
+    assert pages[3]["frames"] == {"front": {"index": 3, "gap_ns": 3, "moved": None}}
     assert (pages[3]["x"], pages[3]["ring"], pages[3]["points"]) == (8.0, 7, 2)
+    assert (pages[3]["quality"], pages[3]["flags"], pages[3]["covariance"]) == (None, [], None)
     assert viewer.get(f"/detections/{seed.detection_id}/vertices").json()["items"] == pages
     unknown = viewer.get(f"/detections/{seed.detection_id}/vertices?camera=rear")
     assert (unknown.status_code, unknown.json()["code"], unknown.json()["cameras"]) == (
@@ -119,6 +121,25 @@ def test_vertices_come_in_pages_with_their_frames(api, fleet):
         "unknown_camera",
         ["front"],
     )
+
+
+def test_vertices_say_how_sure_they_are_and_what_to_look_at(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=3)
+    covariance = [[1e-7, 0.0, 0.0], [0.0, 2e-7, 0.0], [0.0, 0.0, 1e-4]]
+    with api.database.writing() as session:
+        vertex = session.get_one(Vertex, seed.vertices[1])
+        vertex.quality, vertex.flags, vertex.covariance = "fine", ["head_above"], covariance
+        frame = session.get_one(VertexFrame, (vertex.id, seed.camera_id))
+        frame.x, frame.y, frame.z, frame.covariance, frame.gap_ns = 6.5, 0.2, 0.5, covariance, 0
+    viewer = api.member(fleet, "viewer")
+    path = f"/detections/{seed.detection_id}/vertices"
+    (fine,) = viewer.get(path, params={"quality": "fine"}).json()["items"]
+    assert (fine["id"], fine["quality"], fine["covariance"]) == (str(seed.vertices[1]), "fine", covariance)
+    assert [flag["name"] for flag in fine["flags"]] == ["head_above"] and "board" in fine["flags"][0]["sentence"]
+    moved = {"x": 6.5, "y": 0.2, "z": 0.5, "covariance": covariance}
+    assert fine["frames"] == {"front": {"index": 1, "gap_ns": 0, "moved": moved}}
+    assert viewer.get(path, params={"quality": "usable"}).json()["items"] == []
+    assert viewer.get(path, params={"quality": "good"}).status_code == 422
 
 
 def test_roles_and_fleets_are_kept_apart(api, fleet):

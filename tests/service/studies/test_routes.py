@@ -2,9 +2,10 @@
 
 import pytest
 
+from service.db.fleets import Rig
 from service.db.jobs import Job
 from service.db.studies import Study
-from tests.service.detections.seeding import seed_answer, seed_marking, seed_recording, seed_rig
+from tests.service.detections.seeding import seed_answer, seed_detection, seed_marking, seed_recording, seed_rig
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -75,12 +76,16 @@ def test_a_clock_offset_starts_from_the_marks_with_their_frames_own_stamps(api, 
 
 
 def test_a_clock_offset_that_cannot_be_asked_is_refused(api, fleet, engineer):
-    seed, other = seed_marking(api.database, fleet), seed_marking(api.database, fleet)
+    seed = seed_marking(api.database, fleet)
+    with api.database.reading() as session:
+        rig = session.get_one(Rig, seed.rig_id)
+    other, _ = seed_recording(api.database, rig, 1)
+    elsewhere = seed_detection(api.database, fleet, other, [])
     seed_answer(api.database, seed, engineer.person_id, 1, "confirmed", (10.0, 20.0))
     path = f"/recordings/{seed.recording_id}/clock-offsets"
     known = {"detection_id": str(seed.detection_id), "camera": "front"}
     for change, status, code in (
-        ({"detection_id": str(other.detection_id)}, 404, "not_found"),
+        ({"detection_id": str(elsewhere)}, 404, "not_found"),
         ({"camera": "rear"}, 404, "unknown_camera"),
         ({"model": "fisheye"}, 422, "unknown_model"),
         ({"cam": 1}, 422, "invalid_request"),

@@ -5,22 +5,23 @@ import threading
 import pytest
 from sqlalchemy import select
 
-from service.db.models import Apex, Detection, VertexFrame
+from service.db.models import Apex, Detection, Vertex, VertexFrame
 from service.jobs.claims import claim, finishing
 from service.jobs.queue import enqueue_all
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.jobs.support import make_fleet
 from workers.tasks import detecting
+from workers.tasks.detecting import Pair
 from workers.vertices.vertex import Detections
 from workers.vertices.vertex import Vertex as Found
 
 REGION = {"quantity": "x", "op": ">", "value": 0}
-PAIRING = {"offset_ns": 0, "max_gap_ns": 100_000_000}
+PAIRING = {"mode": "nearest", "offset_ns": 0, "max_gap_ns": 100_000_000}
 
 
-def found(*vertices):
+def found(*vertices, xyz=(5.0, 0.0, 0.5), **more):
     """Vertices of (sweep, time in ms)."""
-    made = [Found((5.0, 0.0, 0.5), ms * 1_000_000, 7, sweep, 2, "tolerant") for sweep, ms in vertices]
+    made = [Found(xyz, ms * 1_000_000, 7, sweep, 2, "tolerant", **more) for sweep, ms in vertices]
     return Detections(made, max(len(made), 1), {})
 
 
@@ -66,7 +67,7 @@ def test_a_run_with_a_failed_shard_stays_failed_when_the_others_finish(database,
     held = claim(database, first, "w")
     with finishing(database, held, "failed", {"code": "worker_lost"}):
         pass
-    finish(database, run, second, found((1, 100)), {camera_id: [(1, 0)]})
+    finish(database, run, second, found((1, 100)), {camera_id: [Pair(1, 0)]})
     with database.reading() as session:
         row = session.get_one(Detection, run.id)
         assert (row.state, row.problem) == ("failed", {"code": "worker_lost"})
@@ -79,7 +80,7 @@ def test_two_runs_at_once_find_one_apex(database, recording):
     threads = [
         threading.Thread(
             target=finish,
-            args=(database, run, jobs[0], found((0, 0)), {camera_id: [(0, 0)]}),
+            args=(database, run, jobs[0], found((0, 0)), {camera_id: [Pair(0, 0)]}),
             kwargs={"wait": barrier.wait},
         )
         for run, jobs in runs
@@ -95,10 +96,50 @@ def test_two_runs_at_once_find_one_apex(database, recording):
 def test_a_frame_belongs_to_the_vertex_nearest_in_time_also_across_shards(database, recording):
     fleet_id, recording_id, camera_id = recording
     run, (first, second) = make_run(database, fleet_id, recording_id, 2)
-    finish(database, run, first, found((0, 0), (1, 60)), {camera_id: [(0, 3), (1, 40)]})
-    finish(database, run, second, found((2, 110)), {camera_id: [(1, -10)]})
+    finish(database, run, first, found((0, 0), (1, 60)), {camera_id: [Pair(0, 3), Pair(1, 40)]})
+    finish(database, run, second, found((2, 110)), {camera_id: [Pair(1, -10)]})
     with database.reading() as session:
         rows = session.execute(select(VertexFrame.frame_index, VertexFrame.gap_ns).order_by(VertexFrame.frame_index))
         assert [tuple(row) for row in rows] == [(0, 3), (1, -10)]
         counts = session.get_one(Detection, run.id).counts
         assert (counts["accepted"], counts["paired"], counts["frame_taken"]) == (3, 2, 1)
+
+
+def test_a_moved_vertex_has_no_gap_and_yet_the_nearest_keeps_the_frame(database, recording):
+    fleet_id, recording_id, camera_id = recording
+    run, (job_id,) = make_run(database, fleet_id, recording_id)
+    moved = [Pair(1, 0, (x, 0.0, 0.5), [[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 1e-4]]) for x in (5.1, 5.2)]
+    finish(database, run, job_id, found((0, 60), (1, 110)), {camera_id: moved})
+    with database.reading() as session:
+        row = session.scalars(select(VertexFrame)).one()
+        assert (row.gap_ns, row.x, row.covariance) == (0, 5.2, moved[1].covariance)
+
+
+@pytest.mark.parametrize(
+    ("x", "moved_m", "apexes"), [(5.0, 0.09, 1), (5.0, 0.11, 2), (30.0, 0.15, 1), (30.0, 0.17, 2)]
+)
+def test_another_run_finds_the_same_apex_within_a_decimetre_or_a_third_of_a_degree(
+    database, recording, x, moved_m, apexes
+):
+    fleet_id, recording_id, camera_id = recording
+    for y in (0.0, moved_m):
+        run, (job_id,) = make_run(database, fleet_id, recording_id)
+        finish(database, run, job_id, found((0, 0), xyz=(x, y, 0.0)), {camera_id: [Pair(0, 0)]})
+    with database.reading() as session:
+        assert len(session.scalars(select(Apex)).all()) == apexes
+
+
+def test_what_a_detector_says_of_its_vertices_is_kept_and_counted_over_shards(database, recording):
+    fleet_id, recording_id, camera_id = recording
+    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+    covariance = ((1e-7, 0.0, 0.0), (0.0, 2e-7, 0.0), (0.0, 0.0, 1e-4))
+    fine = found((0, 0), quality="fine", covariance=covariance)
+    finish(database, run, first, fine, {camera_id: [Pair(0, 0)]})
+    finish(database, run, second, found((1, 100), quality="usable", flags=("head_above",)), {camera_id: [None]})
+    with database.reading() as session:
+        rows = session.scalars(select(Vertex).order_by(Vertex.sweep_index)).all()
+        assert [(row.quality, row.flags) for row in rows] == [("fine", []), ("usable", ["head_above"])]
+        assert (rows[0].covariance, rows[1].covariance) == ([list(line) for line in covariance], None)
+        counts = session.get_one(Detection, run.id).counts
+    assert (counts["quality"], counts["flags"]) == ({"fine": 1, "usable": 1}, {"head_above": 1})
+    assert counts["paired"] == 1
