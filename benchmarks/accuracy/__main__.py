@@ -1,0 +1,74 @@
+"""`python -m benchmarks.accuracy`: an object per model, one line of JSON. RIGS, MODELS, SEED make it shorter or the same.
+
+Seconds are processor seconds of one core, so that a busy machine does not count.
+"""
+
+import json
+import os
+import secrets
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from typing import Any, cast
+
+import numpy as np
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from benchmarks.accuracy.measures import OUTLIER_SHARES, measure  # noqa: E402
+from workers.geometry.models import MODELS, parse_model  # noqa: E402
+from workers.solver.slot import warm_up  # noqa: E402
+
+
+def main() -> None:
+    rigs, seed = int(os.environ.get("RIGS", "300")), int(os.environ.get("SEED") or secrets.randbits(31))
+    models = [parse_model(name) for name in os.environ.get("MODELS", ",".join(MODELS)).split(",")]
+    began = time.perf_counter()
+    warm_up()
+    result: dict[str, Any] = {}
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), warm_up) as pool:
+        for model in models:
+            found = list(pool.map(partial(measure, model), [(seed, n) for n in range(rigs)]))
+            result[model] = summary(found)
+            print(model, json.dumps(result[model]), file=sys.stderr)
+    seconds = round(time.perf_counter() - began, 1)
+    print(json.dumps({"rigs": rigs, "seed": seed, **result, "seconds": seconds}))
+
+
+def summary(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The figures over all rigs of a model."""
+
+    def mean(key: str) -> float:
+        return float(np.mean([one[key] for one in found]))
+
+    shares = {f"outliers_{share:.0%}": mean(f"outliers_{share:.0%}") for share in OUTLIER_SHARES}
+    inside = [one for one in found if one["inside"]]
+    scores = np.concatenate([cast("list[float]", one["squared_scores"]) for one in inside]) if inside else np.array([])
+    held = np.concatenate([cast("list[bool]", one["held"]) for one in inside]) if inside else np.array([])
+    figures = {
+        "success": mean("success"),
+        "ga_alone": mean("ga_alone"),
+        "ga_seconds": mean("ga_seconds"),
+        "ga_seconds_worst": max(one["ga_seconds"] for one in found),
+        "ga_over_optimum_worst": max(one["ga_over_optimum"] for one in found),
+        "iterations": mean("iterations"),
+        "rms_over_crb": float(np.sqrt(np.mean(scores))) if inside else None,
+        "coverage95": float(np.mean(held)) if inside else None,
+        "any_mount": mean("any_mount"),
+        "outliers": min(shares.values()),
+        **shares,
+        "baseline_success": mean("baseline_success"),
+        "mean_px": mean("mean_px"),
+        "rms_px": mean("rms_px"),
+        "turn_crb_deg": float(np.median([one["turn_crb_deg"] for one in found])),
+        "rigs_past_bounds": len(found) - len(inside),
+    }
+    return {key: round(value, 4) if isinstance(value, float) else value for key, value in figures.items()}
+
+
+if __name__ == "__main__":
+    main()
