@@ -1,8 +1,8 @@
 """The ingest child: ``python -m workers.readers SOURCE OUT --request JSON``.
 
-Prints JSON lines: ``{"progress": {"done": 3, "total": 40}}`` and at the end ``{"manifest": {...}}`` or
-``{"error": {"code", "message", "hint"}}``. With ``--parent`` and limits it is what ``ingest_limited`` starts; without
-them it is a command for people.
+Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}`` and at the end ``{"manifest": {...}}``
+or ``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and limits it is what ``ingest_limited``
+starts; without them it is a command for people.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ import argparse
 import errno
 import json
 import sys
-import time
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,7 +20,6 @@ from workers.readers.confine import confine
 from workers.readers.normalise import normalise
 from workers.readers.recording import ReadError, ReadOptions
 
-_PROGRESS_EVERY_S: Final = 0.2
 _OPTIONS: Final = (
     f"Options are {', '.join(field.name for field in fields(ReadOptions))}; leave out what is not known."
 )
@@ -32,8 +30,8 @@ def _say(line: dict[str, Any]) -> None:
     sys.stdout.flush()
 
 
-def _error(code: str, message: str, hint: str) -> int:
-    _say({"error": {"code": code, "message": message, "hint": hint}})
+def _error(code: str, message: str, hint: str, more: Mapping[str, Any] | None = None) -> int:
+    _say({"error": {"code": code, "message": message, "hint": hint, "fields": dict(more or {})}})
     return 1
 
 
@@ -41,25 +39,12 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m workers.readers", description=__doc__)
     parser.add_argument("source", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--request", type=json.loads, default={}, help="JSON: lidar, cameras, options")
+    parser.add_argument("--request", type=json.loads, default={}, help="JSON: lidar, cameras, image_sizes, options")
     parser.add_argument("--parent", type=int, help="pid of the starter; the child dies with it")
     parser.add_argument("--memory-bytes", type=int)
     parser.add_argument("--cpu-s", type=int)
     parser.add_argument("--file-bytes", type=int)
     return parser.parse_args(argv)
-
-
-class _Progress:
-    """Progress lines, a few per second."""
-
-    def __init__(self) -> None:
-        self._next = 0.0
-
-    def __call__(self, done: int, total: int | None) -> None:
-        now = time.monotonic()
-        if now >= self._next or done == total:
-            self._next = now + _PROGRESS_EVERY_S
-            _say({"progress": {"done": done, "total": total}})
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -82,11 +67,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             arguments.out,
             lidar=request.get("lidar"),
             cameras=request.get("cameras"),
+            sizes={name: (width, height) for name, (width, height) in request.get("image_sizes", {}).items()},
             options=options,
-            on_progress=_Progress(),
+            on_progress=lambda progress: _say({"progress": asdict(progress)}),
         )
     except ReadError as error:
-        return _error(error.code, error.message, error.hint)
+        return _error(error.code, error.message, error.hint, error.fields)
     except MemoryError:
         return _error("ingest_memory_limit", "", "")
     except OSError as error:

@@ -1,36 +1,42 @@
-"""Which of a recording's topics are the rig's LiDAR and cameras: by name, or by a guess that cannot go wrong."""
+"""Which of a recording's topics are the rig's LiDAR and cameras: by name, or by a guess that is clear; else asked."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
+from workers.readers.camera_guess import Sizes, guess_cameras
 from workers.readers.clouds import RING_FIELDS
+from workers.readers.point_times import TIME_FIELDS
 from workers.readers.recording import ReadError, Recording, Sensor
+from workers.readers.topic_words import primary, slug
 
 CameraChoice = Mapping[str, str | None] | Sequence[str] | None
 _CAMERA_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+_MOST_LISTED: Final = 100
 
 
-def choose_sensors(recording: Recording, lidar: str | None, cameras: CameraChoice) -> dict[str, Sensor]:
+def choose_sensors(
+    recording: Recording, lidar: str | None, cameras: CameraChoice, sizes: Sizes | None = None
+) -> dict[str, Sensor]:
     """The recording's sensors by the rig's names: ``lidar`` first, then each camera.
 
     Args:
         recording: an opened recording.
-        lidar: topic or folder of the LiDAR; None: the only one.
+        lidar: topic or folder of the LiDAR; None: the only one, or the one that is clearly its driver's.
         cameras: the rig's camera names, each with its topic or None, or names only; None: every camera topic, named
             after it.
+        sizes: (width, height) of the cameras' images where the rig says it.
 
     Raises:
         ReadError: ``no_lidar_topic``, ``no_camera_topic``, ``topic_not_found``, ``ambiguous_lidar``,
-            ``ambiguous_cameras``, ``camera_name_invalid``.
+            ``ambiguous_cameras``, each with ``candidates`` in its fields (and ``cameras``, the names that wait for a
+            topic); ``camera_name_invalid``.
     """
     chosen = {"lidar": _lidar(recording, lidar)}
     topics = [s for s in recording.sensors if s.kind == "camera" and s.count != 0]
-    if cameras is None:
-        cameras = {_slug(topic.name): topic.name for topic in _without_twins(topics)}
-    wanted = dict(cameras) if isinstance(cameras, Mapping) else dict.fromkeys(cameras)
+    wanted = _named_after(topics) if cameras is None else _wanted(cameras)
     for name in wanted:
         if not _CAMERA_NAME.fullmatch(name) or name == "lidar":
             raise ReadError(
@@ -38,17 +44,54 @@ def choose_sensors(recording: Recording, lidar: str | None, cameras: CameraChoic
                 f"{name!r} cannot name a camera, because its files are named after it.",
                 "Use letters, digits, '_', '-' and '.', at most 64, and not 'lidar'.",
             )
-    chosen |= _cameras(recording, topics, wanted)
+    chosen |= _cameras(recording, topics, wanted, sizes or {})
     names = [sensor.name for sensor in chosen.values()]
     for name in names:
         if names.count(name) > 1:
-            raise ReadError("ambiguous_cameras", f"{name} was named for two cameras.", "Give each its own topic.")
+            raise ReadError(
+                "ambiguous_cameras",
+                f"{name} was named for two cameras.",
+                "Give each its own topic.",
+                {"candidates": candidates(topics), "cameras": list(wanted)},
+            )
     return chosen
+
+
+def candidates(sensors: Sequence[Sensor]) -> list[dict[str, Any]]:
+    """What a program may offer its user to choose from, plain data."""
+    listed: list[dict[str, Any]] = []
+    for sensor in sensors[:_MOST_LISTED]:
+        one: dict[str, Any] = {
+            "name": sensor.name,
+            "kind": sensor.kind,
+            "count": sensor.count,
+            "frame_id": sensor.frame_id,
+        }
+        one |= {key: int(sensor.notes[key]) for key in ("width", "height") if sensor.notes.get(key, "").isdigit()}
+        listed.append(one | {key: sensor.notes[key] for key in ("fields", "rate_hz") if sensor.notes.get(key)})
+    return listed
+
+
+def _wanted(cameras: Mapping[str, str | None] | Sequence[str]) -> dict[str, str | None]:
+    return dict(cameras) if isinstance(cameras, Mapping) else dict.fromkeys(cameras)
+
+
+def _named_after(topics: Sequence[Sensor]) -> dict[str, str | None]:
+    """A name for each camera topic; equal ones are counted."""
+    named: dict[str, str | None] = {}
+    for topic in primary(topics):
+        name, number = slug(topic.name), 2
+        while name in named or name == "lidar":
+            name, number = f"{slug(topic.name)[:60]}_{number}", number + 1
+        named[name] = topic.name
+    return named
 
 
 def _contents(recording: Recording) -> str:
     known = [f"{s.name} ({s.kind}, {s.count if s.count is not None else '?'} messages)" for s in recording.sensors]
-    return "It holds: " + (", ".join([*known, *recording.other_topics]) or "no messages") + "."
+    listed = [*known, *recording.other_topics]
+    more = [f"and {len(listed) - _MOST_LISTED} more"] if len(listed) > _MOST_LISTED else []
+    return "It holds: " + (", ".join(listed[:_MOST_LISTED] + more) or "no messages") + "."
 
 
 def _by_name(recording: Recording, kind: str, name: str) -> Sensor:
@@ -60,6 +103,7 @@ def _by_name(recording: Recording, kind: str, name: str) -> Sensor:
         "topic_not_found",
         f"There is no {what} topic {name!r} in the recording. {_contents(recording)}",
         "Choose one of these topics in the rig, or when uploading.",
+        {"candidates": candidates([s for s in recording.sensors if s.kind == kind])},
     )
 
 
@@ -71,61 +115,62 @@ def _lidar(recording: Recording, name: str | None) -> Sensor:
         raise ReadError(
             "no_lidar_topic",
             f"No LiDAR was found in the recording. {_contents(recording)}",
-            "Record the LiDAR's point cloud (sensor_msgs/PointCloud2, or .pcd files) together with the camera.",
+            "Record the LiDAR's points or packets (point cloud messages, a capture of its packets, or cloud files) "
+            "together with the camera.",
+            {"candidates": []},
         )
-    ringed = [s for s in clouds if not set(RING_FIELDS).isdisjoint(s.notes.get("fields", "").split())]
-    candidates = ringed or clouds
-    if len(candidates) > 1:
+    best = _best_clouds(clouds)
+    if len(best) > 1:
         raise ReadError(
             "ambiguous_lidar",
-            f"{len(candidates)} topics could be the LiDAR: {', '.join(s.name for s in candidates)}.",
+            f"{len(best)} topics could be the LiDAR: {', '.join(s.name for s in best[:_MOST_LISTED])}.",
             "Name the LiDAR's topic in the rig, or when uploading.",
+            {"candidates": candidates(best)},
         )
-    return candidates[0]
+    return best[0]
 
 
-def _without_twins(topics: Sequence[Sensor]) -> list[Sensor]:
-    """Topics without the raw form of a camera that is there compressed too (image_transport's names)."""
-    names = {topic.name for topic in topics}
-    return [topic for topic in topics if f"{topic.name}/compressed" not in names]
+def _best_clouds(clouds: Sequence[Sensor]) -> list[Sensor]:
+    """Those that come straight from a driver: with rings, then by their names, then, of one sensor, with times."""
+    ringed = [s for s in clouds if _has(s, RING_FIELDS)] or list(clouds)
+    kept = primary(ringed)
+    if len({(s.frame_id, s.count) for s in kept}) == 1 and kept[0].frame_id:
+        timed = [s for s in kept if _has(s, TIME_FIELDS)]
+        return timed if len(timed) == 1 else kept
+    return kept
 
 
-def _slug(topic: str) -> str:
-    words = [w for w in re.split(r"[^A-Za-z0-9]+", topic.removesuffix("/compressed")) if w]
-    return "_".join(words).lower()[:64] or "camera"
+def _has(sensor: Sensor, names: Sequence[str]) -> bool:
+    return not set(names).isdisjoint(sensor.notes.get("fields", "").split())
 
 
-def _cameras(recording: Recording, topics: Sequence[Sensor], wanted: Mapping[str, str | None]) -> dict[str, Sensor]:
+def _cameras(
+    recording: Recording, topics: Sequence[Sensor], wanted: Mapping[str, str | None], sizes: Sizes
+) -> dict[str, Sensor]:
     chosen = {name: _by_name(recording, "camera", topic) for name, topic in wanted.items() if topic is not None}
     open_names = [name for name, topic in wanted.items() if topic is None]
-    if not open_names:
-        return {name: chosen[name] for name in wanted}
     taken = {sensor.name for sensor in chosen.values()}
-    free = [topic for topic in _without_twins(topics) if topic.name not in taken]
+    free = [topic for topic in primary(topics) if topic.name not in taken]
+    if len(free) < len(open_names):  # rather a derived topic than none
+        free = [topic for topic in topics if topic.name not in taken]
+    asked = {"candidates": candidates(free), "cameras": open_names}
     if len(free) < len(open_names):
-        code = "no_camera_topic" if not topics else "ambiguous_cameras"
         raise ReadError(
-            code,
+            "ambiguous_cameras" if topics else "no_camera_topic",
             f"The rig has {len(wanted)} cameras; the recording has topics for {len(free) + len(taken)}. "
             f"{_contents(recording)}",
-            "Record every camera of the rig as sensor_msgs/CompressedImage or Image, or leave a camera out.",
+            "Record every camera of the rig (images, compressed or raw, or a video), or leave a camera out.",
+            asked,
         )
-    if len(open_names) == 1 and len(free) == 1:
-        chosen[open_names[0]] = free[0]
-    else:
-        chosen.update(_by_words(open_names, free))
-    return {name: chosen[name] for name in wanted}
-
-
-def _by_words(names: Sequence[str], free: Sequence[Sensor]) -> dict[str, Sensor]:
-    """Each camera's topic where exactly one topic's name holds the camera's name, and no topic is taken twice."""
-    found = {name: [t for t in free if _slug(name) in _slug(t.name)] for name in names}
-    picked = [matches[0].name for matches in found.values() if len(matches) == 1]
-    if len(picked) != len(names) or len(set(picked)) != len(picked):
+    guessed = guess_cameras(open_names, free, sizes)
+    missing = [name for name in open_names if name not in guessed]
+    if missing:
         raise ReadError(
             "ambiguous_cameras",
-            f"Which topic belongs to which camera is not clear: cameras {', '.join(names)}; "
-            f"topics {', '.join(t.name for t in free)}.",
+            f"Which topic belongs to which camera is not clear: cameras {', '.join(missing)}; "
+            f"topics {', '.join(t.name for t in free[:_MOST_LISTED] if t not in guessed.values())}.",
             "Name each camera's topic in the rig, or when uploading.",
+            asked,
         )
-    return {name: matches[0] for name, matches in found.items()}
+    chosen |= guessed
+    return {name: chosen[name] for name in wanted}

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from workers.readers.manifest import Manifest
-from workers.readers.normalise import OnProgress
+from workers.readers.progress import OnProgress, Progress
 from workers.readers.recording import ReadError
 
 _LINE_BYTES: Final = 64 * 1024 * 1024
@@ -53,8 +53,8 @@ def ingest_limited(
     Args:
         source: the recording, a file or a folder.
         out_dir: a folder that is not there yet, or is empty.
-        request: ``lidar`` (topic), ``cameras`` (names, or names with topics) and ``options`` (the fields of
-            :class:`ReadOptions`), each of them optional.
+        request: ``lidar`` (topic), ``cameras`` (names, or names with topics), ``image_sizes`` (names with width and
+            height) and ``options`` (the fields of :class:`ReadOptions`), each of them optional.
         memory_bytes: the child's address space; its libraries alone take about 0.4 GB of it.
         cpu_s: the child's processor seconds.
         file_bytes: the largest file that it may write.
@@ -125,12 +125,12 @@ def _follow(stdout: IO[bytes], on_progress: OnProgress | None) -> dict[str, Any]
         if "progress" not in said:
             last = said
         elif on_progress is not None:
-            on_progress(said["progress"]["done"], said["progress"]["total"])
+            on_progress(Progress(**said["progress"]))
     return last
 
 
 def _failure(
-    code: int, error: Mapping[str, str] | None, name: str, limits: Mapping[str, int], stderr: str
+    code: int, error: Mapping[str, Any] | None, name: str, limits: Mapping[str, int], stderr: str
 ) -> ReadError:
     raised = _explain(code, error, name, limits, stderr)
     if stderr:
@@ -139,11 +139,11 @@ def _failure(
 
 
 def _explain(
-    code: int, error: Mapping[str, str] | None, name: str, limits: Mapping[str, int], stderr: str
+    code: int, error: Mapping[str, Any] | None, name: str, limits: Mapping[str, int], stderr: str
 ) -> ReadError:
     kind = error["code"] if error else ""
     if error and error["message"]:
-        return ReadError(kind, error["message"], error["hint"])
+        return ReadError(kind, error["message"], error["hint"], error["fields"])
     if kind == "ingest_memory_limit" or "MemoryError" in stderr or "std::bad_alloc" in stderr:
         return ReadError(
             "ingest_memory_limit",

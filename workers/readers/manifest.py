@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
@@ -19,11 +19,20 @@ class Gap:
 
     Attributes:
         after_ns: stamp of the last message before it.
-        duration_ns: to the next stamp.
+        duration_ns: to the next stamp; negative where the clock was set back.
     """
 
     after_ns: int
     duration_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class ImageSize:
+    """Frames of one size: ``count`` of ``width`` x ``height`` pixels."""
+
+    width: int
+    height: int
+    count: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +50,20 @@ class SensorManifest:
         first_ns, last_ns: smallest and largest stamp, UTC nanoseconds.
         rate_hz: from the median step between stamps; None for fewer than two.
         gaps: pauses of more than 1.75 steps, the first :data:`MAX_GAPS_LISTED`; ``gap_count`` counts all.
+        missing: messages that these gaps would have held.
+        jumps: steps of the clock: pauses of over an hour, and steps back (negative) of over a second, in recorded
+            order.
+        backwards, twins: messages with an earlier stamp than the one before, and with the same.
         stamp_convention, time_source, ring_count: of a LiDAR; None for a camera.
+        points: of a LiDAR: points of a usual sweep (the median).
+        partial: of a LiDAR: which of its ``first`` and ``last`` sweep hold clearly fewer.
+        empty: of a LiDAR: sweeps without a point.
         transcoded: of a camera: whether frames were encoded anew, and from what is in ``notes``.
         width, height: of a camera's first frame, pixels.
+        sizes: of a camera: how many frames have which size, the most frequent first.
+        overlap_s, overlap_share: of a camera: how long it ran together with the LiDAR, seconds, and as a share of the
+            LiDAR's time.
+        camera_info: of a camera: the intrinsics that its file states; see :class:`Sensor`.
         notes: sentences about how the sensor was read.
     """
 
@@ -59,13 +79,24 @@ class SensorManifest:
     rate_hz: float | None
     gaps: Sequence[Gap]
     gap_count: int
+    missing: int = 0
+    jumps: Sequence[Gap] = field(default_factory=list[Gap])
+    backwards: int = 0
+    twins: int = 0
     stamp_convention: StampConvention | None = None
     time_source: TimeSource | None = None
     ring_count: int | None = None
+    points: int | None = None
+    partial: Sequence[str] = field(default_factory=list[str])
+    empty: int = 0
     transcoded: bool | None = None
     width: int | None = None
     height: int | None = None
-    notes: Sequence[str] = ()
+    sizes: Sequence[ImageSize] = field(default_factory=list[ImageSize])
+    overlap_s: float | None = None
+    overlap_share: float | None = None
+    camera_info: Mapping[str, Any] | None = None
+    notes: Sequence[str] = field(default_factory=list[str])
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +106,19 @@ class Manifest:
     format: str
     sensors: Sequence[SensorManifest]
     warnings: Sequence[str]
+
+    def facts(self) -> dict[str, Any]:
+        """What is true of the recording as a whole; ``together_s`` is how long all its sensors ran."""
+        first = min(sensor.first_ns for sensor in self.sensors)
+        last = max(sensor.last_ns for sensor in self.sensors)
+        together = min(s.last_ns for s in self.sensors) - max(s.first_ns for s in self.sensors)
+        return {
+            "format": self.format,
+            "first_ns": first,
+            "last_ns": last,
+            "seconds": (last - first) / 1e9,
+            "together_s": max(0, together) / 1e9,
+        }
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for ``json.dumps``."""
@@ -91,8 +135,16 @@ class Manifest:
             for name in (sensor["file"], sensor["frames"]):
                 if Path(name).name != name:  # the data may come from a process that read a stranger's file
                     raise ValueError(f"{name!r} is no bare file name")
-        sensors = [replace(SensorManifest(**s), gaps=[Gap(**gap) for gap in s["gaps"]]) for s in data["sensors"]]
-        return cls(str(data["format"]), sensors, [str(w) for w in data["warnings"]])
+        return cls(str(data["format"]), [_sensor(s) for s in data["sensors"]], [str(w) for w in data["warnings"]])
+
+
+def _sensor(data: dict[str, Any]) -> SensorManifest:
+    return replace(
+        SensorManifest(**data),
+        gaps=[Gap(**gap) for gap in data["gaps"]],
+        jumps=[Gap(**jump) for jump in data["jumps"]],
+        sizes=[ImageSize(**size) for size in data["sizes"]],
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from workers.readers.camera_guess import Sizes
 from workers.readers.choose import CameraChoice, choose_sensors
 from workers.readers.detect import open_recording
-from workers.readers.manifest import FrameTable, Manifest, SensorManifest, SweepTable, write_table
+from workers.readers.manifest import FrameTable, ImageSize, Manifest, SensorManifest, SweepTable, write_table
 from workers.readers.mcap_files import CameraWriter, LidarWriter
+from workers.readers.progress import OnProgress, Pace
 from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
-from workers.readers.stamps import overlap, partial_sweeps, report_stamps
-
-# (messages done, messages in all where the format tells)
-OnProgress = Callable[[int, int | None], None]
+from workers.readers.stamps import overlap_warning, partial_ends, report_stamps, shared_time, sweep_warnings
 
 
 class _Lidar:
@@ -60,12 +60,19 @@ class _Lidar:
             rate_hz=report.rate_hz,
             gaps=report.gaps,
             gap_count=report.gap_count,
+            missing=report.missing,
+            jumps=report.jumps,
+            backwards=report.backwards,
+            twins=report.twins,
             stamp_convention=facts.stamp_convention,
             time_source=facts.time_source,
             ring_count=facts.ring_count,
+            points=int(np.median(points)),
+            partial=partial_ends(points),
+            empty=int(np.count_nonzero(points == 0)),
             notes=list(facts.notes),
         )
-        return manifest, [*report.warnings, *partial_sweeps(points, "lidar")]
+        return manifest, [*report.warnings, *sweep_warnings(points, "lidar")]
 
 
 class _Camera:
@@ -107,11 +114,10 @@ class _Camera:
             height=[self.heights[i] for i in order],
         )
         write_table(out_dir / f"camera-{self.name}.frames.json", table)
-        warnings = list(report.warnings)
-        sizes = sorted(set(zip(self.widths, self.heights, strict=True)))
-        if len(sizes) > 1:
-            listed = ", ".join(f"{w} x {h}" for w, h in sizes[:5])
-            warnings.append(f"{self.name}: frames differ in size ({listed}); one calibration fits one size only.")
+        sizes = [
+            ImageSize(*size, count)
+            for size, count in Counter(zip(self.widths, self.heights, strict=True)).most_common(100)
+        ]
         manifest = SensorManifest(
             kind="camera",
             name=self.name,
@@ -125,12 +131,33 @@ class _Camera:
             rate_hz=report.rate_hz,
             gaps=report.gaps,
             gap_count=report.gap_count,
+            missing=report.missing,
+            jumps=report.jumps,
+            backwards=report.backwards,
+            twins=report.twins,
             transcoded=self.transcoded > 0,
             width=table.width[0],
             height=table.height[0],
+            sizes=sizes,
+            camera_info=self.sensor.camera_info,
             notes=["Raw frames were encoded as PNG, without loss."] if self.transcoded else [],
         )
-        return manifest, warnings
+        return manifest, [*report.warnings, *_size_warnings(self.name, sizes, self.sensor)]
+
+
+def _size_warnings(name: str, sizes: list[ImageSize], sensor: Sensor) -> list[str]:
+    said: list[str] = []
+    if len(sizes) > 1:
+        listed = ", ".join(f"{size.width} x {size.height}" for size in sizes[:5])
+        said.append(f"{name}: frames differ in size ({listed}); one calibration fits one size only.")
+    info = sensor.camera_info or {}
+    stated = (info.get("width"), info.get("height"))
+    if all(stated) and stated != (sizes[0].width, sizes[0].height):
+        said.append(
+            f"{name}: its camera info is for {stated[0]} x {stated[1]} pixels, its frames have {sizes[0].width} x "
+            f"{sizes[0].height}; do not start from these intrinsics."
+        )
+    return said
 
 
 def _stamps(stamps: array[int], sensor: Sensor) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
@@ -149,6 +176,7 @@ def normalise(
     *,
     lidar: str | None = None,
     cameras: CameraChoice = None,
+    sizes: Sizes | None = None,
     options: ReadOptions | None = None,
     on_progress: OnProgress | None = None,
 ) -> Manifest:
@@ -159,9 +187,10 @@ def normalise(
         out_dir: made if it is not there; files of the same names are overwritten. After an error what was written
             is removed.
         lidar: topic of the LiDAR; None: the only one.
-        cameras: the rig's camera names with their topics; see :func:`workers.readers.choose.choose_sensors`.
+        cameras, sizes: the rig's camera names with their topics, and the size of their images; see
+            :func:`workers.readers.choose.choose_sensors`.
         options: what the owner knows and the file does not say.
-        on_progress: called after every message; what it raises ends the ingestion.
+        on_progress: called about five times a second; what it raises ends the ingestion.
 
     Raises:
         ReadError: the recording cannot be used; the code says why.
@@ -171,7 +200,8 @@ def normalise(
     recording = open_recording(path, options)
     written: list[Path] = []
     try:
-        return _normalise(recording, out, lidar, cameras, on_progress or (lambda done, total: None), written)
+        chosen = choose_sensors(recording, lidar, cameras, sizes)
+        return _normalise(recording, out, chosen, on_progress or (lambda progress: None), written)
     except BaseException:
         for file in written:
             file.unlink(missing_ok=True)
@@ -183,31 +213,37 @@ def normalise(
 def _normalise(
     recording: Recording,
     out: Path,
-    lidar: str | None,
-    cameras: CameraChoice,
+    chosen: dict[str, Sensor],
     on_progress: OnProgress,
     written: list[Path],
 ) -> Manifest:
-    chosen = choose_sensors(recording, lidar, cameras)
     facts = recording.lidar_facts(chosen["lidar"])
     sinks: dict[str, _Lidar | _Camera] = {}
-    total = _total(chosen)
+    pace = Pace(_total(chosen))
     try:
         for name, sensor in chosen.items():
             stem = "lidar" if name == "lidar" else f"camera-{name}"
             table = "sweeps" if name == "lidar" else "frames"
             written += [out / f"{stem}.mcap", out / f"{stem}.{table}.json"]
             sinks[sensor.name] = _Lidar(out, sensor, facts) if name == "lidar" else _Camera(out, name, sensor)
-        for done, (sensor, item) in enumerate(recording.messages(list(chosen.values())), start=1):
+        done = 0
+        for sensor, item in recording.messages(list(chosen.values())):
             sinks[sensor.name].add(item)
-            on_progress(done, total)
+            done += 1
+            if pace.due:
+                on_progress(pace.at(done, recording.share_read))
+        on_progress(pace.at(done, 1.0))
         finished = [sink.finish(out) for sink in sinks.values()]
     finally:
         for sink in sinks.values():
             sink.writer.abandon()
-    sensors = [manifest for manifest, _ in finished]
     warnings = [*recording.warnings, *(said for _, sentences in finished for said in sentences)]
-    warnings += overlap([(s.name, s.first_ns, s.last_ns) for s in sensors])
+    sensors = [manifest for manifest, _ in finished]
+    span = (sensors[0].first_ns, sensors[0].last_ns)
+    for number, camera in enumerate(sensors[1:], start=1):
+        seconds, share = shared_time(span, (camera.first_ns, camera.last_ns))
+        sensors[number] = replace(camera, overlap_s=seconds, overlap_share=share)
+        warnings += overlap_warning(camera.name, span, (camera.first_ns, camera.last_ns))
     return Manifest(recording.format, sensors, warnings)
 
 

@@ -13,6 +13,7 @@ from workers.readers.manifest import MAX_GAPS_LISTED, Gap
 
 _GAP_STEPS: Final = 1.75
 _JUMP_NS: Final = 3_600_000_000_000
+_JUMP_BACK_NS: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +26,10 @@ class StampReport:
     rate_hz: float | None
     gaps: Sequence[Gap]
     gap_count: int
+    missing: int
+    jumps: Sequence[Gap]
+    backwards: int
+    twins: int
     warnings: Sequence[str]
 
 
@@ -38,33 +43,24 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
     Returns:
         ``order`` sorts the stamps (stable).
     """
-    warnings: list[str] = []
     order = np.argsort(stamps_ns, kind="stable")
     ordered = stamps_ns[order]
     steps = np.diff(ordered)
     back = np.flatnonzero(np.diff(stamps_ns) < 0)
-    if len(back):
-        warnings.append(
-            f"{name}: stamps run backwards {len(back)} times, first after {stamps_ns[back[0]] / 1e9:.3f} s; "
-            "messages were ordered by stamp."
-        )
     twins = int(np.count_nonzero(steps == 0))
-    if twins:
-        warnings.append(f"{name}: {twins} messages have the same stamp as the one before.")
     median = float(np.median(steps)) if len(steps) else 0.0
     places = np.flatnonzero(steps > _GAP_STEPS * median) if median > 0 else np.zeros(0, np.int64)
     gaps = [Gap(int(ordered[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
-    jumps = [gap for gap in gaps if gap.duration_ns > _JUMP_NS]
-    if jumps:
+    usual = places[steps[places] <= _JUMP_NS]
+    missing = int(np.sum(np.rint(steps[usual] / median) - 1)) if len(usual) else 0
+    jumps = _jumps(stamps_ns)
+    warnings = [*_order_warnings(stamps_ns, back, twins, name), *(_jump_warning(jump, name) for jump in jumps[:1])]
+    if len(usual):
+        worst = int(usual[np.argmax(steps[usual])])
         warnings.append(
-            f"{name}: the clock jumps by {jumps[0].duration_ns / 1e9:.0f} s after {jumps[0].after_ns / 1e9:.3f} s; "
-            "a recording this long with nothing in between was probably not meant."
-        )
-    elif len(places):
-        worst = int(places[np.argmax(steps[places])])
-        warnings.append(
-            f"{name}: {len(places)} gaps, the longest of {steps[worst] / 1e9:.2f} s "
-            f"after {ordered[worst] / 1e9:.3f} s (usual step {median / 1e9:.3f} s)."
+            f"{name}: {len(usual)} gaps, the longest of {steps[worst] / 1e9:.2f} s "
+            f"after {ordered[worst] / 1e9:.3f} s (usual step {median / 1e9:.3f} s); "
+            f"about {missing} messages are missing."
         )
     return StampReport(
         order=order,
@@ -73,41 +69,96 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
         rate_hz=1e9 / median if median > 0 else None,
         gaps=gaps,
         gap_count=len(places),
+        missing=missing,
+        jumps=jumps,
+        backwards=len(back),
+        twins=twins,
         warnings=warnings,
     )
 
 
-def partial_sweeps(points: NDArray[np.int64], name: str) -> list[str]:
-    """Sentences about a first or last sweep that holds clearly fewer points than the others."""
+def _jumps(stamps_ns: NDArray[np.int64]) -> list[Gap]:
+    """Steps in recorded order that no pause explains: over an hour, or more than a second back."""
+    steps = np.diff(stamps_ns)
+    places = np.flatnonzero((steps > _JUMP_NS) | (steps < -_JUMP_BACK_NS))
+    return [Gap(int(stamps_ns[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
+
+
+def _order_warnings(stamps_ns: NDArray[np.int64], back: NDArray[np.int64], twins: int, name: str) -> list[str]:
+    said: list[str] = []
+    if len(back):
+        said.append(
+            f"{name}: stamps run backwards {len(back)} times, first after {stamps_ns[back[0]] / 1e9:.3f} s; "
+            "messages were ordered by stamp."
+        )
+    if twins:
+        said.append(f"{name}: {twins} messages have the same stamp as the one before.")
+    return said
+
+
+def _jump_warning(jump: Gap, name: str) -> str:
+    seconds = jump.duration_ns / 1e9
+    if seconds < 0:
+        return (
+            f"{name}: the clock was set back by {-seconds:.1f} s after {jump.after_ns / 1e9:.3f} s; messages from "
+            "before and after it are mixed where their stamps overlap. Leave that part out when marking."
+        )
+    return (
+        f"{name}: the clock jumps by {seconds:.0f} s after {jump.after_ns / 1e9:.3f} s; "
+        "a recording this long with nothing in between was probably not meant."
+    )
+
+
+def partial_ends(points: NDArray[np.int64]) -> list[str]:
+    """Which of the ``first`` and ``last`` sweep hold clearly fewer points than the others.
+
+    Args:
+        points: (N,) number of points of each sweep, in the order of the stamps.
+    """
     if len(points) < 4:
         return []
     usual = float(np.median(points))
-    ends = (("first", points[0]), ("last", points[-1]))
+    return [end for end, count in (("first", points[0]), ("last", points[-1])) if count < 0.8 * usual]
+
+
+def sweep_warnings(points: NDArray[np.int64], name: str) -> list[str]:
+    """Sentences about partial and empty sweeps."""
+    usual = float(np.median(points))
     said = [
-        f"{name}: the {which} sweep is partial ({count} points of about {usual:.0f})."
-        for which, count in ends
-        if count < 0.8 * usual
+        f"{name}: the {end} sweep is partial ({points[0 if end == 'first' else -1]} points of about {usual:.0f})."
+        for end in partial_ends(points)
     ]
     empty = int(np.count_nonzero(points == 0))
     return [*said, f"{name}: {empty} sweeps hold no point."] if empty else said
 
 
-def overlap(spans: Sequence[tuple[str, int, int]]) -> list[str]:
-    """Sentences about cameras whose time span does not meet the LiDAR's.
+def shared_time(lidar: tuple[int, int], camera: tuple[int, int]) -> tuple[float, float]:
+    """How long two sensors ran together: seconds, and as a share of the LiDAR's time (1 for a single sweep inside).
 
     Args:
-        spans: (name, first stamp, last stamp), the LiDAR first.
+        lidar, camera: first and last stamp, nanoseconds.
     """
-    if not spans:
-        return []
-    lidar, first, last = spans[0]
-    said: list[str] = []
-    for name, start, end in spans[1:]:
-        if start > last or end < first:
-            away = (start - last if start > last else first - end) / 1e9
-            said.append(
-                f"{lidar} and {name} share no time: {name} {'begins' if start > last else 'ends'} {away:.1f} s "
-                f"{'after the last' if start > last else 'before the first'} sweep. "
-                "Their clocks differ, or the files are of two recordings; no frame can be paired."
-            )
-    return said
+    shared = min(lidar[1], camera[1]) - max(lidar[0], camera[0])
+    if shared < 0:
+        return 0.0, 0.0
+    whole = lidar[1] - lidar[0]
+    return shared / 1e9, shared / whole if whole else 1.0
+
+
+def overlap_warning(name: str, lidar: tuple[int, int], camera: tuple[int, int]) -> list[str]:
+    """A sentence where a camera's time span does not meet the LiDAR's, or covers less than half of it."""
+    (first, last), (start, end) = lidar, camera
+    if start > last or end < first:
+        away = (start - last if start > last else first - end) / 1e9
+        return [
+            f"lidar and {name} share no time: {name} {'begins' if start > last else 'ends'} {away:.1f} s "
+            f"{'after the last' if start > last else 'before the first'} sweep. "
+            "Their clocks differ, or the files are of two recordings; no frame can be paired."
+        ]
+    seconds, share = shared_time(lidar, camera)
+    if share < 0.5:
+        return [
+            f"lidar and {name} share {seconds:.1f} s, {100 * share:.0f} % of the LiDAR's time; sweeps outside of it "
+            "have no frame."
+        ]
+    return []

@@ -92,3 +92,68 @@ def test_a_topic_that_is_not_there_or_is_of_another_kind():
 @pytest.mark.parametrize("name", ["", "../x", "a/b", "lidar", "a" * 65, "-x", "ä"])
 def test_camera_names_become_file_names(name):
     assert refused([lidar(), camera("/cam")], None, [name]).code == "camera_name_invalid"
+
+
+def seen(name, size=None, frame_id="", count=100):
+    notes = {} if size is None else {"width": str(size[0]), "height": str(size[1])}
+    return Sensor("camera", name, frame_id, count, notes)
+
+
+def guessed(topics, sizes):
+    listed = Listed([lidar(), *topics])
+    return {name: s.name for name, s in choose_sensors(listed, None, list(sizes), sizes).items() if name != "lidar"}
+
+
+def test_the_car_with_eleven_cameras():
+    places = ["front", "front_left", "front_right", "left", "right", "rear", "rear_left", "rear_right"]
+    topics = [seen(f"/camera_{place}/image_raw/compressed") for place in places]
+    topics += [seen(f"/camera_{place}/depth/image") for place in places]
+    narrow = [
+        seen("/tele/image_color"),
+        seen("/svs/FisheyeTop/image"),
+        seen("/x/image", frame_id="camera_trunk_optical"),
+    ]
+    sizes = dict.fromkeys([*places, "tele", "fisheye_top", "trunk"])
+    found = guessed([*topics, *narrow], sizes)
+    assert found.pop("trunk") == "/x/image" and found.pop("tele") == "/tele/image_color"
+    assert found.pop("fisheye_top") == "/svs/FisheyeTop/image"
+    assert found == {place: f"/camera_{place}/image_raw/compressed" for place in places}
+
+
+def test_images_of_another_size_are_another_camera():
+    topics = [seen("/a", (1920, 1208)), seen("/b", (640, 480)), seen("/c", (320, 240))]
+    assert guessed(topics, {"wide": (640, 480), "tele": (1920, 1208)}) == {"wide": "/b", "tele": "/a"}
+    assert guessed(topics, {"wide": (640, 480)}) == {"wide": "/b"}
+    assert guessed([seen("/a", (640, 480))], {"front": (1280, 720)}) == {
+        "front": "/a"
+    }  # the size gets reported later
+    with pytest.raises(ReadError, match="not clear"):
+        guessed(topics[:2], {"one": (100, 100), "two": (100, 100)})
+
+
+def test_what_is_computed_from_a_sensor_is_not_the_sensor():
+    clouds = [lidar("/velodyne_points"), lidar("/ground_filtered/points"), lidar("/points_map")]
+    assert chosen(clouds, cameras=[])["lidar"] == "/velodyne_points"
+    packets = Sensor("lidar", "/velodyne_packets", "velodyne", 5, {"fields": "x y z intensity ring time"})
+    assert chosen([lidar(), packets], cameras=[])["lidar"] == "/velodyne_packets"  # one sensor twice, once timed
+    topics = [camera("/c/image_rect_color"), camera("/c/image_raw"), camera("/c/image_color"), camera("/still", 1)]
+    assert chosen([lidar(), *(seen(t.name) for t in topics[:3]), topics[3]], cameras=["x"])["x"] == "/c/image_raw"
+    assert chosen([lidar(), camera("/depth")], cameras=["x"])["x"] == "/depth"
+
+
+def test_a_program_is_told_what_there_is_to_choose_from():
+    error = refused([lidar(), seen("/one", (8, 6), "left"), seen("/two")], cameras=["front", "up"])
+    assert error.fields["cameras"] == ["front", "up"]
+    one, two = error.fields["candidates"]
+    assert one == {"name": "/one", "kind": "camera", "count": 100, "frame_id": "left", "width": 8, "height": 6}
+    assert two["name"] == "/two" and "width" not in two
+    (cloud,) = refused([lidar()], "/nothing").fields["candidates"]
+    assert cloud["fields"] == "x y z intensity ring"
+    many = [seen(f"/{i}") for i in range(3000)]
+    error = refused([lidar(), *many], cameras=["front"])
+    assert len(error.fields["candidates"]) == 100 and len(error.message) < 5000
+
+
+def test_equal_names_are_counted():
+    names = chosen([lidar(), camera("/cam/a"), camera("/cam_a"), camera("/lidar")])
+    assert names == {"lidar": "/velodyne_points", "cam_a": "/cam/a", "cam_a_2": "/cam_a", "lidar_2": "/lidar"}

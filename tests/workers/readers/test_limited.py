@@ -59,8 +59,8 @@ def gone_within(pid, seconds):
 def test_a_manifest_comes_back_and_progress_with_it(small, tmp_path):
     seen = []
     request = {"cameras": {"front": "/camera/compressed"}, "options": {"point_times": "stamp_only"}}
-    manifest = ingest_limited(small, tmp_path / "out", request, on_progress=lambda *p: seen.append(p))
-    assert seen[-1] == (10, 10)
+    manifest = ingest_limited(small, tmp_path / "out", request, on_progress=seen.append)
+    assert (seen[-1].done, seen[-1].total, seen[-1].share) == (10, 10, 1.0)
     assert [s.name for s in manifest.sensors] == ["lidar", "front"]
     assert manifest.sensors[0].time_source == "stamp_only"
     with LidarFile(tmp_path / "out" / "lidar.mcap") as file:
@@ -74,6 +74,13 @@ def test_the_readers_own_errors_come_through(small, tmp_path):
         with pytest.raises(ReadError) as caught:
             ingest_limited(small, tmp_path / "out", {"options": options})
         assert caught.value.code == "request_invalid" and "point_times" in caught.value.hint
+
+
+def test_what_to_choose_from_comes_through(tmp_path):
+    path = write_bag(tmp_path / "two.bag", interleaved(clouds(2), images(2), images(2, "/other/compressed")))
+    error = failure(path, tmp_path / "out")
+    assert error.code == "ambiguous_cameras" and error.fields["cameras"] == ["front"]
+    assert [one["name"] for one in error.fields["candidates"]] == ["/camera/compressed", "/other/compressed"]
 
 
 def test_memory(tmp_path):
@@ -107,7 +114,7 @@ def test_what_progress_raises_stops_the_child(slow, tmp_path):
     others = set(children(os.getpid()))
     running = []
 
-    def cancel(done, total):
+    def cancel(progress):
         running.extend(set(children(os.getpid())) - others)
         raise CancelledError
 
@@ -122,7 +129,7 @@ def test_what_progress_raises_stops_the_child(slow, tmp_path):
 def test_a_child_that_dies_is_explained(slow, tmp_path, sent, code):
     others = set(children(os.getpid()))
 
-    def end_it(done, total):
+    def end_it(progress):
         for pid in set(children(os.getpid())) - others:
             os.kill(pid, sent)
 
@@ -168,8 +175,9 @@ def test_the_command_prints_json_lines(small, tmp_path):
     command = [sys.executable, "-m", "workers.readers", str(small), str(tmp_path / "out"), "--request"]
     done = subprocess.run([*command, '{"cameras": ["front"]}'], capture_output=True, text=True, cwd=ROOT, check=True)
     *progress, last = [json.loads(line) for line in done.stdout.splitlines()]
-    assert progress[-1] == {"progress": {"done": 10, "total": 10}}
+    assert progress[-1] == {"progress": {"done": 10, "total": 10, "share": 1.0, "seconds_left": None}}
     assert last["manifest"]["sensors"][1]["name"] == "front"
     failed = subprocess.run([*command, '{"lidar": "/no"}'], capture_output=True, text=True, cwd=ROOT, check=False)
     assert failed.returncode == 1
-    assert json.loads(failed.stdout.splitlines()[-1])["error"]["code"] == "topic_not_found"
+    error = json.loads(failed.stdout.splitlines()[-1])["error"]
+    assert error["code"] == "topic_not_found" and error["fields"]["candidates"][0]["name"] == "/points"

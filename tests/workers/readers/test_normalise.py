@@ -20,7 +20,7 @@ from making_recordings import (
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from workers.readers.manifest import FrameTable, Manifest, SweepTable, read_table
+from workers.readers.manifest import FrameTable, ImageSize, Manifest, SweepTable, read_table
 from workers.readers.normalise import normalise
 from workers.readers.normalised import LidarFile
 from workers.readers.recording import ReadError, ReadOptions
@@ -39,8 +39,9 @@ def test_a_bag_becomes_one_file_per_sensor(tmp_path):
     path = write_bag(tmp_path / "a.bag", interleaved(clouds(5), images(5)))
     seen = []
     out = tmp_path / "out"
-    manifest = normalise(path, out, cameras=["front"], on_progress=lambda done, total: seen.append((done, total)))
-    assert seen == [(i, 10) for i in range(1, 11)]
+    manifest = normalise(path, out, cameras=["front"], on_progress=seen.append)
+    assert (seen[-1].done, seen[-1].total, seen[-1].share) == (10, 10, 1.0)
+    assert seen[-1].sentence() == "100 % normalised"
     assert Manifest.from_json(json.loads(json.dumps(manifest.to_json()))).to_json() == manifest.to_json()
     lidar, camera = manifest.sensors
     assert (manifest.format, manifest.warnings) == ("rosbag1", [])
@@ -52,6 +53,15 @@ def test_a_bag_becomes_one_file_per_sensor(tmp_path):
         "start",
     )
     assert (lidar.first_ns, lidar.last_ns) == (START_NS, START_NS + 4 * PERIOD_NS)
+    assert (lidar.points, lidar.partial, lidar.empty, lidar.overlap_s) == (1440, [], 0, None)
+    assert manifest.facts() == {
+        "format": "rosbag1",
+        "first_ns": START_NS,
+        "last_ns": START_NS + 412_000_000,
+        "seconds": 0.412,
+        "together_s": 0.388,
+    }
+    assert (camera.overlap_s, camera.overlap_share, camera.sizes) == (0.388, 0.97, [ImageSize(8, 6, 5)])
     assert (camera.name, camera.topic, camera.width, camera.height) == ("front", "/camera/compressed", 8, 6)
     assert camera.transcoded is False and camera.first_ns == START_NS + 12_000_000
     table, frames = frames_of(out, camera)
@@ -114,7 +124,7 @@ def test_after_an_error_nothing_is_left(tmp_path, messages, code):
 
 
 def test_progress_may_stop_it(tmp_path):
-    def stop(done, total):
+    def stop(progress):
         raise KeyboardInterrupt
 
     path = write_bag(tmp_path / "a.bag", interleaved(clouds(3), images(3)))
@@ -130,6 +140,7 @@ def test_sensors_of_different_times_and_frames_of_different_sizes_are_said(tmp_p
     ]
     manifest = normalise(write_bag(tmp_path / "a.bag", interleaved(clouds(3), cam)), tmp_path / "out")
     assert any("share no time" in w for w in manifest.warnings)
+    assert manifest.sensors[1].overlap_s == 0.0 and manifest.facts()["together_s"] == 0.0
     assert any("8 x 6, 9 x 6" in w for w in manifest.warnings)
 
 

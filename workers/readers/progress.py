@@ -1,0 +1,81 @@
+"""How far an ingestion is, and how long it may still take."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+_EVERY_S: Final = 0.2
+_SETTLED_S: Final = 2.0
+_SETTLED_SHARE: Final = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """A moment of an ingestion.
+
+    Attributes:
+        done: messages read.
+        total: messages in all, where the format tells.
+        share: of the work, 0 to 1, by messages or else by bytes; None where neither is known.
+        seconds_left: at the pace so far; None in the first seconds.
+    """
+
+    done: int
+    total: int | None
+    share: float | None
+    seconds_left: float | None
+
+    def sentence(self) -> str:
+        """For people, for example ``42 % normalised, about 3 min left``."""
+        if self.share is None:
+            return f"{self.done} messages normalised"
+        return f"{100 * self.share:.0f} % normalised{_left(self.seconds_left)}"
+
+
+OnProgress = Callable[[Progress], None]
+
+
+class Pace:
+    """Turns counts into :class:`Progress` while time passes."""
+
+    def __init__(self, total: int | None) -> None:
+        self._total = total
+        self._started = time.monotonic()
+        self._next = self._started
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time to tell again."""
+        now = time.monotonic()
+        if now < self._next:
+            return False
+        self._next = now + _EVERY_S
+        return True
+
+    def at(self, done: int, share_read: float | None) -> Progress:
+        """The progress after ``done`` messages.
+
+        Args:
+            done: messages read.
+            share_read: of the file's bytes, where counts do not tell.
+        """
+        share = min(1.0, done / self._total) if self._total else share_read
+        spent = time.monotonic() - self._started
+        settled = share is not None and share > _SETTLED_SHARE and spent > _SETTLED_S
+        left = spent * (1.0 - share) / share if share is not None and settled else None
+        return Progress(done, self._total, share, left)
+
+
+def _left(seconds: float | None) -> str:
+    if seconds is None:
+        return ""
+    if seconds < 10:
+        return ", a few seconds left"
+    if seconds < 90:
+        return f", about {10 * round(seconds / 10)} s left"
+    if seconds < 5400:
+        return f", about {round(seconds / 60)} min left"
+    return f", about {seconds / 3600:.1f} h left"

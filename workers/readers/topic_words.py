@@ -1,0 +1,65 @@
+"""What the names of topics tell: words, derived products, and twins of one sensor."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+from workers.readers.recording import Sensor
+
+# Words of topics that hold something computed from a sensor's data instead of the data.
+_DERIVED: Final = frozenset(
+    (
+        *("annotated", "clusters", "cropped", "debug", "depth", "deskewed", "detections", "disparity", "downsampled"),
+        *("filtered", "ground", "map", "mask", "masks", "nonground", "objects", "obstacle", "obstacles", "overlay"),
+        *("preview", "registered", "segmentation", "segmented", "theora", "thumbnail", "visualization"),
+    )
+)
+# Of one camera's topics the one without corrections comes first: the lens is to be fitted, not its correction.
+_IMAGE_ORDER: Final = ("image_raw", "image", "image_color", "image_mono", "image_rect_color", "image_rect")
+_FILLERS: Final = frozenset({"cam", "camera", "image", "images", "raw", "color", "compressed", "data", "sensor"})
+
+
+def slug(topic: str) -> str:
+    """A topic or path as a name of lower-case words joined by ``_``, at most 64 characters."""
+    words = [w for w in re.split(r"[^A-Za-z0-9]+", topic.removesuffix("/compressed")) if w]
+    return "_".join(words).lower()[:64] or "camera"
+
+
+def words(text: str) -> frozenset[str]:
+    """The lower-case words of a name; ``FrontLeft`` and ``front_left`` are two words each."""
+    parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", text)
+    return frozenset(part.lower().lstrip("0") or "0" for part in parts)
+
+
+def telling(text: str) -> frozenset[str]:
+    """The words of a name that tell one camera from another; all of them where none does."""
+    return (words(text) - _FILLERS) or words(text)
+
+
+def primary(topics: Sequence[Sensor]) -> list[Sensor]:
+    """The topics less what is derived from others: depth, overlays, rectified twins, raw forms of compressed ones.
+
+    Where nothing but such topics is there, they stay.
+    """
+    names = {topic.name for topic in topics}
+    kept = [topic for topic in topics if f"{topic.name}/compressed" not in names]
+    kept = [topic for topic in kept if _DERIVED.isdisjoint(words(topic.name))] or kept
+    most = max((topic.count or 0 for topic in kept), default=0)
+    kept = [topic for topic in kept if topic.count is None or topic.count * 20 >= most]
+    by_parent: dict[str, list[Sensor]] = {}
+    for topic in kept:
+        by_parent.setdefault(_split(topic)[0], []).append(topic)
+    return [topic for topic in kept if topic is _best(by_parent[_split(topic)[0]], topic)]
+
+
+def _split(topic: Sensor) -> tuple[str, str]:
+    """Namespace and last word of an image topic; a topic that is no such is its own namespace."""
+    parent, _, last = topic.name.removesuffix("/compressed").rpartition("/")
+    return (parent, last) if last in _IMAGE_ORDER else (topic.name, "")
+
+
+def _best(twins: Sequence[Sensor], otherwise: Sensor) -> Sensor:
+    ranked = sorted((_IMAGE_ORDER.index(last), i) for i, t in enumerate(twins) if (last := _split(t)[1]))
+    return twins[ranked[0][1]] if ranked else otherwise
