@@ -44,8 +44,9 @@ def _header(stamp_ns: int, frame_id: str) -> bytearray:
     return buffer
 
 
-def encode_points(sweep: Sweep, frame_id: str) -> bytes:
-    """A sweep as ``sensor_msgs/msg/PointCloud2``, its points laid out as :data:`POINT_DTYPE`.
+def encode_points(sweep: Sweep, frame_id: str) -> tuple[bytes, memoryview, bytes]:
+    """A sweep as ``sensor_msgs/msg/PointCloud2`` in three parts: what stands before its points, these laid out as
+    :data:`POINT_DTYPE`, and what follows.
 
     Raises:
         OverflowError: a point lies more than 2.1 s from its sweep's stamp.
@@ -66,9 +67,7 @@ def encode_points(sweep: Sweep, frame_id: str) -> bytes:
         _aligned(buffer).extend(struct.pack("<IB3xI", offset, datatype, 1))
     size = n * POINT_DTYPE.itemsize
     buffer.extend(struct.pack("<B3xIII", 0, POINT_DTYPE.itemsize, size, size))
-    buffer.extend(points.tobytes())
-    buffer.append(1)  # is_dense: points without a return have been dropped
-    return bytes(buffer)
+    return bytes(buffer), points.view(np.uint8).data, b"\x01"  # is_dense: points without a return were dropped
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +89,7 @@ class PointLayout:
         frame_id = bytes(message[16 : 16 + length - 1]).decode()
         none = np.zeros(0, np.float32)
         empty = Sweep(0, none.reshape(0, 3), none, none.astype(np.uint16), none.astype(np.int64))
-        template = encode_points(empty, frame_id)
+        template = b"".join(encode_points(empty, frame_id))
         width_at = len(_aligned(_header(0, frame_id))) + 4
         data_at = len(template) - 1
         # Between width and the sizes at the end stand the fields; they must be ours byte for byte.
@@ -119,9 +118,11 @@ class PointLayout:
         )
 
 
-def encode_image(stamp_ns: int, frame_id: str, media_type: str, data: bytes) -> bytes:
-    """A frame as ``sensor_msgs/msg/CompressedImage``; ``data`` is the tail of the message, byte for byte."""
+def encode_image(stamp_ns: int, frame_id: str, media_type: str, size: int) -> bytes:
+    """What stands before the ``size`` bytes of an encoded image in ``sensor_msgs/msg/CompressedImage``; these follow
+    byte for byte and end the message.
+    """
     buffer = _header(stamp_ns, frame_id)
     _string(buffer, media_type.removeprefix("image/"))
-    _aligned(buffer).extend(struct.pack("<I", len(data)))
-    return bytes(buffer) + data
+    _aligned(buffer).extend(struct.pack("<I", size))
+    return bytes(buffer)

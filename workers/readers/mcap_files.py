@@ -9,14 +9,16 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from mcap.reader import SeekingReader
-from mcap.writer import CompressionType, Writer
 
 from workers.readers.cdr import IMAGE_SCHEMA, POINT_CLOUD_SCHEMA, encode_image, encode_points
+from workers.readers.channel_file import ChannelFile
 from workers.readers.normalised import METADATA_NAME
 from workers.readers.recording import Frame, ReadError, Sweep
 from workers.readers.ros2_definitions import COMPRESSED_IMAGE, POINT_CLOUD2
 
-CHUNK_BYTES: Final = 1 << 20
+# Of 18,701 points of a VLP-16 (449 kB): level 3 takes 2.0 ms and leaves 63 %, level 1 takes 1.2 ms and leaves 65 %,
+# level -1 takes 0.95 ms and leaves 69 %, and unpacks in half the time of the others (0.24 ms).
+_LEVEL: Final = -1
 _CHUNK_HEAD: Final = 1 + 8 + 8 + 8 + 8 + 4 + 4 + 8  # as in the MCAP specification, compression name empty
 _MESSAGE_HEAD: Final = 1 + 8 + 2 + 4 + 8 + 8
 
@@ -35,37 +37,11 @@ def check_stamp(stamp_ns: int, topic: str) -> None:
         )
 
 
-class _SensorFile:
-    """An MCAP file with one channel."""
-
-    def __init__(self, path: Path, topic: str, schema: tuple[str, str], compression: CompressionType) -> None:
-        self.path = path
-        self._file: BinaryIO = path.open("wb")
-        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=compression)
-        self._writer.start(profile="ros2", library="apexcal")
-        schema_id = self._writer.register_schema(schema[0], "ros2msg", schema[1].encode())
-        self._channel = self._writer.register_channel(topic, "cdr", schema_id)
-        self.count = 0
-
-    def _add(self, stamp_ns: int, message: bytes) -> None:
-        self._writer.add_message(self._channel, stamp_ns, message, stamp_ns, self.count & 0xFFFFFFFF)
-        self.count += 1
-
-    def _finish(self, facts: dict[str, str]) -> None:
-        self._writer.add_metadata(METADATA_NAME, facts)
-        self._writer.finish()
-        self._file.close()
-
-    def abandon(self) -> None:
-        """Close without finishing; what is on disk is of no use."""
-        self._file.close()
-
-
-class LidarWriter(_SensorFile):
+class LidarWriter:
     """Writes ``lidar.mcap``: ``sensor_msgs/msg/PointCloud2`` in zstd chunks, read by :class:`LidarFile`."""
 
     def __init__(self, path: Path, topic: str, frame_id: str) -> None:
-        super().__init__(path, topic, (POINT_CLOUD_SCHEMA, POINT_CLOUD2), CompressionType.ZSTD)
+        self._file = ChannelFile(path, topic, (POINT_CLOUD_SCHEMA, POINT_CLOUD2), _LEVEL)
         self.topic = topic
         self.frame_id = frame_id
 
@@ -77,11 +53,12 @@ class LidarWriter(_SensorFile):
             OverflowError: a point lies more than 2.1 s from its sweep's stamp.
         """
         check_stamp(sweep.stamp_ns, self.topic)
-        self._add(sweep.stamp_ns, encode_points(sweep, self.frame_id))
+        self._file.add(sweep.stamp_ns, *encode_points(sweep, self.frame_id))
 
     def finish(self, *, time_source: str, stamp_convention: str, ring_count: int, sweep_ns: int) -> None:
         """Write index and facts, and close."""
-        self._finish(
+        self._file.finish(
+            METADATA_NAME,
             {
                 "topic": self.topic,
                 "frame_id": self.frame_id,
@@ -89,17 +66,22 @@ class LidarWriter(_SensorFile):
                 "stamp_convention": stamp_convention,
                 "ring_count": str(ring_count),
                 "sweep_ns": str(sweep_ns),
-            }
+            },
         )
 
+    def abandon(self) -> None:
+        """Close without finishing; what is on disk is of no use."""
+        self._file.abandon()
 
-class CameraWriter(_SensorFile):
+
+class CameraWriter:
     """Writes ``camera-<name>.mcap``: ``sensor_msgs/msg/CompressedImage``, uncompressed, so that each frame is a
     byte range of the file.
     """
 
     def __init__(self, path: Path, topic: str, frame_id: str) -> None:
-        super().__init__(path, topic, (IMAGE_SCHEMA, COMPRESSED_IMAGE), CompressionType.NONE)
+        self.path = path
+        self._file = ChannelFile(path, topic, (IMAGE_SCHEMA, COMPRESSED_IMAGE), None)
         self.topic = topic
         self.frame_id = frame_id
         self.lengths = array("q")
@@ -112,7 +94,8 @@ class CameraWriter(_SensorFile):
             ReadError: ``stamp_out_of_range``.
         """
         check_stamp(frame.stamp_ns, self.topic)
-        self._add(frame.stamp_ns, encode_image(frame.stamp_ns, self.frame_id, frame.media_type, frame.data))
+        head = encode_image(frame.stamp_ns, self.frame_id, frame.media_type, len(frame.data))
+        self._file.add(frame.stamp_ns, head, frame.data)
         self.lengths.append(len(frame.data))
         self._checksums.append(zlib.crc32(frame.data))
 
@@ -124,7 +107,7 @@ class CameraWriter(_SensorFile):
         Raises:
             ReadError: ``write_verification_failed``.
         """
-        self._finish({"topic": self.topic, "frame_id": self.frame_id})
+        self._file.finish(METADATA_NAME, {"topic": self.topic, "frame_id": self.frame_id})
         offsets = array("q")
         with self.path.open("rb") as file:
             for start, length in self._messages(file):
@@ -133,9 +116,13 @@ class CameraWriter(_SensorFile):
                 file.seek(offsets[number])
                 if zlib.crc32(file.read(self.lengths[number])) != self._checksums[number]:
                     raise _unverified(self.path, f"frame {number} is not where the index says")
-        if len(offsets) != self.count:
-            raise _unverified(self.path, f"it holds {len(offsets)} of {self.count} frames")
+        if len(offsets) != self._file.count:
+            raise _unverified(self.path, f"it holds {len(offsets)} of {self._file.count} frames")
         return offsets
+
+    def abandon(self) -> None:
+        """Close without finishing; what is on disk is of no use."""
+        self._file.abandon()
 
     def _messages(self, file: BinaryIO) -> list[tuple[int, int]]:
         """(start, length) of the body of every message in the file, in the order added."""

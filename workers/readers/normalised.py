@@ -97,6 +97,7 @@ class LidarFile:
         self._places: NDArray[np.int64] = np.concatenate([none, *places])[order]
         self._chunk_of: NDArray[np.int64] = np.concatenate([none, *chunk_of])[order]
         self._open_chunk = (-1, b"")
+        self._decompressor = zstandard.ZstdDecompressor()
         self._layout: PointLayout | None = None
 
     def _message_index(self, chunk: ChunkIndex) -> NDArray[np.int64]:
@@ -144,7 +145,7 @@ class LidarFile:
             if len(data) != chunk.compressed_size:
                 raise _broken(self.path, f"it ends inside the chunk at byte {chunk.chunk_start_offset}")
             if chunk.compression == "zstd":
-                data = zstandard.ZstdDecompressor().decompress(data, max_output_size=chunk.uncompressed_size)
+                data = self._decompressor.decompress(data, max_output_size=chunk.uncompressed_size)
             self._open_chunk = (number, data)
         return self._open_chunk[1]
 
