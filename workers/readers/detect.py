@@ -38,7 +38,7 @@ def _starts(*magics: bytes) -> Callable[[bytes], bool]:
     return lambda head: head.startswith(magics)
 
 
-def _is_tar(head: bytes) -> bool:
+def is_tar(head: bytes) -> bool:
     """A header with tar's magic, or of an old tar, whose checksum is all there is to tell it by."""
     if head[257:262] == b"ustar":
         return True
@@ -49,12 +49,28 @@ def _is_tar(head: bytes) -> bool:
     return bool(stated) and all(c in b"01234567" for c in stated) and int(stated, 8) == expected
 
 
+def _is_archive(head: bytes) -> bool:
+    """A zip, a tar, or something compressed: gzip, bzip2, xz, zstd."""
+    packed = (b"PK\x03\x04", b"PK\x05\x06", b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0", b"\x28\xb5\x2f\xfd")
+    return head.startswith(packed) or is_tar(head)
+
+
+def _is_video(head: bytes) -> bool:
+    """An ISO base media file (MP4, MOV), AVI, or Matroska."""
+    return head[4:8] == b"ftyp" or (head[:4] == b"RIFF" and head[8:12] == b"AVI ") or head[:4] == b"\x1aE\xdf\xa3"
+
+
 # A format of one file is one module with one class, and one line here.
 FILES: Final[tuple[Format, ...]] = (
     Format("a ROS 1 bag", "workers.readers.rosbag1", "Rosbag1Recording", _starts(b"#ROSBAG V2.0\n")),
+    Format(
+        *("a packet capture", "workers.readers.pcap", "PcapRecording"),
+        _starts(b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\n\r\r\n"),
+    ),
+    Format("a video", "workers.readers.video", "VideoRecording", _is_video),
 )
 # Folders and archives hold files of these formats, or clouds and images.
-TREE: Final = Format("a folder or an archive", "workers.readers.folder", "FolderRecording", _is_tar)
+TREE: Final = Format("a folder or an archive", "workers.readers.folder", "FolderRecording", _is_archive)
 
 _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
     (b"#ROSBAG V1", "a ROS bag of version 1.x", "Convert it with `rosbag fix` or `rosbag migrate` to version 2.0."),
@@ -63,22 +79,6 @@ _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
         b"SQLite format 3\0",
         "an SQLite file, perhaps a ROS 2 bag",
         "Convert it with `rosbags-convert` to a ROS 1 bag.",
-    ),
-    (
-        b"PK\x03\x04",
-        "a zip archive",
-        "Unpack it, and upload the bag, or a folder or `tar cf` of PCD files and images.",
-    ),
-    (b"\x1f\x8b", "a gzip archive", "Unpack it, and upload what is inside; pack folders with `tar cf`, without -z."),
-    (b"BZh", "a bzip2 archive", "Unpack it, and upload what is inside; pack folders with `tar cf`, without -j."),
-    (b"\xfd7zXZ", "an xz archive", "Unpack it, and upload what is inside; pack folders with `tar cf`, without -J."),
-    (b"\x28\xb5\x2f\xfd", "a zstd archive", "Unpack it, and upload what is inside."),
-    (b"\xd4\xc3\xb2\xa1", "a packet capture", "Packet captures are not read yet; record the point cloud topic."),
-    (b"\xa1\xb2\xc3\xd4", "a packet capture", "Packet captures are not read yet; record the point cloud topic."),
-    (
-        b"\x0a\x0d\x0d\x0a",
-        "a packet capture (pcapng)",
-        "Packet captures are not read yet; record the point cloud topic.",
     ),
 )
 

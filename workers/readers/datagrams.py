@@ -1,0 +1,115 @@
+"""UDP datagrams out of captured frames: VLAN tags, other link layers, fragments."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Final
+
+_ETHERNET: Final = 1
+# link type: (where the EtherType stands, where the network layer begins)
+_LINKS: Final = {_ETHERNET: (12, 14), 113: (14, 16), 276: (0, 20)}
+_RAW_LINKS: Final = frozenset({12, 14, 101, 228, 229})
+_LOOPBACK_LINKS: Final = frozenset({0, 108})
+KNOWN_LINKS: Final = frozenset(_LINKS) | _RAW_LINKS | _LOOPBACK_LINKS
+_TAGS: Final = frozenset({0x8100, 0x88A8, 0x9100})
+_UDP: Final = 17
+_WAITING: Final = 64
+_LONGEST: Final = 65_535
+
+# (address of the sender, its port, port of the receiver, payload); the address as the 4 or 16 bytes of IP
+Datagram = tuple[bytes, int, int, bytes]
+
+
+def endpoint(sender: bytes, port: int) -> str:
+    """A sender and the port it sends to, as people write them."""
+    if len(sender) == 4:
+        return f"{'.'.join(str(byte) for byte in sender)}:{port}"
+    words = (sender[i : i + 2].hex().lstrip("0") or "0" for i in range(0, 16, 2))
+    return f"[{':'.join(words)}]:{port}"
+
+
+class Datagrams:
+    """Takes captured frames and gives the UDP datagrams in them; puts fragments together.
+
+    Attributes:
+        fragments: pieces that never found the rest.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: OrderedDict[bytes, dict[int, bytes]] = OrderedDict()
+        self.fragments = 0
+
+    def take(self, link: int, frame: bytes) -> Datagram | None:
+        """The datagram that this frame holds or completes."""
+        if link == _ETHERNET and frame[12:15] == b"\x08\x00\x45":
+            place = 14
+        else:
+            found = _network(link, frame)
+            if found is None:
+                return None
+            place = found
+        if len(frame) < place + 28:
+            return None
+        version = frame[place] >> 4
+        if version == 4:
+            return self._ipv4(frame, place)
+        if version == 6 and frame[place + 6] == _UDP and len(frame) >= place + 48:
+            return _udp(frame[place + 8 : place + 24], frame[place + 40 :])
+        return None
+
+    def _ipv4(self, frame: bytes, place: int) -> Datagram | None:
+        if frame[place + 9] != _UDP:
+            return None
+        start = place + 4 * (frame[place] & 15)
+        stop = place + int.from_bytes(frame[place + 2 : place + 4], "big")
+        sender = frame[place + 12 : place + 16]
+        piece = int.from_bytes(frame[place + 6 : place + 8], "big") & 0x3FFF
+        if stop <= start:  # a card that segments by itself leaves the length at 0
+            stop = len(frame)
+        if not piece:
+            return _udp(sender, frame[start:stop])
+        key = frame[place + 4 : place + 6] + frame[place + 12 : place + 20]
+        whole = self._join(key, piece, frame[start:stop])
+        return None if whole is None else _udp(sender, whole)
+
+    def _join(self, key: bytes, piece: int, data: bytes) -> bytes | None:
+        """Keep a fragment until its datagram is whole; ``piece`` is IP's more-fragments bit and offset / 8."""
+        pieces = self._waiting.setdefault(key, {})
+        pieces[piece] = data
+        whole = bytearray()
+        for flags in sorted(pieces, key=lambda p: p & 0x1FFF):
+            if (flags & 0x1FFF) * 8 != len(whole) or len(whole) > _LONGEST:
+                break
+            whole += pieces[flags]
+            if not flags & 0x2000:
+                del self._waiting[key]
+                return bytes(whole)
+        if len(self._waiting) > _WAITING:
+            self.fragments += len(self._waiting.popitem(last=False)[1])
+        return None
+
+
+def _network(link: int, frame: bytes) -> int | None:
+    """Where the IP header begins, None where there is none."""
+    if link in _RAW_LINKS:
+        return 0
+    if link in _LOOPBACK_LINKS:
+        return 4
+    if link not in _LINKS:
+        return None
+    at, place = _LINKS[link]
+    kind = int.from_bytes(frame[at : at + 2], "big")
+    for _ in range(3):
+        if kind not in _TAGS:
+            break
+        kind = int.from_bytes(frame[place + 2 : place + 4], "big")
+        place += 4
+    return place if kind in (0x0800, 0x86DD) else None
+
+
+def _udp(sender: bytes, segment: bytes) -> Datagram | None:
+    if len(segment) < 8:
+        return None
+    length = int.from_bytes(segment[4:6], "big")
+    payload = segment[8:length] if length > 8 else segment[8:]
+    return sender, int.from_bytes(segment[0:2], "big"), int.from_bytes(segment[2:4], "big"), payload
