@@ -13,7 +13,8 @@ from typer.core import TyperCommand, TyperGroup
 
 OK, FAILED, USAGE, UNREACHABLE = 0, 1, 2, 3
 
-# Name -> what `apexcal --help` says of it. The module is apexcal.commands.<name>, its function has the same name.
+# Name -> what `apexcal --help` says of it. The module is apexcal.commands.<name>, its function has the same name;
+# hyphens become underscores there.
 COMMANDS = {
     "serve": "Start the whole service on this machine.",
     "worker": "Start a worker of a fleet on this host.",
@@ -22,7 +23,10 @@ COMMANDS = {
     "token": "Make an API token for a program.",
     "rig": "Describe a vehicle's LiDAR and cameras to the service.",
     "upload": "Upload a recording and wait until it is ready.",
+    "reread": "Read a failed recording again, with what was not known of it.",
+    "suggest": "Suggest a region of interest from what moves.",
     "detect": "Find the board's vertices in a recording.",
+    "clock-offset": "Estimate how far the camera's clock is from the LiDAR's.",
     "calibrate": "Calibrate a camera from marks or from a file of pairs.",
     "export": "Write a camera's current calibration, or one result.",
 }
@@ -41,9 +45,10 @@ class _Commands(TyperGroup):
         name, found, rest = super().resolve_command(ctx, args)
         if found is None or found.name not in COMMANDS:
             return name, found, rest
-        module = importlib.import_module(f"apexcal.commands.{found.name}")
+        word = found.name.replace("-", "_")
+        module = importlib.import_module(f"apexcal.commands.{word}")
         lone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-        lone.command(found.name)(getattr(module, found.name))
+        lone.command(found.name)(getattr(module, word))
         return name, typer.main.get_command(lone), rest
 
 

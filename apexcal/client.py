@@ -81,7 +81,7 @@ class Client:
     def wait(
         self, work: Document, *, on_progress: Listener | None = None, timeout_s: float | None = None
     ) -> Document:
-        """Follow a recording, preview, detection, calibration or job to its end, and return it as it is then.
+        """Follow a recording, study, detection, calibration or job to its end, and return it as it is then.
 
         ``on_progress(fraction, message)`` hears of every change. Raises :class:`FailedError` where the work failed
         or was cancelled, :class:`TooSlowError` after ``timeout_s`` seconds (the work goes on).
@@ -126,8 +126,18 @@ def progress_of(work: Document) -> tuple[float, str]:
     if state in _ENDED_WELL:
         return 1.0, state
     job = work.get("job")
-    progress: Any = work.get("progress") or (job.get("progress") if isinstance(job, dict) else None) or {}
-    return float(progress.get("fraction") or 0.0), str(progress.get("message") or state)
+    known: Document = job if isinstance(job, dict) else {}
+    progress: Any = work.get("progress") or known.get("progress") or {}
+    left = work.get("seconds_left") or known.get("seconds_left")
+    message = str(progress.get("message") or state)
+    return float(progress.get("fraction") or 0.0), f"{message}, {time_left(left)}" if left else message
+
+
+def time_left(seconds: float) -> str:
+    """About how long something still takes, in words: ``about 3 min left``."""
+    if seconds < 90:
+        return f"about {max(5 * round(seconds / 5), 5)} s left"
+    return f"about {round(seconds / 60)} min left" if seconds < 5400 else f"about {seconds / 3600:.1f} h left"
 
 
 def _address(work: Document) -> tuple[str, str]:
@@ -140,6 +150,10 @@ def _address(work: Document) -> tuple[str, str]:
         return at("detections", work["id"]), "the detection"
     if "attempt" in work:
         return at("jobs", work["id"]), f"job {work['id']} ({work.get('kind', 'of unknown kind')})"
-    if "region" in work or "result" in work:
+    if "detection_id" in work:
+        return at("clock-offsets", work["id"]), "the clock offset"
+    if "region" in work:
         return at("region-previews", work["id"]), "the region preview"
+    if "result" in work:
+        return at("region-suggestions", work["id"]), "the region suggestion"
     raise ValueError(f"nothing to wait for: {sorted(work)}")

@@ -12,6 +12,7 @@ from apexcal.errors import ClientError
 from apexcal.transport import Document
 
 QUANTITIES = ("x", "y", "z", "range", "azimuth_deg", "elevation_deg")
+_BEGINNINGS = {"and", "or", "not", "quantity", "box", "polygon"}
 _NAME = "|".join(QUANTITIES)
 _INEQUALITY = re.compile(
     rf"\s*(?P<quantity>{_NAME})\s*(?:/\s*(?P<by>{_NAME}))?\s*(?P<op><=|>=|<|>)\s*(?P<value>[-+]?[0-9.]+(?:e[-+]?\d+)?)\s*",
@@ -33,10 +34,10 @@ def read_region(path: Path) -> Document:
     document = read_document(path)
     if not isinstance(document, dict):
         raise ClientError(f"{path} holds no region", 'A region looks like {"quantity": "x", "op": ">", "value": 0}.')
-    if not {"and", "or", "quantity"} & set(document):
+    if not _BEGINNINGS & set(document):
         raise ClientError(
             f"{path} is no region",
-            'A region begins with "and", "or" or "quantity"; `apexcal simulate` writes one as region.json.',
+            'A region begins with "and", "or", "not", "quantity", "box" or "polygon"; `apexcal suggest` writes one.',
         )
     return document
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,10 +26,14 @@ def detect(
     recording: Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")],
     keep: Annotated[list[str] | None, typer.Option(help=_KEEP)] = None,
     region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
-    detector: Annotated[str, typer.Option(help="strict or tolerant.")] = "tolerant",
+    detector: Annotated[str, typer.Option(help="refined, tolerant or strict.")] = "tolerant",
+    board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91 (refined).")] = "",
     option: Annotated[list[str] | None, typer.Option(help="The detector's NAME=VALUE; several times.")] = None,
     offset_ms: Annotated[float, typer.Option(help="Added to a vertex's time before its frame is found.")] = 0.0,
     max_gap_ms: Annotated[float, typer.Option(help="Largest gap between a vertex and its frame.", min=0)] = 50.0,
+    interpolate: Annotated[
+        bool, typer.Option("--interpolate", help="Move each vertex along its track to the time of its frame.")
+    ] = False,
     preview: Annotated[bool, typer.Option("--preview", help="Only say what the region keeps.")] = False,
     url: UrlOption = "",
     token: TokenOption = "",
@@ -37,7 +42,10 @@ def detect(
 ) -> None:
     """Find the board's top vertex in every sweep, inside a region of interest."""
     if not keep and region is None:
-        usage("no region of interest", "Give --keep 'range < 9' (several times for several), or --region FILE")
+        usage(
+            "no region of interest",
+            "Give --keep 'range < 9' (several times for several), or --region FILE; `apexcal suggest` writes one",
+        )
     if not (math.isfinite(offset_ms) and math.isfinite(max_gap_ms)):
         usage(
             "--offset-ms and --max-gap-ms are finite numbers",
@@ -45,7 +53,7 @@ def detect(
         )
     with connected(url, token, data) as client, bar("Detecting", not as_json) as progress:
         tree = read_region(region) if region else parse_region(keep or [])
-        options = _options(option or [])
+        options = _board(board) | _options(option or [])
         of = find_recording(client, recording)
         if of["state"] == "failed":
             raise FailedError(f"the recording {of['name']!r}", "failed", of["problem"])
@@ -59,9 +67,21 @@ def detect(
                 options=options,
                 offset_ns=round(offset_ms * 1e6),
                 max_gap_ns=round(max_gap_ms * 1e6),
+                mode="interpolate" if interpolate else "nearest",
             )
             shown = client.wait(started, on_progress=progress)
     say(shown, as_json, _preview(shown["result"]) if preview else _outcome(shown))
+
+
+def _board(text: str) -> dict[str, Any]:
+    """The board's edges from ``WIDTHxHEIGHT``, metres."""
+    if not text:
+        return {}
+    try:
+        width, height = (float(edge) for edge in re.split(r"[x×*]", text.lower()))
+    except ValueError:
+        raise ClientError(f"{text!r} is no size of a board", "Write its two edges in metres, as 0.61x0.91.") from None
+    return {"board_width_m": width, "board_height_m": height}
 
 
 def _options(texts: list[str]) -> dict[str, Any]:
@@ -89,9 +109,11 @@ def _outcome(detection: Document) -> str:
     counts = detection["counts"]
     rejected = sorted((counts.get("rejected") or {}).items(), key=lambda item: -item[1])
     reasons = "".join(f"\n  {count} without: {reason.replace('_', ' ')}" for reason, count in rejected)
+    quality = ", ".join(f"{count} {name}" for name, count in sorted((counts.get("quality") or {}).items()))
     return (
-        f"The detection {detection['id']} accepted {counts['accepted']} of {counts['sweeps']} sweeps, "
-        f"{counts['paired']} of them with a camera frame.{reasons}{_advice(detection)}"
+        f"The detection {detection['id']} accepted {counts['accepted']} of {counts['sweeps']} sweeps"
+        f"{f' ({quality})' if quality else ''}, {counts['paired']} of them with a camera frame."
+        f"{reasons}{_advice(detection)}"
     )
 
 
@@ -101,7 +123,7 @@ def _advice(detection: Document) -> str:
     if counts["accepted"] >= _FEW * counts["sweeps"]:
         return ""
     if detection["detector"] == "strict":
-        return "\nHint: strict accepts few sweeps by its nature; --detector tolerant accepts more."
+        return "\nHint: strict accepts few sweeps by its nature; --detector tolerant or refined accepts more."
     return (
         "\nHint: hardly any sweep was accepted. Something else in the region is as high or as wide as the board: "
         "narrow it (docs/engineers.md)."

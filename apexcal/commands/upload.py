@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from apexcal.client import Client
+from apexcal.client import Client, FailedError
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say
 from apexcal.commands.connect import connected, find_rig, find_vehicle
+from apexcal.commands.reading import (
+    LidarModelOption,
+    RingsOption,
+    StillOption,
+    TopicOption,
+    reading_of,
+    which_is_which,
+)
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 
 
 def upload(
-    path: Annotated[Path, typer.Argument(help="A ROS 1 bag, or a folder of clouds (PCD) and images.")],
+    path: Annotated[Path, typer.Argument(help="File or folder of one of the formats above.")],
     vehicle: Annotated[str, typer.Option(help="Vehicle, by name or id; needed where there are several.")] = "",
     rig: Annotated[str, typer.Option(help="Rig, by name or id; needed where there are several.")] = "",
     fleet: Annotated[str, typer.Option(help="Fleet, by name or id.")] = "",
     name: Annotated[str, typer.Option(help="Name of the recording; otherwise the file's.")] = "",
     marks: Annotated[int, typer.Option(help="How many people mark each vertex.", min=1)] = 1,
     retain_days: Annotated[int, typer.Option(help="Delete it after so many days; 0 for never.", min=0)] = 0,
-    still: Annotated[
-        bool,
-        typer.Option("--still", help="Still poses: the sweeps' stamps alone count, not when each point was seen."),
-    ] = False,
+    topic: TopicOption = None,
+    still: StillOption = False,
+    lidar_model: LidarModelOption = "",
+    rings: RingsOption = 0,
     new: Annotated[bool, typer.Option("--new", help="Do not go on with an upload that broke off.")] = False,
     wait: Annotated[bool, typer.Option(help="Wait until it is ready.")] = True,
     url: UrlOption = "",
@@ -34,22 +42,39 @@ def upload(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Upload a recording. One that broke off goes on where it stopped when the same command is given again."""
+    """Upload a recording. One that broke off goes on where it stopped when the same command is given again.
+
+    Formats: ROS 1 bag; ROS 2 bag (its folder, or the bare .db3 or .mcap); MCAP of Foxglove; .pcap or .pcapng of a
+    Velodyne sensor; folder, .zip or .tar of clouds (PCD, KITTI .bin, .npy, .csv) and images, or KITTI's raw layout;
+    video (.mp4, .avi, .mkv) as the camera beside any of these. Sources that belong together go into one folder. A
+    folder is sent as a tar that is never written anywhere.
+    """
+    known = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
     with connected(url, token, data) as client:
         on = find_vehicle(client, fleet, vehicle)
         with_rig = find_rig(client, on, rig)
         begun = None if new else client.recordings.unfinished(path, on["id"], with_rig["id"])
         with bar("Uploading", not as_json) as progress:
-            recording = _send(client, path, on, with_rig, begun, name, marks, retain_days, still, progress)
+            recording = _send(client, path, on, with_rig, begun, name, marks, retain_days, known, progress)
         if wait:
             with bar("Reading the recording", not as_json) as progress:
-                recording = client.wait(recording, on_progress=progress)
+                recording = wait_until_read(client, recording, progress)
+    say(recording, as_json, what_it_is(recording))
+
+
+def wait_until_read(client: Client, recording: Document, progress: Callable[[float, str], None]) -> Document:
+    """The recording when it is ready. Raises :class:`FailedError`; where topics must be named, it lists them."""
+    try:
+        return client.wait(recording, on_progress=progress)
+    except FailedError as error:
+        error.hint += which_is_which(error.problem).replace("RECORDING", recording["id"])
+        raise
+
+
+def what_it_is(recording: Document) -> str:
+    """A recording's state in a sentence, and its warnings."""
     warnings = "".join(f"\nNote: {warning}" for warning in recording.get("warnings") or [])
-    say(
-        recording,
-        as_json,
-        f"The recording {recording['name']!r} is {recording['id']}, {recording['state']}.{warnings}",
-    )
+    return f"The recording {recording['name']!r} is {recording['id']}, {recording['state']}.{warnings}"
 
 
 def _send(
@@ -61,7 +86,7 @@ def _send(
     name: str,
     marks: int,
     retain_days: int,
-    still: bool,
+    reading: Mapping[str, Any],
     progress: Callable[[float, str], None],
 ) -> Document:
     def on_bytes(done: int, total: int) -> None:
@@ -76,6 +101,6 @@ def _send(
         name=name or None,
         marks_per_vertex=marks,
         retain_days=retain_days or None,
-        reading={"point_times": "stamp_only"} if still else None,
+        reading=reading,
         on_progress=on_bytes,
     )

@@ -1,27 +1,57 @@
-"""Regions of interest, and the vertices that detectors find inside them."""
+"""Regions of interest, the vertices that detectors find inside them, and the offset between the clocks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, Literal
 from uuid import UUID
 
 from apexcal.transport import Document, Transport, at
 
 
 class Detections:
-    """``client.detections``: previews of a region, and detection runs."""
+    """``client.detections``: previews and suggestions of a region, detection runs, clock offsets.
+
+    What starts work returns at once; follow it with ``client.wait``.
+    """
 
     def __init__(self, transport: Transport) -> None:
         self._http = transport
 
     def preview(self, recording_id: UUID | str, region: Mapping[str, Any]) -> Document:
-        """Ask how many frames and points a region keeps; follow it with ``client.wait``."""
+        """Ask how many frames and points a region keeps."""
         return self._http.post(at("recordings", recording_id, "region-previews"), {"region": region})
 
     def get_preview(self, preview_id: UUID | str) -> Document:
         """A preview and, when it is done, its ``result``."""
         return self._http.get(at("region-previews", preview_id))
+
+    def suggest(self, recording_id: UUID | str) -> Document:
+        """Ask for a region around what moves; its ``result`` is ``{"region", "facts"}``."""
+        return self._http.post(at("recordings", recording_id, "region-suggestions"), {})
+
+    def get_suggestion(self, suggestion_id: UUID | str) -> Document:
+        """A suggestion and, when it is done, its ``result``."""
+        return self._http.get(at("region-suggestions", suggestion_id))
+
+    def estimate_offset(
+        self, recording_id: UUID | str, detection_id: UUID | str, camera: str, *, model: str | None = None
+    ) -> Document:
+        """Ask how much the camera's clock shows more than the LiDAR's, from a detection's vertices and their marks.
+
+        Its ``result`` has ``offset_ns`` and ``sigma_ns``, for ``create(..., offset_ns=...)``; ``model`` is the lens
+        that is fitted along.
+        """
+        body = {"detection_id": str(detection_id), "camera": camera} | ({"model": model} if model else {})
+        return self._http.post(at("recordings", recording_id, "clock-offsets"), body)
+
+    def get_offset(self, offset_id: UUID | str) -> Document:
+        """A clock offset and, when it is done, its ``result`` and a ``hint`` how to use it."""
+        return self._http.get(at("clock-offsets", offset_id))
+
+    def offsets(self, recording_id: UUID | str) -> Iterator[Document]:
+        """The clock offsets that were estimated of a recording, newest first."""
+        return self._http.items(at("recordings", recording_id, "clock-offsets"))
 
     def create(
         self,
@@ -32,13 +62,17 @@ class Detections:
         options: Mapping[str, Any] | None = None,
         offset_ns: int = 0,
         max_gap_ns: int = 50_000_000,
+        mode: Literal["nearest", "interpolate"] = "nearest",
     ) -> Document:
-        """Start a detection run. ``offset_ns`` is added to a vertex's time before its camera frame is looked for."""
+        """Start a detection run. ``offset_ns`` is added to a vertex's time before its camera frame is looked for.
+
+        ``mode="interpolate"`` moves each vertex along its track to the time of its frame.
+        """
         body = {
             "region": region,
             "detector": detector,
             "options": dict(options or {}),
-            "pairing": {"offset_ns": offset_ns, "max_gap_ns": max_gap_ns},
+            "pairing": {"mode": mode, "offset_ns": offset_ns, "max_gap_ns": max_gap_ns},
         }
         return self._http.post(at("recordings", recording_id, "detections"), body)
 
@@ -54,6 +88,11 @@ class Detections:
         """End a run that is not done."""
         return self._http.post(at("detections", detection_id, "cancel"))
 
-    def vertices(self, detection_id: UUID | str, *, camera: str | None = None) -> Iterator[Document]:
-        """Every vertex (metres, LiDAR frame; ``time_ns`` is when it was measured) with its camera frames."""
-        return self._http.items(at("detections", detection_id, "vertices"), camera=camera)
+    def vertices(
+        self, detection_id: UUID | str, *, camera: str | None = None, quality: str | None = None
+    ) -> Iterator[Document]:
+        """Every vertex (metres, LiDAR frame; ``time_ns`` is when it was measured) with its camera frames.
+
+        ``quality="fine"`` gives only those; ``covariance`` is over azimuth (rad), elevation (rad) and range (m).
+        """
+        return self._http.items(at("detections", detection_id, "vertices"), camera=camera, quality=quality)

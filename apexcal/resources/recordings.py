@@ -33,8 +33,9 @@ class Recordings:
     ) -> Document:
         """Announce a recording; its parts follow. ``{"id", "upload": {"part_bytes"}, ...}``
 
-        ``reading`` is what the file does not say of itself: ``point_times`` (``auto`` or ``stamp_only``),
-        ``stamp_convention`` (``start`` or ``end``), ``rate_hz``.
+        ``reading`` is what the file does not say of itself: ``topics`` (``{"lidar": TOPIC, "cameras": {NAME:
+        TOPIC}}``), ``point_times`` (``auto`` or ``stamp_only``), ``stamp_convention`` (``start`` or ``end``),
+        ``rate_hz``, ``lidar_model``, ``rings``, ``camera_start_ns``.
         """
         body: Document = {
             "rig_id": str(rig_id),
@@ -107,12 +108,14 @@ class Recordings:
         return self._http.get(at("recordings", recording_id))
 
     def edit(self, recording: Document, **changes: Any) -> Document:
-        """Change ``name`` or ``marks_per_vertex`` of a recording as it was read."""
+        """Change ``name`` or ``marks_per_vertex``; before a recording is ready ``rig_id`` or ``reading`` too."""
         return self._http.patch(at("recordings", recording["id"]), changes, version=recording["version"])
 
     def retry(self, recording_id: UUID | str) -> Document:
         """Ingest a failed recording again."""
-        return self._http.post(at("recordings", recording_id, "retry"))
+        answer = self._http.post(at("recordings", recording_id, "retry"))
+        again: Document = answer["recording"]
+        return again
 
     def delete(self, recording_id: UUID | str, *, with_published: bool = False) -> None:
         """Delete a recording with everything that came from it."""

@@ -8,6 +8,7 @@ from uuid import UUID
 
 from pydantic import Field, FiniteFloat
 
+from service.detections.schemas import Flag, Quality
 from service.http.schemas import Received, Sent
 
 VerdictName = Literal["confirmed", "rejected", "unsure"]
@@ -58,7 +59,7 @@ class VerdictView(Sent):
 
 
 class TaskVertex(Sent):
-    """A vertex in metres in the LiDAR frame."""
+    """A vertex in metres in the LiDAR frame, and what its detector says that one should look at."""
 
     id: UUID
     sweep_index: int
@@ -68,6 +69,8 @@ class TaskVertex(Sent):
     z: float
     ring: int
     points: int
+    quality: Quality | None
+    flags: list[Flag]
 
 
 class TaskFrame(Sent):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
@@ -11,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from service.annotations.consensus import Consensus, Outcome, agree
 from service.annotations.progress import opinions_of
-from service.calibrations.pairs import Columns
+from service.calibrations.pairs import SIGMAS, Columns
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
 from service.http.problems import Problem
@@ -28,8 +29,10 @@ class Built:
 def build(session: Session, detection: Detection, camera: Sensor, *, exclude_flagged: bool) -> Built:
     """The pairs of a detection's vertices in one camera, ordered by time.
 
-    Columns besides x y z u v: stamp_ns (of the vertex), gap_ns (frame minus vertex), sweep_index, frame_index,
-    marks (how many people), spread_px (of their marks), flagged (as many rejections as confirmations).
+    x, y, z is where the vertex was at the frame's time, where the pairing interpolated. Columns besides x y z u v:
+    stamp_ns (of the vertex as it was measured), gap_ns (frame minus vertex), sweep_index, frame_index, marks (how many
+    people), spread_px (of their marks), flagged (as many rejections as confirmations), and sigma_azimuth_rad,
+    sigma_elevation_rad, sigma_range_m where all vertices state a covariance.
 
     Raises:
         Problem: 409 ``nothing_marked``.
@@ -55,16 +58,19 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
             f"None of the {len(vertices)} vertices that have a frame of {camera.name} is confirmed and marked.",
             "Mark vertices first: POST /v1/detections/{id}/tasks/next, or the recording's page.",
         )
-    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    # A column is for all pairs or for none.
+    common = [name for name in rows[0] if all(name in row for row in rows)]
+    columns = {name: [row[name] for row in rows] for name in common}
     return Built(columns, _notes(consensus, wanted, exclude_flagged=exclude_flagged))
 
 
 def _row(vertex: Vertex, frame: VertexFrame, agreed: Consensus) -> dict[str, Any]:
     u, v = agreed.pixel or (0.0, 0.0)
+    at = vertex if frame.x is None else frame
     return {
-        "x": vertex.x,
-        "y": vertex.y,
-        "z": vertex.z,
+        "x": at.x,
+        "y": at.y,
+        "z": at.z,
         "u": u,
         "v": v,
         "stamp_ns": vertex.time_ns,
@@ -74,7 +80,15 @@ def _row(vertex: Vertex, frame: VertexFrame, agreed: Consensus) -> dict[str, Any
         "marks": agreed.marks,
         "spread_px": agreed.spread_px,
         "flagged": agreed.outcome is Outcome.TIED,
+        **_sigmas(at.covariance),
     }
+
+
+def _sigmas(covariance: list[list[float]] | None) -> dict[str, float]:
+    """The standard deviations of a vertex by their columns; nothing where its detector states none."""
+    if covariance is None:
+        return {}
+    return {name: math.sqrt(covariance[place][place]) for place, name in enumerate(SIGMAS)}
 
 
 def _notes(consensus: dict[UUID, Consensus], wanted: int, *, exclude_flagged: bool) -> list[str]:

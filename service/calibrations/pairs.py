@@ -13,6 +13,9 @@ from typing import Any
 from service.http.problems import Problem
 
 REQUIRED = ("x", "y", "z", "u", "v")
+# Standard deviations of the vertex as the LiDAR sees it.
+SIGMAS = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
+_OPTIONAL = ("stamp_ns", "group", *SIGMAS)
 Columns = dict[str, list[Any]]
 
 MAX_PAIRS = 100_000
@@ -20,7 +23,8 @@ _INT64 = 2**63
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _HINT = (
     "A CSV file has a header with x,y,z (metres, LiDAR frame), u,v (pixels; (0, 0) is the centre of the top-left "
-    "one) and perhaps stamp_ns (integer nanoseconds) and group; JSON has the same names in each of its pairs."
+    "one) and perhaps stamp_ns (integer nanoseconds), group, and the vertex's standard deviations sigma_azimuth_rad, "
+    "sigma_elevation_rad, sigma_range_m; JSON has the same names in each of its pairs."
 )
 
 
@@ -30,7 +34,9 @@ def invalid(detail: str, **fields: Any) -> Problem:
 
 
 def read_csv(text: str) -> Columns:
-    """Columns x y z u v, and stamp_ns and group where the header has them (``pose`` is taken for ``group``).
+    """Columns x y z u v, and those of ``stamp_ns``, ``group`` and the sigmas that the header has.
+
+    ``pose`` is taken for ``group``.
 
     Raises:
         Problem: 422 ``invalid_pairs``, naming line and column.
@@ -48,7 +54,7 @@ def read_csv(text: str) -> Columns:
 
 
 def read_json(body: bytes) -> Columns:
-    """The same columns from ``{"pairs": [{"x", "y", "z", "u", "v", "stamp_ns"?, "group"?}]}``.
+    """The same columns from ``{"pairs": [{"x", "y", "z", "u", "v", "stamp_ns"?, "group"?, ...}]}``.
 
     Raises:
         Problem: 422 ``invalid_pairs``, naming the pair and its member.
@@ -60,7 +66,7 @@ def read_json(body: bytes) -> Columns:
     pairs = document.get("pairs") if isinstance(document, dict) else None
     if not isinstance(pairs, list):
         raise invalid('The body has no list "pairs".')
-    known = {*REQUIRED, "stamp_ns", "group", "pose"}
+    known = {*REQUIRED, *_OPTIONAL, "pose"}
     rows: list[tuple[str, Mapping[str, Any]]] = []
     for number, pair in enumerate(pairs):
         if not isinstance(pair, dict):
@@ -74,7 +80,7 @@ def read_json(body: bytes) -> Columns:
 
 def _places(header: list[str]) -> dict[str, int]:
     """Where each name stands in the header."""
-    places = {name: header.index(name) for name in (*REQUIRED, "stamp_ns", "group") if name in header}
+    places = {name: header.index(name) for name in (*REQUIRED, *_OPTIONAL) if name in header}
     if "group" not in places and "pose" in header:
         places["group"] = header.index("pose")
     missing = [name for name in REQUIRED if name not in places]
@@ -104,7 +110,7 @@ def _columns(rows: Iterable[tuple[str, Mapping[str, Any]]], kind: str) -> Column
     count = 0
     for where, row in rows:
         if count == 0:
-            columns = {name: [] for name in (*REQUIRED, "stamp_ns", "group") if name in row or name in REQUIRED}
+            columns = {name: [] for name in (*REQUIRED, *_OPTIONAL) if name in row or name in REQUIRED}
         if count >= MAX_PAIRS:
             raise invalid(f"There are more than {MAX_PAIRS} pairs.")
         for name in {*columns, *row}:
@@ -157,7 +163,14 @@ def _group(value: Any) -> str:
     return text
 
 
-_READ: dict[str, Callable[[Any], Any]] = {"stamp_ns": _stamp, "group": _group}
+def _sigma(value: Any) -> float:
+    number = _number(value)
+    if number <= 0.0:
+        raise ValueError("is not above 0; leave the column out where it is not known")
+    return number
+
+
+_READ: dict[str, Callable[[Any], Any]] = {"stamp_ns": _stamp, "group": _group} | dict.fromkeys(SIGMAS, _sigma)
 
 
 def _plain_groups(columns: Columns) -> Columns:

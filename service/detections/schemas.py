@@ -6,8 +6,9 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 from uuid import UUID
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from service.detections.detectors import FLAGS
 from service.detections.regions import Region
 from service.http.jobs import JobView
 from service.http.schemas import Received, Sent
@@ -84,10 +85,15 @@ class FrameOfVertex(Sent):
 
 
 class Flag(Sent):
-    """What the person who confirms a vertex should look at."""
+    """What the person who confirms a vertex should look at; rows hold the name alone."""
 
     name: str
     sentence: str
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, value: Any) -> Any:
+        return {"name": value, "sentence": FLAGS.get(value, value)} if isinstance(value, str) else value
 
 
 class VertexView(Sent):

@@ -11,8 +11,7 @@ from sqlalchemy.orm import Session
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Sensor
-from service.detections.detectors import FLAGS
-from service.detections.schemas import DetectionView, Flag, FrameOfVertex, Moved, VertexView
+from service.detections.schemas import DetectionView, FrameOfVertex, Moved, VertexView
 from service.http.jobs import JobView
 
 _UNENDED = ("queued", "running")
@@ -71,7 +70,7 @@ def vertex_views(session: Session, vertices: Sequence[Vertex], camera: Sensor | 
             ring=vertex.ring,
             points=vertex.points,
             quality=vertex.quality,  # pyright: ignore[reportArgumentType] - the column holds only qualities
-            flags=[Flag(name=name, sentence=FLAGS.get(name, name)) for name in vertex.flags],
+            flags=vertex.flags,
             covariance=vertex.covariance,
             frames=of_vertex[vertex.id],
         )

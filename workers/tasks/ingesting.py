@@ -51,7 +51,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             file_bytes=context.settings.ingest_file_bytes,
             name=recording.file_name,
             on_progress=lambda progress: lease.report(
-                0.1 + 0.8 * (progress.share or 0.0), progress.sentence(), progress.seconds_left
+                0.1 + 0.8 * (progress.share or 0.0), f"{progress.done} messages normalised", progress.seconds_left
             ),
         )
         frames = {sensor.name: _frames(out, sensor) for sensor in manifest.sensors}

@@ -36,6 +36,7 @@ def test_a_task_has_all_that_is_needed_to_mark(api, fleet):
     task = ask(api.member(fleet, "annotator"), seed)
     assert task["vertex"]["id"] == str(seed.vertices[0])
     assert task["vertex"]["x"] == 5.0
+    assert (task["vertex"]["quality"], task["vertex"]["flags"]) == (None, [])
     assert task["frame"] == {
         "index": 0,
         "stamp_ns": 0,

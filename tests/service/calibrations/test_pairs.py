@@ -38,6 +38,12 @@ def test_stamps_keep_every_nanosecond_and_groups_their_names():
     assert columns["group"] == ["left", "2"]
 
 
+def test_a_vertexs_deviations_are_taken_where_all_are_given():
+    columns = read_csv(f"{HEADER},sigma_range_m,sigma_azimuth_rad\n1,2,3,4,5,0.01,4e-4\n1,2,3,4,5,0.02,5e-4\n")
+    assert (columns["sigma_range_m"], columns["sigma_azimuth_rad"]) == ([0.01, 0.02], [4e-4, 5e-4])
+    assert "line 2, column sigma_range_m: '0' is not above 0" in refusal(f"{HEADER},sigma_range_m\n1,2,3,4,5,0\n")
+
+
 def test_the_column_group_wins_over_pose():
     assert read_csv("pose,x,y,z,u,v,group\n1,1,2,3,4,5,9\n")["group"] == [9]
 

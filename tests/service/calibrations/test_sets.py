@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from service.db.calibrations import CorrespondenceSet
+from service.db.detections import VertexFrame
 from service.db.recordings import Recording
 from tests.service.detections.seeding import (
     Seed,
@@ -81,6 +82,26 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
     strict = build(engineer, seed, exclude_flagged=True).json()
     assert (strict["count"], strict["flagged"]) == (2, 0)
     assert "it was left out" in strict["notes"][3]
+
+
+def test_a_moved_vertex_is_paired_where_it_was_at_the_frames_time_with_its_deviations(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=2)
+    say(api, seed, api.member(fleet, "annotator"), *[("confirmed", (1.0, 2.0))] * 2)
+    with api.database.writing() as session:
+        for number, vertex_id in enumerate(seed.vertices):
+            frame = session.get_one(VertexFrame, (vertex_id, seed.camera_id))
+            frame.x, frame.y, frame.z, frame.gap_ns = 7.0 + number, 1.0, 0.5, 0
+            frame.covariance = [[4e-8, 0.0, 0.0], [0.0, 1e-8, 0.0], [0.0, 0.0, 1e-4]]
+    made = build(engineer, seed).json()
+    pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
+    assert [(pair["x"], pair["y"], pair["gap_ns"]) for pair in pairs] == [(7.0, 1.0, 0), (8.0, 1.0, 0)]
+    sigmas = [pairs[0][f"sigma_{name}"] for name in ("azimuth_rad", "elevation_rad", "range_m")]
+    assert sigmas == pytest.approx([2e-4, 1e-4, 1e-2])
+    with api.database.writing() as session:
+        session.get_one(VertexFrame, (seed.vertices[0], seed.camera_id)).x = None
+    mixed = build(engineer, seed).json()
+    pairs = engineer.get(f"/correspondence-sets/{mixed['id']}").json()["pairs"]
+    assert pairs[0]["x"] == 5.0 and not any(name.startswith("sigma") for name in pairs[1])
 
 
 def test_the_same_marks_give_the_same_set(api, fleet, engineer):

@@ -136,6 +136,48 @@ def test_a_recording_is_edited_on_its_version(engineer, recording) -> None:
     assert engineer.get(path, headers={"If-None-Match": edited.headers["etag"]}).status_code == 200
 
 
+def test_what_is_known_of_a_file_is_corrected_until_it_is_read(api: Api, engineer, recording) -> None:
+    path = f"/recordings/{recording['id']}"
+    known = {"topics": {"cameras": {"front": "/camera/image"}}, "lidar_model": "vlp16", "rings": 16}
+
+    def edit(reading):
+        tag = engineer.get(path).headers["etag"]
+        return engineer.patch(path, {"reading": reading}, headers={"If-Match": tag})
+
+    assert edit(known).json()["reading"] == known
+    assert edit({"rate_hz": 10.0}).json()["reading"] == {"rate_hz": 10.0}
+    unknown = edit({"topics": {"cameras": {"rear": "/x"}}})
+    assert (unknown.status_code, unknown.json()["code"], unknown.json()["cameras"]) == (
+        422,
+        "unknown_camera",
+        ["front"],
+    )
+    for wrong in ({"lidar_model": "vlp17"}, {"rings": 1}, {"topics": {"lidar": ""}}, {"topic": {}}):
+        assert edit(wrong).json()["code"] == "invalid_request"
+    with api.database.writing() as session:
+        session.execute(update(Recording).values(state="ready"))
+    late = edit(known)
+    assert (late.status_code, late.json()["code"]) == (409, "reading_in_use")
+    assert engineer.get(path).json()["reading"] == {"rate_hz": 10.0}
+
+
+def test_a_running_job_says_how_long_it_still_takes(api: Api, engineer, recording) -> None:
+    job = upload(engineer, recording["id"], [b"x"]).json()["job"]
+    assert job["seconds_left"] is None
+
+    def left(**columns):
+        with api.database.writing() as session:
+            session.execute(update(Job).values(state="running", **columns))
+        return engineer.get(f"/recordings/{recording['id']}").json()["job"]["seconds_left"]
+
+    begun = utc_now() - timedelta(seconds=30)
+    assert left(started_at=begun, progress={"fraction": 0.25, "message": "m"}) == pytest.approx(90, abs=6)
+    assert left(started_at=begun, progress={"fraction": 0.25, "message": "m", "seconds_left": 200.4}) == 200
+    assert left(started_at=begun, progress={"fraction": 0.001, "message": "m"}) is None
+    assert left(started_at=utc_now(), progress={"fraction": 0.5, "message": "m"}) is None
+    assert left(started_at=begun, progress=None) is None
+
+
 def test_the_original_waits_for_the_upload(engineer, recording) -> None:
     answer = engineer.get(f"/recordings/{recording['id']}/original")
     assert (answer.status_code, answer.json()["code"]) == (409, "upload_open")

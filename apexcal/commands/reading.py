@@ -1,0 +1,65 @@
+"""What an owner knows of a file, as options of the commands that upload it or have it read again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+
+from apexcal.client import ClientError
+from apexcal.transport import Document
+
+TopicOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic",
+        help="Which topic, folder or file is which: lidar=/velodyne_points, or a camera's name in the rig, as "
+        "front=/camera/image. Several times.",
+    ),
+]
+StillOption = Annotated[
+    bool, typer.Option("--still", help="Still poses: the sweeps' stamps alone count, not when each point was seen.")
+]
+LidarModelOption = Annotated[
+    str, typer.Option(help="Sensor of a packet capture: vlp16, vlp32c, hdl32e, hdl64e or alpha_prime.")
+]
+RingsOption = Annotated[int, typer.Option(help="How many rings the LiDAR has, where the file does not say.", min=0)]
+
+
+def reading_of(
+    topics: Sequence[str] | None, *, still: bool = False, lidar_model: str = "", rings: int = 0
+) -> dict[str, Any]:
+    """The ``reading`` of a recording. Raises :class:`ClientError` for a topic that is no ``name=topic``."""
+    reading: dict[str, Any] = {"point_times": "stamp_only"} if still else {}
+    reading |= {"lidar_model": lidar_model} if lidar_model else {}
+    reading |= {"rings": rings} if rings else {}
+    cameras: dict[str, str] = {}
+    named: dict[str, Any] = {}
+    for text in topics or []:
+        name, equals, topic = (part.strip() for part in text.partition("="))
+        if not (name and equals and topic):
+            raise ClientError(f"{text!r} names no topic", "Write it as front=/camera/image or lidar=/points.")
+        if name == "lidar":
+            named["lidar"] = topic
+        else:
+            cameras[name] = topic
+    named |= {"cameras": cameras} if cameras else {}
+    return reading | ({"topics": named} if named else {})
+
+
+def which_is_which(problem: Document | None) -> str:
+    """The topics that a refused recording has, and how to say which is which; empty for any other refusal."""
+    candidates = (problem or {}).get("candidates") or []
+    if not candidates:
+        return ""
+    lines = "".join(f"\n  {each['kind']:<6}  {each['name']}{_more(each)}" for each in candidates)
+    return f"\nIt holds:{lines}\nSay which is which: apexcal reread RECORDING --topic NAME={candidates[-1]['name']}"
+
+
+def _more(candidate: Document) -> str:
+    count = candidate.get("count")
+    width, height = candidate.get("width"), candidate.get("height")
+    parts = [f"{count} messages" if count is not None else "", f"{width} x {height} pixels" if width else ""]
+    said = ", ".join(part for part in parts if part)
+    return f"  ({said})" if said else ""

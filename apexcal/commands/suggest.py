@@ -1,0 +1,41 @@
+"""``apexcal suggest``: a region of interest, computed from what moves against the still background."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say
+from apexcal.commands.connect import connected, find_recording
+from apexcal.embedded.folder import DEFAULT
+from apexcal.transport import Document
+
+
+def suggest(
+    recording: Annotated[str, typer.Argument(help="Recording, by id or by name.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write the region into.")] = Path("region.json"),
+    url: UrlOption = "",
+    token: TokenOption = "",
+    data: DataOption = DEFAULT,
+    as_json: JsonOption = False,
+) -> None:
+    """Suggest a region: where somebody walked, off the ground, with a margin. The LiDAR must have stood still.
+
+    Look at what it keeps with `apexcal detect RECORDING --region region.json --preview`, and edit it as you like.
+    """
+    with connected(url, token, data) as client, bar("Looking for what moves", not as_json) as progress:
+        of = find_recording(client, recording)
+        done = client.wait(client.detections.suggest(of["id"]), on_progress=progress)
+        out.write_text(json.dumps(done["result"]["region"], indent=2) + "\n", encoding="utf-8")
+    say(done, as_json, f"{_what_was_found(done['result']['facts'])}\nThe region is in {out}.")
+
+
+def _what_was_found(facts: Document) -> str:
+    reasons = "".join(f"\n  {reason}" for reason in facts["reasons"])
+    return (
+        f"Something moves in {facts['sweeps_moving']} of {facts['sweeps_read']} sweeps that were looked at, over "
+        f"{facts['area_m2']:.0f} square metres.{reasons}"
+    )
