@@ -42,7 +42,7 @@ def test_an_engineer_invites_and_sees_a_broken_upload_explained(
     page.get_by_role("link", name="Van 7").click()
     notes = tmp_path / "notes.bag"
     notes.write_text("This is no bag.\n" * 100)
-    page.get_by_label("ROS 1 bag").set_input_files(notes)
+    page.get_by_label("Recording", exact=True).set_input_files(notes)
     page.get_by_role("button", name="Upload").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("notes.bag")
     # Nobody reloads: the page hears of the change, or asks.

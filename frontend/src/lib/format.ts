@@ -31,6 +31,12 @@ export function seconds(value: number | null | undefined): string {
   return `${Math.floor(value / 60)} min ${Math.round(value % 60)} s`;
 }
 
+/** About how long something still takes. */
+export function timeLeft(value: number): string {
+  if (value < 90) return `about ${Math.max(5 * Math.round(value / 5), 5)} s left`;
+  return value < 5400 ? `about ${Math.round(value / 60)} min left` : `about ${(value / 3600).toFixed(1)} h left`;
+}
+
 export function milliseconds(ns: number): string {
   return `${(ns / 1e6).toFixed(1)} ms`;
 }

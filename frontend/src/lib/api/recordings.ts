@@ -1,7 +1,7 @@
 /** Recordings, their upload in parts, and their camera frames. */
 
 import { all, create, get, post, query, request, type Page } from "./http.ts";
-import type { Frame, Recording, UploadedPart } from "./types.ts";
+import type { Frame, Reading, Recording, UploadedPart } from "./types.ts";
 
 export const recordings = (filter: { fleet_id?: string; vehicle_id?: string }): Promise<Recording[]> =>
   all<Recording>(`/recordings${query(filter)}`);
@@ -34,7 +34,13 @@ export const completeUpload = (id: string, parts: number, size: number): Promise
 
 export const retryRecording = (id: string): Promise<unknown> => post(`/recordings/${id}/retry`);
 
-export const changeRecording = async (recording: Recording, change: { name?: string; marks_per_vertex?: number }) =>
+export interface RecordingChange {
+  name?: string;
+  marks_per_vertex?: number;
+  reading?: Reading;
+}
+
+export const changeRecording = async (recording: Recording, change: RecordingChange) =>
   (
     await request<Recording>("PATCH", `/recordings/${recording.id}`, {
       body: change,

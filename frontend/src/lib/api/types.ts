@@ -84,6 +84,8 @@ export interface Job {
   state: JobState;
   attempt: number;
   progress: JobProgress | null;
+  /** About how long a running job still takes; null where that is not known. */
+  seconds_left: number | null;
   problem: ProblemDocument | null;
 }
 
@@ -99,6 +101,21 @@ export interface Sensor {
   facts: Record<string, unknown>;
 }
 
+/** What the owner knows of a recording's file; `topics` says which is which. */
+export interface Reading {
+  topics?: { lidar?: string; cameras?: Record<string, string> };
+  [name: string]: unknown;
+}
+
+/** A topic of a recording that could not be read without knowing which is which. */
+export interface Candidate {
+  name: string;
+  kind: "lidar" | "camera";
+  count?: number | null;
+  width?: number;
+  height?: number;
+}
+
 export interface Recording {
   id: string;
   fleet_id: string;
@@ -109,6 +126,7 @@ export interface Recording {
   state: "uploading" | "queued" | "ingesting" | "ready" | "failed";
   size: number;
   marks_per_vertex: number;
+  reading: Reading;
   facts: Record<string, unknown> | null;
   warnings: unknown[];
   problem: ProblemDocument | null;
@@ -133,18 +151,48 @@ export interface Frame {
   height: number;
 }
 
-export interface RegionPreview {
+/** A question about a recording that a worker answers. */
+export interface Study<Result> {
   id: string;
   state: JobState;
-  result: Record<string, unknown> | null;
+  result: Result | null;
   problem: ProblemDocument | null;
   job: Job | null;
+}
+
+export type RegionPreview = Study<Record<string, unknown>>;
+
+export interface SuggestionFacts {
+  sweeps_read: number;
+  sweeps_moving: number;
+  area_m2: number;
+  reasons: string[];
+}
+
+export type RegionSuggestion = Study<{ region: unknown; facts: SuggestionFacts }>;
+
+export interface ClockOffset
+  extends Study<{ offset_ns: number; sigma_ns: number; rms_px: number; pairs: number; message?: string }> {
+  detection_id: string;
+  camera: string;
+  marks: number;
+  hint: string | null;
+}
+
+export interface Pairing {
+  mode: "nearest" | "interpolate";
+  offset_ns: number;
+  max_gap_ns: number;
 }
 
 export interface DetectionCounts {
   sweeps?: number;
   accepted?: number;
   rejected?: Record<string, number>;
+  /** Vertices by class, where the detector grades them. */
+  quality?: Record<string, number>;
+  /** Vertices by what one should look at. */
+  flags?: Record<string, number>;
   paired?: number | Record<string, number>;
 }
 
@@ -154,7 +202,7 @@ export interface Detection {
   region: unknown;
   detector: string;
   options: Record<string, unknown>;
-  pairing: { offset_ns: number; max_gap_ns: number };
+  pairing: Pairing;
   state: JobState;
   counts: DetectionCounts;
   problem: ProblemDocument | null;
@@ -171,6 +219,8 @@ export interface Vertex {
   z: number;
   ring?: number;
   points?: number;
+  quality?: "fine" | "usable" | null;
+  flags?: { name: string; sentence: string }[];
   frames?: Record<string, { index: number; gap_ns: number }>;
 }
 
