@@ -1,0 +1,151 @@
+"""Damaged files of every format, through the child that reads uploads: an answer for each, and never a crash."""
+
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fuzz_mutations import mutate
+from fuzz_runner import RESIDENT_BYTES
+from fuzz_seeds import REPACKED, SEEDS
+
+from workers.readers.manifest import Manifest
+from workers.readers.normalised import LidarFile
+
+ROOT = Path(__file__).parents[3]
+RUNNER = Path(__file__).with_name("fuzz_runner.py")
+SHORT = 300
+LONG = 10_000
+
+
+class Runner:
+    """The warmed process; see fuzz_runner."""
+
+    def __init__(self, folder):
+        self.source, self.out = folder / "upload", folder / "out"
+        environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        self.process = subprocess.Popen(
+            [sys.executable, str(RUNNER), str(folder)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+            cwd=ROOT,
+        )
+
+    def __call__(self, data):
+        self.source.write_bytes(data)
+        shutil.rmtree(self.out, ignore_errors=True)
+        self.process.stdin.write(json.dumps({"source": str(self.source), "out": str(self.out)}) + "\n")
+        self.process.stdin.flush()
+        return json.loads(self.process.stdout.readline())
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.stdout.close()
+        self.process.wait(timeout=30)
+
+
+@pytest.fixture(scope="module")
+def runner(tmp_path_factory):
+    running = Runner(tmp_path_factory.mktemp("fuzz"))
+    yield running
+    running.close()
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory):
+    made = {}
+    for name, build in SEEDS.items():
+        folder = tmp_path_factory.mktemp("seeds")
+        made[name] = list(build(folder))
+    return made
+
+
+def complaint(result, runner):
+    """What is wrong with what became of a file, or None."""
+    if result["hung"] or result["code"] == -24:
+        return "it hung"
+    if result["code"] not in (0, 1) or "Traceback" in result["errors"]:
+        return f"it crashed with {result['code']}: {result['errors'][-3000:]}"
+    if result["resident"] > RESIDENT_BYTES:
+        return f"it took {result['resident'] / 1e6:.0f} MB"
+    if result["code"] == 0:
+        return broken_output(result["last"], runner.out)
+    error = result["last"].get("error")
+    if not error or not error["code"]:
+        return f"no reason was given: {result['last']}"
+    if runner.out.is_dir() and any(runner.out.iterdir()):
+        return "it was refused, and half of it stayed"
+    if error["code"] == "ingest_memory_limit":  # the process that started the child says it in words
+        return None
+    if not error["message"].endswith(".") or not error["hint"].endswith("."):
+        return f"no sentences: {error}"
+    if str(runner.source.parent) in str(error) or len(error["message"]) > 8000:
+        return f"not for people: {error}"
+    return None
+
+
+def broken_output(last, out):
+    """What a manifest says must be there, whole, and usable without another look."""
+    manifest = Manifest.from_json(last["manifest"])
+    with LidarFile(out / manifest.sensors[0].file) as lidar:
+        if len(lidar) != manifest.sensors[0].count:
+            return "the table and the file differ"
+        for sweep in lidar.sweeps():
+            if not np.isfinite(sweep.xyz).all() or (len(sweep.ring) and sweep.ring.max() >= lidar.ring_count):
+                return "points that are none"
+    for sensor in manifest.sensors:
+        if not (out / sensor.file).is_file() or not (out / sensor.frames).is_file():
+            return f"{sensor.file} is missing"
+    return None
+
+
+def damaged(seeds, number):
+    """Case ``number``: its format, and the bytes."""
+    rng = random.Random(number)
+    name = [*seeds, *REPACKED][number % (len(seeds) + len(REPACKED))]
+    if name in seeds:
+        whole = rng.choice(seeds[name])
+        return name, mutate(whole, seeds[name], number)
+    pack, members = REPACKED[name]
+    files = members()
+    chosen = rng.choice(list(files))
+    alike = [data for path, data in files.items() if path.rpartition(".")[2] == chosen.rpartition(".")[2]]
+    return name, pack(files | {chosen: mutate(files[chosen], alike, number)})
+
+
+def check(runner, seeds, numbers):
+    complaints = []
+    for number in numbers:
+        name, data = damaged(seeds, number)
+        said = complaint(runner(data), runner)
+        if said:
+            complaints.append(f"case {number} ({name}, {zlib.crc32(data):08x}): {said}")
+    assert not complaints, "\n".join(complaints)
+
+
+def test_whole_files_are_read(runner, seeds):
+    for name, files in seeds.items():
+        for data in files:
+            result = runner(data)
+            assert (result["code"], complaint(result, runner)) == (0, None), (name, result)
+    for name, (pack, members) in REPACKED.items():
+        assert runner(pack(members()))["code"] == 0, name
+
+
+def test_damaged_files_are_read_or_refused(runner, seeds):
+    check(runner, seeds, range(SHORT))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_ten_thousand_damaged_files_are_read_or_refused(runner, seeds):
+    first = int(os.environ.get("FIRST", str(SHORT)))
+    check(runner, seeds, range(first, first + int(os.environ.get("CASES", str(LONG)))))
