@@ -1,4 +1,7 @@
-"""Which camera frame belongs to a vertex: the nearest in time to the moment its point was measured."""
+"""Which camera frame belongs to a vertex: the nearest in time to the moment its point was measured.
+
+The vertex may then be moved along its track to the frame's own time, so that no gap is left.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workers.vertices.tracks import Track
 from workers.vertices.vertex import Vertex
 
 PairingMode = Literal["nearest", "interpolate"]
@@ -93,4 +97,12 @@ def pair_interpolated(
     Raises:
         ValueError: max_gap_ns is negative.
     """
-    raise NotImplementedError
+    times = np.array([vertex.time_ns for vertex in vertices], np.int64)
+    index, gap = pair(times, frame_stamps_ns, offset_ns=offset_ns, max_gap_ns=max_gap_ns)
+    paired = np.flatnonzero(index >= 0)
+    xyz, covariance = np.full((len(times), 3), np.nan), np.full((len(times), 3, 3), np.nan)
+    if paired.size:
+        track = Track.of([*vertices, *context])
+        points = track.at(times[paired] + gap[paired], track.places(vertices)[paired])
+        xyz[paired], covariance[paired] = points.xyz, points.covariance
+    return MovedVertices(index, xyz, covariance, np.where(index >= 0, gap, 0))

@@ -3,7 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workers.vertices.pairing import NO_FRAME_GAP_NS, pair
+from tests.workers.vertices.walks import START_NS, seconds, spherical, vertices, walk
+from workers.vertices.pairing import NO_FRAME_GAP_NS, pair, pair_interpolated
+from workers.vertices.tracks import MARGIN_SWEEPS
 
 MS = 1_000_000
 times = st.lists(st.integers(0, 2_000 * MS), max_size=30)
@@ -48,3 +50,51 @@ def test_the_offset_is_the_cameras_clock_minus_the_lidars():
 def test_a_negative_limit_is_refused():
     with pytest.raises(ValueError, match="max_gap_ns"):
         pair(np.array([1]), np.array([1]), max_gap_ns=-1)
+
+
+def test_moved_vertices_lie_where_the_apex_was_at_the_frames_moment():
+    offset = 30 * MS
+    before, after, scored = [], [], []
+    for seed in range(4):
+        way = walk(seed)
+        found = vertices(way, seed)
+        frames = START_NS + offset + np.arange(0, 31 * 15) * 66_700_000
+        pairs = pair_interpolated(found, frames, offset_ns=offset, max_gap_ns=34 * MS)
+        index, gap = pair([v.time_ns for v in found], frames, offset_ns=offset, max_gap_ns=34 * MS)
+        np.testing.assert_array_equal(pairs.index, index)
+        np.testing.assert_array_equal(pairs.moved_ns, gap)
+        truth = spherical(way.poses(seconds(frames[index] - offset)).apex)
+        error = spherical(pairs.xyz) - truth
+        before.append(spherical(np.array([v.xyz for v in found])) - truth)
+        after.append(error)
+        scored.append(error / np.sqrt(np.einsum("nii->ni", pairs.covariance)))
+    rms = [np.sqrt(np.mean(np.concatenate(values) ** 2, axis=0)) for values in (before, after, scored)]
+    assert (rms[1] < 0.75 * rms[0]).all()
+    assert 0.8 < np.sqrt(np.mean(rms[2] ** 2)) < 1.2
+
+
+def test_moving_does_not_depend_on_how_the_recording_is_cut():
+    found = vertices(walk(7), 7)
+    frames = START_NS + np.arange(0, 30 * 15) * 66_700_000
+    whole = pair_interpolated(found, frames, max_gap_ns=34 * MS)
+    for first in range(0, 300, 37):
+        shard = [v for v in found if first <= v.sweep_index < first + 37]
+        around = [
+            v for v in found if first - MARGIN_SWEEPS <= v.sweep_index < first + 37 + MARGIN_SWEEPS and v not in shard
+        ]
+        part = pair_interpolated(shard, frames, context=around, max_gap_ns=34 * MS)
+        rows = [found.index(v) for v in shard]
+        np.testing.assert_array_equal(part.index, whole.index[rows])
+        np.testing.assert_allclose(part.xyz, whole.xyz[rows], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(part.covariance, whole.covariance[rows], rtol=1e-6)
+
+
+def test_a_vertex_too_far_from_any_frame_is_no_pair():
+    found = vertices(walk(1), 1)[:5]
+    near = found[2].time_ns
+    pairs = pair_interpolated(found, [near + 9 * MS], max_gap_ns=20 * MS)
+    assert pairs.index.tolist() == [-1, -1, 0, -1, -1]
+    assert pairs.moved_ns.tolist() == [0, 0, 9 * MS, 0, 0]
+    assert np.isfinite(pairs.xyz).all(axis=1).tolist() == [False, False, True, False, False]
+    assert pair_interpolated(found, [], max_gap_ns=0).index.tolist() == [-1] * 5
+    assert pair_interpolated([], [near], max_gap_ns=0).xyz.shape == (0, 3)
