@@ -52,15 +52,17 @@ def test_turns_are_cut_at_the_seam_and_no_point_is_doubled_or_lost(plain):
     total = len(list(packets())) * 24 * 16
     assert len(sweeps) == 4 and sum(len(s.xyz) for s in sweeps) == total and recording.warnings == []
     for number, sweep in enumerate(sweeps):
-        # Each ring goes once round, without a step back.
-        # Azimuths come rounded to hundredths of a degree, so one at the seam may lie before or behind it.
-        turn = (azimuth(sweep) - azimuth(sweep)[sweep.ring == 0][0] + 0.005) % 360
-        assert np.all(np.diff(turn[sweep.ring == 0]) > 0)
+        # Each ring goes once round, without a step back. Azimuths come rounded to hundredths of a degree, so the
+        # middle of the turn, far from the seam, is where the sweep is held against them.
+        low = np.unwrap(np.radians(azimuth(sweep)[sweep.ring == 0].astype(np.float64)))
+        assert np.all(np.diff(low) > 0) and low[-1] - low[0] < 2 * np.pi
+        turn = (azimuth(sweep) - 118.88) % 360
+        middle = (turn > 1) & (turn < 359)
+        np.testing.assert_allclose(sweep.offset_ns[middle], turn[middle] / 360 * 1e8, atol=150_000)
         assert sweep.ring.min() == 0 and sweep.ring.max() == 15
         elevation = np.degrees(np.arcsin(sweep.xyz[:, 2] / np.linalg.norm(sweep.xyz, axis=1)))
         np.testing.assert_allclose(elevation, -15 + 2.0 * sweep.ring, atol=0.2)
         assert abs(sweep.stamp_ns - START_NS - number * 100_000_000) < 110_592 + 1_000
-        np.testing.assert_allclose(sweep.offset_ns, turn / 360 * 1e8, atol=150_000)
         assert sweep.time_source == "per_point" and sweep.offset_ns.min() >= -200
 
 
