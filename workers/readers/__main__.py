@@ -1,8 +1,8 @@
 """The ingest child: ``python -m workers.readers SOURCE OUT --request JSON``.
 
-Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}`` and at the end ``{"manifest": {...}}``
-or ``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and limits it is what ``ingest_limited``
-starts; without them it is a command for people.
+Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}`` and at the end ``{"manifest": {...},
+"used": {"cpu_s", "resident_bytes"}}`` or ``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and
+limits it is what ``ingest_limited`` starts; without them it is a command for people.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import errno
 import json
+import resource
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
@@ -81,8 +82,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.errno == errno.ENOSPC:
             return _error("ingest_disk_full", "", "")
         raise
-    _say({"manifest": manifest.to_json()})
+    _say({"manifest": manifest.to_json(), "used": _used()})
     return 0
+
+
+def _used() -> dict[str, float]:
+    """Processor seconds of this process, and its highest resident memory (``ru_maxrss`` may be its parent's)."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    peak = next((int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), usage.ru_maxrss)
+    return {"cpu_s": usage.ru_utime + usage.ru_stime, "resident_bytes": peak * 1024}
 
 
 if __name__ == "__main__":

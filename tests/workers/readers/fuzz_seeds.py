@@ -1,7 +1,6 @@
 """Small whole recordings of every format, to be damaged: some kilobytes each, a LiDAR and a camera."""
 
 import io
-import struct
 import tarfile
 import zipfile
 
@@ -97,7 +96,7 @@ def tar(folder):
     yield tar_of(members())
 
 
-# Where the bytes of a whole file are packed or checked, damage to them ends at the checksum; so one member of a folder
+# Where the bytes of a whole file are packed or checked, damage ends at the checksum; so one member of a folder
 # is damaged and packed again. (what packs them, the folder)
 REPACKED = {"member": (tar_of, members)}
 SEEDS = {"rosbag1": rosbag1, "rosbag1 packed": rosbag1_packed, "pcap": pcap, "pcapng": pcapng, "tar": tar}
