@@ -135,9 +135,12 @@ def _teeth(density: NDArray[np.float64], valley: float) -> NDArray[np.float64]:
         return np.zeros(0)
     heights = np.sort(density[tops])[::-1]
     # The usual tooth is the median of those that together hold nine tenths of the height: noise is left out.
-    strong = heights[: int(np.searchsorted(np.cumsum(heights), 0.9 * heights.sum())) + 1]
-    on = np.r_[False, density > valley * float(np.median(strong)), False]
-    runs = np.flatnonzero(np.diff(on.astype(np.int8))).reshape(-1, 2)
+    total: NDArray[np.float64] = np.cumsum(heights)
+    strong = heights[: int(np.searchsorted(total, 0.9 * float(total[-1]))) + 1]
+    on = np.zeros(len(density) + 2, np.bool_)
+    on[1:-1] = density > valley * float(np.median(strong))
+    edges: NDArray[np.intp] = np.flatnonzero(on[1:] != on[:-1])
+    runs = edges.reshape(-1, 2)
     tooth = np.repeat(np.arange(len(runs)), runs[:, 1] - runs[:, 0])
     bins = np.flatnonzero(on[1:-1])
     middles = np.bincount(tooth, density[bins] * bins) / np.bincount(tooth, density[bins])

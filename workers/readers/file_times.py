@@ -1,4 +1,4 @@
-"""The stamps of a folder's files: from ``timestamps.csv``, from times in their names, or from numbers in them."""
+"""The stamps of a folder's files: from ``timestamps.csv``, KITTI's ``timestamps.txt``, times in names, or numbers."""
 
 from __future__ import annotations
 
@@ -7,19 +7,27 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import PurePosixPath
 from typing import Final, Literal
 
+import numpy as np
+
 from workers.readers.recording import ReadError
 
 CSV_NAME: Final = "timestamps.csv"
+KITTI_NAME: Final = "timestamps.txt"
 _NUMBER_AT_END: Final = re.compile(r"(\d+(?:\.\d+)?)$")
 # Digits of a time since 1970 in each unit, between the years 2001 and 2286.
 _UNITS_BY_DIGITS: Final = {10: 1_000_000_000, 13: 1_000_000, 16: 1_000, 19: 1}
 _INDEX_STEP_NS: Final = 100_000_000
 # Not 0, which ROS reads as "no stamp".
 _INDEX_START_NS: Final = 1_000_000_000
+_MAX_NS: Final = 2**63 - 1
+_KITTI_LINE: Final = re.compile(r"(\d{4}-\d\d-\d\d)[ T](\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?Z?")
+
+TimesFrom = Literal["csv", "kitti", "names", "index"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,35 +36,74 @@ class FileTimes:
 
     Attributes:
         stamps_ns: by path.
-        source: ``csv``, ``names``, or ``index`` where names hold only numbers and the times are made up.
+        sources: by group: ``csv``, ``kitti`` (a ``timestamps.txt``), ``names``, or ``index`` where names hold only
+            numbers and the times are made up.
         warnings: sentences about what was assumed.
     """
 
     stamps_ns: Mapping[str, int]
-    source: Literal["csv", "names", "index"]
+    sources: Mapping[str, TimesFrom]
     warnings: Sequence[str]
 
 
 def stem_and_number(path: str) -> tuple[str, str]:
     """A file's name split before the number at its end: ``a/pose12.pcd`` gives (``pose``, ``12``)."""
-    stem = PurePosixPath(path).name.rpartition(".")[0]
+    stem = PurePosixPath(path).name.rpartition(".")[0].removesuffix(".pcd")
     match = _NUMBER_AT_END.search(stem)
     return (stem[: match.start()], match.group(1)) if match else (stem, "")
 
 
-def stamp_files(paths: Sequence[str], tables: Mapping[str, bytes]) -> FileTimes:
+def stamp_files(
+    groups: Mapping[str, Sequence[str]], tables: Mapping[str, bytes], lines: Mapping[str, bytes]
+) -> FileTimes:
     """The stamp of every file.
 
     Args:
-        paths: the point clouds and images of the recording.
+        groups: the files of each sensor, point clouds or images.
         tables: content of every ``timestamps.csv`` by its path.
+        lines: content of the ``timestamps.txt`` that belongs to a group, by the group's name.
 
     Raises:
         ReadError: ``timestamps_incomplete``, ``timestamps_malformed``, ``files_without_times``.
     """
-    if tables:
-        return _from_tables(paths, tables)
+    listed = listed_times(tables)
+    stamps: dict[str, int] = {}
+    sources: dict[str, TimesFrom] = {}
+    for group, paths in groups.items():
+        source, found = _stamp_group(paths, listed, lines.get(group), tables)
+        sources[group] = source
+        stamps.update(found)
+    made_up = [group for group, source in sources.items() if source == "index"]
+    if made_up and len(made_up) < len(sources):
+        odd = groups[made_up[0]][0]
+        raise ReadError(
+            "files_without_times",
+            f"Some files have a time, but {odd} has only a number.",
+            f"Name all files by their time, or add {CSV_NAME} with the columns file,stamp_ns.",
+        )
+    warnings = (
+        "File names hold numbers and no times: files of equal number are taken as simultaneous, and the times, "
+        "0.1 s from number to number, are made up.",
+    )
+    return FileTimes(stamps, sources, warnings if made_up else ())
+
+
+def _stamp_group(
+    paths: Sequence[str], listed: Mapping[str, int], lines: bytes | None, tables: Mapping[str, bytes]
+) -> tuple[TimesFrom, Mapping[str, int]]:
+    missing = [path for path in paths if path not in listed]
+    if not missing:
+        return "csv", {path: listed[path] for path in paths}
+    if len(missing) < len(paths):
+        raise _incomplete(missing, len(paths))
+    if lines is not None:
+        return "kitti", kitti_stamps(kitti_times(lines, KITTI_NAME), paths)
     texts = {path: stem_and_number(path)[1] for path in paths}
+    timed = [path for path, text in texts.items() if "." in text or len(text) in _UNITS_BY_DIGITS]
+    if len(timed) == len(paths):
+        return "names", {path: _time(path, text) for path, text in texts.items()}
+    if tables:
+        raise _incomplete(missing, len(paths))
     nameless = [path for path, text in texts.items() if not text]
     if nameless:
         raise ReadError(
@@ -65,67 +112,166 @@ def stamp_files(paths: Sequence[str], tables: Mapping[str, bytes]) -> FileTimes:
             f"Name files by their time (1600000000123456789.png), by a number (pose12.png), or add {CSV_NAME} "
             "with the columns file,stamp_ns.",
         )
-    if all("." in text or len(text) in _UNITS_BY_DIGITS for text in texts.values()):
-        return FileTimes({path: _time(text) for path, text in texts.items()}, "names", ())
-    if any("." in text for text in texts.values()):
-        odd = next(path for path, text in texts.items() if "." not in text and len(text) not in _UNITS_BY_DIGITS)
+    if any("." in texts[path] for path in timed):
+        odd = next(path for path in paths if path not in set(timed))
         raise ReadError(
             "files_without_times",
             f"Some files are named by their time, but {odd} is not.",
             f"Name all files in the same way, or add {CSV_NAME} with the columns file,stamp_ns.",
         )
-    return FileTimes(
-        {path: _INDEX_START_NS + int(text) * _INDEX_STEP_NS for path, text in texts.items()},
-        "index",
-        (
-            "File names hold numbers and no times: files of equal number are taken as simultaneous, and the times, "
-            "0.1 s from number to number, are made up.",
-        ),
+    absurd = next((path for path, text in texts.items() if len(text) > 9), None)
+    if absurd is not None:
+        raise ReadError(
+            "files_without_times",
+            f"The number in the name of {absurd} is no time since 1970 (10, 13, 16 or 19 digits) and too large to "
+            "count files.",
+            f"Name files by their time in nanoseconds, or add {CSV_NAME} with the columns file,stamp_ns.",
+        )
+    return "index", {path: _INDEX_START_NS + int(text) * _INDEX_STEP_NS for path, text in texts.items()}
+
+
+def _incomplete(missing: Sequence[str], count: int) -> ReadError:
+    return ReadError(
+        "timestamps_incomplete",
+        f"{CSV_NAME} has no line for {missing[0]} ({len(missing)} of {count} files are missing).",
+        f"List every file, its path relative to the folder of {CSV_NAME}.",
     )
 
 
-def _time(text: str) -> int:
-    if "." in text:
-        return int(Decimal(text) * 1_000_000_000)
-    return int(text) * _UNITS_BY_DIGITS[len(text)]
+def _time(path: str, text: str) -> int:
+    stamp_ns = int(Decimal(text) * 1_000_000_000) if "." in text else int(text) * _UNITS_BY_DIGITS[len(text)]
+    if stamp_ns > _MAX_NS:
+        raise ReadError(
+            "files_without_times",
+            f"The name of {path} ends in no time: {text} lies past the year 2262.",
+            f"Name files by their time in nanoseconds, or add {CSV_NAME} with the columns file,stamp_ns.",
+        )
+    return stamp_ns
 
 
-def _from_tables(paths: Sequence[str], tables: Mapping[str, bytes]) -> FileTimes:
+def kitti_times(content: bytes, where: str) -> Sequence[int | None]:
+    """Nanoseconds from lines like ``2011-09-26 13:02:25.964389445``, taken as UTC, or seconds or less since 1970.
+
+    Returns:
+        One for each line, None for an empty one, which stands for a frame that was lost.
+
+    Raises:
+        ReadError: ``timestamps_malformed``.
+    """
+    stamps: list[int | None] = []
+    for number, line in enumerate(content.decode("ascii", "replace").rstrip().split("\n"), start=1):
+        text = line.strip()
+        stamps.append(_kitti_time(text, where, number) if text else None)
+    return stamps
+
+
+def _kitti_time(text: str, where: str, number: int) -> int:
+    match = _KITTI_LINE.fullmatch(text)
+    try:
+        if match is not None:
+            whole = datetime.fromisoformat(f"{match.group(1)}T{match.group(2)}").replace(tzinfo=UTC)
+            return int(whole.timestamp()) * 1_000_000_000 + int((match.group(3) or "").ljust(9, "0"))
+        if _NUMBER_AT_END.fullmatch(text) and ("." in text or len(text) in _UNITS_BY_DIGITS):
+            return _time(where, text)
+    except (ValueError, OverflowError, ReadError):
+        pass
+    raise ReadError(
+        "timestamps_malformed",
+        f"{where}, line {number}: {text[:60]!r} is no time.",
+        "Write times as 2011-09-26 13:02:25.964389445.",
+    )
+
+
+def kitti_stamps(times: Sequence[int | None], paths: Sequence[str]) -> Mapping[str, int]:
+    """Stamps by path: a file's number is its line's, counted from 0, since KITTI leaves lost frames out.
+
+    Files whose numbers do not count lines are taken in the order of their names, where there are as many.
+
+    Raises:
+        ReadError: ``timestamps_incomplete``.
+    """
+    numbers = [stem_and_number(path)[1] for path in paths]
+    if all(text.isdigit() and len(text) < 19 and int(text) < len(times) for text in numbers):
+        places = [int(text) for text in numbers]
+    elif len(times) == len(paths):
+        places = np.argsort(np.argsort(np.array(paths))).tolist()
+    else:
+        raise ReadError(
+            "timestamps_incomplete",
+            f"{KITTI_NAME} has {len(times)} lines for {len(paths)} files such as {paths[0]}.",
+            "Give one line per file in the order of the files' names, or number the files by line, from 0.",
+        )
+    found = {path: times[place] for path, place in zip(paths, places, strict=True)}
+    stamps = {path: stamp for path, stamp in found.items() if stamp is not None}
+    if len(stamps) < len(paths):
+        odd = next(path for path in paths if path not in stamps)
+        raise ReadError(
+            "timestamps_incomplete",
+            f"{KITTI_NAME} has no line for {odd} ({len(paths) - len(stamps)} of {len(paths)} files are missing).",
+            "Give one line per file, in the order of the files' names.",
+        )
+    return stamps
+
+
+def listed_times(tables: Mapping[str, bytes]) -> Mapping[str, int]:
+    """Stamps in nanoseconds, by path, of everything that the ``timestamps.csv`` files list.
+
+    Args:
+        tables: content by path; the paths inside are relative to the table's folder.
+
+    Raises:
+        ReadError: ``timestamps_malformed``.
+    """
     stamps: dict[str, int] = {}
     for table_path, content in tables.items():
         folder = PurePosixPath(table_path).parent
-        for number, row in enumerate(_rows(table_path, content), start=2):
+        for number, row in enumerate(read_table(table_path, content, ("file", "stamp_ns")), start=2):
             path = (folder / (row.get("file") or "")).as_posix()
-            try:
-                stamps[path] = int(row.get("stamp_ns") or "")
-            except ValueError:
-                raise ReadError(
-                    "timestamps_malformed",
-                    f"{table_path}, line {number}: {row.get('stamp_ns')!r} is no integer of nanoseconds.",
-                    "Give stamp_ns as nanoseconds since 1970, digits only.",
-                ) from None
-    missing = [path for path in paths if path not in stamps]
-    if missing:
+            stamps[path] = whole_ns(row.get("stamp_ns"), table_path, number)
+    return stamps
+
+
+def whole_ns(text: str | None, where: str, line: int) -> int:
+    """A cell with nanoseconds since 1970.
+
+    Raises:
+        ReadError: ``timestamps_malformed``.
+    """
+    stripped = (text or "").strip()
+    if not (stripped.isascii() and stripped.isdigit() and len(stripped) <= 19 and int(stripped) <= _MAX_NS):
         raise ReadError(
-            "timestamps_incomplete",
-            f"{CSV_NAME} has no line for {missing[0]} ({len(missing)} of {len(paths)} files are missing).",
-            f"List every file, its path relative to the folder of {CSV_NAME}.",
+            "timestamps_malformed",
+            f"{where}, line {line}: {stripped[:60]!r} is no integer of nanoseconds.",
+            "Give stamp_ns as nanoseconds since 1970, digits only.",
         )
-    return FileTimes({path: stamps[path] for path in paths}, "csv", ())
+    return int(stripped)
 
 
-def _rows(table_path: str, content: bytes) -> Sequence[Mapping[str, str | None]]:
+def read_table(where: str, content: bytes, columns: Sequence[str]) -> Sequence[Mapping[str, str | None]]:
+    """The rows of a CSV with a header line.
+
+    Args:
+        where: names the file in errors.
+        content: the whole file, UTF-8.
+        columns: what the header must have, at least.
+
+    Raises:
+        ReadError: ``timestamps_malformed``.
+    """
     try:
         reader = csv.DictReader(io.StringIO(content.decode("utf-8-sig")), skipinitialspace=True)
         rows = list(reader)
     except (UnicodeDecodeError, csv.Error) as error:
         raise ReadError(
-            "timestamps_malformed", f"{table_path} is no CSV text: {error}.", "Save it as UTF-8 CSV: file,stamp_ns."
+            "timestamps_malformed",
+            f"{where} is no CSV text: {error}.",
+            f"Save it as UTF-8 CSV: {','.join(columns)}.",
         ) from error
-    if not {"file", "stamp_ns"} <= set(reader.fieldnames or ()):
+    if not set(columns) <= set(reader.fieldnames or ()):
         raise ReadError(
             "timestamps_malformed",
-            f"{table_path} should have the columns file and stamp_ns; it has {', '.join(reader.fieldnames or ())}.",
-            "Make its first line: file,stamp_ns",
+            f"{where} should have the columns {' and '.join(columns)}; "
+            f"it has {', '.join(reader.fieldnames or ())[:200]}.",
+            f"Make its first line: {','.join(columns)}",
         )
     return rows

@@ -1,168 +1,193 @@
-"""A folder of PCD files and images, or an uncompressed tar of one: a subfolder per sensor, or all in one."""
+"""A folder or an archive as a recording: whatever bags, captures, videos, clouds and images it holds, together."""
 
 from __future__ import annotations
 
-import heapq
-import tarfile
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import posixpath
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import Final, Literal
+from typing import Final
 
-import numpy as np
+from workers.readers.cloud_files import is_cloud_table
+from workers.readers.composite import Composite, Part
+from workers.readers.detect import HEAD_BYTES, Format, format_of
+from workers.readers.file_series import FileSeries, Group, group_files, is_sensor_file
+from workers.readers.file_times import CSV_NAME, KITTI_NAME, listed_times
+from workers.readers.file_tree import FileTree, read_file, read_head
+from workers.readers.kitti import KITTI_ENDS, KITTI_STARTS
+from workers.readers.open_tree import open_tree
+from workers.readers.recording import ReadError, ReadOptions, Recording
 
-from workers.readers.clouds import SAMPLES, CloudModel, Columns, learn_clouds
-from workers.readers.file_times import CSV_NAME, FileTimes, stamp_files, stem_and_number
-from workers.readers.file_tree import FileTree, Folder, Tar
-from workers.readers.images import read_image_header
-from workers.readers.pcd import read_pcd
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
-
-_IMAGES: Final = frozenset({".jpg", ".jpeg", ".png", ".webp"})
-_CLOUDS: Final = frozenset({".pcd"})
+_BAG_FOLDER: Final = "metadata.yaml"
+_BAG_FILES: Final = {".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
+_VIDEO: Final = "workers.readers.video"
+_TIMES: Final = frozenset({CSV_NAME, KITTI_NAME, KITTI_STARTS, KITTI_ENDS})
+_MAX_SOURCES: Final = 256
+_MAX_LISTED: Final = 20
 
 
-class FolderRecording:
-    """PCD files (ascii, binary, compressed) and images (JPEG, PNG, WebP: byte for byte) with their times.
+@dataclass(slots=True)
+class _Contents:
+    """What a tree holds.
 
-    Raises:
-        ReadError: ``folder_empty``, ``folder_refused``, ``recording_truncated``, ``files_without_times``,
-            ``timestamps_incomplete``, ``timestamps_malformed``.
+    Attributes:
+        sources: bags, captures and videos, files or folders, by path.
+        groups: sensors whose every message is a file.
+        tables: paths of ``timestamps.csv``.
+        others: paths of what nobody reads.
     """
 
-    format = "folder"
+    sources: dict[str, Format] = field(default_factory=dict[str, Format])
+    groups: list[Group] = field(default_factory=list[Group])
+    tables: list[str] = field(default_factory=list[str])
+    others: list[str] = field(default_factory=list[str])
 
-    @staticmethod
-    def recognises(path: Path, head: bytes) -> bool:
-        """Whether this is a folder, or a file that begins with the header of an uncompressed tar."""
-        if path.is_dir():
-            return True
-        return head[257:262] == b"ustar" or (len(head) >= 512 and _old_tar(head[:512]))
+
+class FolderRecording(Composite):
+    """Everything in a folder, a tar or a zip that is a sensor.
+
+    Raises:
+        ReadError: ``folder_empty``, ``folder_refused``, ``recording_truncated``, ``archive_encrypted``,
+            ``archive_expands``, ``files_without_times``, ``timestamps_incomplete``, ``timestamps_malformed``, and
+            what the readers of the files in it raise.
+    """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._tree: FileTree = Folder(path) if path.is_dir() else Tar(path)
-        self._options = options
-        self._models: dict[str, CloudModel] = {}
+        self._tree = open_tree(path)
+        self._others: list[str] = []
+        parts: list[Part] = []
         try:
-            self._groups = _group(self._tree.paths)
-            if not self._groups:
-                raise ReadError(
-                    "folder_empty",
-                    f"{path.name} holds no PCD files and no images.",
-                    "Put .pcd files and .jpg, .png or .webp images into it, one subfolder per sensor or all in one.",
-                )
-            tables = [p for p in self._tree.paths if PurePosixPath(p).name == CSV_NAME]
-            everything = [p for paths in self._groups.values() for p in paths]
-            self._times: FileTimes = stamp_files(everything, {t: self._tree.read(t) for t in tables})
+            contents = _look(self._tree)
+            self._others = contents.others
+            if not contents.sources and not contents.groups:
+                raise _empty(self._tree, contents)
+            _open_parts(self._tree, contents, options, parts)
+            super().__init__(parts)
         except BaseException:
+            for part in parts:
+                part.recording.close()
             self._tree.close()
             raise
-        for paths in self._groups.values():
-            paths.sort(key=lambda p: (self._times.stamps_ns[p], p))
-        self._sensors = [
-            Sensor(kind, name, "", len(paths), {"times_from": self._times.source})
-            for (kind, name), paths in sorted(self._groups.items())
-        ]
-
-    @property
-    def sensors(self) -> Sequence[Sensor]:
-        """One sensor per subfolder and kind, cameras first."""
-        return self._sensors
 
     @property
     def other_topics(self) -> Sequence[str]:
-        """Nothing: files of other kinds are not looked at."""
-        return ()
-
-    @property
-    def warnings(self) -> list[str]:
-        """Sentences about what was met while reading."""
-        return [*self._times.warnings, *(said for model in self._models.values() for said in model.warnings())]
-
-    @property
-    def share_read(self) -> float | None:
-        """None: the number of messages is known beforehand."""
-        return None
-
-    def lidar_facts(self, sensor: Sensor) -> LidarFacts:
-        """What was learned of a LiDAR from files spread over the folder."""
-        return self._model(sensor).facts
-
-    def _model(self, sensor: Sensor) -> CloudModel:
-        if sensor.name not in self._models:
-            options = self._options
-            period: int | None = None
-            stamps = np.array([self._times.stamps_ns[p] for p in self._paths(sensor)], np.int64)
-            if self._times.source == "index":
-                # Made-up times say nothing about when, within a sweep, a point was measured.
-                options = replace(options, point_times="stamp_only")
-            elif len(stamps) > 2:
-                period = int(np.median(np.diff(stamps)))
-            self._models[sensor.name] = learn_clouds(self._samples(sensor), period, options, sensor.name)
-        return self._models[sensor.name]
-
-    def _samples(self, sensor: Sensor) -> Iterator[tuple[int, Columns]]:
-        paths = self._paths(sensor)
-        numbers: list[int] = np.unique(np.linspace(0, len(paths) - 1, min(SAMPLES, len(paths))).astype(int)).tolist()
-        for number in numbers:
-            yield self._times.stamps_ns[paths[number]], read_pcd(self._tree.read(paths[number]), paths[number])
-
-    def _paths(self, sensor: Sensor) -> list[str]:
-        return self._groups[(sensor.kind, sensor.name)]
-
-    def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
-        """The sweeps of one LiDAR in the order of their stamps."""
-        model = self._model(sensor)
-        for path in self._paths(sensor):
-            yield model.sweep(self._times.stamps_ns[path], read_pcd(self._tree.read(path), path))
-
-    def frames(self, sensor: Sensor) -> Iterator[Frame]:
-        """The frames of one camera in the order of their stamps."""
-        for path in self._paths(sensor):
-            data = self._tree.read(path)
-            header = read_image_header(data, path)
-            yield Frame(self._times.stamps_ns[path], data, header.media_type, header.width, header.height)
-
-    def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
-        """All chosen sensors, merged by stamp."""
-
-        def of(sensor: Sensor) -> Iterator[tuple[Sensor, Sweep | Frame]]:
-            items: Iterator[Sweep | Frame] = self.sweeps(sensor) if sensor.kind == "lidar" else self.frames(sensor)
-            return ((sensor, item) for item in items)
-
-        return heapq.merge(*(of(sensor) for sensor in sensors), key=lambda pair: pair[1].stamp_ns)
+        """What the files in it hold besides, and the files that nobody reads."""
+        listed = [f"{path} (not read)" for path in self._others[:_MAX_LISTED]]
+        if len(self._others) > _MAX_LISTED:
+            listed.append(f"{len(self._others) - _MAX_LISTED} more files (not read)")
+        return [*super().other_topics, *listed]
 
     def close(self) -> None:
-        """Close the tar, if it is one."""
+        """Close all that is open, and remove what was unpacked."""
+        super().close()
         self._tree.close()
 
 
-def _old_tar(block: bytes) -> bool:
-    try:
-        tarfile.TarInfo.frombuf(block, "utf-8", "surrogateescape")
-    except tarfile.HeaderError:
-        return False
-    return True
-
-
-def _group(paths: Sequence[str]) -> dict[tuple[Literal["lidar", "camera"], str], list[str]]:
-    """Paths by sensor. Files of one kind in one folder are one sensor, unless their names before the number differ
-    and each such name counts several files (``left_1.png``, ``right_1.png``).
-    """
-    folders: dict[tuple[Literal["lidar", "camera"], str], dict[str, list[str]]] = {}
+def _look(tree: FileTree) -> _Contents:
+    contents = _Contents()
+    paths = tree.paths
+    bags = _bag_folders(paths)
+    sensor_files: list[str] = []
     for path in paths:
-        suffix = PurePosixPath(path).suffix.lower()
-        if suffix in _IMAGES or suffix in _CLOUDS:
-            kind: Literal["lidar", "camera"] = "camera" if suffix in _IMAGES else "lidar"
-            folder = PurePosixPath(path).parent.as_posix()
-            folders.setdefault((kind, folder), {}).setdefault(stem_and_number(path)[0], []).append(path)
-    groups: dict[tuple[Literal["lidar", "camera"], str], list[str]] = {}
-    for (kind, folder), stems in folders.items():
-        plain = folder if folder != "." else ("images" if kind == "camera" else "clouds")
-        if len(stems) > 1 and all(stem and len(files) > 1 for stem, files in stems.items()):
-            for stem, files in stems.items():
-                name = stem.strip("_-. ") or plain
-                groups.setdefault((kind, name if folder == "." else f"{folder}/{name}"), []).extend(files)
+        folder, name = posixpath.split(path)
+        if folder in bags:
+            if name == _BAG_FOLDER:
+                contents.sources[folder or "."] = _bag_format(tree, bags[folder])
+        elif name == CSV_NAME:
+            contents.tables.append(path)
+        elif is_sensor_file(path):
+            sensor_files.append(path)
+        elif name not in _TIMES:
+            _look_inside(tree, path, contents, sensor_files)
+    contents.groups = group_files(sensor_files)
+    if len(contents.sources) > _MAX_SOURCES:
+        raise ReadError(
+            "folder_refused",
+            f"{tree.name} was refused: it holds {len(contents.sources)} bags, captures and videos; at most "
+            f"{_MAX_SOURCES} are read.",
+            "Upload each recording by itself.",
+        )
+    return contents
+
+
+def _bag_folders(paths: Sequence[str]) -> Mapping[str, str]:
+    """Folders of ROS 2 bags, each with one of its files."""
+    known = set(paths)
+    found: dict[str, str] = {}
+    for path in paths:
+        folder, name = posixpath.split(path)
+        plain = name.removesuffix(".zstd")
+        if PurePosixPath(plain).suffix in _BAG_FILES and posixpath.join(folder, _BAG_FOLDER) in known:
+            found.setdefault(folder, path)
+    return found
+
+
+def _bag_format(tree: FileTree, file: str) -> Format:
+    head = read_head(tree, file, HEAD_BYTES)
+    known = format_of(head) or format_of(_BAG_FILES[PurePosixPath(file.removesuffix(".zstd")).suffix])
+    if known is None:
+        raise ReadError("not_a_recording", f"{file} is no ROS 2 bag.", "Look at what recorded it.")
+    return known
+
+
+def _look_inside(tree: FileTree, path: str, contents: _Contents, sensor_files: list[str]) -> None:
+    head = read_head(tree, path, HEAD_BYTES)
+    known = format_of(head)
+    if known is not None:
+        contents.sources[path] = known
+    elif path.lower().endswith(".csv") and is_cloud_table(head):
+        sensor_files.append(path)
+    else:
+        contents.others.append(path)
+
+
+def _open_parts(tree: FileTree, contents: _Contents, options: ReadOptions, parts: list[Part]) -> None:
+    tables = {path: read_file(tree, path) for path in contents.tables}
+    top = _common_top([*contents.sources, *(f"{group.folder}/file" for group in contents.groups)])
+    for path, known in contents.sources.items():
+        if known.module == _VIDEO:
+            recording = _open_video(tree, path, options, tables)
         else:
-            groups[(kind, plain)] = [path for files in stems.values() for path in files]
-    return groups
+            recording = known.open(tree.on_disk(path), options)
+        parts.append(Part(recording, _below(path, top)))
+    if contents.groups:
+        groups = [replace(group, name=_below(group.name, top)) for group in contents.groups]
+        series = FileSeries(tree, groups, tables, options)
+        parts.append(Part(series, ".", named=True))
+        if "index" in series.times_from and contents.sources:
+            raise ReadError(
+                "files_without_times",
+                f"The files of {groups[0].name} have numbers and no times, while {next(iter(contents.sources))} has "
+                "times: which belong together is not said.",
+                f"Name the files by their time (1600000000123456789.png), or add {CSV_NAME} with file,stamp_ns.",
+            )
+
+
+def _open_video(tree: FileTree, path: str, options: ReadOptions, tables: Mapping[str, bytes]) -> Recording:
+    from workers.readers.video import VideoRecording
+
+    beside = f"{path.rpartition('.')[0]}.csv"
+    times = read_file(tree, beside) if beside in set(tree.paths) else None
+    start_ns = listed_times(tables).get(path)
+    return VideoRecording(tree.on_disk(path), options, times=times, start_ns=start_ns, name=path)
+
+
+def _common_top(paths: Sequence[str]) -> str:
+    return posixpath.commonpath([posixpath.dirname(path) or "." for path in paths]) if paths else ""
+
+
+def _below(path: str, top: str) -> str:
+    """A name without the folders that all have in common; its last part where nothing would remain."""
+    if top and path.startswith(f"{top}/"):
+        return path[len(top) + 1 :]
+    return posixpath.basename(path) if path == top else path
+
+
+def _empty(tree: FileTree, contents: _Contents) -> ReadError:
+    found = f"; it holds {', '.join(contents.others[:5])}" if contents.others else ""
+    return ReadError(
+        "folder_empty",
+        f"{tree.name} holds no recording, no point clouds and no images{found}.",
+        "Put a bag, a packet capture or point clouds (.pcd, .bin, .npy, .csv) into it, and images (.jpg, .png, "
+        ".webp) or a video, one subfolder per sensor or all in one.",
+    )

@@ -88,6 +88,7 @@ class _Camera:
         self.types = bytearray()
         self.known_types: list[str] = []
         self.transcoded = 0
+        self.transcodings: list[str] = []
 
     def add(self, item: Sweep | Frame) -> None:
         assert isinstance(item, Frame)
@@ -99,6 +100,8 @@ class _Camera:
             self.known_types.append(item.media_type)
         self.types.append(self.known_types.index(item.media_type))
         self.transcoded += item.transcoded
+        if item.transcoding and item.transcoding not in self.transcodings:
+            self.transcodings.append(item.transcoding)
 
     def finish(self, out_dir: Path) -> tuple[SensorManifest, list[str]]:
         offsets = self.writer.finish()
@@ -140,7 +143,7 @@ class _Camera:
             height=table.height[0],
             sizes=sizes,
             camera_info=self.sensor.camera_info,
-            notes=["Raw frames were encoded as PNG, without loss."] if self.transcoded else [],
+            notes=list(self.transcodings),
         )
         return manifest, [*report.warnings, *_size_warnings(self.name, sizes, self.sensor)]
 

@@ -64,6 +64,7 @@ class Frame:
         media_type: ``image/jpeg``, ``image/png`` or ``image/webp``.
         width, height: pixels, read from the header of ``data``.
         transcoded: whether the bytes differ from those in the file.
+        transcoding: what was done to them, a sentence for the owner; the same for all frames that it was done to.
     """
 
     stamp_ns: int
@@ -72,6 +73,7 @@ class Frame:
     width: int
     height: int
     transcoded: bool = False
+    transcoding: str = ""
 
 
 @dataclass(frozen=True, slots=True)

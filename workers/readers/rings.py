@@ -170,8 +170,8 @@ def _complete(centres: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
         return centres, ""
     if np.abs(gaps - holes * step).max() > 0.15 * step:
         return centres, ""
-    places = np.r_[0, np.cumsum(holes)]
-    filled = np.interp(np.arange(places[-1] + 1), places, centres)
+    places = np.concatenate([[0], np.cumsum(holes)])
+    filled: NDArray[np.float64] = np.interp(np.arange(int(places[-1]) + 1), places, centres)
     return filled, f", {len(filled) - len(centres)} without points put in between"
 
 

@@ -33,7 +33,7 @@ def test_every_pixel_survives(encoding, stored, bgr, padding):
 @pytest.mark.parametrize(
     ("change", "code"),
     [
-        ({"encoding": "bayer_rggb8"}, "image_encoding_unsupported"),
+        ({"encoding": "32FC1"}, "image_encoding_unsupported"),
         ({"width": 60000, "height": 60000}, "image_too_large"),
         ({"step": 20}, "image_damaged"),
         ({"height": 6}, "image_damaged"),

@@ -1,0 +1,140 @@
+"""A folder on disk for what lies packed in an archive and can only be read from a file of its own."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import lzma
+import tempfile
+import zlib
+from pathlib import Path
+from typing import IO, Final, Protocol, cast
+
+from workers.readers.recording import ReadError
+
+MAX_UNPACKED_BYTES: Final = 256 * 1024**3
+# Recordings pack to a third or a tenth. What grows more, and past a size that does no harm, is made to fill disks.
+MAX_RATIO: Final = 200
+HARMLESS_BYTES: Final = 256 * 1024**2
+_PIECE: Final = 1024 * 1024
+_WINDOW_BYTES: Final = 128 * 1024**2
+
+_PACKED: Final = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz", b"\x28\xb5\x2f\xfd": "zstd"}
+
+
+def packing_of(head: bytes) -> str | None:
+    """``gzip``, ``bzip2``, ``xz`` or ``zstd`` from a file's first bytes, else None."""
+    return next((name for magic, name in _PACKED.items() if head.startswith(magic)), None)
+
+
+def expands_too_far(packed: int, unpacked: int) -> bool:
+    """Whether so many bytes out of so few are refused."""
+    return unpacked > MAX_UNPACKED_BYTES or unpacked > max(HARMLESS_BYTES, MAX_RATIO * packed)
+
+
+class Readable(Protocol):
+    """What bytes come out of."""
+
+    def read(self, size: int = -1, /) -> bytes: ...
+
+
+class Scratch:
+    """A temporary folder that is made when it is first needed and removed by :meth:`close`.
+
+    Args:
+        name: of the archive, for messages.
+        packed_bytes: the archive's size, against which what comes out of it is held.
+    """
+
+    def __init__(self, name: str, packed_bytes: int) -> None:
+        self._name = name
+        self._packed = packed_bytes
+        self._written = 0
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+
+    @property
+    def root(self) -> Path:
+        """The folder."""
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="apexcal-unpacked-")
+        return Path(self._folder.name)
+
+    def write(self, stream: Readable, relative: str, *, expanding: bool = True) -> Path:
+        """Copy a stream to its end into a file.
+
+        Args:
+            stream: the unpacked bytes.
+            relative: path in the folder, checked by the caller to stay in it.
+            expanding: whether the bytes were compressed, so that their number is no given thing.
+
+        Raises:
+            ReadError: ``archive_expands`` past the bounds above.
+        """
+        path = self.root / relative
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("wb") as out:
+            while piece := stream.read(_PIECE):
+                if expanding:
+                    self._written += len(piece)
+                    if expands_too_far(self._packed, self._written):
+                        raise refused_expanding(self._name)
+                out.write(piece)
+        return path
+
+    def unpack(self, file: Path, packing: str, relative: str) -> Path:
+        """Decompress a whole file into one of the folder.
+
+        Raises:
+            ReadError: ``archive_expands``, ``recording_truncated`` where the packed data are cut short or damaged.
+        """
+        try:
+            with file.open("rb") as packed, _decompressor(packed, packing) as stream:
+                return self.write(stream, relative)
+        except (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile) as error:
+            raise damaged_archive(self._name, str(error)) from error
+        except OSError as error:  # bz2 and gzip raise it without an errno; anything else is the disk's
+            if error.errno is not None:
+                raise
+            raise damaged_archive(self._name, str(error)) from error
+        except Exception as error:
+            if type(error).__name__ != "ZstdError":
+                raise
+            raise damaged_archive(self._name, str(error)) from error
+
+    def close(self) -> None:
+        """Remove the folder."""
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+
+
+def _decompressor(packed: IO[bytes], packing: str) -> IO[bytes]:
+    if packing == "gzip":
+        return cast(IO[bytes], gzip.GzipFile(fileobj=packed))
+    if packing == "bzip2":
+        return cast(IO[bytes], bz2.BZ2File(packed))
+    if packing == "xz":
+        return cast(IO[bytes], lzma.LZMAFile(packed))
+    import zstandard
+
+    decompressor = zstandard.ZstdDecompressor(max_window_size=_WINDOW_BYTES)
+    return cast(IO[bytes], decompressor.stream_reader(packed, read_across_frames=True))
+
+
+def refused_expanding(name: str) -> ReadError:
+    """The refusal of an archive that unpacks to too much."""
+    return ReadError(
+        "archive_expands",
+        f"{name} was refused: it unpacks to more than {MAX_RATIO} times its size, or to more than "
+        f"{MAX_UNPACKED_BYTES // 1024**3} GB.",
+        "Upload the recording unpacked, as a folder or as a tar without compression.",
+    )
+
+
+def damaged_archive(name: str, why: str) -> ReadError:
+    """The refusal of an archive whose bytes contradict each other or end too early."""
+    return ReadError(
+        "recording_truncated",
+        f"{name} is cut short or damaged: {why.rstrip('.')}.",
+        "Pack the recording again, upload it again, and compare its size with the original's.",
+    )

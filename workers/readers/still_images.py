@@ -1,0 +1,94 @@
+"""An image file as a frame: as it is where browsers show it faithfully, else as a PNG of 8 bits."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import PurePosixPath
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from workers.readers.images import check_size, read_image_header
+from workers.readers.recording import Frame, ReadError
+from workers.readers.transcode import png_frame
+
+_SHOWN: Final = frozenset({".jpg", ".jpeg", ".png", ".webp"})
+_DECODED: Final = frozenset({".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".pnm"})
+IMAGE_SUFFIXES: Final = _SHOWN | _DECODED
+_TIFF_SIZE: Final = {3: "H", 4: "I"}
+
+
+def image_frame(data: bytes, stamp_ns: int, where: str) -> Frame:
+    """A frame of an image file.
+
+    JPEG, WebP and PNG of 8 bits stay byte for byte. PNG of 16 bits, TIFF, BMP and PNM are decoded, and encoded as PNG
+    of 8 bits.
+
+    Args:
+        data: the whole file.
+        stamp_ns: of the frame.
+        where: names the file in errors.
+
+    Raises:
+        ReadError: ``image_unsupported``, ``image_damaged``, ``image_too_large``, ``image_turned``.
+    """
+    if PurePosixPath(where).suffix.lower() not in _DECODED:
+        header = read_image_header(data, where)
+        if header.media_type != "image/png" or data[24] != 16:
+            return Frame(stamp_ns, data, header.media_type, header.width, header.height)
+    else:
+        _check_header(data, where)
+    try:
+        pixels: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise _damaged(where, str(error.err or error).splitlines()[0]) from error
+    if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
+        raise _damaged(where, "its pixels cannot be decoded as 8 or 16 bits")
+    return png_frame(pixels, stamp_ns, where)
+
+
+def _damaged(where: str, why: str) -> ReadError:
+    return ReadError("image_damaged", f"{where} is damaged: {why}.", "Leave this image out, or convert it to PNG.")
+
+
+def _check_header(data: bytes, where: str) -> None:
+    """Hold the size that an image claims against the limit, before anything decodes it."""
+    try:
+        if data[:2] == b"BM":
+            width, height = struct.unpack_from("<ii", data, 18)
+        elif data[:2] in (b"P5", b"P6"):
+            width, height = _pnm_size(data)
+        elif data[:4] in (b"II*\0", b"MM\0*"):
+            width, height = _tiff_size(data)
+        else:
+            raise ReadError(
+                "image_unsupported",
+                f"{where} is not what its name says (it starts with {data[:8].hex(' ') or 'nothing'}).",
+                "Convert the camera's frames to PNG or JPEG.",
+            )
+    except (struct.error, ValueError, IndexError):
+        raise _damaged(where, "its header is cut short or states no size") from None
+    height = abs(height)
+    if width <= 0 or height == 0:
+        raise _damaged(where, f"its header claims {width} x {height} pixels")
+    check_size(width, height, where)
+
+
+def _pnm_size(data: bytes) -> tuple[int, int]:
+    words = [word for line in data[:1024].split(b"\n") for word in line.partition(b"#")[0].split()]
+    if not (words[1].isdigit() and words[2].isdigit()):
+        raise ValueError
+    return int(words[1]), int(words[2])
+
+
+def _tiff_size(data: bytes) -> tuple[int, int]:
+    order = "<" if data[:1] == b"I" else ">"
+    (directory,) = struct.unpack_from(order + "I", data, 4)
+    (count,) = struct.unpack_from(order + "H", data, directory)
+    size: dict[int, int] = {}
+    for entry in range(directory + 2, directory + 2 + 12 * count, 12):
+        tag, kind = struct.unpack_from(order + "HH", data, entry)
+        if tag in (256, 257) and kind in _TIFF_SIZE:
+            (size[tag],) = struct.unpack_from(order + _TIFF_SIZE[kind], data, entry + 8)
+    return size.get(256, 0), size.get(257, 0)
