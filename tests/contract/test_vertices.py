@@ -1,16 +1,17 @@
 """Service and workers speak of regions and detectors in the same words."""
 
 import json
+from typing import get_args
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from service.detections import detectors, regions
+from service.detections import detectors, regions, schemas
 from workers.vertices import detectors as worker_detectors
+from workers.vertices import pairing, region_document, vertex
 from workers.vertices import region as worker_region
-from workers.vertices import region_document
 
 REGION = TypeAdapter(regions.Region)
 
@@ -47,6 +48,12 @@ def test_detectors_have_the_same_names_options_limits_and_defaults():
         for name, detector in worker_detectors.DETECTORS.items()
     }
     assert ours == theirs
+
+
+def test_flags_classes_and_ways_of_pairing_are_the_same():
+    assert dict(vertex.FLAGS) == detectors.FLAGS
+    assert get_args(schemas.Quality) == get_args(vertex.Quality)
+    assert get_args(schemas.Pairing.model_fields["mode"].annotation) == pairing.PAIRING_MODES
 
 
 def test_quantities_operators_and_limits_are_the_same():
