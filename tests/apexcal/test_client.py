@@ -198,6 +198,15 @@ def test_from_a_bag_to_a_published_calibration(owner, rig, simulated):
     progress = owner.marking.progress(detection["id"], "front")
     assert progress["marks"] == progress["complete"] == progress["vertices"]
     assert len(list(owner.marking.marks(detection["id"], "front"))) == progress["marks"]
+    moved = owner.wait(
+        owner.detections.create(
+            recording["id"], KEEP, detector="tolerant", options=loose, max_gap_ns=20_000_000, mode="interpolate"
+        ),
+        timeout_s=60,
+    )
+    built = owner.correspondence_sets.get(owner.correspondence_sets.build(moved["id"], "front")["id"])
+    assert built["count"] == moved["counts"]["paired"] > 0, "marks survive another run with another pairing"
+    assert all(pair["gap_ns"] == 0 and 0 < pair["sigma_elevation_rad"] < 0.01 for pair in built["pairs"])
     rows = [
         {"x": x, "y": y, "z": z, "u": u, "v": v, "stamp_ns": stamp}
         for (x, y, z), (u, v), stamp, seen in zip(*(truth["frames"][k] for k in TRUTH), strict=True)
