@@ -1,0 +1,206 @@
+"""One sweep's board: the planes that could be it, and the apex that the rays tell for the best of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import Sweep
+from workers.vertices.refined.clusters import clusters
+from workers.vertices.refined.corner import integrate
+from workers.vertices.refined.model import Fix, Floats, Model, Plane
+from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
+from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
+from workers.vertices.refined.window import Window, open_window
+from workers.vertices.sensor_grid import SensorGrid
+
+_WIDEST_M = 1.8  # a stretch of points on a ring that is wider is no board
+_PAIRS = 8
+_ON_BOARD = 2.0  # likelihood ratio from which a point counts as the board's
+_CONFIDENT = 5.0
+_COARSE, _FINE = 24, 36  # cells along either side of the grid
+_ROLLS = 9
+_ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
+
+
+def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> list[Window]:
+    """A window around every group of points that lie in the region."""
+    return [
+        open_window(sweep, inside, grid, centre, half + 5.0 * grid.step)
+        for centre, half in clusters(sweep.xyz[inside])
+    ]
+
+
+def find_planes(windows: Iterable[Window], model: Model, most: int) -> list[Plane]:
+    """Planes that could be the board's, at least two rings on each, the likeliest first."""
+    found: list[tuple[float, Window, Floats, Floats, tuple[int, int, int]]] = []
+    prior = np.array([*model.yaw, *model.tilt])
+    for window in windows:
+        stretches = find_stretches(window.azimuth, window.distance, window.inside, model.sigma, model.grid.step)
+        pairs = pair_stretches(stretches, window.slope, _WIDEST_M, _PAIRS)
+        ring, column = np.nonzero(window.inside)
+        azimuth, slope, distance = (part[ring, column] for part in (window.azimuth, window.slope, window.distance))
+        seen: list[Floats] = []
+        for pair in pairs:
+            start = np.zeros(ring.size, np.bool_)
+            for r, first, last in stretches[pair, :3].astype(np.int64):
+                start |= (ring == r) & (column >= first) & (column <= last)
+            w, info, score = grow_plane(azimuth, slope, distance, start, model.sigma, prior)
+            if any(bool(np.all(np.abs(other - w) < 0.003 * abs(w[0]))) for other in seen):
+                continue
+            seen.append(w)
+            r, first, last = stretches[pair[0], :3].astype(int).tolist()
+            found.append((score, window, w, np.linalg.inv(info), (r, first, last)))
+    found.sort(key=lambda item: -item[0])
+    planes = (_with_rays(*item, model) for item in found[:most])
+    return [plane for plane in planes if plane is not None]
+
+
+def _with_rays(
+    score: float, window: Window, w: Floats, spread: Floats, seed: tuple[int, int, int], model: Model
+) -> Plane | None:
+    left, up, ratio = likelihood_ratios(window.azimuth, window.slope, window.distance, w, spread, model.sigma)
+    ends = follow_board(left, up, ratio, window.inside, *seed)
+    on_board = np.flatnonzero(ends[:, 0] >= 0)
+    if on_board.size < 2:
+        return None
+    at = tuple(choose_rays(left, up, ratio, ends).T)
+    u = w[0] * np.cos(window.azimuth[at]) + w[1] * np.sin(window.azimuth[at]) + w[2] * window.slope[at]
+    points = sum(
+        int(np.count_nonzero(ratio[r, first : last + 1] > _ON_BOARD)) for r, (first, last) in enumerate(ends) if first >= 0
+    )
+    return Plane(
+        centre=window.centre,
+        w=w,
+        spread=spread,
+        score=score,
+        left=left[at],
+        up=up[at],
+        reach=np.sqrt(1.0 + window.slope[at] ** 2) / u,
+        ratio=ratio[at],
+        rings=int(on_board.size),
+        top_ring=int(on_board[-1]),
+        points=points,
+        window=window,
+        ends=ends,
+    )
+
+
+def residuals(plane: Plane) -> Floats:
+    """(N,) metres, how far the points on the board lie behind its plane."""
+    window, parts = plane.window, [np.zeros(0)]
+    for r in np.flatnonzero(plane.ends[:, 0] >= 0):
+        run = (r, slice(plane.ends[r, 0], plane.ends[r, 1] + 1))
+        azimuth, slope, distance = window.azimuth[run], window.slope[run], window.distance[run]
+        inverse = plane.w[0] * np.cos(azimuth) + plane.w[1] * np.sin(azimuth) + plane.w[2] * slope
+        parts.append((distance - 1.0 / inverse)[distance > 0.0])
+    return np.concatenate(parts)
+
+
+def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
+    """The apex in a plane, over both ways to hold the board; None where no board explains the rays.
+
+    Args:
+        coarse: for comparing models: quicker, and good enough for the evidence.
+    """
+    ways = [
+        (share, _corner(plane, model, edges, coarse))
+        for share, edges in ((1.0 - model.swapped, model.edges), (model.swapped, model.edges[::-1]))
+    ]
+    found = [(math.log(share), corner) for share, corner in ways if corner is not None]
+    if not found:
+        return None
+    evidence = np.array([share + corner[0] for share, corner in found])
+    total = float(np.logaddexp.reduce(evidence))
+    weight = np.exp(evidence - total)
+    means = np.array([corner[1:4] for _, corner in found])
+    mean = weight @ means
+    covariance = sum(
+        x * (_matrix(corner) + np.outer(m - mean, m - mean)) for x, m, (_, corner) in zip(weight, means, found, strict=True)
+    )
+    xyz, errors = _to_angles(plane, mean, np.asarray(covariance))
+    odds = float(evidence[1] - evidence[0]) if len(found) == 2 else 0.0
+    best = max(corner[10] for _, corner in found)
+    return Fix(
+        plane, xyz, errors, float(mean[2]), math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(best), total, odds
+    )
+
+
+def _matrix(corner: Floats) -> Floats:
+    ll, uu, rr, lu, lr, ur = corner[4:10]
+    return np.array([[ll, lu, lr], [lu, uu, ur], [lr, ur, rr]])
+
+
+def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool) -> Floats | None:
+    """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior."""
+    hits = plane.ratio > _CONFIDENT
+    if not hits.any():
+        return None
+    mean, sigma = model.roll
+    rolls = mean + sigma * np.linspace(-_ROLL_REACH, _ROLL_REACH, _ROLLS)
+    grow, soft = plane.reach * model.growth, plane.reach * model.soft
+    along = _turn(mean) @ np.array([plane.left, plane.up])[:, hits]
+    low, high = along.max(axis=1) - np.array(edges), along.min(axis=1)
+    centre, lean, half = 0.5 * (low + high), np.zeros(2), 0.5 * np.abs(high - low) + 0.12 + model.slack
+    origin = np.zeros(2)
+    out = np.zeros(12)
+    passes = (20, 24) if coarse else (_COARSE, _COARSE, _FINE)
+    for number, cells in enumerate(passes):
+        prior = -0.5 * ((rolls - mean) / sigma) ** 2 + math.log((rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi))
+        out = integrate(
+            plane.left - origin[0], plane.up - origin[1], grow, soft, plane.ratio,
+            edges[0], edges[1], model.slack, rolls, prior, centre, lean, half, cells,
+        )  # fmt: skip
+        if out[0] < -1e299:
+            return None
+        out[1:3] += origin
+        if number == len(passes) - 1:
+            break
+        origin = out[1:3].copy()
+        covariance = _matrix(out)
+        reach = 3.0 * max(math.sqrt(max(covariance[2, 2], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
+        ends = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
+        rolls = np.linspace(*ends, _ROLLS + 2 if cells == _FINE else _ROLLS)
+        middle = 0.5 * (ends[0] + ends[1])
+        turn = _turn(middle)
+        flat, towards = turn @ covariance[:2, :2] @ turn.T, turn @ covariance[:2, 2]
+        lean = towards / max(covariance[2, 2], 1e-12)
+        own = np.sqrt(np.maximum(np.diag(flat) - lean * towards, 1e-10))
+        centre = lean * (middle - out[3])
+        half = 3.2 * own + half * 2.0 / cells
+    return out
+
+
+def _turn(roll: float) -> Floats:
+    """(2, 2) from (left, up) to the coordinates along the edges to the lower left and to the lower right."""
+    cosine, sine = math.cos(roll), math.sin(roll)
+    return np.array([[cosine, -sine], [-sine, -cosine]])
+
+
+def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """The apex in the LiDAR frame, and its covariance over azimuth, elevation and range."""
+    w = plane.w
+    norm = float(np.linalg.norm(w))
+    n = w / norm
+    e_left = np.array([-n[1], n[0], 0.0]) / math.hypot(n[0], n[1])
+    e_up = np.cross(n, e_left)
+    x, y, z = (n / norm + mean[0] * e_left + mean[1] * e_up).tolist()
+    flat, reach = math.hypot(x, y), math.sqrt(x * x + y * y + z * z)
+    azimuth = np.array([-y, x, 0.0]) / flat**2
+    elevation = np.array([-x * z / flat, -y * z / flat, flat]) / reach**2
+    jacobian = np.array([azimuth, elevation, np.array([x, y, z]) / reach]) @ np.array([e_left, e_up]).T
+    errors = jacobian @ covariance[:2, :2] @ jacobian.T
+    ray = np.array([x, y, z]) / flat
+    errors[2, 2] += float(ray @ plane.spread @ ray) * flat**4 * (reach / flat) ** 2
+    c, s = math.cos(plane.centre), math.sin(plane.centre)
+    return np.array([x * c - y * s, x * s + y * c, z]), errors
+
+
+def look(sweep: Sweep, inside: NDArray[np.bool_], model: Model, most: int = 3) -> list[Fix]:
+    """The apexes that the likeliest planes of a sweep tell, the likeliest first."""
+    planes = find_planes(open_windows(sweep, inside, model.grid), model, most)
+    found = [fix for plane in planes if (fix := locate(plane, model)) is not None]
+    return sorted(found, key=lambda fix: -(fix.evidence + fix.plane.score))

@@ -1,0 +1,212 @@
+"""What a recording's near sweeps tell of its sensor, its board and the person who carries it.
+
+Everything comes from a fixed selection of sweeps spread over the whole recording, so that it is the same however the
+recording is cut into shards.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workers.vertices.options import Options
+from workers.vertices.refined.board import find_planes, locate, open_windows, residuals
+from workers.vertices.refined.model import Floats, Model, Plane
+from workers.vertices.refined.window import Window
+from workers.vertices.region import Region
+from workers.vertices.sensor_grid import learn_grid
+from workers.vertices.sources import SweepSource
+
+_GRID_SWEEPS = 24
+_SWEEPS = 96
+_NEAR = 24
+_ENOUGH = 4  # near sweeps from which something is learned
+_MIN_RINGS, _MIN_POINTS = 3, 20
+_FIRST_SIGMA_M = 0.03
+_SIGMA_M = (0.004, 0.08)
+# Fewer sweeps than infinitely many: this many imagined ones at the defaults are counted in.
+_DOUBT = 3.0
+_LEAST_TILT = 0.04
+_LEAST_ROLL = math.radians(2.0)
+_GROWTH_RAD = (-0.25e-3, 4.0e-3)
+
+
+def learn(source: SweepSource, region: Region, options: Options, on_sweep: Callable[[], None]) -> Model:
+    """The model of a recording; defaults where its near sweeps tell nothing."""
+    grid = learn_grid(source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
+    edges = (float(options["board_width_m"]), float(options["board_height_m"]))
+    model = _given(Model(grid, sigma=_FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
+    near: list[tuple[int, int, Window]] = []
+    for index in _spread(len(source), _SWEEPS):
+        sweep = source.sweep(index)
+        on_sweep()
+        planes = find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1)
+        near += [
+            (plane.points, index, plane.window)
+            for plane in planes
+            if plane.rings >= _MIN_RINGS and plane.points >= _MIN_POINTS
+        ]
+    windows = [window for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[:_NEAR]]
+    if len(windows) < _ENOUGH:
+        return replace(model, sigma=Model(grid).sigma)
+    model, planes = _learn_planes(windows, model)
+    return _learn_board(planes, model, edges, float(options["edge_growth_mrad"]))
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """At most ``most`` of the numbers 0 to count - 1, evenly spread."""
+    return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()}) if count else []
+
+
+def _given(model: Model, edges: tuple[float, float], growth_mrad: float) -> Model:
+    if all(edges):
+        model = replace(model, edges=edges, slack=0.0)
+    return replace(model, growth=max(growth_mrad, 0.0) * 1e-3)
+
+
+def _learn_planes(windows: Sequence[Window], model: Model) -> tuple[Model, list[Plane]]:
+    """The noise of the distances, and how upright the board is held."""
+    planes = _best(windows, model)
+    model = replace(model, sigma=_clip(1.5 * _noise(planes)))
+    for _ in range(3):
+        planes = _best(windows, model)
+        if len(planes) < _ENOUGH:
+            return model, planes
+        beyond = np.concatenate([residuals(plane) for plane in planes])
+        sigma = _clip(1.1 * 1.4826 * float(np.median(np.abs(beyond))))
+        tilt = np.array([-plane.w[2] / plane.w[0] for plane in planes])
+        yaw = np.array([-plane.w[1] / plane.w[0] for plane in planes])
+        default = Model(model.grid)
+        model = replace(
+            model,
+            sigma=sigma,
+            tilt=_gathered(tilt, default.tilt, _LEAST_TILT),
+            yaw=(0.0, max(2.0 * _gathered(yaw, default.yaw, 0.0)[1], 0.2)),
+        )
+    return model, _best(windows, model)
+
+
+def _best(windows: Sequence[Window], model: Model) -> list[Plane]:
+    planes = [plane for window in windows for plane in find_planes([window], model, 1)]
+    return [plane for plane in planes if plane.rings >= _MIN_RINGS]
+
+
+def _noise(planes: Sequence[Plane]) -> float:
+    """From second differences along the rings, which a plane and a slow bend do not change."""
+    parts: list[Floats] = [np.zeros(0)]
+    for plane in planes:
+        for r in np.flatnonzero(plane.ends[:, 0] >= 0):
+            distance = plane.window.distance[r, plane.ends[r, 0] : plane.ends[r, 1] + 1]
+            parts.append(np.diff(distance[distance > 0.0], 2))
+    second = np.concatenate(parts)
+    return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if second.size else _FIRST_SIGMA_M
+
+
+def _clip(sigma: float) -> float:
+    return min(max(sigma, _SIGMA_M[0]), _SIGMA_M[1])
+
+
+def _gathered(values: Floats, default: tuple[float, float], least: float) -> tuple[float, float]:
+    """Median and robust spread of a few values, drawn towards the default."""
+    weight = values.size / (values.size + _DOUBT)
+    middle = float(np.median(values))
+    own = 1.4826 * float(np.median(np.abs(values - middle)))
+    variance = weight * own**2 + (1.0 - weight) * default[1] ** 2
+    return weight * middle + (1.0 - weight) * default[0], max(math.sqrt(variance), least)
+
+
+def _learn_board(planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float) -> Model:
+    """The board's edges where they are not given, their growth, which edge is where, and the roll."""
+    if len(planes) < _ENOUGH:
+        return model
+    if not all(edges):
+        model = _first_edges(planes, model, edges)
+    model = _refine(planes, model, edges, growth_mrad)
+    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.best > -6.0]
+    if len(fixes) < _ENOUGH:
+        return model
+    roll = np.array([fix.roll for fix in fixes])
+    odds = np.array([fix.swapped for fix in fixes])
+    return replace(
+        model,
+        roll=_gathered(roll, Model(model.grid).roll, _LEAST_ROLL),
+        swapped=float((np.sum(1.0 / (1.0 + np.exp(-np.clip(odds, -30, 30)))) + 1.0) / (odds.size + 2.0)),
+    )
+
+
+def _first_edges(planes: Sequence[Plane], model: Model, edges: tuple[float, float]) -> Model:
+    """Upper parts of the extents that the hits have, each sweep's board turned so that they are smallest."""
+    extents: list[Floats] = []
+    for plane in planes:
+        hits = plane.ratio > 5.0
+        rolls = model.roll[0] + model.roll[1] * np.linspace(-2.0, 2.0, 41)
+        p = np.outer(np.cos(rolls), plane.left[hits]) - np.outer(np.sin(rolls), plane.up[hits])
+        q = np.outer(np.sin(rolls), plane.left[hits]) + np.outer(np.cos(rolls), plane.up[hits])
+        spans = np.array([np.ptp(p, axis=1), np.ptp(q, axis=1)])
+        extents.append(np.sort(spans[:, int(np.argmin(spans.sum(axis=0)))]))
+    short, long = np.quantile(np.array(extents), 0.7, axis=0).tolist()
+    known = max(edges)
+    if known > 0.0:
+        other = long if abs(known - short) < abs(known - long) else short
+        return replace(model, edges=tuple(sorted((known, other))), slack=0.0)
+    return replace(model, edges=(short, long), slack=0.0)
+
+
+def _refine(planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float) -> Model:
+    """Whatever is open of edge lengths and growth, by the evidence of the near sweeps, one after the other.
+
+    A growth makes a board larger by twice the growth times its distance; so the lengths are varied as they appear at
+    the planes' mean distance, which hardly depends on the growth.
+    """
+    reach = float(np.mean([np.median(plane.reach) for plane in planes]))
+    free = [index for index in (0, 1) if not all(edges) and model.edges[index] not in edges]
+    state = np.array([*model.edges, model.growth])
+    state[free] += 2.0 * reach * state[2]
+
+    def modelled(x: Floats) -> Model:
+        lengths = [float(x[i] - 2.0 * reach * x[2] * (i in free)) for i in (0, 1)]
+        return replace(model, edges=(lengths[0], lengths[1]), growth=float(x[2]))
+
+    def evidence(x: Floats) -> float:
+        tried = modelled(x)
+        found = [locate(plane, tried, coarse=True) for plane in planes]
+        prior = -0.5 * ((x[2] - 0.5e-3) / 1.0e-3) ** 2
+        return prior + sum(max(fix.evidence, -40.0) if fix is not None else -40.0 for fix in found)
+
+    open_growth = growth_mrad < 0.0
+    sigmas = np.zeros(3)
+    steps = [0.02, 0.02, 0.5e-3]
+    for turn in range(2):
+        for index in [*free, *([2] if open_growth else [])]:
+            state, sigmas[index] = _climb(evidence, state, index, steps[index] * 0.4**turn)
+    state[2] = min(max(state[2], _GROWTH_RAD[0]), _GROWTH_RAD[1])
+    slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
+    return replace(modelled(state), slack=slack)
+
+
+def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float) -> tuple[Floats, float]:
+    """Along one coordinate in even steps to the highest value, then to the parabola's top; with its width."""
+    def along(k: int) -> float:
+        x = at.copy()
+        x[index] += k * step
+        return value(x)
+
+    known = {k: along(k) for k in (-1, 0, 1)}
+    for _ in range(8):
+        top = max(known, key=lambda k: known[k])
+        missing = [k for k in (top - 1, top + 1) if k not in known]
+        if not missing:
+            break
+        known |= {k: along(k) for k in missing}
+    top = max(known, key=lambda k: known[k])
+    moved = at.copy()
+    before, after = known.get(top - 1), known.get(top + 1)
+    bend = 2.0 * known[top] - before - after if before is not None and after is not None else 0.0
+    shift = 0.5 * (after - before) / bend if bend > 0.0 and before is not None and after is not None else 0.0
+    moved[index] += (top + min(max(shift, -0.5), 0.5)) * step
+    return moved, step / math.sqrt(bend) if bend > 1e-9 else step
+
+

@@ -1,0 +1,106 @@
+"""What the detector takes as known, and what it says of one sweep."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.vertices.refined.window import Window
+from workers.vertices.sensor_grid import SensorGrid
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """Sensor, board and person; pairs are mean and standard deviation.
+
+    Attributes:
+        grid: where the sensor looks.
+        sigma: metres, standard deviation of a distance.
+        edges: metres, lengths of the board's edges.
+        slack: metres, half width of what is not known of these lengths.
+        growth: radians by which the edges seem to lie farther out, because a beam has a width.
+        soft: radians, half width of the step from hits to misses at an edge.
+        roll: radians; 45 degrees where both edges fall alike to the left and to the right.
+        yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
+        swapped: share of sweeps in which the second edge is the one to the lower left.
+    """
+
+    grid: SensorGrid
+    sigma: float = 0.02
+    edges: tuple[float, float] = (0.75, 0.75)
+    slack: float = 0.35
+    growth: float = 0.0
+    soft: float = math.radians(0.02)
+    roll: tuple[float, float] = (math.radians(45.0), math.radians(5.0))
+    yaw: tuple[float, float] = (0.0, 0.6)
+    tilt: tuple[float, float] = (0.0, 0.14)
+    swapped: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """A plane w . X = 1 in a window's frame, and the rays that tell where the board in it ends.
+
+    Attributes:
+        centre: radians, azimuth of the frame's x'.
+        w: (3,) and spread: (3, 3) its covariance.
+        score: log likelihood of the points in it, against clutter.
+        left, up: (N,) metres, where each ray meets the plane, from the foot of the sensor's perpendicular.
+        reach: (N,) metres, distance to there.
+        ratio: (N,) likelihood of what the ray met with the board over that without.
+        rings: how many rings meet the board; top_ring: the highest of them.
+        points: how many points lie on it.
+        window, ends: where it was found, and (R, 2) the board's first and last column on every ring, -1 for none.
+    """
+
+    centre: float
+    w: Floats
+    spread: Floats
+    score: float
+    left: Floats
+    up: Floats
+    reach: Floats
+    ratio: Floats
+    rings: int
+    top_ring: int
+    points: int
+    window: Window
+    ends: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fix:
+    """The apex that a plane's rays tell.
+
+    Attributes:
+        xyz: (3,) metres, LiDAR frame.
+        covariance: (3, 3) of azimuth, elevation (rad) and range (m).
+        roll, roll_sigma: radians.
+        best: log likelihood of the rays for the likeliest board, 0 where every ray is as expected.
+        evidence: log of the rays' likelihood, averaged over the prior; with the plane's own score.
+        swapped: log odds that the second edge is the one to the lower left.
+    """
+
+    plane: Plane
+    xyz: Floats
+    covariance: Floats
+    roll: float
+    roll_sigma: float
+    best: float
+    evidence: float
+    swapped: float
+
+    @property
+    def sigma_azimuth(self) -> float:
+        """Radians."""
+        return math.sqrt(self.covariance[0, 0])
+
+    @property
+    def sigma_elevation(self) -> float:
+        """Radians."""
+        return math.sqrt(self.covariance[1, 1])

@@ -1,0 +1,106 @@
+"""Where a spinning sensor looks: the elevation of each ring, the azimuth step, and how the rings are shifted.
+
+A normalised recording holds returns only. A ray without a return is known all the same, because the sensor fires at
+even steps: this module learns the steps from the returns of some sweeps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import Sweep
+
+# Azimuth steps of the sensors there are lie between these; smaller ones are twin returns, larger ones are gaps.
+_STEP_RAD = (math.radians(0.03), math.radians(1.6))
+_DEFAULT_STEP_RAD = math.radians(0.2)
+_BLOCK_RAD = math.radians(10.0)  # so short that a motor's wavering does not blur the grid
+_ENOUGH = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorGrid:
+    """The directions in which a sensor fires.
+
+    Attributes:
+        elevation: (R,) radians, of each ring, 0 the lowest; interpolated for rings without a return.
+        step: radians between two firings of one ring.
+        shift: (R,) radians, azimuth of each ring's grid against that of the others, modulo ``step``.
+    """
+
+    elevation: NDArray[np.float64]
+    step: float
+    shift: NDArray[np.float64]
+
+
+def learn_grid(sweeps: Iterable[Sweep]) -> SensorGrid:
+    """The grid of a sensor from some of its sweeps; a default one from sweeps without points."""
+    rings: list[NDArray[np.int64]] = []
+    azimuths: list[NDArray[np.float64]] = []
+    elevations: list[NDArray[np.float64]] = []
+    for number, sweep in enumerate(sweeps):
+        x, y, z = sweep.xyz.astype(np.float64).T
+        azimuth = np.arctan2(y, x)
+        order = np.lexsort((azimuth, sweep.ring))
+        # Each sweep's azimuths stand a turn apart, so that differences and blocks never span two sweeps.
+        azimuths.append(azimuth[order] + number * 4.0 * math.pi)
+        elevations.append(np.arctan2(z, np.hypot(x, y))[order])
+        rings.append(sweep.ring[order].astype(np.int64))
+    ring = np.concatenate([np.zeros(0, np.int64), *rings])
+    azimuth = np.concatenate([np.zeros(0), *azimuths])
+    count = int(ring.max(initial=0)) + 1
+    elevation = _elevations(ring, np.concatenate([np.zeros(0), *elevations]), count)
+    step = _step(ring, azimuth)
+    return SensorGrid(elevation, step, _shifts(ring, azimuth, step, count))
+
+
+def _elevations(ring: NDArray[np.int64], elevation: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    order = np.argsort(ring, kind="stable")
+    parts = np.split(elevation[order], np.searchsorted(ring[order], np.arange(1, count)))
+    medians = np.array([np.median(part) if part.size else np.nan for part in parts])
+    known = np.flatnonzero(np.isfinite(medians))
+    if known.size < 2:
+        return np.nan_to_num(medians)
+    filled: NDArray[np.float64] = np.interp(np.arange(count), known, medians[known])
+    return filled
+
+
+def _step(ring: NDArray[np.int64], azimuth: NDArray[np.float64]) -> float:
+    apart = np.diff(azimuth)[np.diff(ring) == 0]
+    apart = apart[(apart > _STEP_RAD[0]) & (apart < _STEP_RAD[1])]
+    if apart.size == 0:
+        return _DEFAULT_STEP_RAD
+    middle = float(np.median(apart))
+    return float(np.mean(apart[np.abs(apart - middle) < 0.25 * middle]))
+
+
+def _shifts(ring: NDArray[np.int64], azimuth: NDArray[np.float64], step: float, count: int) -> NDArray[np.float64]:
+    """Circular mean, over short blocks of azimuth, of each ring's phase against the best filled ring's."""
+    if ring.size == 0:
+        return np.zeros(count)
+    block = np.floor(azimuth / _BLOCK_RAD).astype(np.int64)
+    block -= block.min()
+    fullest = int(np.argmax(np.bincount(ring, minlength=count)))
+    sums, counts = _phases(ring, block, azimuth, 2.0 * math.pi / step, count, int(block.max()) + 1)
+    usable = (counts >= _ENOUGH) & (counts[fullest] >= _ENOUGH)
+    against = np.where(usable, sums * np.conj(sums[fullest]), 0.0).sum(axis=1)
+    shift: NDArray[np.float64] = np.angle(against) * step / (2.0 * math.pi)
+    return shift
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _phases(
+    ring: NDArray[np.int64], block: NDArray[np.int64], azimuth: NDArray[np.float64], rate: float, rings: int, blocks: int
+) -> tuple[NDArray[np.complex128], NDArray[np.int64]]:
+    sums = np.zeros((rings, blocks), np.complex128)
+    counts = np.zeros((rings, blocks), np.int64)
+    for i in range(ring.size):
+        angle = azimuth[i] * rate
+        sums[ring[i], block[i]] += complex(math.cos(angle), math.sin(angle))
+        counts[ring[i], block[i]] += 1
+    return sums, counts
