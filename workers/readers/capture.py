@@ -21,6 +21,7 @@ MAGICS: Final = (*_PCAP, _PCAPNG)
 _BUFFER: Final = 1 << 20
 _LARGEST: Final = 1 << 18  # no network has longer frames; tcpdump's own limit
 _LARGEST_BLOCK: Final = 1 << 24
+_LAST_NS: Final = 2**32 * 1_000_000_000  # as far as a pcap's stamps reach
 
 # (host's stamp in nanoseconds since 1970, link type, frame)
 CapturedFrame = tuple[int, int, bytes]
@@ -34,7 +35,7 @@ class Capture:
         size: bytes.
         position: bytes read so far.
         cut_short: a sentence where the file ends inside a packet, else empty.
-        untimed: packets without a stamp, which were left out.
+        untimed: packets without a stamp, or one beyond 2106, which were left out.
     """
 
     def __init__(self, path: Path) -> None:
@@ -96,7 +97,11 @@ class Capture:
                     interfaces.append(_Interface.read(body, order))
                 elif kind in (6, 2):  # enhanced packet, and the older form with a count of drops
                     index, high, low, length = struct.unpack_from(order + ("IIII" if kind == 6 else "H2xIII"), body)
-                    yield self._timed(interfaces[int(index)], high << 32 | low, body, length)
+                    frame = self._timed(interfaces[int(index)], high << 32 | low, body, length)
+                    if 0 <= frame[0] < _LAST_NS:
+                        yield frame
+                    else:
+                        self.untimed += 1
                 elif kind == 3:
                     self.untimed += 1
             except (struct.error, IndexError) as error:

@@ -146,7 +146,7 @@ class PcapRecording:
         if self._capture.cut_short:
             said.append(self._capture.cut_short)
         if self._capture.untimed:
-            said.append(f"{self._capture.untimed} packets have no time stamp and were left out.")
+            said.append(f"{self._capture.untimed} packets have no usable time stamp and were left out.")
         if self._fragments:
             said.append(f"{self._fragments} fragments of datagrams had lost the rest and were left out.")
         said.extend(

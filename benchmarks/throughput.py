@@ -1,0 +1,167 @@
+"""`python -m benchmarks.throughput`: how much faster than real time a recording is read and searched for vertices.
+
+A minute (SECONDS makes it shorter) of a simulated VLP-16 that looks all round, as a capture of its packets, and a
+camera of 1280 x 720 at 15 Hz as JPEG files. Ingestion runs as the product runs it, in a limited child, on one core,
+its start included; between its rounds the same capture is decoded by velodyne-decoder alone, likewise in a process of
+its own. Detectors run over the ingested LiDAR on two processes that have compiled before.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import secrets
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from workers.readers.limited import ingest_limited
+from workers.readers.normalised import LidarFile
+from workers.simulation.background import paint_background
+from workers.simulation.render import Renderer, encode_jpeg
+from workers.simulation.rig import START_NS, Rig
+from workers.simulation.settings import Settings
+from workers.simulation.simulate import WALKER_REGION
+from workers.simulation.writers.files import StampTable
+from workers.simulation.writers.packets import Pcap, Vlp16Packets, ethernet
+from workers.vertices.detectors import DETECTORS, detect_range
+from workers.vertices.region import Region
+
+_ROUNDS: Final = 3
+_PROCESSES: Final = 2
+_PAINTED: Final = 20
+_WARM_SWEEPS: Final = 20
+_BARE: Final = (
+    "import sys, velodyne_decoder as v\n"
+    "config = v.Config(model=v.Model.VLP16)\n"
+    "print(sum(len(points) for _, points in v.read_pcap(sys.argv[1], config, as_pcl_structs=True)))\n"
+)
+
+
+def measure(seconds: float) -> dict[str, float]:
+    """The figures of a recording of that many seconds, at least 10."""
+    with tempfile.TemporaryDirectory() as folder:
+        source, out = Path(folder) / "recording", Path(folder) / "normalised"
+        _write(source, Settings(seconds=seconds, seed=_seed(), sector_deg=180.0, format="pcap"))
+        figures = _ingestion(source, out, seconds)
+        return figures | _detection(out / "lidar.mcap", seconds)
+
+
+def _seed() -> int:
+    return int(os.environ.get("SEED") or secrets.randbits(31))
+
+
+def _write(folder: Path, settings: Settings) -> None:
+    """The recording; of its frames the first are painted, and then come again and again."""
+    rig = Rig(settings)
+    (folder / "images" / "front").mkdir(parents=True)
+    packets, capture = Vlp16Packets(rig.lidar), Pcap(folder / "lidar.pcap")
+    for sweep in rig.sweeps():
+        for at_ns, payload in packets.of(sweep):
+            capture.add(at_ns, ethernet(payload))
+    capture.close()
+    mounted = rig.cameras[0]
+    renderer = Renderer(mounted.camera, rig.scene, paint_background(mounted.camera, rig.scene, settings.seed))
+    poses = rig.walk.poses((mounted.times_ns - START_NS).astype(np.float64) * 1e-9)
+    painted = [encode_jpeg(renderer.frame(poses, index)) for index in range(_PAINTED)]
+    table = StampTable()
+    for number, stamp_ns in enumerate(mounted.stamps_ns.tolist()):
+        name = f"images/front/{number:06d}.jpg"
+        (folder / name).write_bytes(painted[number % _PAINTED])
+        table.add(name, stamp_ns)
+    (folder / StampTable.NAME).write_bytes(table.content())
+
+
+@contextmanager
+def _one_core() -> Iterator[None]:
+    """Keeps this process, and the children that it starts meanwhile, on one core."""
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(allowed)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+def _children_s() -> float:
+    """Processor seconds of the children that have ended."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def _ingestion(source: Path, out: Path, seconds: float) -> dict[str, float]:
+    wall: list[float] = []
+    cpu: list[float] = []
+    bare: list[float] = []
+    with _one_core():
+        for _ in range(_ROUNDS):
+            shutil.rmtree(out, ignore_errors=True)
+            used, began = _children_s(), time.perf_counter()
+            manifest = ingest_limited(source, out, {"cameras": ["front"]})
+            wall.append(time.perf_counter() - began)
+            cpu.append(_children_s() - used)
+            used = _children_s()
+            subprocess.run([sys.executable, "-c", _BARE, str(source / "lidar.pcap")], check=True, capture_output=True)
+            bare.append(_children_s() - used)
+        began = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "workers.readers", "--help"], check=True, capture_output=True)
+        start = time.perf_counter() - began
+    lidar, camera = manifest.sensors
+    return {
+        "ingest_times_real_time": seconds / min(wall),
+        "ingest_times_real_time_median": seconds / sorted(wall)[len(wall) // 2],
+        "ingest_times_real_time_by_cpu": seconds / min(cpu),
+        "ingest_over_bare_decode": min(cpu) / min(bare),
+        "ingest_start_s": start,
+        "points_per_sweep": float(lidar.points or 0),
+        "bytes_per_point": (out / lidar.file).stat().st_size / max(1.0, float(lidar.points or 0) * lidar.count),
+        "bytes_per_frame": (out / camera.file).stat().st_size / camera.count,
+    }
+
+
+def _detection(lidar: Path, seconds: float) -> dict[str, float]:
+    with LidarFile(lidar) as file:
+        count = len(file)
+    edges = np.linspace(0, count, _PROCESSES + 1).astype(int).tolist()
+    shards = [range(edges[i], edges[i + 1]) for i in range(_PROCESSES)]
+    with ProcessPoolExecutor(_PROCESSES, get_context("spawn")) as pool:
+        times: dict[str, float] = {}
+        for detector in DETECTORS:
+            warm = range(min(_WARM_SWEEPS, count))
+            list(pool.map(_detect, [(lidar, detector, warm)] * _PROCESSES))
+            began = time.perf_counter()
+            found = sum(pool.map(_detect, [(lidar, detector, shard) for shard in shards]))
+            times[detector] = seconds / (time.perf_counter() - began)
+            print(f"{detector}: {found} vertices in {count} sweeps, {times[detector]:.0f} x", file=sys.stderr)
+    return {
+        "detect_times_real_time": min(times["strict"], times["tolerant"]),
+        "refined_times_real_time": times.get("refined", 0.0),
+    }
+
+
+def _detect(asked: tuple[Path, str, range]) -> int:
+    path, detector, indices = asked
+    with LidarFile(path) as file:
+        return len(detect_range(file, Region.from_document(WALKER_REGION), detector, indices=indices).vertices)
+
+
+def main() -> None:
+    figures = measure(float(os.environ.get("SECONDS", "60")))
+    for name, value in figures.items():
+        print(f"{name:32} {value:10.3f}", file=sys.stderr)
+    print(json.dumps({name: round(value, 4) for name, value in figures.items()}))
+
+
+if __name__ == "__main__":
+    main()
