@@ -18,22 +18,33 @@ MAX_POINTS: Final = 20_000_000
 class PointField(Protocol):
     """``sensor_msgs/PointField``."""
 
-    name: str
-    offset: int
-    datatype: int
-    count: int
+    @property
+    def name(self) -> str: ...
+    @property
+    def offset(self) -> int: ...
+    @property
+    def datatype(self) -> int: ...
+    @property
+    def count(self) -> int: ...
 
 
 class PointCloud2(Protocol):
     """``sensor_msgs/PointCloud2`` as any library hands it out."""
 
-    height: int
-    width: int
-    fields: Sequence[PointField]
-    is_bigendian: bool
-    point_step: int
-    row_step: int
-    data: NDArray[np.uint8]
+    @property
+    def height(self) -> int: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def fields(self) -> Sequence[PointField]: ...
+    @property
+    def is_bigendian(self) -> bool: ...
+    @property
+    def point_step(self) -> int: ...
+    @property
+    def row_step(self) -> int: ...
+    @property
+    def data(self) -> NDArray[np.uint8]: ...
 
 
 def _malformed(where: str, why: str) -> ReadError:

@@ -1,0 +1,62 @@
+"""What libraries raise on broken bytes, as an answer that its owner understands."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager, contextmanager
+
+from workers.readers.recording import ReadError
+from workers.readers.topic_messages import Decoder, Message
+
+# What decoding code raises when records contradict each other; libraries' own classes are named by their users.
+_CONTRADICTIONS = (
+    AssertionError,
+    AttributeError,
+    EOFError,
+    IndexError,
+    KeyError,
+    OverflowError,
+    TypeError,
+    ValueError,  # of which UnicodeDecodeError is one
+    struct.error,
+)
+
+
+@contextmanager
+def damage(name: str, what: str, hint: str, *kinds: type[Exception]) -> Generator[None]:
+    """Turn exceptions of decoders into ``recording_damaged``.
+
+    Args:
+        name: the file.
+        what: its format, with its article.
+        hint: what its owner can do.
+        kinds: the libraries' own exceptions.
+    """
+    try:
+        yield
+    except kinds as error:
+        raise _damaged(name, what, hint, str(error).rstrip(".")) from error
+    except _CONTRADICTIONS as error:
+        why = f"its records contradict each other ({type(error).__name__} {str(error)[:100]})"
+        raise _damaged(name, what, hint, why) from error
+    except RuntimeError as error:  # lz4
+        raise _damaged(name, what, hint, f"a compressed part does not decompress ({error})") from error
+    except OSError as error:  # bz2 raises it without an errno; anything else is the disk's
+        if error.errno is not None:
+            raise
+        raise _damaged(name, what, hint, f"a compressed part does not decompress ({error})") from error
+
+
+def damage_proof(decode: Decoder, guard: Callable[[], AbstractContextManager[None]]) -> Decoder:
+    """A decoder whose exceptions go through a guard."""
+
+    def guarded(raw: bytes) -> Message:
+        with guard():
+            return decode(raw)
+
+    return guarded
+
+
+def _damaged(name: str, what: str, hint: str, why: str) -> ReadError:
+    return ReadError("recording_damaged", f"{name} is {what} but cannot be read: {why}.", hint)
