@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -104,7 +105,8 @@ def _check_sizes(camera: str, size: tuple[int, int], frames: list[Json]) -> None
 
 def _join(context: Context, recording: Recording, keys: list[str], folder: Path, lease: Lease) -> Path:
     """The original as one file, its checksum compared with what the uploader said of the whole."""
-    source = folder / "original"
+    source = folder / "original" / _plain_name(recording.file_name)
+    source.parent.mkdir()
     digest = hashlib.sha256()
     done = 0
     with source.open("wb") as file:
@@ -121,6 +123,11 @@ def _join(context: Context, recording: Recording, keys: list[str], folder: Path,
             "A part was made from another file or another version of it. Upload the recording again.",
         )
     return source
+
+
+def _plain_name(file_name: str) -> str:
+    """The owner's name for the file where it is harmless: readers name sensors after it, and look at its end."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", file_name)[-100:].lstrip(".") or "recording"
 
 
 def _store(context: Context, held: Claim, recording: Recording, sensor: SensorManifest, out: Path) -> tuple[str, int]:
