@@ -1,38 +1,35 @@
 """How much the camera's clock shows more than the LiDAR's, estimated from the moving board.
 
-The offset is one more unknown of the least squares: a mark belongs to its frame's own stamp, and the apex was at
-track(stamp - offset). The apex's velocity makes the pixel depend on the offset.
+The offset is one more unknown of the least squares over the camera's parameters (see `offset_fit`). Each mark counts
+by its own noise and by the track's covariance as the image sees it; marks far from everything else are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workers.geometry.errors import InputError
+from workers.solver.offset_fit import Look, Marks, Track, fit, look, prior_rows
+from workers.solver.polish import distances, polish
+from workers.solver.problem import FitProblem, problem_from_document
+from workers.solver.schedule import run_schedule
+
+Floats = NDArray[np.float64]
+
 SEARCH_NS: Final = 150_000_000
-
-
-class TrackPoints(Protocol):
-    """The apex at M moments; `workers.vertices.tracks.TrackPoints` is one."""
-
-    @property
-    def xyz(self) -> NDArray[np.float64]: ...
-    @property
-    def velocity(self) -> NDArray[np.float64]: ...
-    @property
-    def covariance_xyz(self) -> NDArray[np.float64]: ...
-    @property
-    def gap_ns(self) -> NDArray[np.int64]: ...
-
-
-class Track(Protocol):
-    """Where the apex was at any moment of the LiDAR's clock; `workers.vertices.tracks.Track` is one."""
-
-    def at(self, times_ns: ArrayLike) -> TrackPoints: ...
+MAX_SIGMA_NS: Final = 10_000_000
+_STARTS_S: Final = 0.05  # fits start from offsets this far apart
+_FARTHEST_S: Final = 0.3  # a mark whose moment lies farther than this from any vertex tells nothing
+_LOST: Final = 0.01  # share of the image's diagonal: marks farther off than this are no fit yet
+_BLUNDER: Final = 4.0  # standard deviations; one in 3000 good marks goes with them
+_ROUNDS: Final = 6
+_SETTLED_S: Final = 2e-5
+_POOR: Final = 5.0  # times the expected residuals: then no camera fits
 
 
 @dataclass(frozen=True)
@@ -42,8 +39,10 @@ class OffsetEstimate:
     Attributes:
         offset_ns, sigma_ns: the estimate and its standard deviation.
         rms_px: root mean square distance of the marks that were kept.
-        pairs: how many marks were used; outliers: how many were left out as blunders or for want of vertices nearby.
-        mean_speed_px_s: how fast the apex moved in the image, root mean square.
+        pairs: how many marks were used.
+        blunders: how many marks were left out because they lie far from everything else.
+        unseen: how many were left out because no vertex is near their moment.
+        speed_px_s: how fast the apex moved in the image, root mean square over the marks.
         message: the result in one sentence.
     """
 
@@ -51,8 +50,9 @@ class OffsetEstimate:
     sigma_ns: int
     rms_px: float
     pairs: int
-    outliers: int
-    mean_speed_px_s: float
+    blunders: int
+    unseen: int
+    speed_px_s: float
     message: str
 
     def to_document(self) -> dict[str, Any]:
@@ -66,19 +66,139 @@ def estimate_offset(
     pixels: ArrayLike,
     request: Mapping[str, Any],
     *,
+    about_ns: int = 0,
     search_ns: int = SEARCH_NS,
+    max_sigma_ns: int = MAX_SIGMA_NS,
 ) -> OffsetEstimate:
     """Estimate the offset together with the camera.
 
     Args:
-        track: the apex over time, LiDAR clock.
+        track: the apex over time, LiDAR clock; `workers.vertices.tracks.Track` is one.
         frame_stamps_ns: (N,) stamps of the marked frames, camera clock.
         pixels: (N, 2) the marks.
         request: what `problem.problem_from_document` takes: model, image_size, nominal and, where known, bounds,
-            locked, priors. Known intrinsics make the offset no better, but need fewer marks.
-        search_ns: offsets of at most this size, either sign, are looked for.
+            locked, priors; `mark_sigma_px` is the marks' noise per coordinate.
+        about_ns, search_ns: offsets within about_ns +- search_ns are looked for.
+        max_sigma_ns: an estimate that is less certain than this is refused.
 
     Raises:
-        InputError: ``offset_not_determined``, the motion or the marks do not tell it; SolveError for a bad request.
+        InputError: ``offset_not_determined``, the motion or the marks do not tell it.
+        SolveError: the request or the number of marks cannot be worked on.
     """
-    raise NotImplementedError
+    stamps = np.asarray(frame_stamps_ns, np.int64).reshape(-1)
+    marked = np.asarray(pixels, np.float64).reshape(-1, 2)
+    marks = Marks.of(track, stamps, marked, about_ns, search_ns)
+    problem = problem_from_document({**request, "loss": "saturating"}, marks.points(0.0)[0], marked)
+    x = _start(problem, marks)
+    seen = np.zeros(len(stamps), np.bool_)
+    kept = np.ones(len(stamps), np.bool_)
+    for _ in range(_ROUNDS):
+        before = x[-1]
+        here = look(problem, marks, x)
+        seen = marks.gap_s[marks.nearest(float(x[-1]))] <= _FARTHEST_S
+        _enough(problem, seen)
+        away = here.distances()
+        # The median of the length of two unit Gaussians is 1.18.
+        kept = seen & (away < _BLUNDER * max(1.0, float(np.median(away[seen])) / 1.18))
+        x = fit(problem, marks, x, kept, robust=False)
+        if abs(x[-1] - before) < _SETTLED_S:
+            break
+    here = look(problem, marks, x)
+    sigma_s, poor = _deviation(problem, here, kept)
+    estimate = OffsetEstimate(
+        offset_ns=about_ns + round(float(x[-1]) * 1e9),
+        sigma_ns=round(sigma_s * 1e9),
+        rms_px=_rms(np.linalg.norm(here.residuals[kept], axis=1)),
+        pairs=int(kept.sum()),
+        blunders=int((seen & ~kept).sum()),
+        unseen=int((~seen).sum()),
+        speed_px_s=_rms(here.speed_px_s()[kept]),
+        message="",
+    )
+    _refuse(estimate, poor, abs(float(x[-1])) > search_ns * 1e-9 - 1e-3, max_sigma_ns)
+    return _told(estimate)
+
+
+def _start(problem: FitProblem, marks: Marks) -> Floats:
+    """Camera and offset (D,) to go on from: the best of robust fits from offsets all over the search."""
+    everything = np.ones(len(marks.pixels), np.bool_)
+    # Plain least squares first: from the middle of the bounds nothing tells a blunder from a good mark.
+    middle = np.append(0.5 * (problem.lower + problem.upper), 0.0)
+    camera = fit(problem, marks, middle, everything, robust=False)[:-1]
+    if float(np.median(distances(problem, camera))) > _LOST * problem.diagonal_px:
+        state, _ = run_schedule(problem)
+        searched = np.array(polish(problem, state.best_parameters).parameters)
+        camera = min(camera, searched, key=lambda p: float(np.median(distances(problem, p))))
+    half = float(marks.offsets_s[-1])
+    starts = np.linspace(-half, half, 2 * max(1, round(half / _STARTS_S)) + 1)
+    fits = [fit(problem, marks, np.append(camera, start), everything, robust=True) for start in starts]
+    return min(fits, key=lambda x: _cost(look(problem, marks, x)))
+
+
+def _cost(here: Look) -> float:
+    """Negative logarithm of the marks' likelihood under Cauchy's distribution, but for a constant."""
+    # Far from the vertices the track is vague; without the determinants vague would look good.
+    vague = -np.log(np.linalg.det(here.whitening))
+    return float(np.sum(np.log1p(here.distances() ** 2) + vague))
+
+
+def _deviation(problem: FitProblem, here: Look, kept: NDArray[np.bool_]) -> tuple[float, float]:
+    """The offset's standard deviation in seconds, and the residuals in units of what was expected."""
+    free = np.append(problem.free, here.jacobian.shape[2] - 1)
+    white = (here.whitening @ here.jacobian)[kept][:, :, free]
+    rows = white.reshape(-1, len(free))
+    _, strength = prior_rows(problem)
+    A = rows.T @ rows + np.diag(np.append(strength[problem.free] ** 2, 0.0))
+    # Columns of unit length, because focal lengths and seconds differ by powers of ten.
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    C = np.linalg.pinv(A / size / size[:, None], hermitian=True) / size / size[:, None]
+    count = max(1, 2 * int(kept.sum()) - len(free))
+    poor = float(np.sqrt(np.sum(here.distances()[kept] ** 2) / count))
+    return float(np.sqrt(C[-1, -1])) * max(1.0, poor), poor
+
+
+def _enough(problem: FitProblem, seen: NDArray[np.bool_]) -> None:
+    unknowns, count = len(problem.free) + 1, int(seen.sum())
+    if 2 * count < unknowns + 4:
+        raise InputError(
+            "offset_not_determined",
+            f"Only {count} marks lie near a vertex of the track, for {unknowns} unknowns of camera and clock.",
+            "Mark more frames, use a detector that finds more vertices, or lock intrinsics that are known.",
+        )
+
+
+def _refuse(estimate: OffsetEstimate, poor: float, at_end: bool, max_sigma_ns: int) -> None:
+    offset_ms, sigma_ms = estimate.offset_ns * 1e-6, estimate.sigma_ns * 1e-6
+    if poor > _POOR:
+        raise InputError(
+            "offset_not_determined",
+            f"No camera and no offset fits the marks: {estimate.rms_px:.0f} px are left.",
+            "Check that the marks show the board's top vertex, and the camera's model and nominal mount.",
+        )
+    if at_end:
+        raise InputError(
+            "offset_not_determined",
+            f"The best offset, {offset_ms:.0f} ms, lies at the end of what was searched.",
+            "Say about how far the clocks are apart (about_ns), or search farther.",
+        )
+    if estimate.sigma_ns > max_sigma_ns:
+        raise InputError(
+            "offset_not_determined",
+            f"The marks do not tell the offset better than to {sigma_ms:.0f} ms (one standard deviation): the apex "
+            f"moved by {estimate.speed_px_s:.0f} px/s in the image, in {estimate.pairs} marks.",
+            "Walk across the view, to both sides, for a minute or more; mark more frames of it.",
+        )
+
+
+def _told(estimate: OffsetEstimate) -> OffsetEstimate:
+    offset_ms, sigma_ms = estimate.offset_ns * 1e-6, estimate.sigma_ns * 1e-6
+    way = "more" if offset_ms >= 0 else "less"
+    message = (
+        f"The camera's clock shows {abs(offset_ms):.1f} ms {way} than the LiDAR's, give or take {sigma_ms:.1f} ms "
+        f"(one standard deviation, {estimate.pairs} marks)."
+    )
+    return replace(estimate, message=message)
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values * values)))
