@@ -26,7 +26,6 @@ _ENVIRONMENT: Final = (
     "PATH",
     "LANG",
     "LC_ALL",
-    "TMPDIR",
     "LD_LIBRARY_PATH",
     "VIRTUAL_ENV",
     "PYTHONPATH",
@@ -77,7 +76,9 @@ def ingest_limited(
     ]
     limits = {"memory_bytes": memory_bytes, "cpu_s": cpu_s, "file_bytes": file_bytes}
     try:
-        return _run(command, name or Path(source).name, limits, on_progress)
+        # What the child unpacks lies beside its results, and goes although the child may be killed.
+        with tempfile.TemporaryDirectory(prefix="unpacking-", dir=out.parent) as scratch:
+            return _run(command, scratch, name or Path(source).name, limits, on_progress)
     except ReadError as error:
         shutil.rmtree(out, ignore_errors=True)
         if name is not None:
@@ -88,10 +89,12 @@ def ingest_limited(
         raise
 
 
-def _run(command: list[str], name: str, limits: Mapping[str, int], on_progress: OnProgress | None) -> Manifest:
+def _run(
+    command: list[str], scratch: str, name: str, limits: Mapping[str, int], on_progress: OnProgress | None
+) -> Manifest:
     environment = {key: os.environ[key] for key in _ENVIRONMENT if key in os.environ}
     # One thread: every further one of OpenBLAS reserves address space.
-    environment |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    environment |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "TMPDIR": str(Path(scratch).resolve())}
     with tempfile.TemporaryFile() as errors:
         child = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, cwd=_ROOT, env=environment

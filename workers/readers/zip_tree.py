@@ -87,6 +87,8 @@ class Zip:
 
     def _check_sizes(self) -> None:
         members = sorted(self._members.values(), key=lambda info: info.header_offset)
+        if members and members[0].header_offset < 0:
+            raise damaged_archive(self.name, "its directory points before its beginning")
         if sum(info.compress_size for info in members) > self._size:
             raise refused(self.name, "files in it overlap")
         if expands_too_far(self._size, sum(info.file_size for info in members)):

@@ -5,6 +5,7 @@ import tarfile
 import zipfile
 
 import numpy as np
+import zstandard
 from making_packets import captured, packets, write_pcap, write_pcapng
 from making_recordings import (
     IMAGE,
@@ -19,6 +20,7 @@ from making_recordings import (
     scene,
     write_bag,
 )
+from making_videos import write_video
 from pypcd4 import Encoding, PointCloud
 from rosbags.rosbag1 import Writer as BagWriter
 
@@ -48,11 +50,11 @@ def rosbag1_packed(folder):
 
 def pcap(folder):
     for sensor, mode in (("vlp16", 0x37), ("hdl32e", 0x39)):
-        yield write_pcap(folder / sensor, captured(packets(sensor, 2.2, mode=mode))).read_bytes()
+        yield write_pcap(folder / sensor, captured(packets(sensor, 1.4, mode=mode))).read_bytes()
 
 
 def pcapng(folder):
-    yield write_pcapng(folder / "a", captured(packets("vlp16", 2.2))).read_bytes()
+    yield write_pcapng(folder / "a", captured(packets("vlp16", 1.4))).read_bytes()
 
 
 def pcd(encoding):
@@ -96,7 +98,98 @@ def tar(folder):
     yield tar_of(members())
 
 
+def archives(folder):
+    """The folder in every way of packing it."""
+    yield zip_of(members())
+    yield zip_of(members(), zipfile.ZIP_STORED)
+    yield from (tar_of(members(), f"w:{packing}") for packing in ("gz", "bz2", "xz"))
+    yield zstandard.compress(tar_of(members()))
+
+
+def kitti_members():
+    """KITTI's raw layout."""
+    moments = [f"2011-09-26 13:02:25.{964389445 + i * 103000:09d}" for i in range(3)]
+    points = few(columns=60)
+    cloud = np.column_stack([points[name] for name in ("x", "y", "z", "intensity")]).astype("<f4").tobytes()
+    files = {f"drive/velodyne_points/data/{i:010d}.bin": cloud for i in range(3)}
+    files |= {f"drive/image_02/data/{i:010d}.png": png(8, 6, i) for i in range(3)}
+    files |= {
+        f"drive/{sensor}/timestamps.txt": "\n".join(moments).encode() for sensor in ("velodyne_points", "image_02")
+    }
+    return files
+
+
+_COLUMNS = ("x", "y", "z", "intensity", "ring")
+
+
+def _plain():
+    return np.column_stack([few()[name] for name in _COLUMNS]).astype(np.float32)
+
+
+def _images():
+    return {f"images/{START_NS + i * PERIOD_NS}.png": png(8, 6, i) for i in range(2)}
+
+
+def array_members():
+    """Clouds as arrays, plain and with named columns; times in the names."""
+    plain, names = _plain(), _COLUMNS
+    named = np.zeros(len(plain), [(name, np.float32) for name in names])
+    for number, name in enumerate(names):
+        named[name] = plain[:, number]
+    files = {}
+    for number, array in enumerate((plain, named)):
+        buffer = io.BytesIO()
+        np.save(buffer, array)
+        files[f"clouds/{START_NS + number * PERIOD_NS}.npy"] = buffer.getvalue()
+    return files | _images()
+
+
+def table_members():
+    """Clouds as text."""
+    rows = [",".join(_COLUMNS), *(",".join(f"{value:.4g}" for value in row) for row in _plain()[:200])]
+    return {f"clouds/{START_NS + i * PERIOD_NS}.csv": "\n".join(rows).encode() for i in range(2)} | _images()
+
+
+def video(folder):
+    """A video of each kind, alone: it is refused for want of a LiDAR, after it was opened."""
+    for suffix in ("mp4", "avi", "mkv"):
+        codec = "mpeg4" if suffix == "avi" else "libx264"
+        yield write_video(folder / f"v.{suffix}", codec=codec, times_ms=(0, 67, 133)).read_bytes()
+
+
+def video_members():
+    """A capture with a video beside it."""
+    return {
+        "lidar.bag": WHOLE["rosbag1"][0],
+        "camera.mp4": WHOLE["video"][0],
+        "camera.csv": b"stamp_ns\n" + b"\n".join(str(START_NS + i * PERIOD_NS).encode() for i in range(3)),
+    }
+
+
 # Where the bytes of a whole file are packed or checked, damage ends at the checksum; so one member of a folder
 # is damaged and packed again. (what packs them, the folder)
-REPACKED = {"member": (tar_of, members)}
-SEEDS = {"rosbag1": rosbag1, "rosbag1 packed": rosbag1_packed, "pcap": pcap, "pcapng": pcapng, "tar": tar}
+REPACKED = {
+    "clouds and images": (tar_of, members),
+    "arrays": (tar_of, array_members),
+    "tables": (tar_of, table_members),
+    "bag and video": (tar_of, video_members),
+}
+SEEDS = {
+    "rosbag1": rosbag1,
+    "rosbag1 packed": rosbag1_packed,
+    "pcap": pcap,
+    "pcapng": pcapng,
+    "tar": tar,
+    "archives": archives,
+    "video": video,
+}
+WHOLE: dict[str, list[bytes]] = {}
+
+
+def make_whole(folder):
+    """Every seed, made once."""
+    for name, build in SEEDS.items():
+        if name not in WHOLE:
+            (folder / name.replace(" ", "_")).mkdir()
+            WHOLE[name] = list(build(folder / name.replace(" ", "_")))
+    return WHOLE

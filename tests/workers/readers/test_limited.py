@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -162,6 +163,25 @@ def test_the_child_sees_no_secrets(small, tmp_path, monkeypatch):
     ingest_limited(small, tmp_path / "out", {})
     told = (tmp_path / "env").read_text()
     assert "OPENBLAS_NUM_THREADS=1" in told and "secret" not in told
+
+
+@pytest.mark.faults
+def test_what_a_killed_child_had_unpacked_is_removed(tmp_path):
+    (tmp_path / "work").mkdir()
+    pixels = np.random.default_rng(0).integers(0, 255, (4000, 2000, 3), np.uint8)
+    frames = (("/image", IMAGE, START_NS + i, raw_image(START_NS + i, pixels, "bgr8")) for i in range(4))
+    bag = write_bag(tmp_path / "slow.bag", [*clouds(2), *frames])
+    with zipfile.ZipFile(tmp_path / "slow.zip", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.write(bag, "slow.bag")
+    unpacked = []
+
+    def kill(progress):
+        unpacked.extend((tmp_path / "work").glob("unpacking-*/**/slow.bag"))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ingest_limited(tmp_path / "slow.zip", tmp_path / "work" / "out", {}, on_progress=kill)
+    assert len(unpacked) == 1 and list((tmp_path / "work").iterdir()) == []
 
 
 def test_a_folder_in_use_is_not_touched(small, tmp_path):
