@@ -1,4 +1,4 @@
-"""`python -m benchmarks.accuracy`: an object per model, one line of JSON. RIGS, MODELS, SEED make it shorter or the same.
+"""`python -m benchmarks.accuracy`: an object per model, one line of JSON. RIGS, MODELS and SEED narrow it.
 
 Seconds are processor seconds of one core, so that a busy machine does not count.
 """
@@ -47,8 +47,8 @@ def summary(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
     shares = {f"outliers_{share:.0%}": mean(f"outliers_{share:.0%}") for share in OUTLIER_SHARES}
     inside = [one for one in found if one["inside"]]
-    scores = np.concatenate([cast("list[float]", one["squared_scores"]) for one in inside]) if inside else np.array([])
-    held = np.concatenate([cast("list[bool]", one["held"]) for one in inside]) if inside else np.array([])
+    scores = [score for one in inside for score in cast("list[float]", one["squared_scores"])]
+    held = [hit for one in inside for hit in cast("list[bool]", one["held"])]
     figures = {
         "success": mean("success"),
         "ga_alone": mean("ga_alone"),
@@ -61,7 +61,8 @@ def summary(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "any_mount": mean("any_mount"),
         "outliers": min(shares.values()),
         **shares,
-        "baseline_success": mean("baseline_success"),
+        "centre_success": mean("centre_success"),
+        "linear_success": mean("linear_success"),
         "mean_px": mean("mean_px"),
         "rms_px": mean("rms_px"),
         "turn_crb_deg": float(np.median([one["turn_crb_deg"] for one in found])),

@@ -16,6 +16,10 @@ Floats = NDArray[np.float64]
 PAIRS = 222
 IMAGE_SIZES = ((640, 480), (1280, 960), (1920, 1080), (1920, 1208))
 NOMINAL = RigidTransform("camera", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3))
+# In image widths: the last are true fisheyes, whose polynomial shows only where marks lie far off the axis.
+FOCAL: dict[ModelName, tuple[float, float]] = {
+    "pinhole": (0.35, 0.9), "brown_conrady": (0.35, 0.9), "kannala_brandt": (0.25, 0.5),
+}  # fmt: skip
 # (low, high) of what lenses have; all far inside the default bounds of +-1.
 DISTORTION: dict[ModelName, tuple[tuple[float, float], ...]] = {
     "pinhole": (),
@@ -45,18 +49,16 @@ class Rig:
 def draw_rig(model: ModelName, rng: np.random.Generator, any_mount: bool = False, noise_px: float = 1.0) -> Rig:
     """A rig with its mount within 20 degrees a axis of the nominal one, or turned to anywhere.
 
-    The field of 10 x 30 m lies where the camera looks, so that every mount sees it; of the vertices walked there
-    those count that fall into the image.
+    The field of 10 x 30 m begins 2 m before the camera and lies where it looks, so that every mount sees it; of the
+    vertices walked there those count that fall into the image.
     """
     while True:
         size = IMAGE_SIZES[rng.integers(len(IMAGE_SIZES))]
         lens = _draw_lens(model, size, rng)
-        if any_mount:
-            turn = _uniform_rotation(rng)
-        else:
-            turn = rotation_from_vector(np.radians(rng.uniform(-20.0, 20.0, 3)))
+        near = rotation_from_vector(np.radians(rng.uniform(-20.0, 20.0, 3)))
+        turn = _uniform_rotation(rng) if any_mount else near
         R, t = turn @ FORWARD_LIDAR_TO_OPTICAL, rng.uniform(-0.6, 0.6, 3)
-        field = rng.uniform((3.0, -5.0, -1.5), (33.0, 5.0, 1.5), (20 * PAIRS, 3)) @ FORWARD_LIDAR_TO_OPTICAL.T
+        field = rng.uniform((2.0, -5.0, -1.5), (32.0, 5.0, 1.5), (20 * PAIRS, 3)) @ FORWARD_LIDAR_TO_OPTICAL.T
         points = (field - t) @ R
         pixels, violation = project(model, lens, points @ R.T + t)
         edge = np.array(size) - 1.0
@@ -69,7 +71,7 @@ def draw_rig(model: ModelName, rng: np.random.Generator, any_mount: bool = False
 
 def with_outliers(rig: Rig, share: float, rng: np.random.Generator) -> tuple[Floats, NDArray[np.int64]]:
     """Marks (N, 2) of which a share lies anywhere in the image, and the indices of those."""
-    bad = rng.choice(len(rig.marks), int(round(share * len(rig.marks))), replace=False)
+    bad = rng.choice(len(rig.marks), round(share * len(rig.marks)), replace=False)
     marks = rig.marks.copy()
     marks[bad] = rng.uniform((0.0, 0.0), np.array(rig.image_size) - 1.0, (len(bad), 2))
     return marks, bad
@@ -77,7 +79,7 @@ def with_outliers(rig: Rig, share: float, rng: np.random.Generator) -> tuple[Flo
 
 def _draw_lens(model: ModelName, size: tuple[int, int], rng: np.random.Generator) -> Floats:
     while True:
-        f_x = size[0] * rng.uniform(0.35, 0.9)
+        f_x = size[0] * rng.uniform(*FOCAL[model])
         lens = np.array(
             [f_x, f_x * rng.uniform(0.98, 1.02), *(0.5 * np.array(size) + 0.02 * size[0] * rng.normal(size=2))]
             + [rng.uniform(low, high) for low, high in DISTORTION[model]]

@@ -56,6 +56,15 @@ def vector_from_rotation(R: ArrayLike) -> NDArray[np.float64]:
     return Rotation.from_matrix(check_rotation(R)).as_rotvec()
 
 
+def shortest_vector(w: ArrayLike) -> NDArray[np.float64]:
+    """The rotation vector (3,) of the same rotation whose length is at most pi; `w` itself where it is short."""
+    vector = _vector(w)
+    length = float(np.linalg.norm(vector))
+    if length <= np.pi:
+        return vector
+    return vector * (1.0 - 2.0 * np.pi * np.round(length / (2.0 * np.pi)) / length)
+
+
 def rotation_from_quaternion(xyzw: ArrayLike) -> NDArray[np.float64]:
     """The matrix (3, 3) of a quaternion (x, y, z, w), scalar last; it need not have unit length."""
     values = np.asarray(xyzw, dtype=np.float64)

@@ -1,8 +1,8 @@
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
-"""The last step: least squares from where the search ended, and the plain baseline beside it."""
+"""The last step: least squares from where a search ended, plain or robust."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any, Final
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from workers.geometry.projection import distances_px
+from workers.geometry.rotations import shortest_vector
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian
 
@@ -18,15 +19,22 @@ Floats = NDArray[np.float64]
 # scipy publishes no types.
 _least_squares: Callable[..., Any] = optimize.least_squares
 SQUARES: Final = "sum of squared pixel distances"
-ROBUST: Final = "Cauchy loss of pixel distances"
+ROBUST: Final = "Geman-McClure loss of pixel distances"
 MAX_EVALUATIONS: Final = 300
+SATURATION_SIGMAS: Final = 4.0
+"""Distance, in robust sigmas of the marks, at which a pair's loss is half of what it can ever be."""
+MEDIAN_DISTANCE: Final = 1.1774100225154747
+"""Median distance of unit Gaussian marks in the plane, sqrt(2 ln 2)."""
+_SCALE_FLOOR_PX: Final = 0.1
+_SCALE_ROUNDS: Final = 8
 
 
 @dataclass(frozen=True)
 class Fit:
     """Parameters (D,) in the order of `problem.names`; mean and RMS distance in px; what was minimised.
 
-    `converged` is false where the iterations ran out; `message` is the solver's own sentence.
+    `converged` is false where the iterations ran out; `message` is the solver's own sentence. `cost` is the minimum
+    itself in px^2, priors and weights included; `scale_px` the distance at which the robust loss is half saturated.
     """
 
     parameters: tuple[float, ...]
@@ -36,61 +44,41 @@ class Fit:
     converged: bool
     message: str
     evaluations: int
+    cost: float = 0.0
+    scale_px: float | None = None
 
 
-def polish(problem: FitProblem, start: Sequence[float] | Floats, walls: bool = True) -> Fit:
+def polish(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
     """Least squares over the free parameters inside the problem's bounds, from `start` (D,).
 
     Trust region reflective (scipy.optimize.least_squares) with analytic derivatives. It minimises the weighted
-    squared pixel distances plus the priors; where the problem's loss is `saturating`, a Cauchy loss of the same
-    residuals, its scale taken from the residuals at the start. `walls`: as in `residuals_and_jacobian`.
+    squared pixel distances plus the priors; where the problem's loss is `saturating`, the robust loss
+    d^2 / (1 + d^2 / c^2) of the same distances (Geman and McClure 1987), c following from the median distance.
+
+    It descends twice and keeps the lower end: straight on, and over the continued formulas first, in which
+    forbidden projections are no walls (from a far start walls would stop it at once).
     """
-    p = np.clip(np.asarray(start, dtype=np.float64), problem.lower, problem.upper)
-    free = problem.free
-    if len(free) == 0:
-        return _fit(problem, p, SQUARES, True, "Nothing is free to move.", 0)
-    lower, upper = problem.lower[free], problem.upper[free]
-    # The solver wants a start strictly inside.
-    margin = 1e-9 * (upper - lower)
-    robust = problem.loss == "saturating"
-
-    def full(x: Floats) -> Floats:
-        q = p.copy()
-        q[free] = x
-        return q
-
-    def residuals(x: Floats) -> Floats:
-        return weighted_residuals(problem, full(x), walls=walls)[0]
-
-    def jacobian(x: Floats) -> Floats:
-        return weighted_residuals(problem, full(x), walls=walls)[1]
-
-    found = _least_squares(
-        residuals,
-        np.clip(p[free], lower + margin, upper - margin),
-        jac=jacobian,
-        bounds=(lower, upper),
-        method="trf",
-        x_scale="jac",
-        ftol=1e-12,
-        xtol=1e-12,
-        gtol=1e-12,
-        max_nfev=MAX_EVALUATIONS,
-        loss="cauchy" if robust else "linear",
-        f_scale=_robust_scale(problem, p) if robust else 1.0,
-    )
-    return _fit(
-        problem, full(found.x), ROBUST if robust else SQUARES, found.status > 0, found.message, int(found.nfev)
-    )
+    p = np.clip(np.asarray(start, dtype=np.float64), *_walls_of(problem))
+    if len(problem.free) == 0:
+        return _fit(problem, p, None, True, "Nothing is free to move.", 0)
+    return _plain(problem, p) if problem.loss == "mean" else _robust(problem, p)
 
 
-def baseline(problem: FitProblem) -> Fit:
-    """The plain baseline: least squares from the centre of the bounds, with no search before it.
+def robust_sigma_px(problem: FitProblem, p: Floats) -> float:
+    """The marks' noise per coordinate that the median distance shows, corrected for the parameters fitted."""
+    used = problem.weights > 0.0
+    d = distances(problem, p)[used] * np.sqrt(problem.weights[used])
+    count = 2 * len(d)
+    correction = sqrt(count / max(count - len(problem.free), 1))
+    return max(_SCALE_FLOOR_PX, correction * float(np.median(d)) / MEDIAN_DISTANCE)
 
-    It first runs over the continued formulas, in which forbidden projections are no walls (from a far start walls
-    would stop it at once), and then once more with them, from wherever it came to.
-    """
-    return polish(problem, polish(problem, 0.5 * (problem.lower + problem.upper), walls=False).parameters)
+
+def cost_of(problem: FitProblem, p: Sequence[float] | Floats, scale_px: float | None = None) -> float:
+    """What the polish minimises, in px^2: squares, or the robust loss that is half saturated at scale_px."""
+    residuals = weighted_residuals(problem, np.asarray(p, dtype=np.float64))[0]
+    if scale_px is not None:
+        residuals = _saturated(residuals, None, 2 * len(problem.points), scale_px)[0]
+    return float(residuals @ residuals)
 
 
 def distances(problem: FitProblem, p: Sequence[float] | Floats) -> Floats:
@@ -127,11 +115,102 @@ def weighted_residuals(
     return np.concatenate(rows), np.ascontiguousarray(np.concatenate(derivatives)[:, problem.free])
 
 
-def _robust_scale(problem: FitProblem, p: Floats) -> float:
-    # 1.18 is the median distance of unit Gaussian marks in the plane; a tenth of a pixel is as good as marks get.
-    return max(0.1, 2.0 * float(np.median(distances(problem, p)[problem.weights > 0.0])) / 1.18)
+def _plain(problem: FitProblem, p: Floats) -> Fit:
+    straight = _descend(problem, p, None)
+    around = _descend(problem, np.array(_descend(problem, p, None, walls=False).parameters), None)
+    best = straight if straight.cost <= around.cost else around
+    return replace(best, evaluations=straight.evaluations + around.evaluations)
 
 
-def _fit(problem: FitProblem, p: Floats, minimised: str, converged: bool, message: str, evaluations: int) -> Fit:
+def _robust(problem: FitProblem, p: Floats) -> Fit:
+    # The scale follows the fit down; from a far start it begins wide, and so sees every pair.
+    fit = _plain_or_robust(problem, p, SATURATION_SIGMAS * robust_sigma_px(problem, p))
+    evaluations = fit.evaluations
+    for _ in range(_SCALE_ROUNDS):
+        scale = SATURATION_SIGMAS * robust_sigma_px(problem, np.array(fit.parameters))
+        if fit.scale_px is not None and abs(scale - fit.scale_px) <= 1e-3 * scale:
+            break
+        fit = _descend(problem, np.array(fit.parameters), scale)
+        evaluations += fit.evaluations
+    return replace(fit, evaluations=evaluations)
+
+
+def _plain_or_robust(problem: FitProblem, p: Floats, scale: float) -> Fit:
+    straight = _descend(problem, p, scale)
+    around = _descend(problem, np.array(_descend(problem, p, scale, walls=False).parameters), scale)
+    return straight if straight.cost <= around.cost else around
+
+
+def _descend(problem: FitProblem, start: Floats, scale: float | None, walls: bool = True) -> Fit:
+    p, free = start.copy(), problem.free
+    lower, upper = (end[free] for end in _walls_of(problem))
+    count = 2 * len(problem.points)
+
+    def both(x: Floats) -> tuple[Floats, Floats]:
+        p[free] = x
+        residuals, jacobian = weighted_residuals(problem, p, walls=walls)
+        return (residuals, jacobian) if scale is None else _saturated(residuals, jacobian, count, scale)
+
+    def residuals_at(x: Floats) -> Floats:
+        return both(x)[0]
+
+    def jacobian_at(x: Floats) -> Floats:
+        return both(x)[1]
+
+    # The solver wants a start strictly inside.
+    margin = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    found = _least_squares(
+        residuals_at,
+        np.clip(start[free], lower + margin, upper - margin),
+        jac=jacobian_at,
+        bounds=(lower, upper),
+        method="trf",
+        x_scale="jac",
+        ftol=1e-12,
+        xtol=1e-12,
+        gtol=1e-12,
+        max_nfev=MAX_EVALUATIONS,
+    )
+    p[free] = found.x
+    if problem.any_rotation:
+        p[:3] = shortest_vector(p[:3])
+    return _fit(problem, p, scale, found.status > 0, found.message, int(found.nfev))
+
+
+def _saturated(residuals: Floats, jacobian: Floats | None, count: int, scale: float) -> tuple[Floats, Floats]:
+    # Each pair's two residuals r become r / sqrt(1 + |r|^2 / c^2), whose squares sum to the robust loss.
+    pairs = residuals[:count].reshape(-1, 2)
+    root = 1.0 / np.sqrt(1.0 + np.sum(pairs * pairs, axis=1) / scale**2)
+    bent = residuals.copy()
+    bent[:count] = (root[:, None] * pairs).ravel()
+    if jacobian is None:
+        return bent, np.empty((0, 0))
+    blocks = jacobian[:count].reshape(len(pairs), 2, -1)
+    along = np.einsum("nc,ncf->nf", pairs, blocks)
+    turned = jacobian.copy()
+    turned[:count] = (
+        root[:, None, None] * blocks - (root**3 / scale**2)[:, None, None] * pairs[:, :, None] * along[:, None, :]
+    ).reshape(count, -1)
+    return bent, turned
+
+
+def _walls_of(problem: FitProblem) -> tuple[Floats, Floats]:
+    lower, upper = problem.lower, problem.upper
+    if problem.any_rotation:
+        lower[:3], upper[:3] = -np.inf, np.inf
+    return lower, upper
+
+
+def _fit(problem: FitProblem, p: Floats, scale: float | None, converged: bool, message: str, evaluations: int) -> Fit:
     mean, rms = mean_and_rms(problem, p)
-    return Fit(tuple(p.tolist()), mean, rms, minimised, bool(converged), message, evaluations)
+    return Fit(
+        parameters=tuple(p.tolist()),
+        mean_px=mean,
+        rms_px=rms,
+        minimised=SQUARES if scale is None else ROBUST,
+        converged=bool(converged),
+        message=message,
+        evaluations=evaluations,
+        cost=cost_of(problem, p, scale),
+        scale_px=scale,
+    )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import isfinite, radians
+from math import isfinite, pi, radians
 from typing import Any, Final, Literal, cast, get_args
 
 import numpy as np
@@ -31,12 +31,23 @@ from workers.solver.presets import Schedule, check_schedule, schedule_of
 
 Loss = Literal["mean", "saturating"]
 LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
+OutlierRule = Literal["keep", "exclude"]
 ANGLES: Final = frozenset({"rotation_x", "rotation_y", "rotation_z", "alpha", "beta", "gamma"})
 
 _KEYS: Final = frozenset(
     {
         *("model", "camera", "fold", "seed", "search", "rotation_range_deg", "bounds_preset", "bounds", "locked"),
-        *("priors", "loss", "saturation_px", "mark_sigma_px", "preset", "schedule", "image_size", "nominal"),
+        *(
+            "priors",
+            "loss",
+            "saturation_px",
+            "mark_sigma_px",
+            "outliers",
+            "preset",
+            "schedule",
+            "image_size",
+            "nominal",
+        ),
     }
 )
 
@@ -49,6 +60,7 @@ class FitProblem:
     priors go by parameter name in radians, metres and pixels; `bounds` holds every parameter, locked ones with
     both ends at their value. `loss` is what the genetic algorithm minimises: the weighted mean distance in pixels,
     or the mean of d / (1 + d / saturation_px). A prior (mean, sigma) weighs against marks of `mark_sigma_px`.
+    `outliers`: whether the polish keeps the pairs that are judged not to belong, or leaves them out.
     Raises SolveError where the parts do not make a problem that can be fitted.
     """
 
@@ -69,6 +81,7 @@ class FitProblem:
     fold: int = -1
     saturation_px: float = 20.0
     mark_sigma_px: float = 1.0
+    outliers: OutlierRule = "keep"
 
     def __post_init__(self) -> None:
         _check_pairs(self.points, self.pixels, self.weights)
@@ -107,6 +120,16 @@ class FitProblem:
         return np.flatnonzero(self.upper > self.lower).astype(np.int64)
 
     @property
+    def any_rotation(self) -> bool:
+        """Whether the bounds hold every rotation there is: then those of the rotation vector are no walls."""
+        if self.search != "rotation_vector":
+            return False
+        ends = [self.bounds[name] for name in self.names[:3]]
+        return all(lower <= -pi and upper >= pi for lower, upper in ends) and not any(
+            name in self.priors for name in self.names[:3]
+        )
+
+    @property
     def diagonal_px(self) -> float:
         """Length of the image's diagonal."""
         return image_diagonal_px(self.image_size)
@@ -119,9 +142,9 @@ def problem_from_document(
 
     Keys: model, image_size, nominal (a transform document T_camera_lidar); and with defaults camera, fold (-1: all
     pairs), seed, search, rotation_range_deg, bounds_preset, bounds {name: [lower, upper]}, locked {name: value},
-    priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, preset, schedule {...}. Angles are in
-    radians, or in degrees where their name ends in `_deg`. Preset `paper` implies the Euler form and Table I's
-    bounds unless the request names others. Raises SolveError.
+    priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, outliers (keep or exclude), preset,
+    schedule {...}. Angles are in radians, or in degrees where their name ends in `_deg`. Preset `paper` implies the
+    Euler form and Table I's bounds unless the request names others. Raises SolveError.
     """
     try:
         return _read(document, points, pixels, weights)
@@ -179,6 +202,7 @@ def _read(document: Mapping[str, Any], points: ArrayLike, pixels: ArrayLike, wei
         # A hundredth of the image's diagonal: far above an honest mark's noise, far below a wrong corner.
         saturation_px=float(document.get("saturation_px") or 0.01 * image_diagonal_px((width, height))),
         mark_sigma_px=float(document.get("mark_sigma_px") or 1.0),
+        outliers=_parse_outlier_rule(document.get("outliers") or "keep"),
     )
 
 
@@ -216,6 +240,13 @@ def _parse_loss(name: object) -> Loss:
         if name == loss:
             return loss
     raise SolveError("unknown_loss", f"There is no loss named {name!r}.", f"The losses are {', '.join(LOSSES)}.")
+
+
+def _parse_outlier_rule(name: object) -> OutlierRule:
+    for rule in get_args(OutlierRule):
+        if name == rule:
+            return rule
+    raise SolveError("bad_document", f"`outliers` is {name!r}.", "It is keep or exclude.")
 
 
 def _check_pairs(points: NDArray[np.float64], pixels: NDArray[np.float64], weights: NDArray[np.float64]) -> None:

@@ -7,6 +7,7 @@ from typing import Any, Final, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.geometry.rotations import shortest_vector
 from workers.solver.errors import SolveError
 from workers.solver.problem import FitProblem
 from workers.solver.slot import SlotOutcome, run_slot
@@ -59,6 +60,10 @@ def bounds_of(problem: FitProblem, state: State) -> tuple[NDArray[np.float64], N
     if state.iteration == 0:
         return lower, upper
     centre, half = np.array(state.best_parameters), np.array(state.half_width)
+    if problem.any_rotation:
+        # Past half a turn the rotations only repeat: a wall there would cut the box in two.
+        centre[:3] = shortest_vector(centre[:3])
+        lower[:3], upper[:3] = -np.inf, np.inf
     return np.maximum(lower, centre - half), np.minimum(upper, centre + half)
 
 

@@ -4,6 +4,7 @@
 import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final
 
@@ -15,13 +16,16 @@ from workers.geometry.models import INTRINSICS, parse_model
 from workers.geometry.projection import distances_px, image_diagonal_px, project
 from workers.geometry.rotations import euler_from_rotation, vector_from_rotation
 from workers.geometry.transforms import RigidTransform, from_document, to_document
+from workers.solver.baselines import baseline, linear_baseline
+from workers.solver.degeneracy import is_determined, point_alarms
 from workers.solver.diagnosis import alarms, at_bounds
 from workers.solver.errors import SolveError
-from workers.solver.polish import Fit, baseline, distances, mean_and_rms, polish
+from workers.solver.outliers import Outlier, judge, without
+from workers.solver.polish import Fit, cost_of, distances, mean_and_rms, polish
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import State
-from workers.solver.uncertainty import uncertainty
+from workers.solver.uncertainty import Uncertainty, uncertainty
 
 Floats = NDArray[np.float64]
 # llvmlite publishes no types.
@@ -33,20 +37,26 @@ _LOSS_WORDS: Final = {"mean": "mean pixel distance", "saturating": "saturating m
 def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     """Polish the search's best and describe everything found, as plain JSON.
 
-    The document's `intrinsics` and `transform` (T_camera_lidar) are the polished ones; `ga`, `polished` and
-    `baseline` stand side by side, each with mean and RMS distance in px, what it minimised and its parameters
-    (search form: radians, metres, pixels). `parameters` and `std` are in people's units (degrees, metres, pixels).
-    `status` is `ok`, `unfinished` (the schedule was stopped from outside) or `not_converged` (the polish ran out).
+    The document's `intrinsics` and `transform` (T_camera_lidar) are the polished ones; `ga`, `polished`,
+    `baseline` (least squares from the centre of the bounds) and `linear_baseline` (direct linear transformation
+    with RANSAC, then least squares; null where no linear camera fits) stand side by side over the same pairs, each
+    with mean and RMS distance in px, what it minimised and its parameters (search form: radians, metres, pixels).
+    `parameters` and `std` are in people's units (degrees, metres, pixels). `outliers` names the pairs that the
+    others speak against; where the problem says `exclude` the polish leaves them out, and `kept` has its errors on
+    the rest. `status` is `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the polish ran
+    out) or `not_determined` (the pairs do not hold every free parameter).
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:
         raise SolveError("bad_schedule", "The run has no iteration to finish from.", "Run at least one.")
-    polished, plain = polish(problem, state.best_parameters), baseline(problem)
+    polished, outliers, kept = _polished(problem, state)
     p = np.array(polished.parameters)
-    spread = uncertainty(problem, p)
+    spread = uncertainty(kept, p)
+    plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
     transform = transform_of(problem, p)
-    status, message = _status(state, polished)
+    status, message = _status(kept, state, polished, spread)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
+    excluded = problem.outliers == "exclude"
     return {
         "model": problem.model,
         "search": problem.search,
@@ -67,17 +77,57 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
             "parameters": _named(problem, state.best_parameters),
         },
         "polished": _fit_document(problem, polished),
-        "baseline": _fit_document(problem, plain),
+        **{name: None if fit is None else _fit_document(problem, fit) for name, fit in plain.items()},
+        "kept": _kept_document(kept, p),
+        "outliers": [outlier.to_document(excluded) for outlier in outliers],
         "parameters": people_parameters(problem, p, transform),
         "intrinsics": intrinsics_document(problem, p),
         "transform": to_document(transform),
         "residuals_px": distances(problem, p).tolist(),
         "at_bounds": at_bounds(problem, p),
         **spread.to_document(),
-        "alarms": alarms(problem, state, (ga_mean, ga_rms), polished, plain, spread),
+        "alarms": alarms(
+            kept,
+            state,
+            (ga_mean, ga_rms),
+            polished,
+            _compared(kept, polished, plain),
+            spread,
+            outliers,
+            excluded,
+        ),
         "cpu": cpu_document(),
         "versions": versions_document(),
     }
+
+
+def _polished(problem: FitProblem, state: State) -> tuple[Fit, list[Outlier], FitProblem]:
+    # The fit, the pairs that do not belong, and the problem as it was fitted (without them where so asked).
+    fit = polish(problem, state.best_parameters)
+    outliers = judge(problem, np.array(fit.parameters))
+    if problem.outliers == "keep" or not outliers:
+        return fit, outliers, problem
+    # What is left is honest: plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
+    kept = without(replace(problem, loss="mean"), outliers)
+    return polish(kept, fit.parameters), outliers, kept
+
+
+def _compared(problem: FitProblem, polished: Fit, plain: Mapping[str, Fit | None]) -> dict[str, tuple[Fit, float]]:
+    words = {
+        "baseline": "Plain least squares from the centre of the bounds",
+        "linear_baseline": "Least squares from a linear start with RANSAC",
+    }
+    lowest = cost_of(problem, polished.parameters, polished.scale_px)
+    return {
+        words[name]: (fit, cost_of(problem, fit.parameters, polished.scale_px) / lowest if lowest > 0.0 else 1.0)
+        for name, fit in plain.items()
+        if fit is not None
+    }
+
+
+def _kept_document(problem: FitProblem, p: Floats) -> dict[str, Any]:
+    mean, rms = mean_and_rms(problem, p)
+    return {"pairs": int(np.count_nonzero(problem.weights)), "mean_px": mean, "rms_px": rms}
 
 
 def evaluate(
@@ -143,7 +193,13 @@ def versions_document() -> dict[str, str]:
     return found
 
 
-def _status(state: State, polished: Fit) -> tuple[str, str]:
+def _status(problem: FitProblem, state: State, polished: Fit, spread: Uncertainty) -> tuple[str, str]:
+    p = np.array(polished.parameters)
+    if not is_determined(problem, p, spread):
+        reasons = point_alarms(problem, p)
+        return "not_determined", reasons[0] if reasons else (
+            f"The pairs hold only {spread.rank} of {len(spread.names)} free parameters: the values are arbitrary."
+        )
     if state.stopped is None:
         return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."
     if not polished.converged:

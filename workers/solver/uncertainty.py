@@ -1,15 +1,21 @@
+# pyright: reportMissingTypeStubs=false
 """How well the pairs determine each parameter: covariance from the Jacobian at the optimum."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from workers.solver.polish import weighted_residuals
 from workers.solver.problem import ANGLES, FitProblem
+from workers.solver.residuals import predict
 
 Floats = NDArray[np.float64]
+# scipy publishes no types.
+_student_quantile: Callable[[float, float], float] = special.stdtrit
 _ROTATION_AXES: Final = ("rotation_x", "rotation_y", "rotation_z")
 # Smallest singular value, relative to the largest of the Jacobian with columns of unit length, that still counts:
 # below it two parameters do the same to eight digits.
@@ -23,7 +29,9 @@ class Uncertainty:
     names, units and std (F,) and covariance (F, F). std is infinite where the pairs do not determine the
     parameter. Rotations are small turns about the camera's axes at the solution, which have no singular point;
     only where one of the search's rotation parameters is locked or has a prior are they the search's own.
-    rank is that of the Jacobian; sigma_px the noise per pixel coordinate that the residuals show.
+    rank and condition are those of the Jacobian with columns of unit length (infinite where the rank is not full);
+    sigma_px the noise per pixel coordinate that the residuals show (or that was planned), by `freedom` degrees of
+    freedom. undetermined: for each direction that the data leaves open, its largest parts {name: share}.
     """
 
     names: tuple[str, ...]
@@ -32,6 +40,9 @@ class Uncertainty:
     covariance: Floats
     rank: int
     sigma_px: float
+    condition: float = 1.0
+    freedom: int | None = None
+    undetermined: tuple[dict[str, float], ...] = ()
 
     @property
     def correlation(self) -> Floats:
@@ -40,6 +51,12 @@ class Uncertainty:
         inverse = np.zeros_like(self.std)
         inverse[good] = 1.0 / self.std[good]
         return self.covariance * inverse[:, None] * inverse[None, :]
+
+    @property
+    def half_width95(self) -> Floats:
+        """Half widths (F,) of the 95 % intervals: Student's t where sigma was estimated, else the normal's."""
+        factor = 1.959963984540054 if self.freedom is None else float(_student_quantile(max(self.freedom, 1), 0.975))
+        return factor * self.std
 
     def worst_correlation(self) -> tuple[str, str, float] | None:
         """The two parameters that can be told apart least, and their correlation."""
@@ -50,19 +67,26 @@ class Uncertainty:
         return self.names[i], self.names[j], float(self.correlation[i, j])
 
     def to_document(self) -> dict[str, Any]:
-        """JSON form, an infinite standard deviation as null."""
+        """JSON form, an infinite standard deviation or condition as null."""
         worst = self.worst_correlation()
         return {
-            "std": {n: s if np.isfinite(s) else None for n, s in zip(self.names, self.std.tolist(), strict=True)},
+            "std": self._finite(self.std),
+            "interval95_half_width": self._finite(self.half_width95),
             "covariance": {
                 "names": list(self.names),
                 "units": list(self.units),
                 "matrix": self.covariance.tolist(),
             },
+            "correlation": self.correlation.tolist(),
             "worst_correlation": None if worst is None else {"pair": [worst[0], worst[1]], "value": worst[2]},
             "sigma_px": self.sigma_px,
             "rank": self.rank,
+            "condition": self.condition if np.isfinite(self.condition) else None,
+            "undetermined": list(self.undetermined),
         }
+
+    def _finite(self, values: Floats) -> dict[str, float | None]:
+        return {n: v if np.isfinite(v) else None for n, v in zip(self.names, values.tolist(), strict=True)}
 
 
 def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:
@@ -71,15 +95,39 @@ def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:
     With the priors' rows in J. Holds for marks with independent errors of one size, and says nothing about a
     systematic error of the marks or the vertices.
     """
-    free = problem.free
-    local = not any(name in problem.priors or name in problem.locked for name in problem.names[:3]) and bool(
-        np.all(np.isin((0, 1, 2), free))
+    residuals, J = weighted_residuals(problem, p, _turns_are_free(problem))
+    freedom = 2 * int(np.count_nonzero(problem.weights)) + len(problem.priors) - len(problem.free)
+    if freedom <= 0:
+        return _spread(problem, J, problem.mark_sigma_px, None)
+    return _spread(problem, J, float(np.sqrt(residuals @ residuals / freedom)), freedom)
+
+
+def plan_uncertainty(problem: FitProblem, p: Floats, sigma_px: float | None = None) -> Uncertainty:
+    """What these points would tell if they were marked, before anyone has: no mark of the problem is read.
+
+    problem: points (N, 3) m as planned, with the model, bounds, locks and priors of the fit to come (its pixels may
+    be anything finite); p (D,): the parameters as far as they are known. sigma_px: noise expected of the marks, by
+    default the problem's `mark_sigma_px`. Points that the camera would not see under p, behind it, past the
+    lens model's range or outside the image, count for nothing.
+    """
+    pixels, violation = predict(problem, p)
+    edge = np.array(problem.image_size) - 0.5
+    seen = (violation == 0.0) & np.all((pixels >= -0.5) & (pixels <= edge), axis=1)
+    J = weighted_residuals(problem, p, _turns_are_free(problem))[1]
+    J[: 2 * len(seen)][np.repeat(~seen, 2)] = 0.0
+    return _spread(problem, J, problem.mark_sigma_px if sigma_px is None else sigma_px, None)
+
+
+def _turns_are_free(problem: FitProblem) -> bool:
+    return not any(name in problem.priors or name in problem.locked for name in problem.names[:3]) and bool(
+        np.all(np.isin((0, 1, 2), problem.free))
     )
-    residuals, J = weighted_residuals(problem, p, local)
-    indices: list[int] = free.tolist()
+
+
+def _spread(problem: FitProblem, J: Floats, sigma: float, freedom: int | None) -> Uncertainty:
+    local = _turns_are_free(problem)
+    indices: list[int] = problem.free.tolist()
     names = tuple(_ROTATION_AXES[i] if local and i < 3 else problem.names[i] for i in indices)
-    count = 2 * int(np.count_nonzero(problem.weights)) + len(problem.priors) - len(free)
-    sigma = float(np.sqrt(residuals @ residuals / count)) if count > 0 else problem.mark_sigma_px
     lengths = np.linalg.norm(J, axis=0)
     lengths[lengths == 0.0] = 1.0
     _, s, Vt = np.linalg.svd(J / lengths, full_matrices=False)
@@ -90,8 +138,17 @@ def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:
     std = np.sqrt(np.diag(covariance))
     # A parameter that takes part in an undetermined direction is not known at all.
     std[np.any(np.abs(Vt[~kept]) > 1e-3, axis=0)] = np.inf
+    whole = bool(np.all(kept))
     return Uncertainty(
-        names, tuple(unit_of(name) for name in names), std, covariance, int(np.count_nonzero(kept)), sigma
+        names,
+        tuple(unit_of(name) for name in names),
+        std,
+        covariance,
+        int(np.count_nonzero(kept)),
+        sigma,
+        condition=(float(s[0] / s[-1]) if whole else np.inf) if s.size else 1.0,
+        freedom=freedom,
+        undetermined=tuple(_parts(names, direction) for direction in Vt[~kept]),
     )
 
 
@@ -102,3 +159,9 @@ def unit_of(name: str) -> str:
     if name.startswith("t_"):
         return "m"
     return "px" if name in ("f_x", "f_y", "c_x", "c_y") else "1"
+
+
+def _parts(names: tuple[str, ...], direction: Floats) -> dict[str, float]:
+    # The shares of a direction in the parameters scaled to equal effect, the larger ones only.
+    order = np.argsort(-np.abs(direction), kind="stable")
+    return {names[i]: float(direction[i]) for i in order.tolist() if abs(direction[i]) > 0.1}

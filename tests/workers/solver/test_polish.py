@@ -5,7 +5,8 @@ import pytest
 
 from tests.workers.solver.rigs import residual_pairs, simulated
 from workers.geometry.models import MODELS, SEARCH_FORMS
-from workers.solver.polish import baseline, mean_and_rms, polish, weighted_residuals
+from workers.solver.baselines import baseline
+from workers.solver.polish import mean_and_rms, polish, weighted_residuals
 from workers.solver.residuals import predict, residuals_and_jacobian, transform_of
 
 

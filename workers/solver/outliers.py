@@ -1,0 +1,122 @@
+"""Pairs that do not belong: named, with how far off they are and in which way."""
+
+from dataclasses import dataclass, replace
+from math import log, sqrt
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.solver.polish import distances, polish, robust_sigma_px, weighted_residuals
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import predict
+
+Floats = NDArray[np.float64]
+FALSE_ALARMS: Final = 0.01
+"""Chance that Gaussian marks without any outlier get one named, per fit."""
+_ROUNDS: Final = 5
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A pair, by its index; its distance in px under the fit of the others; that in standard deviations; and why."""
+
+    index: int
+    residual_px: float
+    score: float
+    reason: str
+
+    def to_document(self, excluded: bool) -> dict[str, Any]:
+        """JSON form, with whether the fit left the pair out."""
+        return {
+            "index": self.index,
+            "residual_px": self.residual_px,
+            "score": self.score,
+            "reason": self.reason,
+            "excluded": excluded,
+        }
+
+
+def threshold_of(pairs: int) -> float:
+    """Distance in sigmas that marks in the plane exceed once in pairs / FALSE_ALARMS (Rayleigh, Bonferroni)."""
+    return sqrt(2.0 * log(max(pairs, 1) / FALSE_ALARMS))
+
+
+def without(problem: FitProblem, outliers: list[Outlier]) -> FitProblem:
+    """The problem with those pairs at weight 0."""
+    weights = problem.weights.copy()
+    weights[[outlier.index for outlier in outliers]] = 0.0
+    return replace(problem, weights=weights)
+
+
+def judge(problem: FitProblem, start: Floats) -> list[Outlier]:
+    """The pairs that the others' fit speaks against, the worst first.
+
+    start (D,): any fit of these pairs. A robust fit from there finds the clear ones; then the rest is fitted by
+    least squares and all pairs are judged again, until the same ones stand out twice. A pair's distance counts in
+    standard deviations of its own residual: one that alone holds a parameter has little of that (leverage), and
+    one left out has more.
+    """
+    robust = np.array(polish(replace(problem, loss="saturating"), start).parameters)
+    sigma = robust_sigma_px(problem, robust)
+    scores = np.where(problem.weights > 0.0, distances(problem, robust) * np.sqrt(problem.weights) / sigma, 0.0)
+    limit = threshold_of(int(np.count_nonzero(problem.weights)))
+    out, p = scores > limit, robust
+    plain = replace(problem, loss="mean")
+    for _ in range(_ROUNDS):
+        kept = np.where(out, 0.0, problem.weights)
+        if np.count_nonzero(kept) < max(len(problem.free), 1):
+            return []
+        reduced = replace(plain, weights=kept)
+        p = np.array(polish(reduced, p).parameters)
+        scores = _scores(plain, reduced, p)
+        again = scores > limit
+        if np.array_equal(again, out):
+            break
+        out = again
+    order = np.flatnonzero(out)[np.argsort(-scores[out], kind="stable")]
+    d = distances(problem, p)
+    pixels, violation = predict(problem, p)
+    return [
+        Outlier(i, float(d[i]), float(scores[i]), _reason(problem, pixels, violation, i, float(scores[i]), sigma))
+        for i in order.tolist()
+    ]
+
+
+def _scores(problem: FitProblem, reduced: FitProblem, p: Floats) -> Floats:
+    # Studentised distances (N,). With G the fit's covariance over sigma^2 and J_i a pair's rows, its residual's
+    # covariance is I - J_i G J_i^T where the pair was fitted, and I + J_i G J_i^T where it was left out.
+    residuals, J = weighted_residuals(problem, p)
+    n = len(problem.points)
+    fitted = weighted_residuals(reduced, p)[1]
+    G = np.linalg.pinv(fitted.T @ fitted, rcond=1e-12, hermitian=True)
+    blocks = J[: 2 * n].reshape(n, 2, -1)
+    taken = np.einsum("nif,fg,njg->nij", blocks, G, blocks)
+    sign = np.where(reduced.weights > 0.0, -1.0, 1.0)[:, None, None]
+    covariance = np.eye(2) + sign * taken
+    # A pair that is fitted whatever it says cannot be judged: its share is floored, not divided by zero.
+    values, vectors = np.linalg.eigh(covariance)
+    along = np.einsum("nji,nj->ni", vectors, residuals[: 2 * n].reshape(n, 2))
+    squares = np.sum(along**2 / np.maximum(values, 0.05), axis=1)
+    sigma = robust_sigma_px(reduced, p)
+    return np.where(problem.weights > 0.0, np.sqrt(squares) / sigma, 0.0)
+
+
+def _reason(problem: FitProblem, pixels: Floats, violation: Floats, i: int, score: float, sigma: float) -> str:
+    if violation[i] > 0.0:
+        return "Its point lies behind the camera or past the range of the lens model."
+    off = problem.pixels[i] - pixels[i]
+    words = (
+        f"The mark lies {abs(off[0]):.1f} px {'right' if off[0] > 0 else 'left'} and {abs(off[1]):.1f} px "
+        f"{'below' if off[1] > 0 else 'above'} of where the vertex projects, {score:.1f} standard deviations"
+    )
+    gaps = np.hypot(*(pixels - problem.pixels[i]).T)
+    gaps[violation > 0.0] = np.inf
+    gaps[i] = np.inf
+    nearest = int(np.argmin(gaps))
+    if gaps[nearest] < 3.0 * sigma:
+        back = np.hypot(*(problem.pixels[nearest] - pixels[i]))
+        if back < 3.0 * sigma:
+            return f"{words}: it and the mark of pair {nearest} look swapped."
+        return f"{words}: it lies where the vertex of pair {nearest} projects."
+    return f"{words}."
