@@ -104,7 +104,7 @@ def _stamp_group(
         return "names", {path: _time(path, text) for path, text in texts.items()}
     if tables:
         raise _incomplete(missing, len(paths))
-    nameless = [path for path, text in texts.items() if not text]
+    nameless = [path for path, text in texts.items() if not text and len(paths) > 1]
     if nameless:
         raise ReadError(
             "files_without_times",
@@ -127,7 +127,8 @@ def _stamp_group(
             "count files.",
             f"Name files by their time in nanoseconds, or add {CSV_NAME} with the columns file,stamp_ns.",
         )
-    return "index", {path: _INDEX_START_NS + int(text) * _INDEX_STEP_NS for path, text in texts.items()}
+    # A single file needs no number to be told from others.
+    return "index", {path: _INDEX_START_NS + int(text or 0) * _INDEX_STEP_NS for path, text in texts.items()}
 
 
 def _incomplete(missing: Sequence[str], count: int) -> ReadError:
