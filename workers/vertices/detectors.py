@@ -9,6 +9,8 @@ from typing import Any
 
 from workers.vertices import ring_rules
 from workers.vertices.options import DetectorError, Options, overlay
+from workers.vertices.refined import offer as refined
+from workers.vertices.refined.run import run as run_refined
 from workers.vertices.region import Region
 from workers.vertices.sources import OnSweep, Run, SweepSource
 from workers.vertices.vertex import Detections, Vertex
@@ -44,6 +46,13 @@ DETECTORS: dict[str, Detector] = {
         options_schema=ring_rules.TOLERANT_OPTIONS,
         reasons=ring_rules.TOLERANT_REASONS,
         run=ring_rules.run_tolerant,
+    ),
+    "refined": Detector(
+        name="refined",
+        summary="The corner of the plane that the rays meet and miss; with its covariance.",
+        options_schema=refined.OPTIONS,
+        reasons=refined.REASONS,
+        run=run_refined,
     ),
 }
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from workers.readers.recording import Sweep
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import integrate
-from workers.vertices.refined.model import Fix, Floats, Model, Plane
+from workers.vertices.refined.model import Fix, Floats, Model, Plane, Sighting
 from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
 from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
 from workers.vertices.refined.window import Window, open_window
@@ -34,7 +34,7 @@ def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> l
     ]
 
 
-def find_planes(windows: Iterable[Window], model: Model, most: int) -> list[Plane]:
+def find_planes(windows: Iterable[Window], model: Model, most: int) -> list[Sighting]:
     """Planes that could be the board's, at least two rings on each, the likeliest first."""
     found: list[tuple[float, Window, Floats, Floats, tuple[int, int, int]]] = []
     prior = np.array([*model.yaw, *model.tilt])
@@ -55,24 +55,26 @@ def find_planes(windows: Iterable[Window], model: Model, most: int) -> list[Plan
             r, first, last = stretches[pair[0], :3].astype(int).tolist()
             found.append((score, window, w, np.linalg.inv(info), (r, first, last)))
     found.sort(key=lambda item: -item[0])
-    planes = (_with_rays(*item, model) for item in found[:most])
-    return [plane for plane in planes if plane is not None]
+    sightings = (_with_rays(*item, model) for item in found[:most])
+    return [sighting for sighting in sightings if sighting is not None]
 
 
 def _with_rays(
     score: float, window: Window, w: Floats, spread: Floats, seed: tuple[int, int, int], model: Model
-) -> Plane | None:
-    left, up, ratio = likelihood_ratios(window.azimuth, window.slope, window.distance, w, spread, model.sigma)
+) -> Sighting | None:
+    left, up, ratio = likelihood_ratios(
+        window.azimuth, window.slope, window.distance, w, spread, model.sigma, model.lost
+    )
     ends = follow_board(left, up, ratio, window.inside, *seed)
     on_board = np.flatnonzero(ends[:, 0] >= 0)
     if on_board.size < 2:
         return None
-    at = tuple(choose_rays(left, up, ratio, ends).T)
+    at = tuple(choose_rays(left, up, ratio, window.distance, ends).T)
     u = w[0] * np.cos(window.azimuth[at]) + w[1] * np.sin(window.azimuth[at]) + w[2] * window.slope[at]
     points = sum(
         int(np.count_nonzero(ratio[r, first : last + 1] > _ON_BOARD)) for r, (first, last) in enumerate(ends) if first >= 0
     )
-    return Plane(
+    plane = Plane(
         centre=window.centre,
         w=w,
         spread=spread,
@@ -84,20 +86,8 @@ def _with_rays(
         rings=int(on_board.size),
         top_ring=int(on_board[-1]),
         points=points,
-        window=window,
-        ends=ends,
     )
-
-
-def residuals(plane: Plane) -> Floats:
-    """(N,) metres, how far the points on the board lie behind its plane."""
-    window, parts = plane.window, [np.zeros(0)]
-    for r in np.flatnonzero(plane.ends[:, 0] >= 0):
-        run = (r, slice(plane.ends[r, 0], plane.ends[r, 1] + 1))
-        azimuth, slope, distance = window.azimuth[run], window.slope[run], window.distance[run]
-        inverse = plane.w[0] * np.cos(azimuth) + plane.w[1] * np.sin(azimuth) + plane.w[2] * slope
-        parts.append((distance - 1.0 / inverse)[distance > 0.0])
-    return np.concatenate(parts)
+    return Sighting(plane, window, ends)
 
 
 def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
@@ -199,8 +189,8 @@ def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, 
     return np.array([x * c - y * s, x * s + y * c, z]), errors
 
 
-def look(sweep: Sweep, inside: NDArray[np.bool_], model: Model, most: int = 3) -> list[Fix]:
+def look(sweep: Sweep, inside: NDArray[np.bool_], model: Model, most: int = 3) -> list[tuple[Sighting, Fix]]:
     """The apexes that the likeliest planes of a sweep tell, the likeliest first."""
-    planes = find_planes(open_windows(sweep, inside, model.grid), model, most)
-    found = [fix for plane in planes if (fix := locate(plane, model)) is not None]
-    return sorted(found, key=lambda fix: -(fix.evidence + fix.plane.score))
+    sightings = find_planes(open_windows(sweep, inside, model.grid), model, most)
+    found = [(sighting, fix) for sighting in sightings if (fix := locate(sighting.plane, model)) is not None]
+    return sorted(found, key=lambda pair: -pair[1].support)

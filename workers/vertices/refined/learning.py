@@ -13,8 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from workers.vertices.options import Options
-from workers.vertices.refined.board import find_planes, locate, open_windows, residuals
-from workers.vertices.refined.model import Floats, Model, Plane
+from workers.vertices.refined.board import find_planes, locate, open_windows
+from workers.vertices.refined.model import Floats, Model, Plane, Sighting
+from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.window import Window
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
@@ -31,6 +32,8 @@ _SIGMA_M = (0.004, 0.08)
 _DOUBT = 3.0
 _LEAST_TILT = 0.04
 _LEAST_ROLL = math.radians(2.0)
+_LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
+_FIRST = 6
 _GROWTH_RAD = (-0.25e-3, 4.0e-3)
 
 
@@ -43,17 +46,16 @@ def learn(source: SweepSource, region: Region, options: Options, on_sweep: Calla
     for index in _spread(len(source), _SWEEPS):
         sweep = source.sweep(index)
         on_sweep()
-        planes = find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1)
         near += [
-            (plane.points, index, plane.window)
-            for plane in planes
-            if plane.rings >= _MIN_RINGS and plane.points >= _MIN_POINTS
+            (sighting.plane.points, index, sighting.window)
+            for sighting in find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1)
+            if sighting.plane.rings >= _MIN_RINGS and sighting.plane.points >= _MIN_POINTS
         ]
     windows = [window for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[:_NEAR]]
     if len(windows) < _ENOUGH:
         return replace(model, sigma=Model(grid).sigma)
-    model, planes = _learn_planes(windows, model)
-    return _learn_board(planes, model, edges, float(options["edge_growth_mrad"]))
+    model, sightings = _learn_planes(windows, model)
+    return _learn_board([sighting.plane for sighting in sightings], model, edges, float(options["edge_growth_mrad"]))
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -67,42 +69,74 @@ def _given(model: Model, edges: tuple[float, float], growth_mrad: float) -> Mode
     return replace(model, growth=max(growth_mrad, 0.0) * 1e-3)
 
 
-def _learn_planes(windows: Sequence[Window], model: Model) -> tuple[Model, list[Plane]]:
+def _learn_planes(windows: Sequence[Window], model: Model) -> tuple[Model, list[Sighting]]:
     """The noise of the distances, and how upright the board is held."""
-    planes = _best(windows, model)
-    model = replace(model, sigma=_clip(1.5 * _noise(planes)))
+    sightings = _best(windows, model)
+    noise = _noise(sightings)
+    default = Model(model.grid)
+    model = replace(model, sigma=_clip(noise), lost=_lost(sightings, default.lost))
     for _ in range(3):
-        planes = _best(windows, model)
-        if len(planes) < _ENOUGH:
-            return model, planes
-        beyond = np.concatenate([residuals(plane) for plane in planes])
-        sigma = _clip(1.1 * 1.4826 * float(np.median(np.abs(beyond))))
-        tilt = np.array([-plane.w[2] / plane.w[0] for plane in planes])
-        yaw = np.array([-plane.w[1] / plane.w[0] for plane in planes])
-        default = Model(model.grid)
+        sightings = _best(windows, model)
+        if len(sightings) < _ENOUGH:
+            return model, sightings
+        upper = [_upper_part(sighting, model) for sighting in sightings]
+        beyond = np.concatenate([part[1] for part in upper])
+        # Rings differ by some millimetres; more than that is clothes behind the board.
+        across = 1.05 * 1.4826 * float(np.median(np.abs(beyond)))
+        slopes = np.array([-part[0][1:] / part[0][0] for part in upper])
         model = replace(
             model,
-            sigma=sigma,
-            tilt=_gathered(tilt, default.tilt, _LEAST_TILT),
-            yaw=(0.0, max(2.0 * _gathered(yaw, default.yaw, 0.0)[1], 0.2)),
+            sigma=_clip(min(max(across, noise), 1.2 * noise + 0.005)),
+            tilt=_gathered(slopes[:, 1], default.tilt, _LEAST_TILT),
+            yaw=(0.0, max(2.0 * _gathered(slopes[:, 0], default.yaw, 0.0)[1], 0.2)),
         )
     return model, _best(windows, model)
 
 
-def _best(windows: Sequence[Window], model: Model) -> list[Plane]:
-    planes = [plane for window in windows for plane in find_planes([window], model, 1)]
-    return [plane for plane in planes if plane.rings >= _MIN_RINGS]
+def _upper_part(sighting: Sighting, model: Model) -> tuple[Floats, Floats]:
+    """w from the board's rings down to the widest and those below that are nearly as wide, and its residuals.
+
+    Farther down a ring may have met the body, which stands only centimetres behind the board.
+    """
+    window, ends = sighting.window, sighting.ends
+    rings = np.flatnonzero(ends[:, 0] >= 0)
+    width = {r: window.azimuth[r, ends[r, 1]] - window.azimuth[r, ends[r, 0]] for r in rings}
+    widest = max(rings, key=lambda r: abs(width[r]))
+    kept = [r for r in rings if r >= widest or abs(width[r]) > 0.6 * abs(width[widest])]
+    runs = [(r, slice(ends[r, 0], ends[r, 1] + 1)) for r in kept]
+    azimuth, slope, distance = (
+        np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
+    )
+    azimuth, slope, distance = azimuth[distance > 0.0], slope[distance > 0.0], distance[distance > 0.0]
+    default = Model(model.grid)
+    prior = np.array([*default.yaw, *default.tilt])
+    w, _ = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
+    return w, distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
 
 
-def _noise(planes: Sequence[Plane]) -> float:
+def _best(windows: Sequence[Window], model: Model) -> list[Sighting]:
+    sightings = [sighting for window in windows for sighting in find_planes([window], model, 1)]
+    return [sighting for sighting in sightings if sighting.plane.rings >= _MIN_RINGS]
+
+
+def _runs(sighting: Sighting) -> list[Floats]:
+    """Distances along the board's part of every ring, 0 where nothing came back."""
+    ends = enumerate(sighting.ends.tolist())
+    return [sighting.window.distance[r, first : last + 1] for r, (first, last) in ends if first >= 0]
+
+
+def _noise(sightings: Sequence[Sighting]) -> float:
     """From second differences along the rings, which a plane and a slow bend do not change."""
-    parts: list[Floats] = [np.zeros(0)]
-    for plane in planes:
-        for r in np.flatnonzero(plane.ends[:, 0] >= 0):
-            distance = plane.window.distance[r, plane.ends[r, 0] : plane.ends[r, 1] + 1]
-            parts.append(np.diff(distance[distance > 0.0], 2))
-    second = np.concatenate(parts)
+    runs = [run for sighting in sightings for run in _runs(sighting)]
+    second = np.concatenate([np.zeros(0), *(np.diff(run[run > 0.0], 2) for run in runs)])
     return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if second.size else _FIRST_SIGMA_M
+
+
+def _lost(sightings: Sequence[Sighting], default: float) -> float:
+    """Share of the rays on the board without a return; a hundred imagined rays at the default are counted in."""
+    runs = [run for sighting in sightings for run in _runs(sighting)]
+    missing, rays = sum(int(np.count_nonzero(run == 0.0)) for run in runs), sum(run.size for run in runs)
+    return max((missing + 100.0 * default) / (rays + 100.0), default)
 
 
 def _clip(sigma: float) -> float:
@@ -138,21 +172,23 @@ def _learn_board(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
 
 
 def _first_edges(planes: Sequence[Plane], model: Model, edges: tuple[float, float]) -> Model:
-    """Upper parts of the extents that the hits have, each sweep's board turned so that they are smallest."""
-    extents: list[Floats] = []
-    for plane in planes:
-        hits = plane.ratio > 5.0
-        rolls = model.roll[0] + model.roll[1] * np.linspace(-2.0, 2.0, 41)
-        p = np.outer(np.cos(rolls), plane.left[hits]) - np.outer(np.sin(rolls), plane.up[hits])
-        q = np.outer(np.sin(rolls), plane.left[hits]) + np.outer(np.cos(rolls), plane.up[hits])
-        spans = np.array([np.ptp(p, axis=1), np.ptp(q, axis=1)])
-        extents.append(np.sort(spans[:, int(np.argmin(spans.sum(axis=0)))]))
-    short, long = np.quantile(np.array(extents), 0.7, axis=0).tolist()
+    """Of a coarse table of lengths those that explain the best seen boards best."""
     known = max(edges)
-    if known > 0.0:
-        other = long if abs(known - short) < abs(known - long) else short
-        return replace(model, edges=tuple(sorted((known, other))), slack=0.0)
-    return replace(model, edges=(short, long), slack=0.0)
+    lengths = [known] if known > 0.0 else _LENGTHS_M
+    tried = [
+        replace(model, edges=(one, other), slack=0.5 * (_LENGTHS_M[1] / _LENGTHS_M[0] - 1.0) * other)
+        for one in lengths
+        for other in _LENGTHS_M
+        if known > 0.0 or one <= other
+    ]
+    best = max(tried, key=lambda candidate: _evidence(planes[:_FIRST], candidate))
+    return replace(best, slack=0.0)
+
+
+def _evidence(planes: Sequence[Plane], model: Model) -> float:
+    """Log evidence of a model; a sweep that fits nothing counts no more than one that fits badly."""
+    found = [locate(plane, model, coarse=True) for plane in planes]
+    return sum(max(fix.evidence, -40.0) if fix is not None else -40.0 for fix in found)
 
 
 def _refine(planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float) -> Model:
@@ -171,10 +207,7 @@ def _refine(planes: Sequence[Plane], model: Model, edges: tuple[float, float], g
         return replace(model, edges=(lengths[0], lengths[1]), growth=float(x[2]))
 
     def evidence(x: Floats) -> float:
-        tried = modelled(x)
-        found = [locate(plane, tried, coarse=True) for plane in planes]
-        prior = -0.5 * ((x[2] - 0.5e-3) / 1.0e-3) ** 2
-        return prior + sum(max(fix.evidence, -40.0) if fix is not None else -40.0 for fix in found)
+        return _evidence(planes, modelled(x)) - 0.5 * ((x[2] - 0.5e-3) / 1.0e-3) ** 2
 
     open_growth = growth_mrad < 0.0
     sigmas = np.zeros(3)

@@ -28,6 +28,7 @@ class Model:
         roll: radians; 45 degrees where both edges fall alike to the left and to the right.
         yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
         swapped: share of sweeps in which the second edge is the one to the lower left.
+        lost: share of the rays on the board that bring no return.
     """
 
     grid: SensorGrid
@@ -38,8 +39,9 @@ class Model:
     soft: float = math.radians(0.02)
     roll: tuple[float, float] = (math.radians(45.0), math.radians(5.0))
     yaw: tuple[float, float] = (0.0, 0.6)
-    tilt: tuple[float, float] = (0.0, 0.14)
+    tilt: tuple[float, float] = (0.0, 0.10)
     swapped: float = 0.5
+    lost: float = 0.004
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +57,6 @@ class Plane:
         ratio: (N,) likelihood of what the ray met with the board over that without.
         rings: how many rings meet the board; top_ring: the highest of them.
         points: how many points lie on it.
-        window, ends: where it was found, and (R, 2) the board's first and last column on every ring, -1 for none.
     """
 
     centre: float
@@ -69,6 +70,13 @@ class Plane:
     rings: int
     top_ring: int
     points: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """A plane, the window in which it was found, and (R, 2) the board's first and last column there, -1 for none."""
+
+    plane: Plane
     window: Window
     ends: NDArray[np.int64]
 
@@ -82,7 +90,7 @@ class Fix:
         covariance: (3, 3) of azimuth, elevation (rad) and range (m).
         roll, roll_sigma: radians.
         best: log likelihood of the rays for the likeliest board, 0 where every ray is as expected.
-        evidence: log of the rays' likelihood, averaged over the prior; with the plane's own score.
+        evidence: log of the rays' likelihood, averaged over the prior.
         swapped: log odds that the second edge is the one to the lower left.
     """
 
@@ -94,6 +102,11 @@ class Fix:
     best: float
     evidence: float
     swapped: float
+
+    @property
+    def support(self) -> float:
+        """Log likelihood of points and rays together, to compare planes of one sweep."""
+        return self.evidence + self.plane.score
 
     @property
     def sigma_azimuth(self) -> float:

@@ -17,7 +17,7 @@ _BEST = 100.0
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def likelihood_ratios(
-    azimuth: Floats, slope: Floats, distance: Floats, w: Floats, spread: Floats, sigma: float
+    azimuth: Floats, slope: Floats, distance: Floats, w: Floats, spread: Floats, sigma: float, lost: float
 ) -> tuple[Floats, Floats, Floats]:
     """Of every ray of a window: where it meets the plane, and how much likelier its answer is on the board than off.
 
@@ -25,6 +25,7 @@ def likelihood_ratios(
         azimuth, slope, distance: (R, C).
         w: (3,) the plane; spread: (3, 3) covariance of w.
         sigma: metres, standard deviation of a distance.
+        lost: share of the rays on the board that bring no return.
 
     Returns:
         (R, C) left and up in the plane, metres from the foot of the window's axis; (R, C) ratio, 0 behind the sensor.
@@ -49,7 +50,7 @@ def likelihood_ratios(
             up[r, c] = h * (u0 * v0 + u1 * v1 + u2 * v2)
             seen = distance[r, c]
             if seen <= 0.0:
-                ratio[r, c] = 2.0 * _WORST
+                ratio[r, c] = lost
                 continue
             variance = 0.0
             for a in range(3):
@@ -107,7 +108,9 @@ def follow_board(
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def choose_rays(left: Floats, up: Floats, ratio: Floats, ends: NDArray[np.int64]) -> NDArray[np.int64]:
+def choose_rays(
+    left: Floats, up: Floats, ratio: Floats, distance: Floats, ends: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """(K, 2) ring and column of the rays that matter for the edges."""
     rings, columns = ratio.shape
     taken = np.zeros((rings, columns), np.bool_)
@@ -119,7 +122,7 @@ def choose_rays(left: Floats, up: Floats, ratio: Floats, ends: NDArray[np.int64]
         bottom = min(bottom, r)
         for c in range(max(ends[r, 0] - 3, 0), min(ends[r, 1] + 4, columns)):
             edge = c < ends[r, 0] + 2 or c > ends[r, 1] - 2
-            taken[r, c] = edge or ratio[r, c] < 0.5
+            taken[r, c] = edge or (ratio[r, c] < 0.5 and distance[r, c] > 0.0)
     if top < 0:
         return np.empty((0, 2), np.int64)
     for direction in (1, -1):

@@ -1,32 +1,92 @@
-"""What the sweeps before and after tell of the board's roll and place."""
+"""What the sweeps before and after tell of a vertex: the board's roll, and whether the vertex lies on the path."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from workers.vertices.refined.model import Fix, Floats, Model
+
+REACH = 10  # sweeps to either side
+_LONGEST_S = 1.5
+_FASTEST_M_S = 3.0
+_TREMBLE_M = 0.2
+_ROLL_LENGTH_S = 0.45  # how long a held board keeps its roll
+_ROLL_FLOOR = math.radians(0.6)
+_ROLL_INFLATION = 1.5  # posteriors of single sweeps are no Gaussians
+_FEWEST = 4
+_SWAY_M = 0.03
 
 
-def roll_from_neighbours(
-    seconds: Floats, roll: Floats, sigma: Floats, mean: float, spread: float, *, length_s: float, extra: float
-) -> tuple[float, float]:
-    """Roll at time 0 from the posteriors of other sweeps, by Gaussian-process regression.
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """A sweep's apex by itself."""
 
-    Args:
-        seconds: (N,) times of the neighbours; roll, sigma: (N,) radians, their posteriors under the prior.
-        mean, spread: the prior under which they were made.
-        length_s: correlation length of a hand-held board's roll.
-        extra: radians, floor of the answer's standard deviation.
+    time_ns: int
+    fix: Fix
+
+
+def trustworthy(fix: Fix) -> bool:
+    """Whether the neighbours of a sweep may learn from its apex."""
+    return fix.best > -3.0 and math.hypot(fix.sigma_azimuth, fix.sigma_elevation) < math.radians(0.3)
+
+
+def roll_prior(own: Seen, others: Sequence[Seen], model: Model) -> tuple[float, float]:
+    """Mean and standard deviation of the roll, from the neighbours that the walker can have come from or gone to.
+
+    Gaussian-process regression; each neighbour's roll counts as its posterior without the prior.
     """
-    precision = 1.0 / sigma**2 - 1.0 / spread**2
-    told = precision > 0.1 / spread**2
+    mean, spread = model.roll
+    after = np.array([other.time_ns - own.time_ns for other in others], np.float64) * 1e-9
+    apart = np.array([np.linalg.norm(other.fix.xyz - own.fix.xyz) for other in others])
+    roll = np.array([other.fix.roll for other in others])
+    precision = np.array([other.fix.roll_sigma for other in others]) ** -2.0 - spread**-2.0
+    told = (apart < _TREMBLE_M + _FASTEST_M_S * np.abs(after)) & (precision > 0.1 * spread**-2.0)
+    told &= np.abs(after) < _LONGEST_S
     if not told.any():
         return mean, spread
-    seconds, precision = seconds[told], precision[told]
-    own = (roll[told] / sigma[told] ** 2 - mean / spread**2) / precision - mean
-    between = spread**2 * np.exp(-0.5 * ((seconds[:, None] - seconds[None, :]) / length_s) ** 2)
-    towards = spread**2 * np.exp(-0.5 * (seconds / length_s) ** 2)
-    gain = np.linalg.solve(between + np.diag(1.5 / precision), towards)
+    after, roll, precision = after[told], roll[told], precision[told]
+    alone = (roll - mean) * (precision + spread**-2.0) / precision
+    between = spread**2 * np.exp(-0.5 * ((after[:, None] - after[None, :]) / _ROLL_LENGTH_S) ** 2)
+    towards = spread**2 * np.exp(-0.5 * (after / _ROLL_LENGTH_S) ** 2)
+    gain = np.linalg.solve(between + np.diag(_ROLL_INFLATION / precision), towards)
     variance = spread**2 - float(gain @ towards)
-    return mean + float(gain @ own), float(np.sqrt(max(variance, 0.0) + extra**2))
+    return mean + float(gain @ alone), min(math.sqrt(max(variance, 0.0) + _ROLL_FLOOR**2), spread)
+
+
+def off_path(own: Seen, others: Sequence[Seen]) -> float:
+    """How many standard deviations the apex lies beside the smooth path of its neighbours; 0 where there is none."""
+    near = [other for other in others if abs(other.time_ns - own.time_ns) < _LONGEST_S * 1e9]
+    if len(near) < _FEWEST:
+        return 0.0
+    x, y, z = own.fix.xyz.tolist()
+    flat, reach = math.hypot(x, y), math.sqrt(x * x + y * y + z * z)
+    axes = np.array([[-y / flat, x / flat, 0.0], [-x * z / flat / reach, -y * z / flat / reach, flat / reach]])
+    after = np.array([other.time_ns - own.time_ns for other in near], np.float64) * 1e-9
+    offset = np.array([axes @ (other.fix.xyz - own.fix.xyz) for other in near])
+    sigma = reach * np.array([[other.fix.sigma_azimuth, other.fix.sigma_elevation] for other in near])
+    own_sigma = reach * np.array([own.fix.sigma_azimuth, own.fix.sigma_elevation])
+    powers = np.vander(after, 3 if len(near) >= 2 * _FEWEST else 2, increasing=True)
+    return max(_beside(powers, offset[:, k], np.hypot(sigma[:, k], _SWAY_M), float(own_sigma[k])) for k in (0, 1))
+
+
+def _beside(powers: Floats, value: Floats, sigma: Floats, own_sigma: float) -> float:
+    """Robust polynomial (Cauchy weights) at time 0, where the apex itself is the origin."""
+    middle = float(np.median(value))
+    doubt = (1.0 + ((value - middle) / (5.0 * sigma)) ** 2) ** -1.0
+    inverse = np.eye(powers.shape[1])
+    at_zero = middle
+    scale = 1.0
+    for _ in range(6):
+        weight = doubt / sigma**2
+        inverse = np.linalg.inv((powers.T * weight) @ powers + 1e-6 * np.eye(powers.shape[1]))
+        solution = inverse @ (powers.T @ (weight * value))
+        at_zero = float(solution[0])
+        scaled = (value - powers @ solution) / sigma
+        scale = max(1.4826 * float(np.median(np.abs(scaled))), 1.0)
+        doubt = (1.0 + (scaled / (2.5 * scale)) ** 2) ** -1.0
+    error = math.sqrt(own_sigma**2 + _SWAY_M**2 + scale**2 * float(inverse[0, 0]) + (scale - 1.0) ** 2 * 0.01)
+    return abs(at_zero) / error

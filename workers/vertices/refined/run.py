@@ -1,0 +1,121 @@
+"""``refined`` over a range of sweeps: learn, look at each sweep by itself, then let the track help."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workers.readers.recording import Sweep
+from workers.vertices.options import Options
+from workers.vertices.refined.board import locate, look
+from workers.vertices.refined.learning import learn
+from workers.vertices.refined.model import Fix, Model, Sighting
+from workers.vertices.refined.surroundings import apex_time, flags_of
+from workers.vertices.refined.track import REACH, Seen, off_path, roll_prior, trustworthy
+from workers.vertices.region import Region
+from workers.vertices.sources import OnSweep, SweepSource
+from workers.vertices.vertex import Covariance, Quality, Rejection, Vertex
+
+_LEAST_LIKELY = -3.0  # log likelihood of the rays for the best board, below which there is none
+_LEAST_SCORE = 8.0
+_OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
+_RIVAL = 12.0
+_RIVAL_M = 0.4
+_FINE_AZIMUTH, _FINE_ELEVATION = math.radians(0.055), math.radians(0.04)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """What a sweep tells by itself: candidates, the likeliest first, or the reason why there are none."""
+
+    candidates: tuple[Seen, ...]
+    flags: tuple[tuple[str, ...], ...]
+    reason: str
+
+
+def run(
+    source: SweepSource, region: Region, options: Options, indices: range, on_sweep: OnSweep
+) -> Sequence[Vertex | Rejection]:
+    """See :func:`workers.vertices.detectors.detect_range`."""
+    model = learn(source, region, options, lambda: on_sweep(indices.start))
+    reach = REACH if options["track"] else 0
+    wider = range(max(0, indices.start - reach), min(len(source), indices.stop + reach))
+    looks: dict[int, _Look] = {}
+    for index in wider:
+        looks[index] = _look(source.sweep(index), region, model)
+        on_sweep(index)
+    return [_settle(index, looks, model, options, reach) for index in indices]
+
+
+def _look(sweep: Sweep, region: Region, model: Model) -> _Look:
+    inside = region.mask(sweep.xyz)
+    if not inside.any():
+        return _Look((), (), "no_points")
+    found = look(sweep, inside, model)
+    if not found:
+        return _Look((), (), "too_few_rings")
+    seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]
+    flags = [_flags(sighting, fix, found) for sighting, fix in found]
+    return _Look(tuple(seen), tuple(flags), "")
+
+
+def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]]) -> tuple[str, ...]:
+    rivals = [
+        other
+        for _, other in found
+        if other is not fix
+        and float(np.linalg.norm(other.xyz - fix.xyz)) > _RIVAL_M
+        and other.support > fix.support - _RIVAL
+        and other.best > _LEAST_LIKELY
+    ]
+    return (*flags_of(sighting, fix), *(["second_board"] if rivals else []))
+
+
+def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options, reach: int) -> Vertex | Rejection:
+    own = looks[index]
+    if not own.candidates:
+        return Rejection(own.reason)
+    around = [i for i in range(index - reach, index + reach + 1) if i != index and i in looks]
+    others = [looks[i].candidates[0] for i in around if looks[i].candidates and trustworthy(looks[i].candidates[0].fix)]
+    beside = [off_path(seen, others) for seen in own.candidates]
+    chosen = next((k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix)), 0)
+    seen = own.candidates[chosen]
+    flags = own.flags[chosen]
+    fix = seen.fix
+    if others:
+        fix = locate(fix.plane, replace(model, roll=roll_prior(seen, others, model))) or fix
+    if not _is_board(fix):
+        return Rejection("not_a_board")
+    if math.hypot(fix.sigma_azimuth, fix.sigma_elevation) > math.radians(options["max_sigma_deg"]):
+        return Rejection("too_uncertain")
+    if beside[chosen] >= _FAR_OFF_PATH:
+        return Rejection("off_the_track")
+    if beside[chosen] >= _OFF_PATH:
+        flags = (*flags, "track_jump")
+    return _vertex(index, seen.time_ns, fix, flags)
+
+
+def _is_board(fix: Fix) -> bool:
+    return fix.best >= _LEAST_LIKELY and fix.plane.score >= _LEAST_SCORE
+
+
+def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...]) -> Vertex:
+    x, y, z = fix.xyz.tolist()
+    (aa, ae, ar), (ea, ee, er), (ra, re, rr) = fix.covariance.tolist()
+    covariance: Covariance = ((aa, ae, ar), (ea, ee, er), (ra, re, rr))
+    fine = fix.sigma_azimuth <= _FINE_AZIMUTH and fix.sigma_elevation <= _FINE_ELEVATION
+    quality: Quality = "fine" if fine else "usable"
+    return Vertex(
+        xyz=(x, y, z),
+        time_ns=time_ns,
+        ring=fix.plane.top_ring,
+        sweep_index=index,
+        points_used=fix.plane.points,
+        detector="refined",
+        covariance=covariance,
+        quality=quality,
+        flags=flags,
+    )
