@@ -11,7 +11,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.pcd import read_pcd
 from workers.readers.pointcloud2 import MAX_POINTS
 from workers.readers.recording import ReadError
 
@@ -48,6 +47,8 @@ def read_cloud(data: bytes, path: str) -> Arrays:
     """
     suffix = PurePosixPath(path).suffix.lower()
     if suffix == ".pcd":
+        from workers.readers.pcd import read_pcd  # its library takes 0.13 s to import
+
         return read_pcd(data, path)
     if suffix == ".bin":
         return _read_bin(data, path)
