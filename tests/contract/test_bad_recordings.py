@@ -7,17 +7,18 @@ from service.db.models import Blob, CameraFrame, Sensor, UploadPart
 from tests.support.uploads import RIG, new_recording, upload
 from tests.support.work import work
 from tests.workers.readers.making_recordings import (
-    PLAIN,
     clouds,
     images,
     interleaved,
     jpeg_claiming,
     png,
     png_claiming,
+    scattered,
     write_bag,
 )
 
-NO_RINGS = {name: form for name, form in PLAIN.items() if name != "ring"}
+NO_RINGS = scattered()
+XYZ = dict.fromkeys("xyz", "f4")
 
 
 def bag(tmp_path, *streams):
@@ -32,7 +33,10 @@ BAD = {
     "truncated": (lambda tmp: good(tmp)[:-2000], "recording_truncated"),
     "text": (lambda tmp: b"This is my shopping list.\n" * 50, "not_a_recording"),
     "without LiDAR": (lambda tmp: bag(tmp, images()), "no_lidar_topic"),
-    "without rings": (lambda tmp: bag(tmp, clouds(fields=NO_RINGS), images()), "cloud_without_rings"),
+    "without rings": (
+        lambda tmp: bag(tmp, clouds(columns=scattered(), fields=NO_RINGS), images()),
+        "rings_not_separable",
+    ),
     "another size than the rig's": (lambda tmp: bag(tmp, clouds(), images()), "image_size_differs"),
     "huge PNG": (lambda tmp: bag(tmp, clouds(), images(data=png_claiming(60_000, 60_000))), "image_too_large"),
     "huge JPEG": (lambda tmp: bag(tmp, clouds(), images(data=jpeg_claiming(60_000, 60_000))), "image_too_large"),

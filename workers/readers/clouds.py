@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from workers.readers.point_times import TIME_FIELDS, PointTimes, learn_point_times
 from workers.readers.recording import LidarFacts, ReadError, ReadOptions, Sweep
-from workers.readers.rings import RingOrder, learn_rings
+from workers.readers.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings
 
 Columns = Mapping[str, NDArray[np.generic]]
 
@@ -31,9 +31,9 @@ def _first(columns: Columns, names: Sequence[str]) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class CloudFields:
-    """Which column of a file holds what."""
+    """Which column of a file holds what; without a ring, rings are computed."""
 
-    ring: str
+    ring: str | None
     intensity: str | None
     time: str | None
 
@@ -42,7 +42,7 @@ class CloudFields:
         """Choose among a file's field names.
 
         Raises:
-            ReadError: ``cloud_without_xyz``, ``cloud_without_rings``.
+            ReadError: ``cloud_without_xyz``.
         """
         listed = ", ".join(names) or "none"
         columns = dict.fromkeys(names, np.zeros(0))
@@ -52,15 +52,7 @@ class CloudFields:
                 f"{where} has no x, y and z; its fields are: {listed}.",
                 "Record the LiDAR's point cloud topic, or choose it when ingesting.",
             )
-        ring = _first(columns, RING_FIELDS)
-        if ring is None:
-            raise ReadError(
-                "cloud_without_rings",
-                f"{where} has no ring field; its fields are: {listed}.",
-                "Record the driver's full point type (for a Velodyne: PointXYZIR), not a reduced cloud. "
-                "Rings cannot be computed from the points yet.",
-            )
-        return cls(ring, _first(columns, INTENSITY_FIELDS), _first(columns, TIME_FIELDS))
+        return cls(_first(columns, RING_FIELDS), _first(columns, INTENSITY_FIELDS), _first(columns, TIME_FIELDS))
 
 
 @dataclass(slots=True)
@@ -69,13 +61,13 @@ class CloudModel:
 
     Attributes:
         fields: which column holds what.
-        rings: the file's ring ids to numbers by elevation.
+        rings: the file's ring ids to numbers by elevation, or numbers computed from the points.
         times: how the moment of each point is found.
         notes: sentences about what was found and assumed.
     """
 
     fields: CloudFields
-    rings: RingOrder
+    rings: RingOrder | ComputedRings
     times: PointTimes
     notes: list[str]
     unknown_rings: int = 0
@@ -83,7 +75,7 @@ class CloudModel:
     def sweep(self, stamp_ns: int, columns: Columns) -> Sweep:
         """One cloud as a sweep: points without a return dropped, rings by elevation, times from the stamp."""
         xyz, keep = _returns(columns)
-        ring = self.rings.number(columns[self.fields.ring][keep])
+        ring = _numbers(self.rings, xyz, None if self.fields.ring is None else columns[self.fields.ring][keep])
         known = ring >= 0
         if not known.all():
             self.unknown_rings += int(np.count_nonzero(~known))
@@ -116,12 +108,24 @@ class CloudModel:
     def warnings(self) -> list[str]:
         """Sentences about what was met while reading."""
         notes = self.times.warnings()
-        if self.unknown_rings:
+        if self.unknown_rings and isinstance(self.rings, ComputedRings):
+            notes.append(f"{self.unknown_rings} points were left out, because they lie between the computed rings.")
+        elif self.unknown_rings:
             notes.append(
                 f"{self.unknown_rings} points were left out, because their ring id appears nowhere in the "
                 f"{SAMPLES} sweeps from which the order of the rings was learned."
             )
         return notes
+
+
+def _numbers(
+    rings: RingOrder | ComputedRings, xyz: NDArray[np.float32], ids: NDArray[np.generic] | None
+) -> NDArray[np.int32]:
+    """(N,) int32 ring of each point, -1 where none is known."""
+    if isinstance(rings, ComputedRings):
+        return rings.number(xyz)
+    assert ids is not None
+    return rings.number(ids)
 
 
 def _returns(columns: Columns) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -150,25 +154,30 @@ def learn_clouds(
         where: names the LiDAR in messages.
 
     Raises:
-        ReadError: ``cloud_without_xyz``, ``cloud_without_rings``, ``no_sweeps``.
+        ReadError: ``cloud_without_xyz``, ``rings_not_separable``, ``rings_unexpected``, ``no_sweeps``.
     """
     fields: CloudFields | None = None
-    clouds: list[tuple[int, NDArray[np.float32], NDArray[np.int64], NDArray[np.generic] | None]] = []
+    clouds: list[tuple[int, NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.generic] | None]] = []
     for stamp_ns, columns in samples:
         fields = fields or CloudFields.of(tuple(columns), where)
         # Every 7th point of a dense cloud tells as much; 7 divides no sensor's number of rings.
         step = 1 if len(columns["x"]) <= _DENSE else 7
         xyz, keep = _returns({name: values[::step] for name, values in columns.items()})
         time = None if fields.time is None else columns[fields.time][::step][keep]
-        clouds.append((stamp_ns, xyz, columns[fields.ring][::step][keep].astype(np.int64), time))
+        ids = None if fields.ring is None else columns[fields.ring][::step][keep].astype(np.int64)
+        clouds.append((stamp_ns, xyz, ids, time))
     if fields is None:
         raise ReadError("no_sweeps", f"{where} holds no sweeps.", "Record again, or choose another topic.")
-    rings = learn_rings([(xyz, ring) for _, xyz, ring, _ in clouds])
+    rings: RingOrder | ComputedRings
+    if fields.ring is None:
+        rings = learn_missing_rings([xyz for _, xyz, _, _ in clouds], where, options.rings)
+    else:
+        rings = learn_rings([(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None])
     notes = [f"{where}: {rings.note}"] if rings.note else []
     if fields.intensity is None:
         notes.append(f"{where} has no intensity field; intensities are 0.")
     times = learn_point_times(
-        [(stamp_ns, time, xyz, rings.number(ring)) for stamp_ns, xyz, ring, time in clouds],
+        [(stamp_ns, time, xyz, _numbers(rings, xyz, ids)) for stamp_ns, xyz, ids, time in clouds],
         period_ns,
         options,
         where,

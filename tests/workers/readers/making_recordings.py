@@ -37,6 +37,12 @@ def scene(rings=16, columns=90):
     }
 
 
+def scattered(count=1440):
+    """Columns of a cloud whose points lie at no rings."""
+    points = np.random.default_rng(0).normal(0, 10, (count, 3))
+    return {"x": points[:, 0], "y": points[:, 1], "z": points[:, 2], "intensity": np.zeros(count)}
+
+
 def layout(fields, *, padding=0, gap=0, big_endian=False):
     """Structured dtype with ``gap`` bytes before each field and ``padding`` bytes at the end of a point."""
     offsets, place = [], 0
@@ -107,11 +113,11 @@ def write_bag(path, messages, compression=None):
     return path
 
 
-def clouds(count=5, **how):
+def clouds(count=5, columns=None, **how):
     """(topic, type, time, message) of some sweeps."""
     for i in range(count):
         stamp = START_NS + i * PERIOD_NS
-        yield "/points", CLOUD, stamp, cloud(stamp, scene(), **how)
+        yield "/points", CLOUD, stamp, cloud(stamp, columns or scene(), **how)
 
 
 def images(count=5, topic="/camera/compressed", data=None):

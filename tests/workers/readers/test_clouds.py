@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from making_recordings import START_NS, scene
+from making_recordings import START_NS, scattered, scene
 
 from workers.readers.clouds import learn_clouds
 from workers.readers.recording import ReadError, ReadOptions
@@ -31,10 +31,20 @@ def test_points_without_a_return_are_dropped_from_every_column():
 
 def test_no_ring_field():
     columns = {name: values for name, values in scene().items() if name != "ring"}
+    model = learn(columns)
+    assert model.facts.ring_count == 16 and any("VLP-16" in note for note in model.facts.notes)
+    between = {name: values.copy() for name, values in columns.items()}
+    between["z"][5] = 0.0
+    sweep = model.sweep(0, between)
+    np.testing.assert_array_equal(sweep.ring, np.delete(scene()["ring"], 5))
+    np.testing.assert_array_equal(sweep.intensity, np.delete(columns["intensity"], 5).astype(np.float32))
+    assert "1 points were left out, because they lie between" in model.warnings()[0]
+
+
+def test_no_ring_field_and_no_rings():
     with pytest.raises(ReadError) as caught:
-        learn(columns)
-    assert caught.value.code == "cloud_without_rings"
-    assert "x, y, z, intensity, time" in caught.value.message and "PointXYZIR" in caught.value.hint
+        learn(scattered())
+    assert caught.value.code == "rings_not_separable" and "PointXYZIR" in caught.value.hint
 
 
 def test_no_coordinates():

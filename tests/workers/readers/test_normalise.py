@@ -14,6 +14,7 @@ from making_recordings import (
     interleaved,
     jpeg_claiming,
     png,
+    scattered,
     scene,
     write_bag,
 )
@@ -112,7 +113,7 @@ def test_stamps_out_of_order_keep_table_and_bytes_together(tmp_path):
         (list(images(3)), "no_lidar_topic"),
         (list(clouds(3)), "no_camera_topic"),
         (interleaved(clouds(3), images(3, data=jpeg_claiming(60000, 60000))), "image_too_large"),
-        (interleaved(clouds(3, fields={"x": "f4", "y": "f4", "z": "f4"}), images(3)), "cloud_without_rings"),
+        (interleaved(clouds(3, scattered(), fields=dict.fromkeys("xyz", "f4")), images(3)), "rings_not_separable"),
     ],
 )
 def test_after_an_error_nothing_is_left(tmp_path, messages, code):

@@ -15,6 +15,7 @@ from making_recordings import (
     jpeg_claiming,
     png,
     raw_image,
+    scattered,
     scene,
     write_bag,
 )
@@ -97,8 +98,10 @@ def test_a_stamp_of_zero_is_replaced_and_said(tmp_path):
 
 def test_a_cloud_without_rings(tmp_path):
     fields = {name: form for name, form in PLAIN.items() if name != "ring"}
-    error = failure(write_bag(tmp_path / "a.bag", clouds(fields=fields)))
-    assert error.code == "cloud_without_rings" and "/points" in error.message
+    _, [(_, sweep), *_], _ = read(write_bag(tmp_path / "a.bag", clouds(fields=fields)))
+    np.testing.assert_array_equal(sweep.ring, scene()["ring"])
+    error = failure(write_bag(tmp_path / "b.bag", clouds(columns=scattered(), fields=dict.fromkeys("xyz", "f4"))))
+    assert error.code == "rings_not_separable" and "/points" in error.message
 
 
 def test_an_image_that_claims_60000_by_60000(tmp_path):
