@@ -63,6 +63,8 @@ def _is_video(head: bytes) -> bool:
 # A format of one file is one module with one class, and one line here.
 FILES: Final[tuple[Format, ...]] = (
     Format("a ROS 1 bag", "workers.readers.rosbag1", "Rosbag1Recording", _starts(b"#ROSBAG V2.0\n")),
+    Format("a ROS 2 bag", "workers.readers.rosbag2", "Rosbag2Recording", _starts(b"SQLite format 3\0")),
+    Format("an MCAP file", "workers.readers.rosbag2", "Rosbag2Recording", _starts(b"\x89MCAP0\r\n")),
     Format(
         *("a packet capture", "workers.readers.pcap", "PcapRecording"),
         _starts(b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\n\r\r\n"),
@@ -74,12 +76,6 @@ TREE: Final = Format("a folder or an archive", "workers.readers.folder", "Folder
 
 _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
     (b"#ROSBAG V1", "a ROS bag of version 1.x", "Convert it with `rosbag fix` or `rosbag migrate` to version 2.0."),
-    (b"\x89MCAP0\r\n", "an MCAP file", "MCAP recordings are not read yet; convert it to a ROS 1 bag."),
-    (
-        b"SQLite format 3\0",
-        "an SQLite file, perhaps a ROS 2 bag",
-        "Convert it with `rosbags-convert` to a ROS 1 bag.",
-    ),
 )
 
 

@@ -7,6 +7,7 @@ The types of ``sensor_msgs`` never change, so they stand here and a file's own d
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, Final
 
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -91,42 +92,46 @@ def ros_decoder(topic: Topic) -> Decoder | None:
     read = _READERS.get(name)
     if read is None or topic.encoding not in _HEADERS:
         return None
-    types = _store(topic, name)
+    fixed = name in _FIXED
+    types = (
+        _store(topic.encoding) if fixed else _store(topic.encoding, name, topic.definition, topic.definition_format)
+    )
     if topic.encoding == "ros1":
         return lambda raw: read(types.deserialize_ros1(raw, name))
     return lambda raw: read(types.deserialize_cdr(raw, name))
 
 
-def _store(topic: Topic, name: str) -> Typestore:
-    """A type store that knows this type: rosbags' own take half a second to load."""
+@lru_cache(maxsize=16)
+def _store(encoding: str, name: str = "", definition: str = "", form: str = "") -> Typestore:
+    """A type store that knows the fixed types and one more; rosbags' own take half a second to load.
+
+    Raises:
+        ReadError: ``type_not_understood``.
+    """
     types = get_typestore(Stores.EMPTY)
-    texts = {"std_msgs/msg/Header": _HEADERS[topic.encoding]}
-    if name in _FIXED:
-        texts |= _FIXED
-    definitions: dict[str, Any] = {}
+    texts = {"std_msgs/msg/Header": _HEADERS[encoding], **_FIXED}
+    definitions = _own(name, definition, form) if name else {}
     for kind, text in texts.items():
         definitions |= get_types_from_msg(text, kind)
-    if name not in _FIXED:
-        definitions = _own(topic, name) | definitions
     types.register({kind: fields for kind, fields in definitions.items() if kind not in types.fielddefs})
     return types
 
 
-def _own(topic: Topic, name: str) -> dict[str, Any]:
-    if not topic.definition.strip():
+def _own(name: str, definition: str, form: str) -> dict[str, Any]:
+    if not definition.strip():
         return get_types_from_msg(_USUAL[name], name)
     try:
-        if topic.definition_format in ("ros1msg", "ros2msg"):
-            return get_types_from_msg(topic.definition, name)
+        if form in ("ros1msg", "ros2msg"):
+            return get_types_from_msg(definition, name)
         found: dict[str, Any] = {}
-        for part in topic.definition.split(_NEXT):
+        for part in definition.split(_NEXT):
             text = part.partition("\n")[2] if part.startswith("IDL: ") else part
             found |= get_types_from_idl(text) if text.strip() else {}
         return found
     except Exception as error:  # the parser's own classes, and whatever a strange text makes it stumble over
         raise ReadError(
             "type_not_understood",
-            f"{topic.name}: the file's definition of {topic.type} cannot be read ({str(error)[:100]}).",
+            f"The file's definition of {name} cannot be read ({str(error)[:100]}).",
             "Record with the standard velodyne_msgs or foxglove_msgs packages.",
         ) from error
 

@@ -26,7 +26,15 @@ from workers.readers.topic_messages import (
     Topic,
 )
 from workers.readers.transcode import raw_to_png
-from workers.readers.velodyne import FIELDS, SAMPLE_PACKETS, Packet, PacketStream, SweepCutter, learn_packets
+from workers.readers.velodyne import (
+    FIELDS,
+    SAMPLE_PACKETS,
+    Packet,
+    PacketStream,
+    SweepCutter,
+    evened,
+    learn_packets,
+)
 
 _MAX_TOPICS: Final = 10_000
 _VIDEO: Final = "foxglove.CompressedVideo", "foxglove_msgs/msg/CompressedVideo"
@@ -183,7 +191,7 @@ class TopicRecording:
             return ()
         if any(host_ns == 0 for host_ns, _ in message.packets):
             self._stampless.add(sensor.name)
-            return [(log_ns, data) for _, data in message.packets]
+            return evened(log_ns, [data for _, data in message.packets])
         return message.packets
 
     def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:

@@ -97,10 +97,20 @@ def learn_packets(sample: Sequence[Packet], options: ReadOptions, where: str) ->
             f"{where}: the sensor's own stamps do not run with the capture's clock; packets have the moments at "
             "which they were captured."
         )
-    sweep_ns = _sweep_duration(azimuth, len(sample) * packet_ns, options)
+    # By the clock and not by the count of packets: a sensor that is set to a sector is silent outside of it.
+    turned_ns = float(step_us.sum()) * 1000 if device_ok else elapsed
+    sweep_ns = _sweep_duration(azimuth, turned_ns, options)
     seam, cut = _seam(azimuth)
     notes.append(f"{where}: sweeps are cut at azimuth {seam / 100:.2f} degrees, {cut}; stamps are their starts.")
     return PacketStream(decoding, seam, sweep_ns, packet_ns, device_ok, lead_ns, notes)
+
+
+def evened(last_ns: int, payloads: Sequence[bytes]) -> list[Packet]:
+    """Packets that came together, with a stamp for the last alone: the sensor's clock tells the others."""
+    device_us = [PACKET.unpack(data)[24] for data in payloads]
+    return [
+        (last_ns - (device_us[-1] - at) % _HOUR_US * 1000, data) for at, data in zip(device_us, payloads, strict=True)
+    ]
 
 
 def _host_packet_ns(host: NDArray[np.int64]) -> int:
@@ -125,7 +135,7 @@ def _sweep_duration(azimuth: NDArray[np.int64], elapsed_ns: float, options: Read
     turned = float(np.mod(np.diff(starts), _TURN).sum()) / _TURN
     if len(starts) < 10 or turned < 0.2:
         return _SWEEP_NS
-    sweep_ns = round(elapsed_ns * (1 - 1 / len(starts)) / turned)
+    sweep_ns = round(elapsed_ns / turned)
     return sweep_ns if 1e7 < sweep_ns < 2e9 else _SWEEP_NS
 
 
