@@ -53,7 +53,6 @@ def test_a_text_file_named_bag(tmp_path):
 @pytest.mark.parametrize(
     ("head", "said"),
     [
-        (b"\x89MCAP0\r\n" + bytes(100), "MCAP"),
         (b"#ROSBAG V1.2\n" + bytes(100), "version 1.x"),
         (bytes([0, 1, 2, 255] * 100), "no format that is known"),
         ("längere Zeile ".encode() * 100, "a text file"),

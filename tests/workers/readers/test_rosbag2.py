@@ -219,6 +219,12 @@ def test_a_chunk_that_expands_beyond_what_it_says(tmp_path):
     assert "at most" in failure(path).message
 
 
+@pytest.mark.parametrize("rest", [b"", bytes(100), b"\1" + bytes(7)])
+def test_an_mcap_file_with_nothing_in_it(tmp_path, rest):
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + rest)
+    assert failure(tmp_path / "a.mcap").code == "recording_empty"
+
+
 def test_another_sqlite_file(tmp_path):
     import sqlite3
 
