@@ -1,5 +1,9 @@
 """A recording that cannot be used is answered with what is wrong and what to do; only its original is kept."""
 
+import io
+import tarfile
+import zipfile
+
 import pytest
 from sqlalchemy import func, select
 
@@ -29,15 +33,45 @@ def good(tmp_path):
     return bag(tmp_path, clouds(), images(data=png(1280, 720)))
 
 
+def climbing_zip(tmp_path):
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr("images/1.png", png(8, 6))
+        archive.writestr("../../outside.pcd", b"# .PCD")
+    return buffer.getvalue()
+
+
+def bomb_zip(tmp_path):
+    """300 MB of zeros in 300 kB."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("walk.bag", "w") as member:
+        member.write(b"#ROSBAG V2.0\n")
+        for _ in range(300):
+            member.write(bytes(1_000_000))
+    return buffer.getvalue()
+
+
+def linking_tar(tmp_path):
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w") as archive:
+        entry = tarfile.TarInfo("images/1.png")
+        entry.type, entry.linkname = tarfile.SYMTYPE, "/etc/passwd"
+        archive.addfile(entry)
+    return buffer.getvalue()
+
+
 BAD = {
     "truncated": (lambda tmp: good(tmp)[:-2000], "recording_truncated"),
     "text": (lambda tmp: b"This is my shopping list.\n" * 50, "not_a_recording"),
     "without LiDAR": (lambda tmp: bag(tmp, images()), "no_lidar_topic"),
     "without rings": (
-        lambda tmp: bag(tmp, clouds(columns=scattered(), fields=NO_RINGS), images()),
+        lambda tmp: bag(tmp, clouds(2, NO_RINGS, fields=XYZ), images()),
         "rings_not_separable",
     ),
     "another size than the rig's": (lambda tmp: bag(tmp, clouds(), images()), "image_size_differs"),
+    "zip that climbs out": (climbing_zip, "folder_refused"),
+    "zip that expands": (bomb_zip, "archive_expands"),
+    "tar with a link": (linking_tar, "folder_refused"),
     "huge PNG": (lambda tmp: bag(tmp, clouds(), images(data=png_claiming(60_000, 60_000))), "image_too_large"),
     "huge JPEG": (lambda tmp: bag(tmp, clouds(), images(data=jpeg_claiming(60_000, 60_000))), "image_too_large"),
 }
@@ -66,6 +100,27 @@ def test_it_fails_with_its_reason_and_keeps_the_original(api, context, tmp_path,
         kept = set(session.scalars(select(Blob.key).where(Blob.state == "stored")))
         assert kept == set(session.scalars(select(UploadPart.blob_key)))
     assert engineer.get(f"/recordings/{made['id']}/original").content == data
+
+
+@pytest.mark.usefixtures("broker")
+def test_which_is_which_is_asked_with_what_there_is(api, context, tmp_path):
+    engineer = api.member(api.fleet(), "engineer")
+    made = new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
+    data = bag(tmp_path, clouds(), images(data=png(1280, 720)), images(topic="/b/compressed", data=png(1280, 720)))
+    upload(engineer, made["id"], [data])
+    work(context)
+    failed = engineer.get(f"/recordings/{made['id']}")
+    problem = failed.json()["problem"]
+    assert problem["code"] == "ambiguous_cameras" and problem["cameras"] == ["front"]
+    assert {one["name"] for one in problem["candidates"]} == {"/b/compressed", "/camera/compressed"}
+    edit = {"If-Match": failed.headers["ETag"]}
+    reading = {"topics": {"cameras": {"front": "/b/compressed"}}}
+    assert engineer.patch(f"/recordings/{made['id']}", {"reading": reading}, headers=edit).status_code == 200
+    assert engineer.post(f"/recordings/{made['id']}/retry").status_code == 202
+    work(context)
+    ready = engineer.get(f"/recordings/{made['id']}").json()
+    assert (ready["state"], ready["sensors"][0]["topic"]) == ("ready", "/b/compressed")
+    assert ready["sensors"][0]["facts"]["overlap_share"] > 0.9 and ready["facts"]["together_s"] > 0.3
 
 
 @pytest.mark.usefixtures("broker")

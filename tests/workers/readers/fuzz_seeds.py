@@ -3,6 +3,8 @@
 import io
 import tarfile
 import zipfile
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import zstandard
@@ -20,7 +22,10 @@ from making_recordings import (
     scene,
     write_bag,
 )
+from making_ros2 import SCAN, as_cdr, foxglove, scan, write_mcap, write_ros2
+from making_ros2 import rig as ros2_rig
 from making_videos import write_video
+from mcap.writer import CompressionType
 from pypcd4 import Encoding, PointCloud
 from rosbags.rosbag1 import Writer as BagWriter
 
@@ -150,6 +155,34 @@ def table_members():
     return {f"clouds/{START_NS + i * PERIOD_NS}.csv": "\n".join(rows).encode() for i in range(2)} | _images()
 
 
+def mcap(folder):
+    """Bare files of ROS 2, packed and plain, with and without an index; and of Foxglove's own types."""
+    for number, compression in enumerate((CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4)):
+        whole = write_mcap(folder / str(number), as_cdr(ros2_rig(2)), compression=compression, summary=number != 1)
+        yield whole.read_bytes()
+    for encoding in ("protobuf", "json"):
+        path = folder / encoding
+        yield write_mcap(path, foxglove(2, encoding), compression=CompressionType.NONE, chunked=False).read_bytes()
+
+
+def db3(folder):
+    yield next(write_ros2(folder / "bag", ros2_rig(2)).glob("*.db3")).read_bytes()
+    scans = [("/packets", SCAN, START_NS, scan(START_NS, list(packets("vlp16", 1.1))))]
+    yield next(write_ros2(folder / "scans", scans).glob("*.db3")).read_bytes()
+
+
+def ros2_members():
+    """A ROS 2 bag with its description."""
+    if "folder" not in BAGS:
+        with TemporaryDirectory() as folder:
+            bag = write_ros2(Path(folder) / "bag", ros2_rig(2), "sqlite3", "MESSAGE")
+            BAGS["folder"] = {f"bag/{file.name}": file.read_bytes() for file in bag.iterdir()}
+    return BAGS["folder"]
+
+
+BAGS: dict[str, dict[str, bytes]] = {}
+
+
 def video(folder):
     """A video of each kind, alone: it is refused for want of a LiDAR, after it was opened."""
     for suffix in ("mp4", "avi", "mkv"):
@@ -170,6 +203,8 @@ def video_members():
 # is damaged and packed again. (what packs them, the folder)
 REPACKED = {
     "clouds and images": (tar_of, members),
+    "KITTI": (tar_of, kitti_members),
+    "ROS 2 folder": (tar_of, ros2_members),
     "arrays": (tar_of, array_members),
     "tables": (tar_of, table_members),
     "bag and video": (tar_of, video_members),
@@ -179,6 +214,8 @@ SEEDS = {
     "rosbag1 packed": rosbag1_packed,
     "pcap": pcap,
     "pcapng": pcapng,
+    "mcap": mcap,
+    "db3": db3,
     "tar": tar,
     "archives": archives,
     "video": video,
