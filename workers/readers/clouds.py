@@ -31,8 +31,9 @@ def _first(columns: Columns, names: Sequence[str]) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class CloudFields:
-    """Which column of a file holds what; without a ring, rings are computed."""
+    """Which column of a file holds what; without a ring, rings are computed. ``where`` names the LiDAR in messages."""
 
+    where: str
     ring: str | None
     intensity: str | None
     time: str | None
@@ -52,7 +53,25 @@ class CloudFields:
                 f"{where} has no x, y and z; its fields are: {listed}.",
                 "Record the LiDAR's point cloud topic, or choose it when ingesting.",
             )
-        return cls(_first(columns, RING_FIELDS), _first(columns, INTENSITY_FIELDS), _first(columns, TIME_FIELDS))
+        ring, intensity = _first(columns, RING_FIELDS), _first(columns, INTENSITY_FIELDS)
+        return cls(where, ring, intensity, _first(columns, TIME_FIELDS))
+
+    def check(self, stamp_ns: int, columns: Columns) -> None:
+        """Hold a cloud against what the first one had.
+
+        Raises:
+            ReadError: ``cloud_fields_differ``.
+        """
+        needed = ("x", "y", "z", self.ring, self.intensity, self.time)
+        missing = [name for name in needed if name is not None and name not in columns]
+        if missing:
+            raise ReadError(
+                "cloud_fields_differ",
+                f"{self.where}: the cloud at {stamp_ns / 1e9:.3f} s has no {' and no '.join(missing)}, which the first "
+                "one has.",
+                "Two sensors may share this topic or folder, or the file is damaged: record them apart, or copy it "
+                "again.",
+            )
 
 
 @dataclass(slots=True)
@@ -73,7 +92,12 @@ class CloudModel:
     unknown_rings: int = 0
 
     def sweep(self, stamp_ns: int, columns: Columns) -> Sweep:
-        """One cloud as a sweep: points without a return dropped, rings by elevation, times from the stamp."""
+        """One cloud as a sweep: points without a return dropped, rings by elevation, times from the stamp.
+
+        Raises:
+            ReadError: ``cloud_fields_differ``.
+        """
+        self.fields.check(stamp_ns, columns)
         xyz, keep = _returns(columns)
         ring = _numbers(self.rings, xyz, None if self.fields.ring is None else columns[self.fields.ring][keep])
         known = ring >= 0
@@ -154,12 +178,14 @@ def learn_clouds(
         where: names the LiDAR in messages.
 
     Raises:
-        ReadError: ``cloud_without_xyz``, ``rings_not_separable``, ``rings_unexpected``, ``no_sweeps``.
+        ReadError: ``cloud_without_xyz``, ``cloud_fields_differ``, ``rings_not_separable``, ``rings_unexpected``,
+            ``no_sweeps``.
     """
     fields: CloudFields | None = None
     clouds: list[tuple[int, NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.generic] | None]] = []
     for stamp_ns, columns in samples:
         fields = fields or CloudFields.of(tuple(columns), where)
+        fields.check(stamp_ns, columns)
         # Every 7th point of a dense cloud tells as much; 7 divides no sensor's number of rings.
         step = 1 if len(columns["x"]) <= _DENSE else 7
         xyz, keep = _returns({name: values[::step] for name, values in columns.items()})

@@ -98,3 +98,16 @@ def test_a_dense_cloud_is_learned_from_a_part_of_it():
     model = learn(columns)
     assert model.facts.ring_count == 128 and model.facts.time_source == "per_point"
     np.testing.assert_array_equal(model.sweep(START_NS, columns).ring, columns["ring"])
+
+
+@pytest.mark.parametrize("field", ["x", "ring", "intensity", "time"])
+def test_a_cloud_that_lacks_what_the_first_one_has(field):
+    columns = scene()
+    other = {name: values for name, values in columns.items() if name != field}
+    for look in (
+        lambda: learn(columns).sweep(START_NS, other),
+        lambda: learn_clouds([(START_NS, columns), (START_NS, other)], None, ReadOptions(), "/points"),
+    ):
+        with pytest.raises(ReadError) as caught:
+            look()
+        assert caught.value.code == "cloud_fields_differ" and f"no {field}, " in caught.value.message
