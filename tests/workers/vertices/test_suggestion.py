@@ -1,0 +1,154 @@
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from workers.geometry.errors import InputError
+from workers.readers.detect import open_recording
+from workers.readers.recording import ReadOptions
+from workers.simulation.disturbances import Disturbances
+from workers.simulation.lidar import BOARD, PERSON, SENSORS, Lidar
+from workers.simulation.scene import scene_with
+from workers.simulation.walker import Walk
+from workers.vertices.footprint import SIDES, area_around, area_m2, clusters
+from workers.vertices.region import Region
+from workers.vertices.sources import Listed
+from workers.vertices.suggestion import suggest
+
+REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board"
+START_NS = 1_780_000_000_000_000_000
+
+
+def recorded(seed, sweeps=250, plan="field", **disturbances):
+    """(sweep, labels) ten times a second."""
+    spoiled = Disturbances(**disturbances)
+    scene = scene_with(spoiled.poles, seed)
+    way = Walk(seed, sweeps * 0.1, scene.ground_z, plan=plan, disturbances=spoiled)
+    lidar = Lidar(SENSORS["vlp16"], scene, way, sector_deg=55, noise_m=0.008, seed=seed, disturbances=spoiled)
+    return [lidar.labelled_sweep(i, 0.1 * i, START_NS + 100_000_000 * i) for i in range(sweeps)]
+
+
+def kept(recording, document):
+    """Share of the board's points inside, and the mean number per sweep of points that are no walker's."""
+    region = Region.from_document(document)
+    board = inside = others = 0
+    for sweep, surface in recording:
+        mask = region.mask(sweep.xyz)
+        board += np.count_nonzero(surface == BOARD)
+        inside += np.count_nonzero(mask & (surface == BOARD))
+        others += np.count_nonzero(mask & (surface != BOARD) & (surface != PERSON))
+    return inside / board, others / len(recording)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_suggestion_keeps_the_board_and_next_to_nothing_else(seed):
+    recording = recorded(seed)
+    suggestion = suggest(Listed([sweep for sweep, _ in recording]), samples=100)
+    share, others = kept(recording, suggestion.document)
+    assert share >= 0.99
+    assert others < 0.1
+    facts = suggestion.facts
+    assert (facts["sweeps_read"], facts["sweeps_moving"]) == (100, pytest.approx(100, abs=5))
+    assert facts["ground_z"] == pytest.approx(-1.85, abs=0.02)
+    assert facts["notes"] == []
+    assert facts["points_per_sweep"] > 5
+
+
+def test_rain_and_lost_returns_do_not_widen_it():
+    recording = recorded(3, 150, speckle_share=0.01, dropout_share=0.05)
+    clean = suggest(Listed([sweep for sweep, _ in recorded(3, 150)]))
+    wet = suggest(Listed([sweep for sweep, _ in recording]))
+    share, others = kept(recording, wet.document)
+    assert share >= 0.99
+    assert others < 8
+    assert wet.facts["area_m2"] < 1.5 * clean.facts["area_m2"]
+
+
+def test_posts_inside_are_cut_out():
+    """A post taller than the board would be the highest ring of every sweep."""
+    recording = recorded(1, sweeps=300, poles=3)
+    suggestion = suggest(Listed([sweep for sweep, _ in recording]))
+    share, others = kept(recording, suggestion.document)
+    assert suggestion.facts["posts"] >= 1
+    assert "cut out" in suggestion.facts["notes"][0]
+    assert share >= 0.98
+    assert others < 0.1
+
+
+def test_nothing_moves():
+    with pytest.raises(InputError) as caught:
+        suggest(Listed([sweep for sweep, _ in recorded(1, 60, "still")]))
+    assert caught.value.code == "nothing_moves"
+    assert "Walk" in caught.value.hint
+
+
+def test_a_lidar_that_moves_is_told():
+    random = np.random.default_rng(0)
+    moved = [
+        replace(sweep, xyz=(sweep.xyz + random.uniform(-3, 3, 3)).astype(np.float32)) for sweep, _ in recorded(1, 40)
+    ]
+    with pytest.raises(InputError) as caught:
+        suggest(Listed(moved))
+    assert caught.value.code == "everything_moves"
+
+
+def test_too_few_sweeps():
+    with pytest.raises(InputError) as caught:
+        suggest(Listed([sweep for sweep, _ in recorded(1, 7)]))
+    assert caught.value.code == "too_few_sweeps"
+
+
+def test_empty_sweeps_do_no_harm_and_progress_is_told():
+    recording = [sweep for sweep, _ in recorded(2, 80)]
+    empty = replace(
+        recording[0],
+        xyz=np.zeros((0, 3), np.float32),
+        intensity=np.zeros(0, np.float32),
+        ring=np.zeros(0, np.uint16),
+        offset_ns=np.zeros(0, np.int64),
+    )
+    recording[10] = recording[11] = replace(empty, stamp_ns=recording[10].stamp_ns)
+    told = []
+    suggestion = suggest(Listed(recording), on_sweep=told.append)
+    assert suggestion.facts["sweeps_read"] == 80
+    assert told == [*range(1, 81), *[80] * 80]
+
+
+def test_the_recorded_board_on_its_tripod():
+    """Twenty places of a board in a room: the sweeps share their background, so the board is what moves."""
+    if not REAL.exists():
+        pytest.skip("the real recording is absent: it is looked for in ../shared/data")
+    recording = open_recording(REAL / "recording.bag", ReadOptions(point_times="stamp_only"))
+    try:
+        (lidar,) = (sensor for sensor in recording.sensors if sensor.kind == "lidar")
+        suggestion = suggest(Listed(list(recording.sweeps(lidar))))
+    finally:
+        recording.close()
+    with (REAL / "correspondences.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["is_top"] in ("1", "True", "true")]
+    top = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
+    assert len(top) == 20
+    assert Region.from_document(suggestion.document).mask(top).all()
+    assert suggestion.facts["area_m2"] < 25
+    assert suggestion.facts["points_per_sweep"] < 3000
+
+
+def test_clusters_are_what_touches():
+    line = np.column_stack([np.arange(0, 3, 0.1), np.zeros(30)])
+    apart = np.concatenate([line, line + np.array([0.0, 1.0]), [[9.0, 9.0]]])
+    found = clusters(apart, 0.4)
+    assert [len(set(found[:30])), len(set(found[30:60])), len(set(found))] == [1, 1, 3]
+
+
+def test_the_area_holds_its_points_and_the_margin_around_them():
+    random = np.random.default_rng(4)
+    xy = random.normal(size=(200, 2)) @ np.array([[4.0, 1.0], [0.0, 1.0]])
+    corners = area_around(xy, 0.5)
+    assert corners.shape == (SIDES, 2)
+    around = (xy[:, None] + 0.499 * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])).reshape(-1, 2)
+    region = Region.from_document({"polygon": corners.tolist()})
+    assert region.mask(np.column_stack([around, np.zeros(len(around))])).all()
+    assert area_m2(corners) < area_m2(area_around(xy, 1.0))
+    assert area_m2(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 3.0], [0.0, 3.0]])) == 6.0
