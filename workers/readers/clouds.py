@@ -31,7 +31,7 @@ def _first(columns: Columns, names: Sequence[str]) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class CloudFields:
-    """Which column of a file holds what; without a ring, rings are computed. ``where`` names the LiDAR in messages."""
+    """Which column of a file holds what; without a ring, rings are computed. ``where`` names it in messages."""
 
     where: str
     ring: str | None
@@ -65,10 +65,10 @@ class CloudFields:
         needed = ("x", "y", "z", self.ring, self.intensity, self.time)
         missing = [name for name in needed if name is not None and name not in columns]
         if missing:
+            listed = " and no ".join(missing)
             raise ReadError(
                 "cloud_fields_differ",
-                f"{self.where}: the cloud at {stamp_ns / 1e9:.3f} s has no {' and no '.join(missing)}, which the first "
-                "one has.",
+                f"{self.where}: the cloud at {stamp_ns / 1e9:.3f} s has no {listed}, which the first one has.",
                 "Two sensors may share this topic or folder, or the file is damaged: record them apart, or copy it "
                 "again.",
             )

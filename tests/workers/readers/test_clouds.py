@@ -110,4 +110,4 @@ def test_a_cloud_that_lacks_what_the_first_one_has(field):
     ):
         with pytest.raises(ReadError) as caught:
             look()
-        assert caught.value.code == "cloud_fields_differ" and f"no {field}, " in caught.value.message
+        assert caught.value.code == "cloud_fields_differ" and f"no {field}, which" in caught.value.message
