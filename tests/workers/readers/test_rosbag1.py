@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from making_packets import packets
 from making_recordings import (
     CLOUD,
     DATA,
@@ -10,6 +11,7 @@ from making_recordings import (
     cloud,
     clouds,
     compressed,
+    header,
     images,
     interleaved,
     jpeg_claiming,
@@ -20,6 +22,7 @@ from making_recordings import (
     write_bag,
 )
 from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from workers.readers.recording import Frame, ReadError, ReadOptions, Sweep
 from workers.readers.rosbag1 import Rosbag1Recording
@@ -179,3 +182,45 @@ def test_the_real_bag_as_static_poses():
         pytest.skip("real data is not here: ../shared/data/vlp16-diamond-board")
     _, messages, _ = read(BAG, ReadOptions(point_times="stamp_only"))
     assert not any(sweep.offset_ns.any() for sweep in sweeps_of(messages))
+
+
+def test_packets_and_intrinsics(tmp_path):
+    scan, info = "velodyne_msgs/msg/VelodyneScan", "sensor_msgs/msg/CameraInfo"
+    text = (
+        "Header header\nVelodynePacket[] packets\n" + "=" * 80 + "\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\n"
+        "string frame_id\n" + "=" * 80 + "\nMSG: velodyne_msgs/VelodynePacket\ntime stamp\nuint8[1206] data\n"
+    )
+    types = get_typestore(Stores.ROS1_NOETIC)
+    types.register({k: v for k, v in get_types_from_msg(text, scan).items() if k not in types.fielddefs})
+    stream = list(packets())
+    roi = types.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    eye, none = np.eye(3).reshape(-1), np.zeros(12)
+    with Writer(tmp_path / "a.bag") as bag:
+        topics = {
+            name: bag.add_connection(name, kind, typestore=types)
+            for name, kind in (("/packets", scan), ("/cam/camera_info", info), ("/cam/image_raw", IMAGE))
+        }
+        for start in range(0, len(stream), 76):
+            part = stream[start : start + 76]
+            at = part[-1][0] + 1_327_104
+            made = [
+                types.types["velodyne_msgs/msg/VelodynePacket"](
+                    types.types["builtin_interfaces/msg/Time"](*divmod(moment + 1_327_104, 1_000_000_000)),
+                    np.frombuffer(data, np.uint8),
+                )
+                for moment, data in part
+            ]
+            bag.write(
+                topics["/packets"], at, types.serialize_ros1(types.types[scan](header(at, "lidar"), made), scan)
+            )
+            lens = types.types[info](
+                *(header(at, "camera"), 6, 8, "equidistant", np.ones(4), eye, eye, none, 0, 0, roi)
+            )
+            bag.write(topics["/cam/camera_info"], at, types.serialize_ros1(lens, info))
+            image = raw_image(at, np.zeros((6, 8), np.uint8), "mono8")
+            bag.write(topics["/cam/image_raw"], at, types.serialize_ros1(image, IMAGE))
+    sensors, messages, warnings = read(tmp_path / "a.bag")
+    assert [len(s.xyz) for s in sweeps_of(messages)].count(0) == 0 and len(sweeps_of(messages)) == 4
+    assert sum(len(s.xyz) for s in sweeps_of(messages)) == len(stream) * 24 * 16 and warnings == []
+    (camera,) = (s for s in sensors if s.kind == "camera")
+    assert camera.camera_info["model"] == "kannala_brandt" and camera.camera_info["D"] == [1.0] * 4
