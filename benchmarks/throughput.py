@@ -3,7 +3,8 @@
 A minute (SECONDS makes it shorter) of a simulated VLP-16 that looks all round, as a capture of its packets, and a
 camera of 1280 x 720 at 15 Hz as JPEG files. Ingestion runs as the product runs it, in a limited child, on one core,
 its start included; between its rounds the same capture is decoded by velodyne-decoder alone, likewise in a process of
-its own. Detectors run over the ingested LiDAR on two processes that have compiled before.
+its own. Detectors run over the ingested LiDAR on two processes that have compiled before. What ends in ``by_cpu`` counts
+processor seconds instead of the clock's, for a machine that has other things to do.
 """
 
 from __future__ import annotations
@@ -137,23 +138,31 @@ def _detection(lidar: Path, seconds: float) -> dict[str, float]:
     shards = [range(edges[i], edges[i + 1]) for i in range(_PROCESSES)]
     with ProcessPoolExecutor(_PROCESSES, get_context("spawn")) as pool:
         times: dict[str, float] = {}
+        by_cpu: dict[str, float] = {}
         for detector in DETECTORS:
             warm = range(min(_WARM_SWEEPS, count))
             list(pool.map(_detect, [(lidar, detector, warm)] * _PROCESSES))
             began = time.perf_counter()
-            found = sum(pool.map(_detect, [(lidar, detector, shard) for shard in shards]))
+            found = list(pool.map(_detect, [(lidar, detector, shard) for shard in shards]))
             times[detector] = seconds / (time.perf_counter() - began)
-            print(f"{detector}: {found} vertices in {count} sweeps, {times[detector]:.0f} x", file=sys.stderr)
+            by_cpu[detector] = seconds * _PROCESSES / sum(cpu_s for _, cpu_s in found)
+            vertices = sum(number for number, _ in found)
+            print(f"{detector}: {vertices} vertices in {count} sweeps, {times[detector]:.0f} x", file=sys.stderr)
     return {
         "detect_times_real_time": min(times["strict"], times["tolerant"]),
-        "refined_times_real_time": times.get("refined", 0.0),
+        "detect_times_real_time_by_cpu": min(by_cpu["strict"], by_cpu["tolerant"]),
+        "refined_times_real_time": times["refined"],
+        "refined_times_real_time_by_cpu": by_cpu["refined"],
     }
 
 
-def _detect(asked: tuple[Path, str, range]) -> int:
+def _detect(asked: tuple[Path, str, range]) -> tuple[int, float]:
+    """Vertices found, and processor seconds."""
     path, detector, indices = asked
+    began = time.process_time()
     with LidarFile(path) as file:
-        return len(detect_range(file, Region.from_document(WALKER_REGION), detector, indices=indices).vertices)
+        found = detect_range(file, Region.from_document(WALKER_REGION), detector, indices=indices)
+    return len(found.vertices), time.process_time() - began
 
 
 def main() -> None:

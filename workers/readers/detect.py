@@ -11,7 +11,10 @@ from typing import Final, cast
 from workers.readers.recording import ReadError, ReadOptions, Recording
 
 HEAD_BYTES: Final = 1024
-FORMATS: Final = "a ROS 1 bag, a folder of PCD files and images, or an uncompressed tar of such a folder"
+FORMATS: Final = (
+    "a ROS 1 or ROS 2 bag, an MCAP file, a capture of a Velodyne's packets (pcap, pcapng), or a folder, zip or tar of "
+    "these, of videos, and of clouds (PCD, KITTI, .npy, .csv) and images"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +79,11 @@ TREE: Final = Format("a folder or an archive", "workers.readers.folder", "Folder
 
 _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
     (b"#ROSBAG V1", "a ROS bag of version 1.x", "Convert it with `rosbag fix` or `rosbag migrate` to version 2.0."),
+    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", "Pack the recording as zip or tar."),
+    (b"Rar!\x1a\x07", "a RAR archive", "Pack the recording as zip or tar."),
+    (b"# .PCD", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
+    (b"\xff\xd8\xff", "a single image", "Upload the folder with all clouds and images, or a zip or tar of it."),
+    (b"\x89PNG\r\n", "a single image", "Upload the folder with all clouds and images, or a zip or tar of it."),
 )
 
 

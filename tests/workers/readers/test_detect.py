@@ -77,3 +77,12 @@ def test_no_bytes_a_few_bytes_and_no_file(tmp_path):
     (tmp_path / "b.bag").write_bytes(b"#ROSBAG")
     assert refused(tmp_path / "b.bag").code == "recording_truncated"
     assert refused(tmp_path / "c.bag").code == "recording_missing"
+
+
+@pytest.mark.parametrize(
+    "head", [b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07\x01\0", b"# .PCD v.7\nVERSION", b"\xff\xd8\xff\xe0"]
+)
+def test_what_people_upload_by_mistake_is_named(tmp_path, head):
+    (tmp_path / "upload").write_bytes(head + bytes(600))
+    error = refused(tmp_path / "upload")
+    assert error.code == "not_a_recording" and "zip or tar" in error.hint
