@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from workers.readers.elevations import elevations, find_focus, find_levels, nearest_level
 from workers.readers.recording import ReadError
+from workers.readers.ring_runs import RunOrder, learn_runs
 
 # Line counts of the sensors on the market: a file whose highest lasers see only sky still counts from the right end.
 _LINE_COUNTS: Final = (1, 4, 8, 16, 20, 32, 40, 64, 80, 96, 120, 128, 192, 256)
@@ -29,6 +30,7 @@ _KNOWN: Final[tuple[tuple[str, NDArray[np.float64]], ...]] = (
 )
 _MATCH_DEG: Final = 0.15
 _LARGEST_HOLE: Final = 4
+_MANY: Final = 150_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,11 +99,12 @@ def _median_elevations(
 
 @dataclass(frozen=True, slots=True)
 class ComputedRings:
-    """Rings by elevation.
+    """Rings by elevation, or by the order of points in the file.
 
     Attributes:
         centres: (M,) float64 degrees, ascending, one per ring.
         focus_m: distance from the sensor's axis of the point from which these elevations are seen.
+        runs: how rings follow each other in the file, where elevations do not tell them apart.
         count: number of rings; numbers are 0 to count - 1.
         note: a sentence that says how the rings were found.
     """
@@ -110,9 +113,12 @@ class ComputedRings:
     focus_m: float
     count: int
     note: str
+    runs: RunOrder | None = None
 
     def number(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
         """(N,) int32 ring of (N, 3) points of one sweep in the order of their file, -1 between rings."""
+        if self.runs is not None:
+            return self.runs.number(xyz)
         return nearest_level(elevations(xyz, self.focus_m), self.centres)
 
 
@@ -132,11 +138,18 @@ def learn_missing_rings(
             ``rings_unexpected`` where they fall into more than ``expected``.
     """
     xyz = np.concatenate([np.zeros((0, 3), np.float32), *clouds])
+    xyz = xyz[:: 1 + len(xyz) // _MANY]
     focus_m, levels = 0.0, find_levels(elevations(xyz))
-    if not levels.separated and len(xyz):
-        focus_m = find_focus(xyz)
-        levels = find_levels(elevations(xyz, focus_m))
+    if len(xyz):
+        # Rings may separate although near points already stray; then they are sharper as seen from the focus.
+        sharper_m = find_focus(xyz)
+        sharper = find_levels(elevations(xyz, sharper_m))
+        if sharper.separated and (not levels.separated or sharper.spread_deg < 0.7 * levels.spread_deg):
+            focus_m, levels = sharper_m, sharper
     if not levels.separated:
+        runs = learn_runs(clouds, expected)
+        if runs is not None:
+            return _by_order(runs)
         raise _not_separable(where, len(levels.centres), levels.gap_deg, levels.spread_deg, levels.between)
     centres, how = _complete(levels.centres)
     if expected is not None and len(centres) > expected:
@@ -153,6 +166,17 @@ def learn_missing_rings(
         max(len(centres), expected or 0),
         f"the file has no rings; {len(centres)} were computed from the points' elevations "
         f"({centres[0]:.2f} to {centres[-1]:.2f} degrees{how}).",
+    )
+
+
+def _by_order(runs: RunOrder) -> ComputedRings:
+    centres = np.sort(runs.typical)
+    return ComputedRings(
+        centres,
+        0.0,
+        len(centres),
+        f"the file has no rings; {len(centres)} were told by the order of its points, which lists ring after ring.",
+        runs,
     )
 
 
