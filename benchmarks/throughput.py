@@ -3,8 +3,8 @@
 A minute (SECONDS makes it shorter) of a simulated VLP-16 that looks all round, as a capture of its packets, and a
 camera of 1280 x 720 at 15 Hz as JPEG files. Ingestion runs as the product runs it, in a limited child, on one core,
 its start included; between its rounds the same capture is decoded by velodyne-decoder alone, likewise in a process of
-its own. Detectors run over the ingested LiDAR on two processes that have compiled before. What ends in ``by_cpu`` counts
-processor seconds instead of the clock's, for a machine that has other things to do.
+its own. Detectors run over the ingested LiDAR on two processes that have compiled before.
+What ends in ``by_cpu`` counts processor seconds, for a machine that has other things to do.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from workers.readers.recording import ReadError, ReadOptions, Recording
 
 HEAD_BYTES: Final = 1024
 FORMATS: Final = (
-    "a ROS 1 or ROS 2 bag, an MCAP file, a capture of a Velodyne's packets (pcap, pcapng), or a folder, zip or tar of "
-    "these, of videos, and of clouds (PCD, KITTI, .npy, .csv) and images"
+    "a ROS 1 bag, a ROS 2 bag, an MCAP file, a capture of a Velodyne's packets (pcap, pcapng), or a folder, zip or "
+    "tar of these, of videos, and of clouds (PCD, KITTI, .npy, .csv) and images"
 )
 
 
