@@ -26,7 +26,7 @@ def detect(
     recording: Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")],
     keep: Annotated[list[str] | None, typer.Option(help=_KEEP)] = None,
     region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
-    detector: Annotated[str, typer.Option(help="refined, tolerant or strict.")] = "tolerant",
+    detector: Annotated[str, typer.Option(help="refined, tolerant or strict.")] = "refined",
     board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91 (refined).")] = "",
     option: Annotated[list[str] | None, typer.Option(help="The detector's NAME=VALUE; several times.")] = None,
     offset_ms: Annotated[float, typer.Option(help="Added to a vertex's time before its frame is found.")] = 0.0,

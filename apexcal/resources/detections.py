@@ -58,7 +58,7 @@ class Detections:
         recording_id: UUID | str,
         region: Mapping[str, Any],
         *,
-        detector: str = "tolerant",
+        detector: str = "refined",
         options: Mapping[str, Any] | None = None,
         offset_ns: int = 0,
         max_gap_ns: int = 50_000_000,

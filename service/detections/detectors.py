@@ -34,6 +34,16 @@ class TolerantOptions(DetectorOptions):
     min_points_two_below: int = Field(3, ge=0, le=1000)
 
 
+class RefinedOptions(DetectorOptions):
+    """``refined``: the board's plane and right-angled corner, fitted to every ray that meets or misses it."""
+
+    board_width_m: float = Field(0.0, ge=0.0, le=3.0)
+    board_height_m: float = Field(0.0, ge=0.0, le=3.0)
+    edge_growth_mrad: float = Field(-1.0, ge=-1.0, le=10.0)
+    track: int = Field(1, ge=0, le=1)
+    max_sigma_deg: float = Field(0.15, ge=0.005, le=2.0)
+
+
 # What a person who confirms a vertex is told; a contract test holds these to the workers' own words.
 FLAGS: dict[str, str] = {
     "head_above": "something stands above the apex and behind the board, a head perhaps: look whether the vertex is "
@@ -43,7 +53,11 @@ FLAGS: dict[str, str] = {
     "track_jump": "the vertex lies off the path of the sweeps before and after",
 }
 
-DETECTORS: dict[str, type[DetectorOptions]] = {"strict": StrictOptions, "tolerant": TolerantOptions}
+DETECTORS: dict[str, type[DetectorOptions]] = {
+    "strict": StrictOptions,
+    "tolerant": TolerantOptions,
+    "refined": RefinedOptions,
+}
 
 
 def resolve_options(detector: str, options: dict[str, Any]) -> dict[str, Any]:
@@ -58,7 +72,7 @@ def resolve_options(detector: str, options: dict[str, Any]) -> dict[str, Any]:
             422,
             "unknown_detector",
             f"There is no detector {detector!r}.",
-            f"The detectors are {' and '.join(DETECTORS)}.",
+            f"The detectors are {', '.join(DETECTORS)}.",
             detectors=list(DETECTORS),
         )
     try:

@@ -38,7 +38,7 @@ class DetectionRequest(Received):
     """Ask for the vertices that a detector finds inside a region."""
 
     region: Region
-    detector: Annotated[str, Field(max_length=50)] = "tolerant"
+    detector: Annotated[str, Field(max_length=50)] = "refined"
     options: Annotated[Json, Field(default_factory=dict, description="numbers that differ from the defaults")]
     pairing: Pairing = Pairing()
 

@@ -14,11 +14,11 @@ from celery.signals import worker_init, worker_process_init, worker_shutting_dow
 from service.jobs.messages import RUN_JOB
 from service.settings import get_settings
 from workers.app import app
-from workers.solver.slot import warm_up
 from workers.tasks.context import get_context
 from workers.tasks.drain import DRAIN_SIGNAL, listen_for_drain
 from workers.tasks.leftovers import remove_leftovers
 from workers.tasks.running import run_job
+from workers.tasks.warming import warm_up
 
 _PR_SET_PDEATHSIG = 1
 

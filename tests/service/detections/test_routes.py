@@ -61,7 +61,7 @@ def test_the_same_request_sent_again_makes_one_detection(api, fleet, engineer):
 @pytest.mark.parametrize(
     ("change", "code", "says"),
     [
-        ({"detector": "refined"}, "unknown_detector", "strict and tolerant"),
+        ({"detector": "best"}, "unknown_detector", "strict, tolerant, refined"),
         ({"options": {"min_pionts": 5}}, "invalid_options", "min_pionts"),
         ({"options": {"max_spread_m": -1}}, "invalid_options", "max_spread_m"),
         ({"options": {"min_points": True}}, "invalid_options", "min_points"),

@@ -1,0 +1,30 @@
+"""What a worker's parent compiles before it forks."""
+
+from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
+from workers.vertices.detectors import detect_range
+from workers.vertices.refined import corner, planes, rays, window
+from workers.vertices.region import Region
+from workers.vertices.sources import Listed
+
+KERNELS = (
+    corner.integrate,
+    planes.find_stretches,
+    planes.pair_stretches,
+    planes.fit_plane,
+    planes.grow_plane,
+    rays.likelihood_ratios,
+    rays.follow_board,
+    rays.choose_rays,
+    window._image,
+)
+
+
+def test_every_kernel_of_the_detectors_has_its_machine_code_afterwards():
+    warm_up()
+    assert [kernel.__name__ for kernel in KERNELS if not kernel.signatures] == []
+
+
+def test_the_board_that_it_shows_them_is_found():
+    sweeps = Listed([_sweep(number) for number in range(_SWEEPS)])
+    found = detect_range(sweeps, Region.from_document(_REGION), "refined", indices=range(_SWEEPS))
+    assert len(found.vertices) >= _SWEEPS // 2, found.rejected
