@@ -100,6 +100,35 @@ def test_every_sensor(tmp_path, sensor, mode):
         assert any("dual return" in note for note in recording.lidar_facts(recording.sensors[0]).notes)
 
 
+def status_bytes(elevations):
+    """What an HDL-64E S2 sends of itself, a byte a packet: the clock and so on, then its calibration."""
+    rows = b"".join(
+        struct.pack("<BhhhhhhhhhBB", laser, round(100 * up), *(0,) * 8, 0, 255) + bytes(7)
+        for laser, up in enumerate(elevations)
+    )
+    table = b"UNIT#" + bytes(2) + rows[:-7] + bytes((16, 11, 15, 12, 47, 47)) + bytes(20) + struct.pack("<H", 1820)
+    assert len(table) == 1820
+    return [(ord(kind), 1) for kind in "HMSDNYGTV"] + [(ord("x"), byte) for byte in table]
+
+
+def test_an_hdl_64e_is_decoded_with_its_own_calibration(tmp_path):
+    elevations = np.linspace(-25, 3, 64)
+    status = status_bytes(elevations)
+    frames = [
+        (moment, datagram(data[:-2] + bytes(status[number % len(status)])))
+        for number, (moment, data) in enumerate(packets("hdl64e", len(status) / 280, distance=5000))
+    ]
+    assert len(frames) > len(status)
+    recording, sweeps = read(write_pcap(tmp_path / "a.pcap", frames))
+    facts = recording.lidar_facts(recording.sensors[0])
+    assert facts.ring_count == 64 and any("HDL-64E S2" in note and "its own" in note for note in facts.notes)
+    xyz, ring = sweeps[1].xyz, sweeps[1].ring
+    found = np.degrees(np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1])))
+    np.testing.assert_allclose([np.median(found[ring == r]) for r in range(64)], elevations, atol=0.02)
+    recording, _ = read(write_pcap(tmp_path / "b.pcap", frames[:900]))
+    assert any("was not found" in note for note in recording.lidar_facts(recording.sensors[0]).notes)
+
+
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("exponent", [6, 9])
 def test_pcapng_holds_the_same(tmp_path, plain, order, exponent):
