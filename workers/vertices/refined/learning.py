@@ -29,8 +29,8 @@ _MIN_RINGS, _MIN_POINTS = 3, 20
 _FIRST_SIGMA_M = 0.03
 _SIGMA_M = (0.004, 0.08)
 # Fewer sweeps than infinitely many: this many imagined ones at the defaults are counted in.
-_DOUBT = 3.0
-_LEAST_TILT = 0.04
+_DOUBT = 1.5
+_LEAST_TILT = 0.03
 _LEAST_ROLL = math.radians(2.0)
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _FIRST = 6

@@ -190,4 +190,4 @@ def grow_plane(
 
 
 # Density, per metre of depth, of returns near the board that are not the board's.
-CLUTTER = 1.0
+CLUTTER = 0.5

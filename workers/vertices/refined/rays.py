@@ -13,6 +13,7 @@ from workers.vertices.refined.planes import CLUTTER
 Floats = NDArray[np.float64]
 _WORST = 0.002  # a ray on the board gives another answer this often
 _BEST = 100.0
+_DOUBTFUL = 0.3  # distances have longer tails than a normal distribution
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
@@ -64,7 +65,8 @@ def likelihood_ratios(
                 ratio[r, c] = 1.0  # something stands in front and tells nothing of the board
             else:
                 like = math.exp(-0.5 * behind * behind) / (total * 2.5066)
-                ratio[r, c] = min(max(like / CLUTTER, _WORST), _BEST)
+                least = _DOUBTFUL if behind < 4.0 else _WORST
+                ratio[r, c] = min(max(like / CLUTTER, least), _BEST)
     return left, up, ratio
 
 
@@ -122,7 +124,7 @@ def choose_rays(
         bottom = min(bottom, r)
         for c in range(max(ends[r, 0] - 3, 0), min(ends[r, 1] + 4, columns)):
             edge = c < ends[r, 0] + 2 or c > ends[r, 1] - 2
-            taken[r, c] = edge or (ratio[r, c] < 0.5 and distance[r, c] > 0.0)
+            taken[r, c] = edge or (ratio[r, c] < _DOUBTFUL and distance[r, c] > 0.0)
     if top < 0:
         return np.empty((0, 2), np.int64)
     for direction in (1, -1):

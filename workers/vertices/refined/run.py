@@ -13,7 +13,7 @@ from workers.vertices.options import Options
 from workers.vertices.refined.board import locate, look
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.model import Fix, Model, Sighting
-from workers.vertices.refined.surroundings import apex_time, flags_of
+from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
 from workers.vertices.refined.track import REACH, Seen, off_path, roll_prior, trustworthy
 from workers.vertices.region import Region
 from workers.vertices.sources import OnSweep, SweepSource
@@ -54,7 +54,7 @@ def _look(sweep: Sweep, region: Region, model: Model) -> _Look:
     inside = region.mask(sweep.xyz)
     if not inside.any():
         return _Look((), (), "no_points")
-    found = look(sweep, inside, model)
+    found = [pair for pair in look(sweep, inside, model) if not overtopped(*pair, model.sigma)]
     if not found:
         return _Look((), (), "too_few_rings")
     seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]

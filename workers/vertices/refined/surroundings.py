@@ -12,6 +12,7 @@ from workers.vertices.refined.model import Fix, Floats, Sighting
 _HEAD_BESIDE_M = 0.35
 _HEAD_BEHIND_M = (-0.15, 0.7)
 _IN_FRONT_M = 0.15
+_BOARD_BESIDE_M, _BOARD_ABOVE_M, _BOARD_BEFORE_M, _BOARD_POINTS = 0.5, 1.5, -0.8, 2
 _OCCLUDED_RINGS = 0.25
 
 
@@ -45,6 +46,14 @@ def flags_of(sighting: Sighting, fix: Fix) -> tuple[str, ...]:
             hidden += any(returned[r, c] and behind[r, c] < -_IN_FRONT_M for c in beside)
     occluded = hidden > _OCCLUDED_RINGS * rings
     return (*(["head_above"] if head else []), *(["occluded"] if occluded else []))
+
+
+def overtopped(sighting: Sighting, fix: Fix, sigma: float) -> bool:
+    """Whether something stands above the apex and before the plane: then the plane is the body's, below a board."""
+    behind, left, up = _around_apex(sighting, fix)
+    over = (sighting.window.distance > 0.0) & sighting.window.inside & (np.abs(left) < _BOARD_BESIDE_M)
+    over &= (up > 0.0) & (up < _BOARD_ABOVE_M) & (behind > _BOARD_BEFORE_M) & (behind < -4.0 * sigma)
+    return int(np.count_nonzero(over)) >= _BOARD_POINTS
 
 
 def _around_apex(sighting: Sighting, fix: Fix) -> tuple[Floats, Floats, Floats]:
