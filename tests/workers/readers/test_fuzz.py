@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fuzz_mutations import mutate
-from fuzz_runner import RESIDENT_BYTES
+from fuzz_runner import MEMORY_BYTES, RESIDENT_BYTES
 from fuzz_seeds import REPACKED, make_whole
 
 from workers.readers.manifest import Manifest
@@ -79,8 +79,8 @@ def complaint(result, runner):
         return f"no reason was given: {result['last']}"
     if runner.out.is_dir() and any(runner.out.iterdir()):
         return "it was refused, and half of it stayed"
-    if error["code"] == "ingest_memory_limit":  # the process that started the child says it in words
-        return None
+    if error["code"] == "ingest_memory_limit":
+        return f"it asked for more than {MEMORY_BYTES / 1e9:.1f} GB"
     if not error["message"].endswith(".") or len(error["hint"]) < 10:
         return f"no sentences: {error}"
     if str(runner.source.parent) in str(error) or len(error["message"]) > 8000:
