@@ -52,11 +52,17 @@ def preview(steps: Steps, half: str, client: Client, recording: Document, region
 
 
 def detect(
-    steps: Steps, half: str, client: Client, recording: Document, region: Mapping[str, Any], detector: str
+    steps: Steps,
+    half: str,
+    client: Client,
+    recording: Document,
+    region: Mapping[str, Any],
+    detector: str,
+    **request: Any,
 ) -> Document:
     """One detection run; its counts are shown."""
     with steps.step(half, f"detect ({detector})") as report:
-        started = client.detections.create(recording["id"], region, detector=detector)
+        started = client.detections.create(recording["id"], region, detector=detector, **request)
         detection = client.wait(started, on_progress=report)
         counts = detection["counts"]
         report(1.0, f"{counts['accepted']} of {counts['sweeps']} sweeps accepted")
@@ -64,11 +70,18 @@ def detect(
 
 
 def calibrate(
-    steps: Steps, half: str, client: Client, pairs: Document, **request: Any
+    steps: Steps,
+    half: str,
+    client: Client,
+    pairs: Document,
+    *,
+    models: Sequence[str] = MODELS,
+    title: str = "calibrate",
+    **request: Any,
 ) -> tuple[Document, dict[str, Document]]:
-    """Calibrate with every model; the calibration and each model's whole result."""
-    with steps.step(half, "calibrate") as report:
-        started = client.calibrations.create(pairs["vehicle_id"], [pairs["id"]], MODELS, **request)
+    """Calibrate with every model, or with some; the calibration and each model's whole result."""
+    with steps.step(half, title) as report:
+        started = client.calibrations.create(pairs["vehicle_id"], [pairs["id"]], models, **request)
         calibration = client.wait(started, on_progress=report)
         summary = calibration["summary"]["cameras"][pairs["camera"]]
         report(1.0, f"recommended: {summary['recommended']}")
@@ -93,7 +106,7 @@ def figures(calibration: Document, camera: str) -> dict[str, Document]:
             "iterations": found["iterations"],
             "pairs": found["pairs"],
         }
-        for model, found in ((name, models[name]) for name in MODELS)
+        for model, found in ((name, models[name]) for name in MODELS if name in models)
     }
 
 

@@ -42,6 +42,8 @@ def show(report: Document, out: Console) -> None:
             table.add_row(f"[bold]{half}[/]")
             for model in MODELS:
                 table.add_row(*_row(half, model, document))
+            if "refined" in document:
+                table.add_row(*_row(half, "  refined", {"  refined": document["refined"]}))
             if half == "simulated":
                 table.add_row("(the truth)", "", "", "", f"{document['pinhole']['heldout_truth_px']:.2f}", "0", "0")
             table.add_section()
@@ -66,6 +68,9 @@ def shortfalls(report: Document) -> list[str]:
     for model, limit in _REAL_POLISHED_PX.items() if "pinhole" in report["real"] else ():
         if report["real"][model]["polished_px"] > limit:
             missed.append(f"real data, {model}: {report['real'][model]['polished_px']:.2f} px instead of {limit}")
+    counts = simulated["detections"]
+    if counts["refined"]["accepted"] <= counts["tolerant"]["accepted"]:
+        missed.append("`refined` accepted no more sweeps than `tolerant`")
     return missed
 
 
@@ -95,6 +100,10 @@ def _sentences(half: str, document: Document) -> list[str]:
             f"{half}: the lens is {document['model']}; {document['pairs']} pairs out of {document['marks']} marks of "
             f"three people, from `tolerant` vertices; slots ran on {document['workers_used']} worker processes. "
             "`turn` and `arm` are the errors of rotation and translation."
+        )
+        sentences.append(
+            f"{half}: the row `refined` is {document['model']} on {document['refined']['pairs']} pairs of the same "
+            "marks with `refined` vertices, each moved along its track to the time of its frame."
         )
     else:
         sentences.append(f"{half}: {document['correspondences']} published correspondences, held out by whole poses.")

@@ -51,6 +51,7 @@ def run(steps: Steps, client: Client, fleet: Document, folder: Path) -> Document
     kept = job.preview(steps, HALF, client, recording, region)
     strict = job.detect(steps, HALF, client, recording, region, "strict")
     tolerant = job.detect(steps, HALF, client, recording, region, "tolerant")
+    refined = job.detect(steps, HALF, client, recording, region, "refined", mode="interpolate")
     with steps.step(HALF, "three people mark") as report:
         progress = mark_everything(client, fleet["id"], tolerant, CAMERA, truth, report)
         report(
@@ -59,9 +60,10 @@ def run(steps: Steps, client: Client, fleet: Document, folder: Path) -> Document
     pairs = client.correspondence_sets.build(tolerant["id"], CAMERA)
     calibration, results = job.calibrate(steps, HALF, client, pairs, folds=FOLDS, farm="slots", publish="recommended")
     document: Document = dict(judge(client, truth, pairs, calibration, results))
+    document["refined"] = _with_refined(steps, client, truth, refined)
     document |= {
         "model": truth.model,
-        "detections": job.acceptance([strict, tolerant]),
+        "detections": job.acceptance([strict, tolerant, refined]),
         "region": {name: kept[name] for name in ("frames", "frames_kept", "points", "points_kept")},
         "marks": progress["marks"],
         "notes": [*pairs["notes"], *calibration["notes"]],
@@ -71,6 +73,16 @@ def run(steps: Steps, client: Client, fleet: Document, folder: Path) -> Document
         "current": client.calibrations.current(vehicle["id"], CAMERA)["result_id"],
     }
     return document
+
+
+def _with_refined(steps: Steps, client: Client, truth: Truth, refined: Document) -> Document:
+    """The true model once more, from refined vertices that were moved to their frames' times, with the same marks."""
+    pairs = client.correspondence_sets.build(refined["id"], CAMERA)
+    calibration, results = job.calibrate(
+        steps, HALF, client, pairs, models=[truth.model], title="calibrate (refined)", folds=FOLDS
+    )
+    figures = judge(client, truth, pairs, calibration, results)
+    return figures[truth.model] | {"pairs": pairs["count"]}
 
 
 def judge(

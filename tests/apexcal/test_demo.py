@@ -85,11 +85,16 @@ FIGURES = {
     "seconds": 0.5,
 }
 SIMULATED = {**FIGURES, "heldout_truth_px": 1.1, "rotation_error_deg": 0.4, "translation_error_m": 0.01}
-DETECTIONS = {"detections": {"strict": {"accepted": 0, "sweeps": 20}}, "notes": ["a note"]}
+ACCEPTED = {"strict": 0, "tolerant": 3, "refined": 15}
+DETECTIONS = {
+    "detections": {name: {"accepted": count, "sweeps": 20} for name, count in ACCEPTED.items()},
+    "notes": ["a note"],
+}
 GOOD = {
     "simulated": {
         **{model: dict(SIMULATED) for model in MODELS},
         "model": "brown_conrady",
+        "refined": {**SIMULATED, "pairs": 95},
         "pairs": 100,
         "marks": 300,
         "workers_used": 2,
@@ -119,6 +124,7 @@ def test_a_good_report_has_no_shortfall_with_or_without_real_data():
         (changed("simulated", "workers_used", to=1), "one worker"),
         (changed("simulated", "brown_conrady", "rotation_error_deg", to=1.1), "degrees off"),
         (changed("simulated", "brown_conrady", "heldout_px", to=1.7), "held-out"),
+        (changed("simulated", "detections", "refined", "accepted", to=3), "no more sweeps"),
         (changed("real", "pinhole", "polished_px", to=19.6), "pinhole"),
         (changed("real", "brown_conrady", "polished_px", to=4.4), "brown_conrady"),
     ],
@@ -134,7 +140,7 @@ def test_the_table_fits_80_characters_and_loses_nothing():
     table = out.file.getvalue().split("simulated: `strict`")[0]
     assert "…" not in table
     assert all(model in table for model in MODELS)
-    assert "(the truth)" in table
+    assert "(the truth)" in table and "  refined" in table
 
 
 @pytest.mark.slow
