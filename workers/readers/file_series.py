@@ -15,7 +15,7 @@ from workers.readers.clouds import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.file_times import KITTI_NAME, TimesFrom, stamp_files, stem_and_number
 from workers.readers.file_tree import FileTree, read_file
 from workers.readers.kitti import KITTI_ENDS, KITTI_STARTS, KittiSpin
-from workers.readers.recording import Frame, LidarFacts, ReadOptions, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
 from workers.readers.still_images import IMAGE_SUFFIXES, image_frame
 
 Kind = Literal["lidar", "camera"]
@@ -128,9 +128,12 @@ class FileSeries:
         """What the first file tells: the fields of a cloud, the size of an image."""
         path = group.paths[0]
         notes = {"times_from": self._times.sources[group.name]}
-        if group.kind == "lidar":
-            return notes | {"fields": " ".join(read_cloud(read_file(self._tree, path), path))}
-        frame = self._frame(path)
+        try:
+            if group.kind == "lidar":
+                return notes | {"fields": " ".join(read_cloud(read_file(self._tree, path), path))}
+            frame = self._frame(path)
+        except ReadError:  # raised again if this sensor is the one that is read
+            return notes
         return notes | {"width": str(frame.width), "height": str(frame.height)}
 
     @property

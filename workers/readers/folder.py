@@ -12,8 +12,9 @@ from workers.readers.cloud_files import is_cloud_table
 from workers.readers.composite import Composite, Part
 from workers.readers.detect import HEAD_BYTES, Format, format_of
 from workers.readers.file_series import FileSeries, Group, group_files, is_sensor_file
-from workers.readers.file_times import CSV_NAME, KITTI_NAME, listed_times
+from workers.readers.file_times import CSV_NAME, KITTI_NAME, listed_times, stem_and_number
 from workers.readers.file_tree import FileTree, read_file, read_head
+from workers.readers.joined import Joined
 from workers.readers.kitti import KITTI_ENDS, KITTI_STARTS
 from workers.readers.open_tree import open_tree
 from workers.readers.recording import ReadError, ReadOptions, Recording
@@ -55,13 +56,14 @@ class FolderRecording(Composite):
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._tree = open_tree(path)
         self._others: list[str] = []
+        self._warnings: list[str] = []
         parts: list[Part] = []
         try:
             contents = _look(self._tree)
             self._others = contents.others
             if not contents.sources and not contents.groups:
                 raise _empty(self._tree, contents)
-            _open_parts(self._tree, contents, options, parts)
+            _open_parts(self._tree, contents, options, parts, self._warnings)
             super().__init__(parts)
         except BaseException:
             for part in parts:
@@ -76,6 +78,11 @@ class FolderRecording(Composite):
         if len(self._others) > _MAX_LISTED:
             listed.append(f"{len(self._others) - _MAX_LISTED} more files (not read)")
         return [*super().other_topics, *listed]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What was left out, and what the parts say."""
+        return [*self._warnings, *super().warnings]
 
     def close(self) -> None:
         """Close all that is open, and remove what was unpacked."""
@@ -141,7 +148,10 @@ def _look_inside(tree: FileTree, path: str, contents: _Contents, sensor_files: l
         contents.others.append(path)
 
 
-def _open_parts(tree: FileTree, contents: _Contents, options: ReadOptions, parts: list[Part]) -> None:
+def _open_parts(
+    tree: FileTree, contents: _Contents, options: ReadOptions, parts: list[Part], warnings: list[str]
+) -> None:
+    """Open all sources; ``parts`` holds what is open although one of them cannot be read."""
     tables = {path: read_file(tree, path) for path in contents.tables}
     top = _common_top([*contents.sources, *(f"{group.folder}/file" for group in contents.groups)])
     for path, known in contents.sources.items():
@@ -151,16 +161,57 @@ def _open_parts(tree: FileTree, contents: _Contents, options: ReadOptions, parts
             recording = known.open(tree.on_disk(path), options)
         parts.append(Part(recording, _below(path, top)))
     if contents.groups:
-        groups = [replace(group, name=_below(group.name, top)) for group in contents.groups]
+        groups = [replace(group, name=_group_name(group, top)) for group in contents.groups]
+        series = _open_series(tree, groups, tables, options, parts, warnings)
+        if series is not None:
+            parts.append(Part(series, ".", named=True))
+    parts[:] = _join_split(parts)
+
+
+def _open_series(
+    tree: FileTree,
+    groups: Sequence[Group],
+    tables: Mapping[str, bytes],
+    options: ReadOptions,
+    parts: Sequence[Part],
+    warnings: list[str],
+) -> FileSeries | None:
+    """The sensors whose messages are files; None where they have no times and the other sources suffice."""
+    try:
         series = FileSeries(tree, groups, tables, options)
-        parts.append(Part(series, ".", named=True))
-        if "index" in series.times_from and contents.sources:
+        if parts and "index" in series.times_from:
             raise ReadError(
                 "files_without_times",
-                f"The files of {groups[0].name} have numbers and no times, while {next(iter(contents.sources))} has "
-                "times: which belong together is not said.",
+                f"The files of {groups[0].name} have no times, and {parts[0].label} has: which belong together "
+                "is not said.",
                 f"Name the files by their time (1600000000123456789.png), or add {CSV_NAME} with file,stamp_ns.",
             )
+    except ReadError as error:
+        kinds = {sensor.kind for part in parts for sensor in part.recording.sensors}
+        if error.code != "files_without_times" or len(kinds) < 2:
+            raise
+        listed = ", ".join(group.name for group in groups)
+        warnings.append(f"{listed} were left out, because their files have no times.")
+        return None
+    return series
+
+
+def _join_split(parts: Sequence[Part]) -> list[Part]:
+    """Bags that were split while they were recorded (``walk_0.bag``, ``walk_1.bag``) as one."""
+    series: dict[object, list[Part]] = {}
+    for part in parts:
+        sensors = part.recording.sensors
+        stem, number = stem_and_number(part.label)
+        topics = frozenset((sensor.kind, sensor.name) for sensor in sensors)
+        split = number and topics and all(sensor.name.startswith("/") for sensor in sensors)
+        key = (posixpath.dirname(part.label), stem, part.recording.format, topics) if split else part
+        series.setdefault(key, []).append(part)
+    joined: list[Part] = []
+    for group in series.values():
+        group.sort(key=lambda part: (len(part.label), part.label))
+        one = group[0] if len(group) == 1 else Part(Joined([p.recording for p in group]), group[0].label)
+        joined.append(one)
+    return joined
 
 
 def _open_video(tree: FileTree, path: str, options: ReadOptions, tables: Mapping[str, bytes]) -> Recording:
@@ -181,6 +232,12 @@ def _below(path: str, top: str) -> str:
     if top and path.startswith(f"{top}/"):
         return path[len(top) + 1 :]
     return posixpath.basename(path) if path == top else path
+
+
+def _group_name(group: Group, top: str) -> str:
+    if group.name == top:
+        return "images" if group.kind == "camera" else "clouds"
+    return _below(group.name, top)
 
 
 def _empty(tree: FileTree, contents: _Contents) -> ReadError:

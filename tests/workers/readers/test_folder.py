@@ -1,6 +1,8 @@
+import gzip
 import shutil
 import tarfile
 import zipfile
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -172,8 +174,6 @@ def test_a_bag_in_an_archive_is_that_bag(tmp_path, kind):
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.write(bag, "walk.bag")
     else:
-        import gzip
-
         path.write_bytes(gzip.compress(bag.read_bytes()))
     manifest = normalise(path, tmp_path / "out")
     assert manifest.format == "rosbag1" and [s.count for s in manifest.sensors] == [2, 2]
@@ -185,6 +185,44 @@ def test_a_video_whose_start_is_in_the_table(tmp_path):
     recording = open_recording(tmp_path)
     (camera,) = recording.sensors
     assert (camera.name, next(recording.frames(camera)).stamp_ns) == ("camera.mkv", 12345678901234)
+    recording.close()
+
+
+@pytest.mark.parametrize("kind", ["folder", "zip"])
+def test_a_bag_that_was_split_is_one_recording(tmp_path, kind):
+    root = tmp_path / "walk"
+    root.mkdir()
+    for number in (9, 10):
+        stamps = [START_NS + (number * 3 + i) * 100_000_000 for i in range(3)]
+        streams = [("/points", CLOUD, stamp, cloud(stamp, scene())) for stamp in stamps]
+        write_bag(root / f"walk_{number}.bag", [*streams, *images(2)])
+    recording = open_recording(root if kind == "folder" else zipped(root, tmp_path / "walk.zip"))
+    assert names(recording) == [("lidar", "/points", 6), ("camera", "/camera/compressed", 4)]
+    lidar, camera = recording.sensors
+    assert recording.lidar_facts(lidar).ring_count == 16
+    stamps = [sweep.stamp_ns for sweep in recording.sweeps(lidar)]
+    assert stamps == sorted(stamps) and stamps[0] == START_NS + 2_700_000_000
+    assert [sensor.name for sensor, _ in recording.messages([camera])] == [camera.name] * 4
+    assert len(list(recording.messages([lidar, camera]))) == 10
+    assert "2 files" in recording.warnings[0]
+    recording.close()
+
+
+def test_parts_with_other_rings_are_refused(tmp_path):
+    for number, rings in enumerate((16, 32)):
+        write_bag(tmp_path / f"walk_{number}.bag", clouds(2, scene(rings)))
+    recording = open_recording(tmp_path)
+    with pytest.raises(ReadError, match="16, 32"):
+        recording.lidar_facts(recording.sensors[0])
+    recording.close()
+
+
+def test_a_picture_beside_a_whole_bag_is_left_out(tmp_path):
+    write_bag(tmp_path / "walk.bag", [*clouds(2), *images(2)])
+    write_png(tmp_path / "overview.png")
+    recording = open_recording(tmp_path)
+    assert [s.name for s in recording.sensors] == ["/points", "/camera/compressed"]
+    assert "images were left out" in recording.warnings[0]
     recording.close()
 
 
@@ -280,7 +318,7 @@ def test_the_real_frames_are_the_real_bags(tmp_path):
     with tarfile.open(tmp_path / "frames.tar", "w") as archive:
         archive.add(FRAMES, "frames")
     bag = Rosbag1Recording(FRAMES.parent / "recording.bag", ReadOptions())
-    of_bag = list(bag.sweeps(bag.sensors[0]))
+    of_bag = list(islice(bag.sweeps(bag.sensors[0]), 4))  # the bag begins with poses 1, 3, 5, 7
     bag.close()
     for path in (FRAMES, tmp_path / "frames.tar", zipped(FRAMES, tmp_path / "frames.zip")):
         recording = open_recording(path)
@@ -289,7 +327,7 @@ def test_the_real_frames_are_the_real_bags(tmp_path):
         recording.close()
         sweeps = [item for item in items if isinstance(item, Sweep)]
         assert (len(items), len(sweeps)) == (8, 4)
-        for sweep, twin in zip(sweeps, of_bag[:4], strict=True):  # the bag begins with poses 1, 3, 5, 7
+        for sweep, twin in zip(sweeps, of_bag, strict=True):
             np.testing.assert_allclose(sweep.xyz, twin.xyz, atol=1e-6)
             np.testing.assert_array_equal(sweep.ring, twin.ring)
             np.testing.assert_array_equal(sweep.intensity, twin.intensity)
