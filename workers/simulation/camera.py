@@ -15,7 +15,7 @@ from workers.geometry.rotations import rotation_from_euler, rotation_from_vector
 from workers.geometry.transforms import RigidTransform
 
 LIDAR_FRAME = "velodyne"
-CAMERA_FRAME = "camera_front_optical"
+FRONT = "front"
 IMAGE_SIZE = (960, 600)
 
 # Wide lenses, about 100 degrees across, that a camera of this size could have; only that of pinhole keeps
@@ -37,6 +37,16 @@ NOMINAL_PITCH_DOWN_DEG = 15.0
 NOMINAL_CENTRE_M = (0.10, 0.05, -0.25)
 _MOUNT_SIGMA_DEG = 1.2
 _MOUNT_SIGMA_M = 0.02
+_FOCAL_SIGMA = 0.008
+_CENTRE_SIGMA_PX = 4.0
+
+
+def camera_frame(name: str) -> str:
+    """The coordinate frame of the camera of that name."""
+    return f"camera_{name}_optical"
+
+
+CAMERA_FRAME = camera_frame(FRONT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,22 +104,36 @@ class Camera:
         return self.T_camera_lidar.inverse().t
 
 
-def nominal_mount() -> RigidTransform:
-    """T_camera_lidar as the rig's drawing says: level but for the pitch, centimetres rounded."""
-    R = rotation_from_euler(np.deg2rad((90.0, -90.0 - NOMINAL_PITCH_DOWN_DEG, 0.0)))
-    return RigidTransform(CAMERA_FRAME, LIDAR_FRAME, R, -R @ np.array(NOMINAL_CENTRE_M))
+def nominal_mount(
+    name: str = FRONT, yaw_deg: float = 0.0, pitch_down_deg: float = NOMINAL_PITCH_DOWN_DEG
+) -> RigidTransform:
+    """T_camera_lidar as the rig's drawing says: level but for the pitch, centimetres rounded.
+
+    ``yaw_deg`` turns the camera and the arm that it sits on to the left.
+    """
+    R = rotation_from_euler(np.deg2rad((90.0, -90.0 - pitch_down_deg, 0.0)))
+    arm = np.array(NOMINAL_CENTRE_M)
+    if yaw_deg != 0.0:
+        to_left = rotation_from_vector(np.array([0.0, 0.0, np.deg2rad(yaw_deg)]))
+        arm, turned = np.round(to_left @ arm, 2), R @ to_left.T
+        return RigidTransform(camera_frame(name), LIDAR_FRAME, turned, -turned @ arm)
+    return RigidTransform(camera_frame(name), LIDAR_FRAME, R, -R @ arm)
 
 
-def true_mount(seed: int) -> RigidTransform:
+def true_mount(seed: int, nominal: RigidTransform | None = None, number: int = 0) -> RigidTransform:
     """T_camera_lidar as it was really bolted on: the nominal mount, off by a few degrees and centimetres."""
-    random = np.random.default_rng([seed, 3])
-    nominal = nominal_mount()
-    R = rotation_from_vector(np.deg2rad(random.normal(0.0, _MOUNT_SIGMA_DEG, 3))) @ nominal.R
-    centre = np.array(NOMINAL_CENTRE_M) + random.normal(0.0, _MOUNT_SIGMA_M, 3)
-    return RigidTransform(CAMERA_FRAME, LIDAR_FRAME, R, -R @ centre)
+    random = np.random.default_rng([seed, 3, number] if number else [seed, 3])
+    drawn = nominal or nominal_mount()
+    R = rotation_from_vector(np.deg2rad(random.normal(0.0, _MOUNT_SIGMA_DEG, 3))) @ drawn.R
+    centre = drawn.inverse().t + random.normal(0.0, _MOUNT_SIGMA_M, 3)
+    return RigidTransform(drawn.to_frame, LIDAR_FRAME, R, -R @ centre)
 
 
-def make_camera(model: ModelName, seed: int) -> Camera:
-    """The camera of that model on its true mount."""
-    lens = LENSES[model]
-    return Camera(model, {name: lens[name] for name in INTRINSICS[model]}, IMAGE_SIZE, true_mount(seed))
+def make_camera(model: ModelName, seed: int, nominal: RigidTransform | None = None, number: int = 0) -> Camera:
+    """The camera of that model on its true mount; all but the first of a rig differ a little in their lenses."""
+    lens = {name: LENSES[model][name] for name in INTRINSICS[model]}
+    if number:
+        random = np.random.default_rng([seed, 9, number])
+        lens |= {name: lens[name] * (1.0 + random.normal(0.0, _FOCAL_SIGMA)) for name in ("f_x", "f_y")}
+        lens |= {name: lens[name] + random.normal(0.0, _CENTRE_SIGMA_PX) for name in ("c_x", "c_y")}
+    return Camera(model, lens, IMAGE_SIZE, true_mount(seed, nominal, number))

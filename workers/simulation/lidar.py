@@ -40,7 +40,13 @@ class Walks(Protocol):
 
 
 class Lidar:
-    """Scans the scene with the walker in it, over a forward sector of +- ``sector_deg``."""
+    """Scans the scene with the walker in it, over a forward sector of +- ``sector_deg``.
+
+    Attributes:
+        columns: how many times all lasers are fired in a sweep.
+        firing: (R,) which ring's laser is fired how manieth within a column.
+        delay_s: (R,) from the column's moment to its ring's.
+    """
 
     def __init__(
         self,
@@ -60,15 +66,16 @@ class Lidar:
         self._seed = seed
         self._disturbances = disturbances or Disturbances()
         # One column less than fits: the grid starts by up to a step late, and a column takes its time.
-        self._columns = int(2.0 * sector_deg / sensor.step_deg) - 1
+        self.columns = int(2.0 * sector_deg / sensor.step_deg) - 1
         self._sector = math.radians(sector_deg)
         self._omega = 2.0 * math.pi * sensor.rate_hz  # radians per second
         rings = len(sensor.elevations_deg)
         half = (rings + 1) // 2
         ring = np.arange(rings)
-        firing = np.where(ring < half, 2 * ring, 2 * (ring - half) + 1)  # interleaved, as the VLP-16 does
-        self._delay_s = firing * min(_FIRING_S, math.radians(sensor.step_deg) / self._omega / rings)
+        self.firing = np.where(ring < half, 2 * ring, 2 * (ring - half) + 1)  # interleaved, as the VLP-16 does
+        self.delay_s = self.firing * min(_FIRING_S, math.radians(sensor.step_deg) / self._omega / rings)
         self._elevations = np.deg2rad(np.array(sensor.elevations_deg))
+        self._lift_m = -sensor.lens_m * np.tan(self._elevations)
         self._aside = np.deg2rad(np.array(sensor.azimuths_deg)) if sensor.azimuths_deg else np.zeros(rings)
 
     def seconds_per_sector(self) -> float:
@@ -87,22 +94,24 @@ class Lidar:
         """The sweep, and (N,) what each of its points lies on: ``GROUND`` to ``SPECKLE``, by name in ``SURFACES``."""
         random = np.random.default_rng([self._seed, 2, index])
         step = math.radians(self.sensor.step_deg)
-        column_s = (np.arange(self._columns, dtype=np.float64) + random.uniform()) * step / self._omega
+        column_s = (np.arange(self.columns, dtype=np.float64) + random.uniform()) * step / self._omega
         distance, surface = self._beams(column_s, self._walk.poses(start_s + column_s))
         self._spoil(index, distance, surface)
         noisy = distance + random.normal(0.0, self._noise_m, distance.shape)
         noisy = np.round(noisy / _RANGE_STEP_M) * _RANGE_STEP_M
         brightness = _INTENSITY[surface] * random.uniform(0.8, 1.2, distance.shape)
         column, ring = np.nonzero(distance <= self.sensor.max_range_m)
-        after_s = column_s[column] + self._delay_s[ring]
+        after_s = column_s[column] + self.delay_s[ring]
         azimuth = self._sector - self._omega * after_s + self._aside[ring]
         elevation = self._elevations[ring]
         direction = np.column_stack(
             [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
         )
+        xyz = direction * noisy[column, ring][:, None]
+        xyz[:, 2] += self._lift_m[ring]
         sweep = Sweep(
             stamp_ns=stamp_ns,
-            xyz=(direction * noisy[column, ring][:, None]).astype(np.float32),
+            xyz=xyz.astype(np.float32),
             intensity=brightness[column, ring].astype(np.float32),
             ring=ring.astype(np.uint16),
             offset_ns=np.round(after_s * 1e9).astype(np.int64),
@@ -116,8 +125,9 @@ class Lidar:
         top = scene.ground_z + scene.wall_height
         return cast(
             self._sector - self._omega * column_s,
-            self._omega * self._delay_s - self._aside,
+            self._omega * self.delay_s - self._aside,
             self._elevations,
+            self._lift_m,
             0.5e-3 * self._disturbances.beam_mrad,
             np.stack([poses.apex, poses.edge_left, poses.edge_right], axis=1),
             np.column_stack([poses.body, poses.left, poses.height]),
@@ -137,6 +147,18 @@ class Lidar:
             distance[met], surface[met] = near[met], SPECKLE
         if dropout > 0.0:
             distance[random.uniform(size=distance.shape) < dropout] = np.inf
+
+    def seconds_per_column(self) -> float:
+        """From one firing of a laser to its next."""
+        return math.radians(self.sensor.step_deg) / self._omega
+
+    def azimuth(self, after_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where the sensor looks that long after a sweep's start, radians."""
+        return self._sector - self._omega * after_s
+
+    def leaves(self, ring: NDArray[np.uint16]) -> NDArray[np.float64]:
+        """Where the beams of those rings (N,) leave the sensor's axis, (N, 3) metres."""
+        return self._lift_m[ring][:, None] * np.array([0.0, 0.0, 1.0])
 
     def scan_seconds(self, azimuth: NDArray[np.float64]) -> NDArray[np.float64]:
         """Seconds after a sweep's start at which the sensor looks along ``azimuth`` (radians)."""

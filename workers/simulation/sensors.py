@@ -19,6 +19,8 @@ class LidarModel:
         step_deg: azimuth between two firings of one laser.
         rate_hz: turns per second.
         max_range_m: farther surfaces give no point.
+        lens_m: how far before the axis the beams cross: a ring of elevation e leaves the axis at -lens_m tan(e). What
+            drivers make of packets has this in it; 0: all beams leave the origin.
         azimuths_deg: how far to the left of the column each ring's laser points; empty where all point along it.
     """
 
@@ -27,6 +29,7 @@ class LidarModel:
     step_deg: float = 0.2
     rate_hz: float = 10.0
     max_range_m: float = 100.0
+    lens_m: float = 0.0
     azimuths_deg: tuple[float, ...] = ()
 
 
@@ -68,6 +71,9 @@ def _hdl64() -> LidarModel:
     elevations = (*np.linspace(-24.33, -8.83, 32), *np.linspace(-8.33, 2.0, 32))
     return LidarModel("hdl64", tuple(float(value) for value in elevations), max_range_m=120.0)
 
+
+# Of a VLP-16: the "vertical correction" of its manual, 11.2 mm at -15 degrees.
+VLP16_LENS_M = 0.0419
 
 SENSORS = {
     "vlp16": _even("vlp16", 16, -15.0, 15.0),

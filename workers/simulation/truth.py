@@ -2,84 +2,107 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.geometry.transforms import to_document
-from workers.simulation.camera import Camera, nominal_mount
-from workers.simulation.lidar import Lidar
-from workers.simulation.walker import Walk
+from workers.simulation.camera import LIDAR_FRAME, camera_frame, nominal_mount
+from workers.simulation.rig import START_NS, MountedCamera, Rig
 
-TRUTH_FORMAT = "apexcal-simulation-truth/1"
+TRUTH_FORMAT = "apexcal-simulation-truth/2"
 
 
-def truth_document(
-    *,
-    settings: dict[str, Any],
-    camera: Camera,
-    lidar: Lidar,
-    walk: Walk,
-    start_ns: int,
-    sweep_stamps_ns: NDArray[np.int64],
-    frame_stamps_ns: NDArray[np.int64],
-) -> dict[str, Any]:
+def truth_document(rig: Rig) -> dict[str, Any]:
     """The ground truth as JSON; every list in ``frames`` and ``sweeps`` has one entry per frame or sweep.
 
-    ``frames``: ``stamp_ns``; ``apex_xyz``, the board's apex at that moment, metres, LiDAR frame; ``apex_uv``,
-    its pixel ((0, 0) is the centre of the top-left one); ``apex_in_image``.
+    ``cameras``: by name ``transform`` (T_camera_lidar), ``intrinsics`` and ``frames``, which hold ``stamp_ns`` as the
+    recording has it; ``time_ns``, when the frame was taken by the LiDAR's clock; ``apex_xyz``, the board's apex at
+    that moment, metres, LiDAR frame; ``apex_uv``, its pixel ((0, 0) is the centre of the top-left one);
+    ``apex_in_image``. The first camera's stand at the top too.
+    ``clock``: ``offset_ns``, what the cameras' clock shows more than the LiDAR's; ``jitter_ns``, the standard
+    deviation of a frame's stamp.
     ``sweeps``: ``stamp_ns``; ``apex_xyz`` at the stamp; ``scan_ns``, when the turning sensor looked at the
     apex; ``scan_apex_xyz``, where the apex was then: what a perfect detector would find.
     """
-    frame_s, sweep_s = (_seconds(stamps, start_ns) for stamps in (frame_stamps_ns, sweep_stamps_ns))
-    at_frames = walk.poses(frame_s).apex
-    at_sweeps = walk.poses(sweep_s).apex
-    scan_s = sweep_s.copy()
-    for _ in range(3):  # the apex moves while the sensor turns towards it
-        apex = walk.poses(scan_s).apex
-        scan_s = sweep_s + lidar.scan_seconds(np.arctan2(apex[:, 1], apex[:, 0]))
-    pixels = camera.project(at_frames)
+    cameras = {mounted.spec.name: _camera(rig, mounted) for mounted in rig.cameras}
     return {
         "format": TRUTH_FORMAT,
-        "settings": settings,
-        "transform": to_document(camera.T_camera_lidar),
-        "intrinsics": camera.intrinsics_document(),
-        "frames": {
-            "stamp_ns": frame_stamps_ns.tolist(),
-            "apex_xyz": _rounded(at_frames, 6),
-            "apex_uv": _rounded(pixels, 4),
-            "apex_in_image": camera.sees(pixels).tolist(),
+        "settings": asdict(rig.settings),
+        "clock": {
+            "offset_ns": round(rig.settings.clock_offset_ms * 1e6),
+            "jitter_ns": round(rig.settings.clock_jitter_ms * 1e6),
         },
-        "sweeps": {
-            "stamp_ns": sweep_stamps_ns.tolist(),
-            "apex_xyz": _rounded(at_sweeps, 6),
-            "scan_ns": (start_ns + np.round(scan_s * 1e9).astype(np.int64)).tolist(),
-            "scan_apex_xyz": _rounded(walk.poses(scan_s).apex, 6),
+        **cameras[rig.cameras[0].spec.name],
+        "cameras": cameras,
+        "sweeps": _sweeps(rig),
+    }
+
+
+def _camera(rig: Rig, mounted: MountedCamera) -> dict[str, Any]:
+    apex = rig.walk.poses(_seconds(mounted.times_ns)).apex
+    pixels = mounted.camera.project(apex)
+    return {
+        "transform": to_document(mounted.camera.T_camera_lidar),
+        "intrinsics": mounted.camera.intrinsics_document(),
+        "frames": {
+            "stamp_ns": mounted.stamps_ns.tolist(),
+            "time_ns": mounted.times_ns.tolist(),
+            "apex_xyz": _rounded(apex, 6),
+            "apex_uv": _rounded(pixels, 4),
+            "apex_in_image": mounted.camera.sees(pixels).tolist(),
         },
     }
 
 
-def rig_document(camera: Camera, lidar_topic: str, camera_topic: str) -> dict[str, Any]:
-    """The rig as its owner knows it, in the form that the service takes: the mount from the drawing, not as it is."""
-    nominal = nominal_mount()
+def _sweeps(rig: Rig) -> dict[str, Any]:
+    start_s = _seconds(rig.sweep_stamps_ns)
+    scan_s = scan_times_s(rig, start_s)
+    return {
+        "stamp_ns": rig.sweep_stamps_ns.tolist(),
+        "apex_xyz": _rounded(rig.walk.poses(start_s).apex, 6),
+        "scan_ns": (START_NS + np.round(scan_s * 1e9).astype(np.int64)).tolist(),
+        "scan_apex_xyz": _rounded(rig.walk.poses(scan_s).apex, 6),
+    }
+
+
+def scan_times_s(rig: Rig, start_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """When the turning sensor looks at the apex in the sweeps that begin at ``start_s`` (S,), seconds."""
+    scan_s = start_s
+    for _ in range(3):  # the apex moves while the sensor turns towards it
+        apex = rig.walk.poses(scan_s).apex
+        scan_s = start_s + rig.lidar.scan_seconds(np.arctan2(apex[:, 1], apex[:, 0]))
+    return scan_s
+
+
+def rig_document(rig: Rig, names: Mapping[str, str]) -> dict[str, Any]:
+    """The rig as its owner knows it, in the service's form: the mounts as drawn, not as they are.
+
+    ``names``: what the recording calls ``lidar`` and each camera.
+    """
     return {
         "name": "simulated",
-        "lidar": {"frame": nominal.from_frame, "topic": lidar_topic},
+        "lidar": {"frame": LIDAR_FRAME, "topic": names["lidar"]},
         "cameras": [
             {
-                "name": "front",
-                "frame": nominal.to_frame,
-                "topic": camera_topic,
-                "image_size": list(camera.image_size),
-                "nominal": to_document(nominal),
+                "name": mounted.spec.name,
+                "frame": camera_frame(mounted.spec.name),
+                "topic": names[mounted.spec.name],
+                "image_size": list(mounted.camera.image_size),
+                "nominal": to_document(
+                    nominal_mount(mounted.spec.name, mounted.spec.yaw_deg, rig.settings.pitch_down_deg)
+                ),
             }
+            for mounted in rig.cameras
         ],
     }
 
 
-def _seconds(stamps_ns: NDArray[np.int64], start_ns: int) -> NDArray[np.float64]:
-    return (stamps_ns - start_ns).astype(np.float64) * 1e-9
+def _seconds(stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    return (stamps_ns - START_NS).astype(np.float64) * 1e-9
 
 
 def _rounded(values: NDArray[np.float64], digits: int) -> list[list[float | None]]:

@@ -47,7 +47,7 @@ def test_the_rig_names_what_the_recording_holds(short):
         ({"seed": -1}, "seed"),
         ({"sensor": "vlp17"}, "sensor"),
         ({"rings": 2}, "rings"),
-        ({"sector_deg": 180.0}, "sector_deg"),
+        ({"sector_deg": 181.0}, "sector_deg"),
         ({"range_noise_mm": -1.0}, "range_noise_mm"),
     ],
 )

@@ -1,0 +1,108 @@
+"""Several cameras, their clock, and the truth that goes with them; nothing is painted."""
+
+import json
+
+import numpy as np
+import pytest
+
+from workers.geometry.transforms import from_document
+from workers.simulation.rig import Rig
+from workers.simulation.settings import Settings, parse_cameras
+from workers.simulation.truth import rig_document, truth_document
+
+
+def rig_of(**settings):
+    return Rig(Settings(seconds=20.0, seed=4, **settings))
+
+
+def test_how_many_cameras_are_spread_over_the_view():
+    three = parse_cameras("3")
+    assert [camera.yaw_deg for camera in three] == [50.0, 0.0, -50.0]
+    assert len({camera.name for camera in parse_cameras("11")}) == 11
+    assert [camera.name for camera in parse_cameras("1")] == ["front"]
+
+
+def test_each_camera_has_its_own_mount_lens_and_clock_ticks():
+    rig = rig_of(cameras=parse_cameras("front,left,right:-45:pinhole"))
+    names = {"lidar": "/points", "front": "/f", "left": "/l", "right": "/r"}
+    truth, description = json.loads(json.dumps([truth_document(rig), rig_document(rig, names)]))
+    assert list(truth["cameras"]) == ["front", "left", "right"]
+    assert [truth["cameras"][name]["intrinsics"]["model"] for name in truth["cameras"]] == [
+        "brown_conrady", "brown_conrady", "pinhole",
+    ]  # fmt: skip
+    assert {key: truth[key] for key in ("transform", "intrinsics", "frames")} == truth["cameras"]["front"]
+    looks = {}
+    for camera in description["cameras"]:
+        nominal = from_document(camera["nominal"])
+        real = from_document(truth["cameras"][camera["name"]]["transform"])
+        assert nominal.to_frame == real.to_frame == camera["frame"] == f"camera_{camera['name']}_optical"
+        off_rad = np.arccos(np.clip((np.trace(nominal.R @ real.R.T) - 1) / 2, -1, 1))
+        assert 0.05 < np.degrees(off_rad) < 8.0
+        looks[camera["name"]] = np.degrees(np.arctan2(nominal.R[2, 1], nominal.R[2, 0]))
+    assert looks == pytest.approx({"front": 0.0, "left": 45.0, "right": -45.0}, abs=1e-9)
+    stamps = [truth["cameras"][name]["frames"]["stamp_ns"] for name in truth["cameras"]]
+    assert len({tuple(one) for one in stamps}) == 3
+    left, front = (truth["cameras"][name]["intrinsics"] for name in ("left", "front"))
+    assert 0.1 < abs(left["f_x"] - front["f_x"]) < 20.0
+
+
+def test_the_truth_of_a_camera_is_its_projection_of_the_apex():
+    rig = rig_of(cameras=parse_cameras("front,left"))
+    truth = truth_document(rig)
+    for mounted in rig.cameras:
+        frames = truth["cameras"][mounted.spec.name]["frames"]
+        pixels = mounted.camera.project(np.array(frames["apex_xyz"]))
+        seen = np.array(frames["apex_in_image"])
+        assert seen.sum() > 20
+        np.testing.assert_allclose(np.array(frames["apex_uv"], float)[seen], pixels[seen], atol=2e-3)
+
+
+def test_the_cameras_clock_runs_ahead_by_what_was_asked_and_the_truth_says_so():
+    plain, shifted = rig_of(), rig_of(clock_offset_ms=30.0)
+    np.testing.assert_array_equal(shifted.frame_stamps_ns - plain.frame_stamps_ns, 30_000_000)
+    np.testing.assert_array_equal(shifted.cameras[0].times_ns, plain.cameras[0].times_ns)
+    truth, unshifted = truth_document(shifted), truth_document(plain)
+    assert truth["clock"] == {"offset_ns": 30_000_000, "jitter_ns": 0}
+    # What a frame shows is where the board was when it was taken, whatever its stamp.
+    assert truth["frames"]["apex_uv"] == unshifted["frames"]["apex_uv"]
+    assert truth["sweeps"] == unshifted["sweeps"]
+
+
+def test_stamps_that_jitter_never_go_back():
+    rig = rig_of(clock_jitter_ms=20.0, camera_hz=100.0)
+    off_ns = rig.frame_stamps_ns - rig.cameras[0].times_ns
+    assert (np.diff(rig.frame_stamps_ns) > 0).all()
+    assert 10e6 < off_ns.std() < 25e6
+
+
+def test_the_first_camera_does_not_change_when_others_are_added():
+    alone, among = rig_of(), rig_of(cameras=parse_cameras("front,left"))
+    assert among.camera.intrinsics == alone.camera.intrinsics
+    np.testing.assert_array_equal(among.camera.T_camera_lidar.R, alone.camera.T_camera_lidar.R)
+    np.testing.assert_array_equal(among.frame_stamps_ns, alone.frame_stamps_ns)
+    np.testing.assert_array_equal(among.sweep(3).xyz, alone.sweep(3).xyz)
+
+
+def test_a_sensor_all_round_sees_the_same_ahead():
+    """The sector says what is reported, not what is there."""
+    for sweep in (rig_of(sector_deg=180.0).sweep(2), rig_of().sweep(2)):
+        xyz = sweep.xyz.astype(float)
+        azimuth = np.degrees(np.arctan2(xyz[:, 1], xyz[:, 0]))
+        assert np.abs(xyz[xyz[:, 2] < -1.84, 2] + 1.85).max() < 0.05
+        board = sweep.intensity > 140.0
+        assert 10 < board.sum() < 3000
+        assert np.abs(azimuth[board]).max() < 60.0
+    behind = rig_of(sector_deg=180.0).sweep(2)
+    assert (behind.xyz[:, 0] < 0).sum() > 4000
+
+
+def test_beams_of_packets_cross_before_the_axis():
+    """A VLP-16's highest and lowest laser leave its axis 11.2 mm below and above the centre, as its manual says."""
+    flat, real = rig_of(range_noise_mm=0.0).sweep(0), rig_of(range_noise_mm=0.0, format="pcap").sweep(0)
+    ground = [(sweep.ring == 0) & (sweep.intensity < 15.0) for sweep in (flat, real)]
+    for sweep, on in zip((flat, real), ground, strict=True):
+        assert on.sum() > 500
+        np.testing.assert_allclose(sweep.xyz[on, 2], -1.85, atol=0.002)
+    reach = [np.hypot(*sweep.xyz[on, :2].T).mean() for sweep, on in zip((flat, real), ground, strict=True)]
+    # 11.2 mm higher, 15 degrees down: that much farther until it meets the ground.
+    assert reach[1] - reach[0] == pytest.approx(0.0112 / np.tan(np.radians(15.0)), abs=0.003)

@@ -1,0 +1,73 @@
+"""What every writer of recordings takes and gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import Sweep
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One camera frame before it is encoded.
+
+    Attributes:
+        stamp_ns: what the camera's clock said, UTC nanoseconds.
+        image: (height, width, 3) uint8 BGR.
+    """
+
+    stamp_ns: int
+    image: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A camera as a writer must know it before the first frame.
+
+    Attributes:
+        name: the rig's name for it.
+        frame_id: its coordinate frame.
+        image_size: width, height in pixels.
+        rate_hz: frames per second, about.
+    """
+
+    name: str
+    frame_id: str
+    image_size: tuple[int, int]
+    rate_hz: float
+
+
+class RecordingWriter(Protocol):
+    """A recording that grows; complete when it is closed.
+
+    Attributes:
+        path: the file or folder that one uploads.
+        names: what the recording calls ``lidar`` and each camera.
+    """
+
+    path: Path
+    names: dict[str, str]
+
+    def write_sweep(self, sweep: Sweep, received_ns: int) -> None:
+        """``received_ns`` is when the recorder got it, as drivers send after the turn."""
+        ...
+
+    def write_picture(self, camera: str, picture: Picture, received_ns: int) -> None: ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+def refuse_existing(path: Path) -> None:
+    """Raises FileExistsError: nothing that is there is ever written over."""
+    if path.exists():
+        raise FileExistsError(f"{path} is there already")

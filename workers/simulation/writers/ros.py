@@ -1,0 +1,113 @@
+"""ROS 1 bags and ROS 2 bags (db3, mcap), as the drivers of such a rig would record them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import numpy as np
+from rosbags.rosbag1 import Writer as Bag1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Bag2
+from rosbags.typesys import Stores, get_typestore
+
+from workers.readers.recording import Sweep
+from workers.simulation.render import encode_jpeg
+from workers.simulation.writers.recording import Channel, Picture, refuse_existing
+
+LIDAR_TOPIC = "/velodyne_points"
+# The layout of the Velodyne driver's PointXYZIRT: time is seconds after the sweep's stamp.
+POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")])
+# (name, offset, datatype) as sensor_msgs/PointField numbers them: 4 is uint16, 7 is float32.
+_FIELDS = (("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("intensity", 12, 7), ("ring", 16, 4), ("time", 18, 7))
+_CLOUD = "sensor_msgs/msg/PointCloud2"
+_IMAGE = "sensor_msgs/msg/CompressedImage"
+
+
+def points_of(sweep: Sweep) -> np.ndarray[tuple[int], np.dtype[np.void]]:
+    """(N,) of ``POINT``."""
+    cloud = np.empty(len(sweep.xyz), POINT)
+    for axis, name in enumerate("xyz"):
+        cloud[name] = sweep.xyz[:, axis]
+    cloud["intensity"] = sweep.intensity
+    cloud["ring"] = sweep.ring
+    cloud["time"] = sweep.offset_ns * 1e-9
+    return cloud
+
+
+class RosWriter:
+    """A bag with one LiDAR topic (PointCloud2) and a topic per camera (CompressedImage, JPEG).
+
+    Args:
+        path: a file for ``bag``, a folder that does not exist for ``db3`` and ``mcap``.
+
+    Raises:
+        FileExistsError: it is there already.
+    """
+
+    def __init__(
+        self, path: Path, kind: Literal["bag", "db3", "mcap"], lidar_frame: str, cameras: Sequence[Channel]
+    ) -> None:
+        refuse_existing(path)
+        self.path = path
+        self.names = {"lidar": LIDAR_TOPIC, **{c.name: f"/camera/{c.name}/image/compressed" for c in cameras}}
+        self._frame_ids = {"lidar": lidar_frame, **{camera.name: camera.frame_id for camera in cameras}}
+        self._sequence: Counter[str] = Counter()
+        self._ros1 = kind == "bag"
+        self._types = get_typestore(Stores.ROS1_NOETIC if self._ros1 else Stores.ROS2_HUMBLE)
+        self._bag: Any = Bag1(path) if self._ros1 else Bag2(path, version=9, storage_plugin=_PLUGINS[kind])
+        self._bag.open()
+        self._connections = {
+            name: self._bag.add_connection(topic, _CLOUD if name == "lidar" else _IMAGE, typestore=self._types)
+            for name, topic in self.names.items()
+        }
+        serialize: Callable[[Any, str], Any] = self._types.serialize_ros1 if self._ros1 else self._types.serialize_cdr
+        self._serialize = serialize
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bag.__exit__(kind, error, trace)
+
+    def write_sweep(self, sweep: Sweep, received_ns: int) -> None:
+        """One PointCloud2."""
+        cloud = points_of(sweep)
+        field = self._types.types["sensor_msgs/msg/PointField"]
+        message = self._types.types[_CLOUD](
+            header=self._header("lidar", sweep.stamp_ns),
+            height=1,
+            width=len(cloud),
+            fields=[field(name=name, offset=at, datatype=kind, count=1) for name, at, kind in _FIELDS],
+            is_bigendian=False,
+            point_step=POINT.itemsize,
+            row_step=POINT.itemsize * len(cloud),
+            data=cloud.view(np.uint8),
+            is_dense=True,
+        )
+        self._bag.write(self._connections["lidar"], received_ns, self._serialize(message, _CLOUD))
+
+    def write_picture(self, camera: str, picture: Picture, received_ns: int) -> None:
+        """One CompressedImage."""
+        message = self._types.types[_IMAGE](
+            header=self._header(camera, picture.stamp_ns),
+            format="jpeg",
+            data=np.frombuffer(encode_jpeg(picture.image), np.uint8),
+        )
+        self._bag.write(self._connections[camera], received_ns, self._serialize(message, _IMAGE))
+
+    def _header(self, sensor: str, stamp_ns: int) -> Any:
+        number: dict[str, int] = {"seq": self._sequence[sensor]} if self._ros1 else {}
+        self._sequence[sensor] += 1
+        stamp = self._types.types["builtin_interfaces/msg/Time"](
+            sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000
+        )
+        return self._types.types["std_msgs/msg/Header"](**number, stamp=stamp, frame_id=self._frame_ids[sensor])
+
+
+_PLUGINS = {"db3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
