@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from benchmarks.accuracy.rigs import Rig, draw_rig, with_outliers
 from workers.geometry.models import MODELS, ModelName
 from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
-from workers.solver.baselines import baseline
-from workers.solver.polish import Fit, mean_and_rms, polish, weighted_residuals
+from workers.solver.baselines import baseline, linear_baseline
+from workers.solver.polish import Fit, cost_of, mean_and_rms, polish, weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule

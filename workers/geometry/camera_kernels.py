@@ -23,11 +23,6 @@ NEAREST_DEPTH_M: Final = 1e-3
 # Fused multiply-add is allowed; nothing that assumes finite numbers is.
 _FUSED: Final = {"contract", "nsz", "arcp"}
 
-# Where distortion may stop growing is looked for on these grids (1.4 and 2.8 degrees), then refined inside one step
-# of them. A fold and its undoing inside one and the same step are not seen.
-_BROWN_GRID: Final = np.tan(np.arange(1, 65) * (np.radians(89.5) / 64)) ** 2
-_KANNALA_GRID: Final = (np.arange(1, 65) * (np.pi / 64)) ** 2
-
 # atan on [0, 1] in single precision, odd minimax polynomial (the coefficients of SLEEF's atanf, error 2e-7 rad).
 _ATAN = tuple(
     np.float32(value)
@@ -113,7 +108,7 @@ def brown_conrady_point(
 ) -> Projected:
     """The paper's eq. 4 in its standard form (Heikkila and Silven 1997; Bouguet; cv2.projectPoints, plus skew).
 
-    `fold_r2` comes from `brown_conrady_fold`, once per set of parameters.
+    `fold_r2` comes from `fold_radius.brown_conrady_fold`, once per set of parameters.
     """
     one = type(z)(1.0)
     nearest = type(z)(NEAREST_DEPTH_M)
@@ -151,7 +146,7 @@ def kannala_brandt_point(
 ) -> Projected:
     """theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) (cv2.fisheye.projectPoints).
 
-    Sees beyond 90 degrees, up to `fold_theta` (from `kannala_brandt_fold`, at most pi).
+    Sees beyond 90 degrees, up to `fold_theta` (from `fold_radius.kannala_brandt_fold`, at most pi).
     """
     tiny = type(z)(1e-12)
     r = sqrt(x * x + y * y)
@@ -163,51 +158,3 @@ def kannala_brandt_point(
     past = theta - fold_theta
     violation = past if past > 0 else type(z)(0.0)
     return f_x * (x * scale) + c_x, f_y * (y * scale) + c_y, violation
-
-
-@njit(nogil=True, error_model="numpy", fastmath=_FUSED)
-def _first_not_positive(g1: float, g2: float, g3: float, g4: float, grid: Any) -> int:
-    # Without an early exit, so that the whole grid is a few vector instructions.
-    count = grid.shape[0]
-    first = count
-    for i in range(count):
-        s = grid[i]
-        g = 1.0 + s * (g1 + s * (g2 + s * (g3 + s * g4)))
-        first = min(first, i if g <= 0.0 else count)
-    return first
-
-
-@njit(nogil=True, error_model="numpy", fastmath=_FUSED)
-def _first_fold(g1: float, g2: float, g3: float, g4: float, grid: Any, none: float) -> float:
-    # The first s > 0 at which g(s) = 1 + g1 s + g2 s^2 + g3 s^3 + g4 s^4 is no longer positive.
-    first = _first_not_positive(g1, g2, g3, g4, grid)
-    if first == grid.shape[0]:
-        return none
-    high = grid[first]
-    low = grid[first - 1] if first > 0 else 0.0
-    # Newton kept inside the bracket by bisection.
-    at_low = 1.0 + low * (g1 + low * (g2 + low * (g3 + low * g4)))
-    at_high = 1.0 + high * (g1 + high * (g2 + high * (g3 + high * g4)))
-    s = low + (high - low) * at_low / (at_low - at_high)
-    for _ in range(60):
-        g = 1.0 + s * (g1 + s * (g2 + s * (g3 + s * g4)))
-        slope = g1 + s * (2.0 * g2 + s * (3.0 * g3 + s * 4.0 * g4))
-        low, high = (s, high) if g > 0.0 else (low, s)
-        step = g / slope
-        s = s - step if low <= s - step <= high else 0.5 * (low + high)
-        # The error after a Newton step is about the square of the step: the next one would be below rounding.
-        if abs(step) <= 1e-7 * s or high - low <= 1e-15 * s:
-            break
-    return s
-
-
-@njit(nogil=True, error_model="numpy")
-def brown_conrady_fold(k1: float, k2: float, k5: float) -> float:
-    """r^2 at which the radial distortion r d(r^2) stops growing, infinity where it never does."""
-    return _first_fold(3.0 * k1, 5.0 * k2, 7.0 * k5, 0.0, _BROWN_GRID, np.inf)
-
-
-@njit(nogil=True, error_model="numpy")
-def kannala_brandt_fold(k1: float, k2: float, k3: float, k4: float) -> float:
-    """theta in radians at which theta_d stops growing, pi where it never does."""
-    return sqrt(_first_fold(3.0 * k1, 5.0 * k2, 7.0 * k3, 9.0 * k4, _KANNALA_GRID, np.pi * np.pi))

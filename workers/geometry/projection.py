@@ -9,13 +9,12 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from workers.geometry.camera_kernels import (
-    brown_conrady_fold,
     brown_conrady_point,
-    kannala_brandt_fold,
     kannala_brandt_point,
     pinhole_point,
 )
 from workers.geometry.errors import GeometryError
+from workers.geometry.fold_radius import brown_conrady_fold, kannala_brandt_fold
 from workers.geometry.models import INTRINSICS, MODEL_ID, ModelName, parse_model
 
 Floats = NDArray[np.float64]

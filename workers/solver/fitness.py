@@ -8,12 +8,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from workers.geometry.camera_kernels import (
-    brown_conrady_fold,
     brown_conrady_point,
-    kannala_brandt_fold,
     kannala_brandt_point,
     pinhole_point,
 )
+from workers.geometry.fold_radius import brown_conrady_fold, kannala_brandt_fold
 from workers.geometry.rotations import rows_from_euler, rows_from_vector
 
 Floats = NDArray[np.float64]

@@ -117,7 +117,7 @@ def _perspective(P: Floats) -> Camera | None:
     K, R = upper @ signs, signs @ flip @ Q.T
     if abs(K[2, 2]) < 1e-9 or np.linalg.det(R) < 0.0:
         return None
-    t: Floats = np.linalg.solve(K, P[:, 3])
+    t = np.asarray(np.linalg.solve(K, P[:, 3]), dtype=np.float64)
     return Camera(R, t, np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]]) / K[2, 2])
 
 

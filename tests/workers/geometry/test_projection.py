@@ -6,14 +6,13 @@ from hypothesis import strategies as st
 from numba import njit
 
 from workers.geometry.camera_kernels import (
-    brown_conrady_fold,
     brown_conrady_point,
-    kannala_brandt_fold,
     kannala_brandt_point,
     pinhole_point,
     polar_angle,
 )
 from workers.geometry.errors import GeometryError
+from workers.geometry.fold_radius import brown_conrady_fold, kannala_brandt_fold
 from workers.geometry.models import INTRINSICS, MODELS
 from workers.geometry.projection import (
     distances_px,
@@ -110,6 +109,23 @@ def test_kannala_brandt_grows_up_to_its_fold(k1, k2, k3, k4):
     growth = 1 + 3 * k1 * theta**2 + 5 * k2 * theta**4 + 7 * k3 * theta**6 + 9 * k4 * theta**8
     assert np.mean(growth <= 0) < 0.05
     assert 0 < fold <= np.pi
+
+
+def test_folds_are_exact_also_where_they_come_and_go_at_once():
+    rng = np.random.default_rng(0)
+    for k in rng.uniform(-1, 1, (400, 4)) * np.repeat([1.0, 0.1], 200)[:, None]:
+        for fold, powers, least in (
+            (brown_conrady_fold(*k[:3]), (3, 5, 7), np.inf),
+            (kannala_brandt_fold(*k) ** 2, (3, 5, 7, 9), np.pi**2),
+        ):
+            roots = np.roots([*(k[: len(powers)] * powers)[::-1], 1.0])
+            real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
+            assert fold == pytest.approx(min(real.min(initial=np.inf), least), rel=1e-7)
+    # (1 - x / a)^2 (1 + x / 10) less a hair: two zeros a millionth apart, a third of a grid step from anything round.
+    a, hair = 1.2345, 1e-13
+    k1, k2, k5 = (-2 / a + 0.1) / 3, (1 / a**2 - 0.2 / a) / 5, 0.1 / a**2 / 7
+    assert brown_conrady_fold(k1 - hair, k2, k5) == pytest.approx(a, rel=1e-5)
+    assert brown_conrady_fold(k1 + 1e-9, k2, k5) == np.inf
 
 
 @pytest.mark.parametrize("model", MODELS)

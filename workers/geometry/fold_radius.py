@@ -1,0 +1,104 @@
+"""Where a lens polynomial stops growing: exact, for every set of coefficients, and cheap enough for the hot loop.
+
+The first zero of a derivative 1 + p1 x + ... + p4 x^4 on (0, 1] is isolated by its Bernstein coefficients: where all
+are positive there is none, and where they change sign once there is exactly one (Farouki and Rajan 1987; Descartes).
+Other pieces are halved. So a fold and its undoing close behind are seen, unlike on any grid.
+"""
+
+from math import sqrt
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+_NONE: Final = 2.0
+_SHORTEST: Final = 1e-12
+
+
+@njit(nogil=True, error_model="numpy")
+def brown_conrady_fold(k1: float, k2: float, k5: float) -> float:
+    """r^2 at which the radial distortion r d(r^2) stops growing, infinity where it never does."""
+    # r^2 = x / (1 - x) maps all radii onto (0, 1); times (1 - x)^3 the derivative is this cubic.
+    a, b, c = 3.0 * k1, 5.0 * k2, 7.0 * k5
+    x = first_zero(a - 3.0, 3.0 - 2.0 * a + b, a - b + c - 1.0, 0.0)
+    if x >= 1.0:
+        return np.inf
+    s = x / (1.0 - x)
+    # The map costs digits far out: one step of Newton in r^2 itself.
+    slope = a + s * (2.0 * b + s * 3.0 * c)
+    step = (1.0 + s * (a + s * (b + s * c))) / slope
+    return s - step if abs(step) < 1e-6 * s else s
+
+
+@njit(nogil=True, error_model="numpy")
+def kannala_brandt_fold(k1: float, k2: float, k3: float, k4: float) -> float:
+    """theta in radians at which theta_d stops growing, pi where it never does."""
+    S = np.pi * np.pi
+    x = first_zero(3.0 * k1 * S, 5.0 * k2 * S**2, 7.0 * k3 * S**3, 9.0 * k4 * S**4)
+    return np.pi * sqrt(x) if x < 1.0 else np.pi
+
+
+@njit(nogil=True, error_model="numpy")
+def first_zero(p1: float, p2: float, p3: float, p4: float) -> float:
+    """The least x in (0, 1] at which g(x) = 1 + p1 x + p2 x^2 + p3 x^3 + p4 x^4 is no longer positive; 2 if none."""
+    # Bernstein coefficients of g on what is left, (start, 1].
+    b0 = 1.0
+    b1 = 1.0 + 0.25 * p1
+    b2 = 1.0 + 0.5 * p1 + p2 / 6.0
+    b3 = 1.0 + 0.75 * p1 + 0.5 * p2 + 0.25 * p3
+    b4 = 1.0 + p1 + p2 + p3 + p4
+    if b1 > 0.0 and b2 > 0.0 and b3 > 0.0 and b4 > 0.0:
+        return _NONE
+    if _one_change(b1, b2, b3, b4):
+        return _zero_between(p1, p2, p3, p4, 0.0, 1.0)
+    start, share = 0.0, 0.5
+    while True:
+        left, rest = 1.0 - share, share
+        # De Casteljau: the diagonals are the coefficients of the first `share` of what is left, and of its rest.
+        c01, c12 = left * b0 + rest * b1, left * b1 + rest * b2
+        c23, c34 = left * b2 + rest * b3, left * b3 + rest * b4
+        c02, c13, c24 = left * c01 + rest * c12, left * c12 + rest * c23, left * c23 + rest * c34
+        c03, c14 = left * c02 + rest * c13, left * c13 + rest * c24
+        c04 = left * c03 + rest * c14
+        if c01 > 0.0 and c02 > 0.0 and c03 > 0.0 and c04 > 0.0:
+            if share == 1.0:
+                return _NONE
+            start += share * (1.0 - start)
+            b0, b1, b2, b3 = c04, c14, c24, c34
+            share = 1.0
+            continue
+        width = share * (1.0 - start)
+        if _one_change(c01, c02, c03, c04):
+            return _zero_between(p1, p2, p3, p4, start, start + width)
+        if width < _SHORTEST:
+            return start
+        share *= 0.5
+
+
+@njit(nogil=True, error_model="numpy")
+def _one_change(c1: float, c2: float, c3: float, c4: float) -> bool:
+    # Whether the signs of 1, c1, .., c4 change once: from some coefficient on none is positive.
+    if c1 <= 0.0:
+        return c2 <= 0.0 and c3 <= 0.0 and c4 <= 0.0
+    if c2 <= 0.0:
+        return c3 <= 0.0 and c4 <= 0.0
+    return c4 <= 0.0
+
+
+@njit(nogil=True, error_model="numpy")
+def _zero_between(p1: float, p2: float, p3: float, p4: float, low: float, high: float) -> float:
+    # Newton from where a line through the ends crosses, kept inside the bracket by bisection.
+    at_low = 1.0 + low * (p1 + low * (p2 + low * (p3 + low * p4)))
+    at_high = 1.0 + high * (p1 + high * (p2 + high * (p3 + high * p4)))
+    x = low + (high - low) * at_low / (at_low - at_high)
+    for _ in range(100):
+        g = 1.0 + x * (p1 + x * (p2 + x * (p3 + x * p4)))
+        slope = p1 + x * (2.0 * p2 + x * (3.0 * p3 + x * 4.0 * p4))
+        low, high = (x, high) if g > 0.0 else (low, x)
+        step = g / slope
+        inside = low < x - step < high
+        x = x - step if inside else 0.5 * (low + high)
+        # The error after a Newton step is about the square of the step: the next one would be below rounding.
+        if (inside and abs(step) <= 1e-7 * x) or high - low <= 1e-16 * x:
+            break
+    return x
