@@ -1,4 +1,4 @@
-"""Foxglove's own messages: point clouds, images and calibrations, in protobuf or JSON."""
+"""Foxglove's own messages: point clouds, images, video and calibrations, in protobuf or JSON."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from workers.readers.camera_info import camera_info
 from workers.readers.protobuf_wire import Fields, WireError, doubles, fields_of, last, number, text
-from workers.readers.topic_messages import CloudMessage, Decoder, EncodedImage, Message, RawImage, Topic
+from workers.readers.topic_messages import CloudMessage, Decoder, EncodedImage, Message, RawImage, Topic, VideoMessage
 
 # foxglove.PackedElementField.NumericType to sensor_msgs/PointField's datatype: signed and unsigned are swapped.
 FOXGLOVE_CLOUD_TYPES: Final = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
-_NAMES: Final = ("PointCloud", "CompressedImage", "RawImage", "CameraCalibration")
+_NAMES: Final = ("PointCloud", "CompressedImage", "CompressedVideo", "RawImage", "CameraCalibration")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class FoxgloveCloud:
 
 
 def foxglove_decoder(topic: Topic) -> Decoder | None:
-    """How messages of this topic are read, None where they are none of Foxglove's four, or in another encoding."""
+    """How messages of this topic are read, None where they are none of these types, or in another encoding."""
     package, _, name = topic.type.rpartition(".")
     if package != "foxglove" or name not in _NAMES:
         return None
@@ -95,6 +95,11 @@ def _protobuf_compressed(raw: bytes) -> Message:
     return EncodedImage(_time(fields), text(fields, 4), bytes(_payload(fields, 2)))
 
 
+def _protobuf_video(raw: bytes) -> Message:
+    fields = fields_of(raw)
+    return VideoMessage(_time(fields), text(fields, 2), text(fields, 4), bytes(_payload(fields, 3)))
+
+
 def _protobuf_raw(raw: bytes) -> Message:
     fields = fields_of(raw)
     size = (number(fields, 2), number(fields, 3), number(fields, 5))
@@ -111,6 +116,7 @@ def _protobuf_calibration(raw: bytes) -> Message:
 _PROTOBUF: Final[dict[str, Callable[[bytes], Message]]] = {
     "PointCloud": _protobuf_cloud,
     "CompressedImage": _protobuf_compressed,
+    "CompressedVideo": _protobuf_video,
     "RawImage": _protobuf_raw,
     "CameraCalibration": _protobuf_calibration,
 }
@@ -152,6 +158,11 @@ def _json_compressed(raw: bytes) -> Message:
     return EncodedImage(stamp_ns, frame_id, _base64(message["data"]))
 
 
+def _json_video(raw: bytes) -> Message:
+    message, stamp_ns, frame_id = _document(raw)
+    return VideoMessage(stamp_ns, frame_id, str(message["format"]), _base64(message["data"]))
+
+
 def _json_raw(raw: bytes) -> Message:
     message, stamp_ns, frame_id = _document(raw)
     size = (int(message["width"]), int(message["height"]), int(message["step"]))
@@ -170,6 +181,7 @@ def _json_calibration(raw: bytes) -> Message:
 _JSON: Final[dict[str, Callable[[bytes], Message]]] = {
     "PointCloud": _json_cloud,
     "CompressedImage": _json_compressed,
+    "CompressedVideo": _json_video,
     "RawImage": _json_raw,
     "CameraCalibration": _json_calibration,
 }

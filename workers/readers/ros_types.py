@@ -25,6 +25,7 @@ from workers.readers.topic_messages import (
     PacketMessage,
     RawImage,
     Topic,
+    VideoMessage,
 )
 from workers.readers.velodyne_models import is_data_packet
 
@@ -68,6 +69,7 @@ _USUAL: Final[Mapping[str, str]] = {
     + _NEXT
     + "MSG: foxglove_msgs/PackedElementField\nstring name\nuint32 offset\nuint8 type\n",
     "foxglove_msgs/msg/CompressedImage": _STAMP + "uint8[] data\nstring format\n",
+    "foxglove_msgs/msg/CompressedVideo": _STAMP + "uint8[] data\nstring format\n",
     "foxglove_msgs/msg/RawImage": _STAMP
     + "uint32 width\nuint32 height\nstring encoding\nuint32 step\nuint8[] data\n",
     "foxglove_msgs/msg/CameraCalibration": _STAMP
@@ -177,6 +179,11 @@ def _read_foxglove_compressed(message: Any) -> Message:
     return EncodedImage(_stamp(message.timestamp), str(message.frame_id), message.data.tobytes())
 
 
+def _read_foxglove_video(message: Any) -> Message:
+    head = (_stamp(message.timestamp), str(message.frame_id))
+    return VideoMessage(*head, str(message.format), message.data.tobytes())
+
+
 def _read_foxglove_raw(message: Any) -> Message:
     size = (int(message.width), int(message.height), int(message.step))
     head = (_stamp(message.timestamp), str(message.frame_id))
@@ -196,6 +203,7 @@ _READERS: Final = {
     PACKETS: _read_packets,
     "foxglove_msgs/msg/PointCloud": _read_foxglove_cloud,
     "foxglove_msgs/msg/CompressedImage": _read_foxglove_compressed,
+    "foxglove_msgs/msg/CompressedVideo": _read_foxglove_video,
     "foxglove_msgs/msg/RawImage": _read_foxglove_raw,
     "foxglove_msgs/msg/CameraCalibration": _read_calibration,
 }

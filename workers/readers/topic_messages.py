@@ -74,6 +74,14 @@ class PacketMessage(Stamped):
 
 
 @dataclass(frozen=True, slots=True)
+class VideoMessage(Stamped):
+    """One encoded frame of a video; ``codec`` as Foxglove names it."""
+
+    codec: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class CameraInfo(Stamped):
     """Intrinsics that somebody stated.
 
@@ -90,5 +98,5 @@ class CameraInfo(Stamped):
     k: Sequence[float]
 
 
-Message = CloudMessage | EncodedImage | RawImage | PacketMessage | CameraInfo
+Message = CloudMessage | EncodedImage | RawImage | VideoMessage | PacketMessage | CameraInfo
 Decoder = Callable[[bytes], Message]

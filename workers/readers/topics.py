@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
+from importlib import import_module
 from itertools import islice
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from workers.readers.topic_messages import (
     PacketMessage,
     RawImage,
     Topic,
+    VideoMessage,
 )
 from workers.readers.transcode import raw_to_png
 from workers.readers.velodyne import (
@@ -36,8 +38,10 @@ from workers.readers.velodyne import (
     learn_packets,
 )
 
+if TYPE_CHECKING:
+    from workers.readers.message_video import MessageVideo
+
 _MAX_TOPICS: Final = 10_000
-_VIDEO: Final = "foxglove.CompressedVideo", "foxglove_msgs/msg/CompressedVideo"
 
 
 class Container(Protocol):
@@ -92,6 +96,7 @@ class TopicRecording:
         self._models: dict[str, CloudModel] = {}
         self._streams: dict[str, PacketStream] = {}
         self._cutters: dict[str, SweepCutter] = {}
+        self._videos: dict[str, MessageVideo] = {}
         self._stampless: set[str] = set()
         self._decoders: dict[str, Decoder] = {}
         self._other_topics: list[str] = []
@@ -144,6 +149,7 @@ class TopicRecording:
         said = [*self._container.warnings]
         said += [sentence for model in self._models.values() for sentence in model.warnings()]
         said += [sentence for cutter in self._cutters.values() for sentence in cutter.warnings()]
+        said += [sentence for video in self._videos.values() for sentence in video.warnings()]
         said += [
             f"{topic}: messages have no stamp of their own; the time of recording was taken."
             for topic in sorted(self._stampless)
@@ -215,6 +221,7 @@ class TopicRecording:
         self._cutters |= cutters
         if not by_name:
             return
+        self._videos.clear()
         for name, log_ns, raw in self._container.messages(by_name):
             sensor = by_name[name]
             if name in cutters:
@@ -223,13 +230,29 @@ class TopicRecording:
                     if sweep is not None:
                         yield sensor, sweep
                 continue
-            item = self._item(sensor, self._decoders[name](raw), log_ns, models.get(name))
+            message = self._decoders[name](raw)
+            if isinstance(message, VideoMessage):
+                stamp_ns = self._stamp(name, message, log_ns)
+                for frame in self._video(name, message).add(stamp_ns, message.data):
+                    yield sensor, frame
+                continue
+            item = self._item(sensor, message, log_ns, models.get(name))
             if item is not None:
                 yield sensor, item
         for name, cutter in cutters.items():
             sweep = cutter.finish()
             if sweep is not None:
                 yield by_name[name], sweep
+        for name, video in self._videos.items():
+            for frame in video.finish():
+                yield by_name[name], frame
+
+    def _video(self, name: str, first: VideoMessage) -> MessageVideo:
+        if name not in self._videos:
+            # PyAV is loaded only where there is video.
+            made: MessageVideo = import_module("workers.readers.message_video").MessageVideo(first.codec, name)
+            self._videos[name] = made
+        return self._videos[name]
 
     def _item(self, sensor: Sensor, message: Message, log_ns: int, model: CloudModel | None) -> Sweep | Frame | None:
         stamp_ns = self._stamp(sensor.name, message, log_ns)
@@ -268,8 +291,6 @@ def _where(topic: str, stamp_ns: int) -> str:
 
 
 def _described(topic: Topic) -> str:
-    if topic.type in _VIDEO:
-        return f"{topic.name} ({topic.type}: video in messages is not read; record CompressedImage)"
     if topic.type.startswith("foxglove.") and topic.encoding not in ("protobuf", "json"):
         return f"{topic.name} ({topic.type} encoded as {topic.encoding or 'nothing'}, which is not read)"
     return f"{topic.name} ({topic.type})"

@@ -1,11 +1,14 @@
 import struct
+from fractions import Fraction
 
+import av
+import cv2
 import numpy as np
 import pytest
 from making_packets import packets
 from making_recordings import COMPRESSED, DATA, PERIOD_NS, START_NS, clouds, images, interleaved, png, scene
 from making_recordings import TYPES as ROS1
-from making_ros2 import INFO, SCAN, K, as_cdr, foxglove, info, rig, scan, write_mcap, write_ros2
+from making_ros2 import INFO, SCAN, K, as_cdr, field, foxglove, info, rig, scan, write_mcap, write_ros2
 from mcap.writer import CompressionType
 
 from workers.readers.detect import open_recording
@@ -154,13 +157,49 @@ def test_foxgloves_own_messages(tmp_path, encoding):
 def test_encodings_and_types_that_are_not_read_are_named(tmp_path):
     messages = [
         ("/lidar", "foxglove.PointCloud", "flatbuffer", START_NS, b"x"),
-        ("/video", "foxglove.CompressedVideo", "protobuf", START_NS, b"x"),
         ("/imu", "sensor_msgs/msg/Imu", "cdr", START_NS, b"x"),
     ]
     recording, items, _ = read(write_mcap(tmp_path / "a.mcap", messages))
     assert not recording.sensors and not items
     said = " ".join(recording.other_topics)
-    assert "encoded as flatbuffer, which is not read" in said and "record CompressedImage" in said
+    assert "encoded as flatbuffer, which is not read" in said and "/imu (sensor_msgs/msg/Imu)" in said
+
+
+def video(count=6, first=0, codec="h264"):
+    """(topic, schema, encoding, time, bytes) of a video, one frame a message, grey from dark to light."""
+    context = av.CodecContext.create("libx264", "w")
+    context.width, context.height, context.pix_fmt, context.time_base = 64, 48, "yuv420p", Fraction(1, 10)
+    context.options = {"preset": "ultrafast", "tune": "zerolatency", "crf": "10"}
+    made = []
+    for i in range(count):
+        frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 20 + 30 * i, np.uint8), format="bgr24")
+        frame.pts = i
+        made += context.encode(frame)
+    made += context.encode(None)
+    for i, packet in enumerate(made[first:], first):
+        stamp = START_NS + i * PERIOD_NS
+        time = field(1, field(1, ("v", stamp // 10**9)) + field(2, ("v", stamp % 10**9)))
+        body = time + field(2, "camera") + field(3, bytes(packet)) + field(4, codec)
+        yield "/video", "foxglove.CompressedVideo", "protobuf", stamp, body
+
+
+def test_video_in_messages(tmp_path):
+    recording, frames, warnings = read(write_mcap(tmp_path / "a.mcap", video()))
+    assert [(s.kind, s.name, s.frame_id, s.count) for s in recording.sensors] == [("camera", "/video", "camera", 6)]
+    assert [f.stamp_ns for f in frames] == [START_NS + i * PERIOD_NS for i in range(6)] and warnings == []
+    assert {(f.media_type, f.width, f.height, f.transcoded) for f in frames} == {("image/jpeg", 64, 48, True)}
+    means = [cv2.imdecode(np.frombuffer(f.data, np.uint8), cv2.IMREAD_COLOR).mean() for f in frames]
+    np.testing.assert_allclose(means, 20 + 30 * np.arange(6), atol=5)
+
+
+def test_video_that_begins_without_a_key_frame(tmp_path):
+    _, frames, warnings = read(write_mcap(tmp_path / "a.mcap", video(first=2)))
+    assert not frames and "4 of 4 frames of video could not be decoded" in warnings[0]
+
+
+def test_video_in_another_codec(tmp_path):
+    error = failure(write_mcap(tmp_path / "a.mcap", video(codec="theora")))
+    assert error.code == "video_unsupported" and "theora" in error.message
 
 
 def scans(split=76, count=None, **how):
