@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections import OrderedDict
 from typing import Final
 
@@ -28,6 +29,11 @@ def endpoint(sender: bytes, port: int) -> str:
     return f"[{':'.join(words)}]:{port}"
 
 
+# What nearly every frame of a sensor is: Ethernet, IPv4 without options, in one piece.
+_PLAIN: Final = struct.Struct(">3sxH2xHxB2x4s4xHHH")
+_PLAIN_KIND: Final = b"\x08\x00\x45"
+
+
 class Datagrams:
     """Takes captured frames and gives the UDP datagrams in them; puts fragments together.
 
@@ -41,14 +47,13 @@ class Datagrams:
 
     def take(self, link: int, frame: bytes) -> Datagram | None:
         """The datagram that this frame holds or completes."""
-        if link == _ETHERNET and frame[12:15] == b"\x08\x00\x45":
-            place = 14
-        else:
-            found = _network(link, frame)
-            if found is None:
-                return None
-            place = found
-        if len(frame) < place + 28:
+        if link == _ETHERNET and len(frame) >= 42:
+            kind, total, piece, protocol, sender, source, port, length = _PLAIN.unpack_from(frame, 12)
+            plain = kind == _PLAIN_KIND and protocol == _UDP and not piece & 0x3FFF
+            if plain and 8 < length == total - 20 and len(frame) >= 14 + total:
+                return sender, source, port, frame[42 : 14 + total]
+        place = _network(link, frame)
+        if place is None or len(frame) < place + 28:
             return None
         version = frame[place] >> 4
         if version == 4:
