@@ -12,7 +12,7 @@ MAX_PIXELS: Final = 200_000_000
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 # Deflate cannot pack more than 1032 bytes into one.
-_DEFLATE_LIMIT: Final = 1032
+DEFLATE_LIMIT: Final = 1032
 # JPEG markers that start a frame and so carry the size: SOF0 to SOF15 without DHT, JPG and DAC.
 _JPEG_FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE: Final = frozenset({0x01, *range(0xD0, 0xD9)})
@@ -97,7 +97,7 @@ def _check_png_data(head: bytes, size: int, where: str) -> None:
     if colour not in _PNG_CHANNELS or depth not in (1, 2, 4, 8, 16):
         raise _damaged(where, f"its header names no PNG pixel format (depth {depth}, colour type {colour})")
     raw = height * (width * _PNG_CHANNELS[colour] * depth // 8)
-    if raw > size * _DEFLATE_LIMIT:
+    if raw > size * DEFLATE_LIMIT:
         raise _damaged(where, f"{size} bytes cannot hold the {width} x {height} pixels that its header claims")
 
 

@@ -6,7 +6,7 @@ import struct
 from pathlib import PurePosixPath
 from typing import Any, Final
 
-from workers.readers.images import check_size, read_image_header
+from workers.readers.images import DEFLATE_LIMIT, check_size, read_image_header
 from workers.readers.recording import Frame, ReadError
 
 _SHOWN: Final = frozenset({".jpg", ".jpeg", ".png", ".webp"})
@@ -78,6 +78,9 @@ def _check_header(data: bytes, where: str) -> None:
     if width <= 0 or height == 0:
         raise _damaged(where, f"its header claims {width} x {height} pixels")
     check_size(width, height, where)
+    packs = 1 if data[:1] == b"P" else DEFLATE_LIMIT
+    if width * height > packs * len(data):
+        raise _damaged(where, f"{len(data)} bytes cannot hold the {width} x {height} pixels that its header claims")
 
 
 def _pnm_size(data: bytes) -> tuple[int, int]:

@@ -209,7 +209,7 @@ class VideoRecording:
             )
         try:
             # Opening decodes some frames to learn of them: the limit on their size has to stand before.
-            container = av.open(str(self._path), format=known, options=_OPTIONS)
+            container = av.open(str(self._path), format=known, options=_OPTIONS, metadata_errors="replace")
         except av.error.FFmpegError as error:
             why = "its directory of frames is missing, as in a file that was never closed" if known == "mov" else ""
             raise self._damaged(why or _reason(error)) from error

@@ -69,6 +69,8 @@ def claiming(suffix, width, height):
 def test_absurd_sizes_are_refused_before_anything_is_decoded(suffix):
     assert refused(claiming(suffix, 60_000, 60_000), f"a{suffix}").code == "image_too_large"
     assert refused(claiming(suffix, 0, 5), f"a{suffix}").code == "image_damaged"
+    error = refused(claiming(suffix, 12_000, 12_000), f"a{suffix}")
+    assert error.code == "image_damaged" and "cannot hold" in error.message
 
 
 @pytest.mark.parametrize("suffix", [".tif", ".bmp", ".ppm"])

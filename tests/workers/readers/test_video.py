@@ -158,6 +158,16 @@ def test_players_turn_it_and_it_is_said(tmp_path):
     assert numbers(frames) == list(range(COUNT))  # columns stay columns
 
 
+def test_names_in_another_alphabet_than_unicode(tmp_path):
+    path = write_video(tmp_path / "a.mp4", created="Kamera-Strasse")
+    data = path.read_bytes()
+    handler = b"VideoHandler"
+    assert handler in data
+    path.write_bytes(data.replace(handler, "Straßenkamer".encode("latin1")))
+    _, frames = read(path)
+    assert len(frames) == COUNT
+
+
 def test_a_video_alone_is_a_camera_alone(tmp_path):
     recording = open_recording(write_video(tmp_path / "camera.mp4"))
     assert recording.format == "video" and [s.kind for s in recording.sensors] == ["camera"]
