@@ -6,7 +6,7 @@ import hashlib
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Path, Query, Request, Response
 from sqlalchemy import select
 
 from service.auth.access import ReadAccess
@@ -25,10 +25,21 @@ _SHOWN = frozenset(("image/jpeg", "image/png", "image/webp"))
 
 
 @router.get("/recordings/{id}/cameras/{camera}/frames")
-def get_frames(id: UUID, camera: str, access: ReadAccess, paging: LongPaging) -> Page[FrameView]:
-    """A camera's frames in time order, up to 5000 a page."""
+def get_frames(
+    id: UUID,
+    camera: str,
+    access: ReadAccess,
+    paging: LongPaging,
+    from_ns: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+    to_ns: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+) -> Page[FrameView]:
+    """A camera's frames in time order, up to 5000 a page; those from ``from_ns`` to ``to_ns``, both included."""
     sensor = find_camera(access, access.find(Recording, id), camera)
     statement = select(CameraFrame).where(CameraFrame.sensor_id == sensor.id)
+    if from_ns is not None:
+        statement = statement.where(CameraFrame.stamp_ns >= from_ns)
+    if to_ns is not None:
+        statement = statement.where(CameraFrame.stamp_ns <= to_ns)
     rows, following = fetch(access.session, statement, CameraFrame.index, paging)
     return Page(items=[FrameView.model_validate(row) for row in rows], next=following)
 

@@ -11,6 +11,8 @@ from service.db.models import Blob, CameraFrame, Sensor, UploadPart
 from tests.support.uploads import RIG, new_recording, upload
 from tests.support.work import work
 from tests.workers.readers.making_recordings import (
+    PERIOD_NS,
+    START_NS,
     clouds,
     images,
     interleaved,
@@ -154,6 +156,9 @@ def test_a_good_one_is_ready_and_its_frames_are_served_as_they_were(api, context
     ready = engineer.get(f"/recordings/{made['id']}").json()
     assert (ready["state"], ready["problem"]) == ("ready", None)
     assert [sensor["name"] for sensor in ready["sensors"]] == ["front", "lidar"]
+    between = {"from_ns": START_NS + PERIOD_NS, "to_ns": START_NS + 2 * PERIOD_NS + 12_000_000}
+    items = engineer.get(f"/recordings/{made['id']}/cameras/front/frames", params=between).json()["items"]
+    assert [item["index"] for item in items] == [1, 2]
     frame = engineer.get(f"/recordings/{made['id']}/cameras/front/frames/2")
     assert frame.content[:8] == b"\x89PNG\r\n\x1a\n"
     assert frame.headers["Content-Type"] == "image/png"

@@ -132,6 +132,19 @@ class LidarFile:
             self._layout = PointLayout.of(message)
         return self._layout.decode(message, self.time_source)
 
+    def nearest(self, stamp_ns: int) -> int:
+        """Number of the sweep whose stamp is nearest to a moment, the earlier of two.
+
+        Raises:
+            IndexError: the file holds no sweeps.
+        """
+        if not len(self):
+            raise IndexError("there are no sweeps")
+        after = int(np.searchsorted(self._stamps, stamp_ns))
+        if after == 0 or after == len(self):
+            return min(after, len(self) - 1)
+        return after - 1 if stamp_ns - self._stamps[after - 1] <= self._stamps[after] - stamp_ns else after
+
     def sweeps(self, first: int = 0, last: int | None = None) -> Iterator[Sweep]:
         """Sweeps ``first`` up to, not including, ``last`` (None: to the end)."""
         for index in range(first, len(self) if last is None else last):

@@ -43,6 +43,7 @@ def test_sweeps_by_index_and_range_are_what_was_written(tmp_path):
             assert read.stamp_ns == given[index].stamp_ns and read.time_source == "per_point"
         assert [s.stamp_ns for s in file.sweeps(10, 13)] == [2000, 2100, 2200]
         assert len(list(file.sweeps())) == 30
+        assert [file.nearest(t) for t in (0, 1000, 1050, 1051, 2340, 3900, 10**18)] == [0, 0, 0, 1, 13, 29, 29]
         with pytest.raises(IndexError):
             file.sweep(30)
         with pytest.raises(IndexError):
@@ -62,6 +63,8 @@ def test_stamps_out_of_order_are_read_in_order(tmp_path):
 def test_no_sweeps(tmp_path):
     with LidarFile(write(tmp_path / "lidar.mcap", [])) as file:
         assert len(file) == 0 and list(file.sweeps()) == []
+        with pytest.raises(IndexError):
+            file.nearest(0)
 
 
 def test_other_files_are_refused(tmp_path):
