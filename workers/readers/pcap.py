@@ -10,8 +10,9 @@ from typing import Final
 
 from workers.readers.capture import MAGICS, Capture
 from workers.readers.datagrams import KNOWN_LINKS, Datagrams, endpoint
+from workers.readers.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, learn_packets
 from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
-from workers.readers.velodyne import FIELDS, SAMPLE_PACKETS, Packet, PacketStream, SweepCutter, learn_packets
+from workers.readers.velodyne import FIELDS, SweepCutter
 from workers.readers.velodyne_models import is_data_packet
 
 _SAMPLE_BYTES: Final = 24_000_000

@@ -11,10 +11,11 @@ from typing import Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.containers import Container
 from workers.readers.recording import ReadError, ReadOptions
 from workers.readers.scratch import Scratch, packing_of
 from workers.readers.topic_messages import Decoder, Topic
-from workers.readers.topics import Container, TopicRecording
+from workers.readers.topics import TopicRecording
 
 _METADATA: Final = "metadata.yaml"
 _METADATA_BYTES: Final = 2_000_000

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import import_module
 from itertools import islice
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from workers.readers.camera_info import info_document, match_infos
 from workers.readers.clouds import SAMPLES, CloudModel, Columns, learn_clouds
+from workers.readers.containers import Container
 from workers.readers.images import read_image_header
+from workers.readers.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, evened, learn_packets
 from workers.readers.pointcloud2 import cloud_columns
 from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
 from workers.readers.topic_messages import (
@@ -28,56 +29,12 @@ from workers.readers.topic_messages import (
     VideoMessage,
 )
 from workers.readers.transcode import raw_to_png
-from workers.readers.velodyne import (
-    FIELDS,
-    SAMPLE_PACKETS,
-    Packet,
-    PacketStream,
-    SweepCutter,
-    evened,
-    learn_packets,
-)
+from workers.readers.velodyne import FIELDS, SweepCutter
 
 if TYPE_CHECKING:
     from workers.readers.message_video import MessageVideo
 
 _MAX_TOPICS: Final = 10_000
-
-
-class Container(Protocol):
-    """A file of topics.
-
-    Attributes:
-        format: name of the file format.
-        warnings: sentences about what was met.
-    """
-
-    format: str
-    warnings: list[str]
-
-    @property
-    def topics(self) -> Sequence[Topic]: ...
-
-    @property
-    def share_read(self) -> float | None: ...
-
-    def decoder(self, topic: Topic) -> Decoder | None:
-        """How messages of a topic are read, None where they are of no LiDAR and no camera."""
-        ...
-
-    def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-        """(topic, time of recording, message) of these topics, in recorded order."""
-        ...
-
-    def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
-        """(time of recording, message) of some messages spread over the file."""
-        ...
-
-    def times(self, name: str) -> NDArray[np.int64]:
-        """Times of recording of successive messages of a topic, of all or of many."""
-        ...
-
-    def close(self) -> None: ...
 
 
 class TopicRecording:
