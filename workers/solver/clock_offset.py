@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workers.geometry.errors import InputError
-from workers.solver.offset_fit import Look, Marks, Track, fit, look, prior_rows
+from workers.solver.offset_fit import Marks, Track, fit, look, prior_rows, scores, whitening
 from workers.solver.polish import distances, polish
 from workers.solver.problem import FitProblem, problem_from_document
 from workers.solver.schedule import run_schedule
@@ -94,17 +94,16 @@ def estimate_offset(
     kept = np.ones(len(stamps), np.bool_)
     for _ in range(_ROUNDS):
         before = x[-1]
-        here = look(problem, marks, x)
         seen = marks.gap_s[marks.nearest(float(x[-1]))] <= _FARTHEST_S
         _enough(problem, seen)
-        away = here.distances()
+        away = scores(problem, marks, x)
         # The median of the length of two unit Gaussians is 1.18.
         kept = seen & (away < _BLUNDER * max(1.0, float(np.median(away[seen])) / 1.18))
         x = fit(problem, marks, x, kept, robust=False)
         if abs(x[-1] - before) < _SETTLED_S:
             break
     here = look(problem, marks, x)
-    sigma_s, poor = _deviation(problem, here, kept)
+    sigma_s, poor = _deviation(problem, marks, x, kept)
     estimate = OffsetEstimate(
         offset_ns=about_ns + round(float(x[-1]) * 1e9),
         sigma_ns=round(sigma_s * 1e9),
@@ -132,20 +131,21 @@ def _start(problem: FitProblem, marks: Marks) -> Floats:
     half = float(marks.offsets_s[-1])
     starts = np.linspace(-half, half, 2 * max(1, round(half / _STARTS_S)) + 1)
     fits = [fit(problem, marks, np.append(camera, start), everything, robust=True) for start in starts]
-    return min(fits, key=lambda x: _cost(look(problem, marks, x)))
+    return min(fits, key=lambda x: _unlikely(problem, marks, x))
 
 
-def _cost(here: Look) -> float:
+def _unlikely(problem: FitProblem, marks: Marks, x: Floats) -> float:
     """Negative logarithm of the marks' likelihood under Cauchy's distribution, but for a constant."""
+    W = whitening(problem, marks, look(problem, marks, x), float(x[-1]))
     # Far from the vertices the track is vague; without the determinants vague would look good.
-    vague = -np.log(np.linalg.det(here.whitening))
-    return float(np.sum(np.log1p(here.distances() ** 2) + vague))
+    return float(np.sum(np.log1p(scores(problem, marks, x) ** 2) - np.log(np.linalg.det(W))))
 
 
-def _deviation(problem: FitProblem, here: Look, kept: NDArray[np.bool_]) -> tuple[float, float]:
+def _deviation(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bool_]) -> tuple[float, float]:
     """The offset's standard deviation in seconds, and the residuals in units of what was expected."""
-    free = np.append(problem.free, here.jacobian.shape[2] - 1)
-    white = (here.whitening @ here.jacobian)[kept][:, :, free]
+    here = look(problem, marks, x)
+    free = np.append(problem.free, len(x) - 1)
+    white = (whitening(problem, marks, here, float(x[-1])) @ here.jacobian)[kept][:, :, free]
     rows = white.reshape(-1, len(free))
     _, strength = prior_rows(problem)
     A = rows.T @ rows + np.diag(np.append(strength[problem.free] ** 2, 0.0))
@@ -153,7 +153,7 @@ def _deviation(problem: FitProblem, here: Look, kept: NDArray[np.bool_]) -> tupl
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     C = np.linalg.pinv(A / size / size[:, None], hermitian=True) / size / size[:, None]
     count = max(1, 2 * int(kept.sum()) - len(free))
-    poor = float(np.sqrt(np.sum(here.distances()[kept] ** 2) / count))
+    poor = float(np.sqrt(np.sum(scores(problem, marks, x)[kept] ** 2) / count))
     return float(np.sqrt(C[-1, -1])) * max(1.0, poor), poor
 
 
@@ -175,18 +175,18 @@ def _refuse(estimate: OffsetEstimate, poor: float, at_end: bool, max_sigma_ns: i
             f"No camera and no offset fits the marks: {estimate.rms_px:.0f} px are left.",
             "Check that the marks show the board's top vertex, and the camera's model and nominal mount.",
         )
-    if at_end:
-        raise InputError(
-            "offset_not_determined",
-            f"The best offset, {offset_ms:.0f} ms, lies at the end of what was searched.",
-            "Say about how far the clocks are apart (about_ns), or search farther.",
-        )
     if estimate.sigma_ns > max_sigma_ns:
         raise InputError(
             "offset_not_determined",
             f"The marks do not tell the offset better than to {sigma_ms:.0f} ms (one standard deviation): the apex "
             f"moved by {estimate.speed_px_s:.0f} px/s in the image, in {estimate.pairs} marks.",
             "Walk across the view, to both sides, for a minute or more; mark more frames of it.",
+        )
+    if at_end:
+        raise InputError(
+            "offset_not_determined",
+            f"The best offset, {offset_ms:.0f} ms, lies at the end of what was searched.",
+            "Say about how far the clocks are apart (about_ns), or search farther.",
         )
 
 

@@ -1,4 +1,3 @@
-# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 """Least squares over a camera and the offset between its clock and the LiDAR's, for `clock_offset`.
 
 The unknowns are those of the camera and, last, the offset in seconds. A mark belongs to its frame's own stamp, and at
@@ -8,21 +7,20 @@ projection's Jacobian.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final, Protocol, Self
+from typing import Final, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize
 
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import residuals_and_jacobian, transform_of
 
 Floats = NDArray[np.float64]
-# scipy publishes no types.
-_least_squares: Callable[..., Any] = optimize.least_squares
 _NODE_S: Final = 0.025  # the track is looked up this finely, and interpolated by its velocity in between
+_MOST_STEPS: Final = 60
+_TOLERANCE: Final = 1e-8  # relative decrease of the cost below which a fit has settled
+_STUCK: Final = 1e8  # damping at which no step is left
 
 
 class TrackPoints(Protocol):
@@ -103,16 +101,12 @@ class Look:
     Attributes:
         residuals: (N, 2) projection minus mark.
         jacobian: (N, 2, D), in the order camera, offset.
-        whitening: (N, 2, 2) inverse Cholesky factors: residuals times them have unit covariance.
+        by_point: (N, 2, 3) d pixel / d apex, px per metre, LiDAR frame.
     """
 
     residuals: Floats
     jacobian: Floats
-    whitening: Floats
-
-    def distances(self) -> Floats:
-        """(N,) lengths of the whitened residuals: standard deviations."""
-        return np.linalg.norm(np.einsum("nij,nj->ni", self.whitening, self.residuals), axis=1)
+    by_point: Floats
 
     def speed_px_s(self) -> Floats:
         """(N,) how fast the apex moves in the image."""
@@ -120,58 +114,83 @@ class Look:
 
 
 def look(problem: FitProblem, marks: Marks, x: Floats) -> Look:
-    """The marks under camera parameters and offset x (D,), whitened by the marks' noise and the track's."""
+    """The marks under camera parameters and offset x (D,)."""
     points, by_offset = marks.points(float(x[-1]))
-    here = replace(problem, points=points)
-    flat, J = residuals_and_jacobian(here, x[:-1], walls=False)
+    flat, J = residuals_and_jacobian(replace(problem, points=points), x[:-1], walls=False)
     n = len(points)
-    residuals, by_camera = flat.reshape(n, 2), J.reshape(n, 2, -1)
-    by_point = by_camera[:, :, 3:6] @ transform_of(problem, x[:-1]).R
+    by_camera = J.reshape(n, 2, -1)
+    by_point: Floats = np.einsum("nij,jk->nik", by_camera[:, :, 3:6], transform_of(problem, x[:-1]).R)
     moved: Floats = np.einsum("nij,nj->ni", by_point, by_offset)
-    spread: Floats = by_point @ marks.covariance[marks.nearest(float(x[-1]))] @ by_point.swapaxes(1, 2)
+    return Look(flat.reshape(n, 2), np.concatenate([by_camera, moved[:, :, None]], axis=2), by_point)
+
+
+def whitening(problem: FitProblem, marks: Marks, here: Look, offset_s: float) -> Floats:
+    """(N, 2, 2) inverse Cholesky factors of the marks' own covariance and the track's, as the image sees it."""
+    track = marks.covariance[marks.nearest(offset_s)]
+    spread: Floats = np.einsum("nij,njk,nlk->nil", here.by_point, track, here.by_point)
     spread += problem.mark_sigma_px**2 * np.eye(2)
-    jacobian = np.concatenate([by_camera, moved[:, :, None]], axis=2)
-    whitening: Floats = np.linalg.inv(np.linalg.cholesky(spread))
-    return Look(residuals, jacobian, whitening)
+    return np.linalg.inv(np.linalg.cholesky(spread)).astype(np.float64)
+
+
+def scores(problem: FitProblem, marks: Marks, x: Floats) -> Floats:
+    """(N,) distances of the marks from x (D,), in standard deviations."""
+    here = look(problem, marks, x)
+    W = whitening(problem, marks, here, float(x[-1]))
+    return np.linalg.norm(np.einsum("nij,nj->ni", W, here.residuals), axis=1)
 
 
 def fit(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bool_], robust: bool) -> Floats:
-    """Least squares (robust: Cauchy) of the kept marks from x (D,), whitened as at x; returns the unknowns."""
-    whitening = look(problem, marks, x).whitening[kept]
-    free = np.append(problem.free, len(x) - 1)
-    lower = np.append(problem.lower, marks.offsets_s[0])[free]
-    upper = np.append(problem.upper, marks.offsets_s[-1])[free]
-    margin = 1e-9 * (upper - lower)
+    """Least squares of the kept marks from x (D,), whitened as at x; returns the unknowns.
+
+    Levenberg and Marquardt's method (Nocedal and Wright 2006, ch. 10) inside the problem's bounds; robust: with
+    Cauchy's weights, found anew at every step.
+    """
+    W = whitening(problem, marks, look(problem, marks, x), float(x[-1]))
+    lower = np.append(problem.lower, marks.offsets_s[0])
+    upper = np.append(problem.upper, marks.offsets_s[-1])
+    x = np.clip(x, lower, upper)
+    cost, gradient, normal = _normal(problem, marks, x, W, kept, robust)
+    damping = 1e-3
+    for _ in range(_MOST_STEPS):
+        # A parameter at its bound that would go on beyond it stays there.
+        moves = (upper > lower) & ~((x <= lower) & (gradient > 0.0)) & ~((x >= upper) & (gradient < 0.0))
+        size = np.sqrt(np.diag(normal)[moves])
+        scaled = normal[np.ix_(moves, moves)] / size / size[:, None]
+        step = np.zeros(len(x))
+        step[moves] = -np.linalg.solve(scaled + damping * np.eye(len(size)), gradient[moves] / size) / size
+        there = np.clip(x + step, lower, upper)
+        new = _normal(problem, marks, there, W, kept, robust)
+        if new[0] > cost:
+            damping *= 8.0
+            if damping > _STUCK:
+                break
+            continue
+        settled = cost - new[0] <= _TOLERANCE * cost
+        x, (cost, gradient, normal) = there, new
+        damping = max(damping / 8.0, 1e-9)
+        if settled:
+            break
+    return x
+
+
+def _normal(
+    problem: FitProblem, marks: Marks, x: Floats, W: Floats, kept: NDArray[np.bool_], robust: bool
+) -> tuple[float, Floats, Floats]:
+    """Half of what is minimised at x, its gradient (D,) and the normal matrix (D, D), with the priors."""
+    here = look(problem, marks, x)
+    r: Floats = np.einsum("nij,nj->ni", W[kept], here.residuals[kept])
+    J: Floats = np.einsum("nij,njk->nik", W[kept], here.jacobian[kept])
+    square = np.sum(r * r, axis=1)
+    weight = 1.0 / (1.0 + square) if robust else np.ones(len(square))
+    loss = np.log1p(square) if robust else square
     mean, strength = prior_rows(problem)
-
-    def full(values: Floats) -> Floats:
-        y = x.copy()
-        y[free] = values
-        return y
-
-    def residuals(values: Floats) -> Floats:
-        y = full(values)
-        white = np.einsum("nij,nj->ni", whitening, look(problem, marks, y).residuals[kept])
-        return np.concatenate([white.reshape(-1), strength * (y[:-1] - mean)])
-
-    def jacobian(values: Floats) -> Floats:
-        white = whitening @ look(problem, marks, full(values)).jacobian[kept]
-        rows = np.column_stack([np.diag(strength), np.zeros(len(strength))])
-        return np.concatenate([white.reshape(-1, len(x)), rows])[:, free]
-
-    found = _least_squares(
-        residuals,
-        np.clip(x[free], lower + margin, upper - margin),
-        jac=jacobian,
-        bounds=(lower, upper),
-        x_scale="jac",
-        ftol=1e-10,
-        xtol=1e-10,
-        gtol=1e-10,
-        max_nfev=60,
-        loss="cauchy" if robust else "linear",
-    )
-    return full(found.x)
+    off = strength * (x[:-1] - mean)
+    rows = (J * np.sqrt(weight)[:, None, None]).reshape(-1, len(x))
+    gradient = rows.T @ (r * np.sqrt(weight)[:, None]).reshape(-1)
+    gradient[:-1] += strength * off
+    # What nothing tells of does not move.
+    normal = rows.T @ rows + np.diag(np.append(strength**2, 0.0) + 1e-12)
+    return 0.5 * float(np.sum(loss) + off @ off), gradient, normal
 
 
 def prior_rows(problem: FitProblem) -> tuple[Floats, Floats]:
