@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 SEARCH_NS: Final = 150_000_000
 MAX_SIGMA_NS: Final = 10_000_000
-_STARTS_S: Final = 0.05  # fits start from offsets this far apart
+_STARTS_S: Final = 0.075  # fits start from offsets this far apart
 _FARTHEST_S: Final = 0.3  # a mark whose moment lies farther than this from any vertex tells nothing
 _LOST: Final = 0.01  # share of the image's diagonal: marks farther off than this are no fit yet
 _BLUNDER: Final = 4.0  # standard deviations; one in 3000 good marks goes with them

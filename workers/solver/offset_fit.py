@@ -17,7 +17,7 @@ from workers.solver.problem import FitProblem
 from workers.solver.residuals import residuals_and_jacobian, transform_of
 
 Floats = NDArray[np.float64]
-_NODE_S: Final = 0.025  # the track is looked up this finely, and interpolated by its velocity in between
+_NODE_S: Final = 0.05  # the track is looked up this finely, and interpolated by its velocity in between
 _MOST_STEPS: Final = 60
 _TOLERANCE: Final = 1e-8  # relative decrease of the cost below which a fit has settled
 _STUCK: Final = 1e8  # damping at which no step is left

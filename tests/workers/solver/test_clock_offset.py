@@ -35,9 +35,11 @@ def marked(seed, offset_ns, *, plan="rows", model="brown_conrady", wrong=0.0, le
     return Track.of(found), moments[frames][seen] + offset_ns, pixels, request
 
 
-@pytest.mark.parametrize("model", ["pinhole", "brown_conrady", "kannala_brandt"])
-def test_a_minute_of_walking_tells_the_offset_and_how_well(model):
-    offsets = (-60 * MS, -17 * MS, 43 * MS)
+@pytest.mark.parametrize(
+    ("model", "offsets"),
+    [("brown_conrady", (-60 * MS, -17 * MS, 43 * MS)), ("pinhole", (60 * MS,)), ("kannala_brandt", (-40 * MS,))],
+)
+def test_a_minute_of_walking_tells_the_offset_and_how_well(model, offsets):
     found = [estimate_offset(*marked(seed, offset, model=model)) for seed, offset in enumerate(offsets)]
     errors = np.array([one.offset_ns - offset for one, offset in zip(found, offsets, strict=True)])
     sigmas = np.array([one.sigma_ns for one in found])
@@ -76,6 +78,7 @@ def test_a_known_camera_needs_fewer_marks():
 
 def test_clocks_that_are_far_apart_are_searched_about_what_is_known():
     track, stamps, pixels, request = marked(7, 20 * MS)
+    stamps, pixels = stamps[::2], pixels[::2]
     day = 86_400_000_000_000
     found = estimate_offset(track, stamps + day, pixels, request, about_ns=day + 50 * MS)
     here = estimate_offset(track, stamps, pixels, request, about_ns=50 * MS)
@@ -118,6 +121,7 @@ def test_marks_of_something_else_fit_no_camera():
 
 def test_marks_without_vertices_nearby_are_counted_out():
     track, stamps, pixels, request = marked(4, 15 * MS)
+    stamps, pixels = stamps[::2], pixels[::2]
     later = np.concatenate([stamps, stamps[:30] + 70_000 * MS])
     found = estimate_offset(track, later, np.concatenate([pixels, pixels[:30]]), request)
     assert found.unseen == 30
