@@ -48,7 +48,7 @@ class _Commands(TyperGroup):
         word = found.name.replace("-", "_")
         module = importlib.import_module(f"apexcal.commands.{word}")
         lone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-        lone.command(found.name)(getattr(module, word))
+        lone.command(found.name, cls=getattr(module, "COMMAND", None))(getattr(module, word))
         return name, typer.main.get_command(lone), rest
 
 

@@ -6,39 +6,123 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from apexcal.commands.common import FAILED, JsonOption, bar, complain, say
+from apexcal.commands.grouped import grouped, option
 
 Progress = Callable[[float, str], None]
 
+EXAMPLES = """\
+apexcal simulate --out walk
+    two minutes of a VLP-16 and a front camera, as a ROS 1 bag
+apexcal simulate --out rig3 --cameras front,left,right --format mcap
+    three cameras, as a ROS 2 bag
+apexcal simulate --out far --sensor os1-64 --walk field --board 1.0x1.0 --seconds 300
+    would a larger board do for the far half of the field?
+apexcal simulate --out real --beam-mrad 3 --dropouts 0.05 --clock-offset-ms 30 --second-person beside
+    as untidy as a real recording"""
+COMMAND = grouped(EXAMPLES)
+
+_RECORDING, _LIDAR, _CAMERAS = "Recording", "LiDAR", "Cameras"
+_WALK, _WAY = "Walk", "What is in the way"
+
+Format = Literal["bag", "db3", "mcap", "pcap", "pcapng", "video", "folder", "tar", "zip", "kitti"]
+Sensor = Literal[
+    "vlp16", "puck-hi-res", "vlp32c", "hdl32", "hdl64", "alpha-prime", "os1-32", "os1-64", "os1-128", "lux4"
+]
+Model = Literal["pinhole", "brown_conrady", "kannala_brandt"]
+Walk = Literal["rows", "field", "slow", "still"]
+Second = Literal["none", "beside", "behind"]
+
 
 def simulate(
-    out: Annotated[Path, typer.Option("--out", help="Folder to write into.")],
-    seconds: Annotated[float | None, typer.Option(help="Length of the recording; 120.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Of walk, mount and noise; 1.")] = None,
-    camera_model: Annotated[str | None, typer.Option(help="pinhole, brown_conrady or kannala_brandt.")] = None,
-    sensor: Annotated[str | None, typer.Option(help="vlp16 (standard), hdl32 or os1-64.")] = None,
-    rings: Annotated[int | None, typer.Option(help="Another number of rings over the sensor's span.")] = None,
-    sector_deg: Annotated[float | None, typer.Option(help="Azimuths that the LiDAR reports, +- degrees; 60.")] = None,
-    range_noise_mm: Annotated[float | None, typer.Option(help="Standard deviation of a range; 8.")] = None,
+    ctx: typer.Context,
+    out: Annotated[Path, option("--out", _RECORDING, "DIR", "Folder to write into.")],
+    format_: Annotated[
+        Format,
+        option(
+            "--format",
+            _RECORDING,
+            None,
+            "ROS 1 bag; ROS 2 bag folder (db3, mcap); a VLP-16's packets with JPEG images (pcap, pcapng) or an MP4 "
+            "per camera (video); PCD files and JPEG images (folder, tar, zip); KITTI's raw folders, whose clouds "
+            "have no rings (kitti).",
+        ),
+    ] = "bag",
+    seconds: Annotated[float, option("--seconds", _RECORDING, "S", "Length of the recording.")] = 120.0,
+    seed: Annotated[int, option("--seed", _RECORDING, "N", "Of walk, mounts and noise.")] = 1,
+    sensor: Annotated[Sensor, option("--sensor", _LIDAR, None, "With its own rings, step and rate.")] = "vlp16",
+    rings: Annotated[
+        int | None, option("--rings", _LIDAR, "4..128", "Another number of rings, evenly over its elevations.")
+    ] = None,
+    sector_deg: Annotated[
+        float, option("--sector-deg", _LIDAR, "DEG", "Azimuths that it reports, to either side; 180 is all round.")
+    ] = 60.0,
+    range_noise_mm: Annotated[
+        float, option("--range-noise-mm", _LIDAR, "MM", "Standard deviation of a range.")
+    ] = 8.0,
+    beam_mrad: Annotated[
+        float, option("--beam-mrad", _LIDAR, "MRAD", "Full width of a beam; edges grow by half of it.")
+    ] = 0.0,
+    dropouts: Annotated[float, option("--dropouts", _LIDAR, "SHARE", "Returns that are lost.")] = 0.0,
+    cameras: Annotated[
+        str,
+        option(
+            "--cameras",
+            _CAMERAS,
+            "NAMES",
+            "Out of front, left, right, front_left, front_right; NAME:DEGREES (to the left) for any other, "
+            "NAME:DEGREES:MODEL for a lens of its own; or how many, up to 11.",
+        ),
+    ] = "front",
+    camera_model: Annotated[Model, option("--camera-model", _CAMERAS, None, "Their lens.")] = "brown_conrady",
+    camera_hz: Annotated[float, option("--camera-hz", _CAMERAS, "HZ", "Frames per second of each.")] = 15.0,
+    pitch_down_deg: Annotated[float, option("--pitch-down-deg", _CAMERAS, "DEG", "Of their mounts.")] = 15.0,
+    clock_offset_ms: Annotated[
+        float, option("--clock-offset-ms", _CAMERAS, "MS", "What their clock shows more than the LiDAR's.")
+    ] = 0.0,
+    clock_jitter_ms: Annotated[
+        float, option("--clock-jitter-ms", _CAMERAS, "MS", "Standard deviation of their stamps.")
+    ] = 0.0,
+    walk: Annotated[
+        Walk,
+        option(
+            "--walk",
+            _WALK,
+            None,
+            "rows: across the field, slow where near, what we advise; field: from anywhere to anywhere in 10 x 30 m "
+            "at 0.7 to 1.6 m/s; slow: the same at 0.15 to 0.3 m/s; still: on one spot.",
+        ),
+    ] = "rows",
+    board: Annotated[
+        str, option("--board", _WALK, "WxH", "Metres of its edges, to the left and to the right of the apex.")
+    ] = "0.6096x0.9144",
+    walker_height_m: Annotated[
+        float, option("--walker-height-m", _WALK, "M", "A taller person lifts the board higher.")
+    ] = 1.74,
+    head_above_m: Annotated[
+        float,
+        option("--head-above-m", _WAY, "M", "The head is at least this far above the board; 0: behind it."),
+    ] = 0.0,
+    second_person: Annotated[Second, option("--second-person", _WAY, None, "Goes along.")] = "none",
+    poles: Annotated[int, option("--poles", _WAY, "N", "Stand where the walker walks.")] = 0,
+    speckle: Annotated[
+        float, option("--speckle", _WAY, "SHARE", "Beams that meet rain, snow or dust close by.")
+    ] = 0.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a recording of a simulated rig, with its truth (truth.json), its description (rig.json) and a region of
-    interest (region.json)."""
-    options = {
-        "--seconds": seconds,
-        "--seed": seed,
-        "--camera-model": camera_model,
-        "--sensor": sensor,
-        "--rings": rings,
-        "--sector-deg": sector_deg,
-        "--range-noise-mm": range_noise_mm,
-    }
+    """Write a recording of a simulated rig: a spinning LiDAR, cameras beside it, and a person who carries a board.
+
+    Beside the recording: its truth (truth.json), the rig as its owner would describe it (rig.json) and the region of
+    interest (region.json). Use it to plan a recording, or to try the service.
+    """
+    said = {name: value for name, value in ctx.params.items() if name not in ("out", "as_json")}
+    options = {f"--{name.strip('_').replace('_', '-')}": value for name, value in said.items()}
     with bar("Simulating", not as_json) as progress:
         written = run_simulation(out, options, progress)
     say(
@@ -50,10 +134,10 @@ def simulate(
     )
 
 
-def run_simulation(out: Path, options: dict[str, Any], progress: Progress) -> dict[str, Any]:
+def run_simulation(out: Path, options: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     """Run the simulator as a process and return its summary; leaves the command where it refuses."""
     command = [sys.executable, "-m", "workers.simulation", "--out", str(out), "--progress-json"]
-    command += [str(word) for name, value in options.items() if value is not None for word in (name, value)]
+    command += [f"{name}={value}" for name, value in options.items() if value is not None]
     summary: dict[str, Any] = {}
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None and process.stderr is not None

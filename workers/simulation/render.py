@@ -19,6 +19,7 @@ from workers.simulation.walker import Poses
 
 _OVERSAMPLE = 8  # a power of two
 _JPEG_QUALITY = 85
+_FAR_PX = 20_000
 _SHIFT = 4  # cv2's fixed point: 1/16 of a canvas pixel
 
 
@@ -55,7 +56,8 @@ class Renderer:
     def _seen(self, shapes: Sequence[Shape]) -> list[Shape]:
         """The shapes in pixels; those that the lens cannot see are left out."""
         projected = ((self._camera.project(points), colour) for points, colour in shapes)
-        return [(pixels, colour) for pixels, colour in projected if bool(np.isfinite(pixels).all())]
+        # Not a number fails the comparison too; what projects far outside of the image is beside or behind the camera.
+        return [(pixels, colour) for pixels, colour in projected if bool((np.abs(pixels) < _FAR_PX).all())]
 
     def _before(self, apex: NDArray[np.float64]) -> list[Shape]:
         """The poles that stand nearer than the board: what they hide of it is painted over."""
