@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 _BIN_DEG: Final = 0.005
 _TOLERANCE: Final = 0.4
 _MAX_LEVELS: Final = 256
+_WEAK_ROUNDS: Final = 4
+_WEAK_POINTS: Final = 4
+_WEAK_VALLEY: Final = 0.05
 # Half widths of smoothing in bins, and the height of a valley in units of the usual tooth: the finest that fits wins.
 _SCALES: Final = tuple((half, valley) for half in (1, 3, 8, 20) for valley in (0.02, 0.1))
 
@@ -97,20 +100,39 @@ def find_levels(elevation: NDArray[np.float64]) -> Levels:
     nearest = Levels(np.zeros(0), 0.0, float("inf"), 1.0)
     if not len(elevation):
         return nearest
-    bins = np.clip(((elevation + 90) / _BIN_DEG).astype(np.int64), 0, round(180 / _BIN_DEG))
-    counts = np.bincount(bins, minlength=round(180 / _BIN_DEG) + 1).astype(np.float64)
+    counts = _histogram(elevation)
     for half, valley in _SCALES:
-        kernel: NDArray[np.float64] = np.hanning(2 * half + 3)[1:-1]
-        density: NDArray[np.float64] = np.convolve(counts, kernel / kernel.sum(), "same").astype(np.float64)
-        centres = _teeth(density, valley)
+        centres = _teeth(counts, half, valley)
         if not 1 < len(centres) <= _MAX_LEVELS:
             continue
-        levels = measure_levels(elevation, centres)
+        levels = _with_weak(elevation, measure_levels(elevation, centres), half)
         if levels.separated:
             return levels
         if len(nearest.centres) < 2 or levels.between < nearest.between:
             nearest = levels
     return nearest
+
+
+def _with_weak(elevation: NDArray[np.float64], levels: Levels, half: int) -> Levels:
+    """With the rings of few points: those that see mostly sky are lost beside a hundred times as many points."""
+    for _ in range(_WEAK_ROUNDS):
+        left = elevation[nearest_level(elevation, levels.centres) < 0]
+        found = _teeth(_histogram(left), half, _WEAK_VALLEY)
+        typical = float(np.median(np.diff(levels.centres)))
+        alone = [
+            centre
+            for centre in found.tolist()
+            if np.abs(levels.centres - centre).min() > 0.7 * typical
+            and np.count_nonzero(np.abs(left - centre) < 0.2 * typical) >= _WEAK_POINTS
+        ]
+        more = np.union1d(levels.centres, np.array(alone))
+        if not alone or len(more) > _MAX_LEVELS:
+            break
+        wider = measure_levels(elevation, more)
+        if wider.gap_deg < 0.3 * typical or wider.between > levels.between:
+            break
+        levels = wider
+    return levels
 
 
 def measure_levels(elevation: NDArray[np.float64], centres: NDArray[np.float64]) -> Levels:
@@ -128,8 +150,21 @@ def measure_levels(elevation: NDArray[np.float64], centres: NDArray[np.float64])
     return Levels(settled, spread, gap, float(np.mean(index < 0)))
 
 
-def _teeth(density: NDArray[np.float64], valley: float) -> NDArray[np.float64]:
-    """(M,) centres in degrees of the runs of bins above a share of the usual tooth's height."""
+def _histogram(elevation: NDArray[np.float64]) -> NDArray[np.float64]:
+    bins = np.clip(((elevation + 90) / _BIN_DEG).astype(np.int64), 0, round(180 / _BIN_DEG))
+    return np.bincount(bins, minlength=round(180 / _BIN_DEG) + 1).astype(np.float64)
+
+
+def _teeth(counts: NDArray[np.float64], half: int, valley: float) -> NDArray[np.float64]:
+    """(M,) centres in degrees of the runs of bins above a share of the usual tooth's height.
+
+    Args:
+        counts: points per bin.
+        half: half width in bins of the smoothing.
+        valley: the share.
+    """
+    kernel: NDArray[np.float64] = np.hanning(2 * half + 3)[1:-1]
+    density: NDArray[np.float64] = np.convolve(counts, kernel / kernel.sum(), "same").astype(np.float64)
     tops = np.flatnonzero((density[1:-1] > density[:-2]) & (density[1:-1] >= density[2:])) + 1
     if not len(tops):
         return np.zeros(0)

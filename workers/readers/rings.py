@@ -151,7 +151,7 @@ def learn_missing_rings(
         if runs is not None:
             return _by_order(runs)
         raise _not_separable(where, len(levels.centres), levels.gap_deg, levels.spread_deg, levels.between)
-    centres, how = _complete(levels.centres)
+    centres, how = _complete(levels.centres, elevations(xyz, focus_m))
     if expected is not None and len(centres) > expected:
         raise ReadError(
             "rings_unexpected",
@@ -180,8 +180,8 @@ def _by_order(runs: RunOrder) -> ComputedRings:
     )
 
 
-def _complete(centres: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
-    """Rings that were never hit put in where the sensor is known, or where the others stand on an even grid."""
+def _complete(centres: NDArray[np.float64], elevation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+    """Rings of few points or none put in where the sensor is known, or where the others stand on an even grid."""
     for name, known in _KNOWN:
         place = np.abs(known[:, None] - centres).argmin(0)
         fits = np.abs(known[place] - centres).max() < min(_MATCH_DEG, 0.4 * float(np.diff(known).min()))
@@ -190,13 +190,26 @@ def _complete(centres: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
     gaps = np.diff(centres)
     step = float(np.median(gaps))
     holes = np.rint(gaps / step).astype(int)
-    if holes.max() == 1 or holes.min() < 1 or holes.max() > _LARGEST_HOLE:
+    if holes.min() < 1 or holes.max() > _LARGEST_HOLE:
         return centres, ""
     if np.abs(gaps - holes * step).max() > 0.15 * step:
         return centres, ""
     places = np.concatenate([[0], np.cumsum(holes)])
     filled: NDArray[np.float64] = np.interp(np.arange(int(places[-1]) + 1), places, centres)
-    return filled, f", {len(filled) - len(centres)} without points put in between"
+    below = _further(filled[0] - elevation, step)
+    above = _further(elevation - filled[-1], step)
+    low = filled[0] - step * np.arange(below, 0, -1)
+    high = filled[-1] + step * np.arange(1, above + 1)
+    whole = np.concatenate([low, filled, high])
+    added = len(whole) - len(centres)
+    return whole, f", {added} of few points or none put in on their even grid" if added else ""
+
+
+def _further(beyond: NDArray[np.float64], step: float) -> int:
+    """How many more rings of an even grid the points beyond its end ask for; 0 where they lie beside it."""
+    rest = beyond[beyond > 0.5 * step] / step
+    on_grid = np.abs(rest - np.rint(rest)) < 0.2
+    return int(np.rint(rest[on_grid]).max()) if len(rest) and np.mean(on_grid) > 0.9 and rest.max() < 30 else 0
 
 
 def _not_separable(where: str, count: int, gap_deg: float, spread_deg: float, between: float) -> ReadError:
