@@ -232,6 +232,12 @@ def listed_times(tables: Mapping[str, bytes]) -> Mapping[str, int]:
     return stamps
 
 
+def is_times_table(head: bytes) -> bool:
+    """Whether a CSV file that begins with these bytes lists stamps of files."""
+    names = head.split(b"\n", 1)[0].decode("utf-8-sig", "replace").strip("\r").split(",")
+    return {"file", "stamp_ns"} <= {name.strip() for name in names}
+
+
 def whole_ns(text: str | None, where: str, line: int) -> int:
     """A cell with nanoseconds since 1970.
 

@@ -12,7 +12,7 @@ from workers.readers.cloud_files import is_cloud_table
 from workers.readers.composite import Composite, Part
 from workers.readers.detect import HEAD_BYTES, Format, format_of
 from workers.readers.file_series import FileSeries, Group, group_files, is_sensor_file
-from workers.readers.file_times import CSV_NAME, KITTI_NAME, listed_times, stem_and_number
+from workers.readers.file_times import CSV_NAME, KITTI_NAME, is_times_table, listed_times, stem_and_number
 from workers.readers.file_tree import FileTree, read_file, read_head
 from workers.readers.joined import Joined
 from workers.readers.kitti import KITTI_ENDS, KITTI_STARTS
@@ -34,7 +34,7 @@ class _Contents:
     Attributes:
         sources: bags, captures and videos, files or folders, by path.
         groups: sensors whose every message is a file.
-        tables: paths of ``timestamps.csv``.
+        tables: paths of ``timestamps.csv`` and of others with its columns.
         others: paths of what nobody reads.
     """
 
@@ -107,6 +107,8 @@ def _look(tree: FileTree) -> _Contents:
         elif name not in _TIMES:
             _look_inside(tree, path, contents, sensor_files)
     contents.groups = group_files(sensor_files)
+    beside = {_table_beside(path) for path, known in contents.sources.items() if known.module == _VIDEO}
+    contents.others = [path for path in contents.others if path not in beside]
     if len(contents.sources) > _MAX_SOURCES:
         raise ReadError(
             "folder_refused",
@@ -142,6 +144,8 @@ def _look_inside(tree: FileTree, path: str, contents: _Contents, sensor_files: l
     known = format_of(head)
     if known is not None:
         contents.sources[path] = known
+    elif path.lower().endswith(".csv") and is_times_table(head):
+        contents.tables.append(path)
     elif path.lower().endswith(".csv") and is_cloud_table(head):
         sensor_files.append(path)
     else:
@@ -217,10 +221,14 @@ def _join_split(parts: Sequence[Part]) -> list[Part]:
 def _open_video(tree: FileTree, path: str, options: ReadOptions, tables: Mapping[str, bytes]) -> Recording:
     from workers.readers.video import VideoRecording
 
-    beside = f"{path.rpartition('.')[0]}.csv"
+    beside = _table_beside(path)
     times = read_file(tree, beside) if beside in set(tree.paths) else None
     start_ns = listed_times(tables).get(path)
     return VideoRecording(tree.on_disk(path), options, times=times, start_ns=start_ns, name=path)
+
+
+def _table_beside(video: str) -> str:
+    return f"{posixpath.splitext(video)[0]}.csv"
 
 
 def _common_top(paths: Sequence[str]) -> str:
