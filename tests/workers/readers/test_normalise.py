@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+from making_packets import captured, packets, write_pcap
 from making_recordings import (
     CLOUD,
     DATA,
@@ -18,9 +19,11 @@ from making_recordings import (
     scene,
     write_bag,
 )
+from making_ros2 import as_cdr, rig, write_mcap
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from workers.readers import progress
 from workers.readers.manifest import FrameTable, ImageSize, Manifest, SweepTable, read_table
 from workers.readers.normalise import normalise
 from workers.readers.normalised import LidarFile
@@ -163,3 +166,21 @@ def test_the_real_bag(tmp_path):
     _, frames = frames_of(tmp_path, camera)
     original = BAG.read_bytes()
     assert all(frame in original for frame in frames)  # byte for byte
+
+
+def test_the_intrinsics_that_a_recording_states_are_kept_and_held_against_its_images(tmp_path):
+    path = write_mcap(tmp_path / "a.mcap", as_cdr(rig(3)))
+    manifest = normalise(path, tmp_path / "out", cameras=["front"])
+    stated = manifest.sensors[1].camera_info
+    assert (stated["model"], stated["width"], stated["K"][0]) == ("brown_conrady", 1920, 1176.9)
+    assert any("camera info is for 1920 x 1208 pixels, its frames have 8 x 6" in said for said in manifest.warnings)
+
+
+def test_of_a_capture_the_bytes_tell_how_far_it_is(tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "_EVERY_S", 0.0)
+    seen = []
+    path = write_pcap(tmp_path / "a.pcap", captured(packets("vlp16", 4.2)))
+    manifest = normalise(path, tmp_path / "out", cameras=[], on_progress=seen.append)
+    shares = [moment.share for moment in seen]
+    assert seen[0].total is None and 0.0 < shares[0] < 0.6 and shares == sorted(shares) and shares[-1] == 1.0
+    assert manifest.sensors[0].count == 5 and manifest.sensors[0].partial == ["last"]
