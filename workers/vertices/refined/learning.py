@@ -33,7 +33,9 @@ _DOUBT = 1.5
 _LEAST_TILT = 0.03
 _LEAST_ROLL = math.radians(2.0)
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
-_FIRST = 6
+_FIRST, _SOME = 6, 12
+_HOPELESS = -300.0
+_SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16)
 _GROWTH_RAD = (-0.25e-3, 4.0e-3)
 
 
@@ -158,8 +160,10 @@ def _learn_board(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
         return model
     if not all(edges):
         model = _first_edges(planes, model, edges)
-    model = _refine(planes, model, edges, growth_mrad)
-    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.best > -6.0]
+    for step in (1.0, 0.4):
+        model = _refine(planes, model, edges, growth_mrad, step)
+        model = _learn_blur(planes[:_SOME], model)
+    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained(model)]
     if len(fixes) < _ENOUGH:
         return model
     roll = np.array([fix.roll for fix in fixes])
@@ -185,13 +189,22 @@ def _first_edges(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
     return replace(best, slack=0.0)
 
 
+def _learn_blur(planes: Sequence[Plane], model: Model) -> Model:
+    """How gradually the hits end at an edge: what explains the near sweeps best."""
+    widths = [replace(model, soft=math.radians(width)) for width in _SOFT_DEG]
+    return max(widths, key=lambda tried: _evidence(planes, tried))
+
+
 def _evidence(planes: Sequence[Plane], model: Model) -> float:
-    """Log evidence of a model; a sweep that fits nothing counts no more than one that fits badly."""
+    """Log evidence of a model over three quarters of the sweeps: those that it explains worst may be no boards."""
     found = [locate(plane, model, coarse=True) for plane in planes]
-    return sum(max(fix.evidence, -40.0) if fix is not None else -40.0 for fix in found)
+    told = sorted(fix.evidence if fix is not None else _HOPELESS for fix in found)
+    return sum(told[len(told) // 4 :])
 
 
-def _refine(planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float) -> Model:
+def _refine(
+    planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float, step: float
+) -> Model:
     """Whatever is open of edge lengths and growth, by the evidence of the near sweeps, one after the other.
 
     A growth makes a board larger by twice the growth times its distance; so the lengths are varied as they appear at
@@ -212,9 +225,8 @@ def _refine(planes: Sequence[Plane], model: Model, edges: tuple[float, float], g
     open_growth = growth_mrad < 0.0
     sigmas = np.zeros(3)
     steps = [0.02, 0.02, 0.5e-3]
-    for turn in range(2):
-        for index in [*free, *([2] if open_growth else [])]:
-            state, sigmas[index] = _climb(evidence, state, index, steps[index] * 0.4**turn)
+    for index in [*free, *([2] if open_growth else [])]:
+        state, sigmas[index] = _climb(evidence, state, index, steps[index] * step)
     state[2] = min(max(state[2], _GROWTH_RAD[0]), _GROWTH_RAD[1])
     slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
     return replace(modelled(state), slack=slack)

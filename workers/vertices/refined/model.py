@@ -12,6 +12,7 @@ from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import SensorGrid
 
 Floats = NDArray[np.float64]
+_LEAST_LIKELY, _TIMES_EXPECTED = -2.5, 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +30,7 @@ class Model:
         yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
         swapped: share of sweeps in which the second edge is the one to the lower left.
         lost: share of the rays on the board that bring no return.
+        wrong: share of the rays at the board's edges that answer as if they were on the other side.
     """
 
     grid: SensorGrid
@@ -42,6 +44,7 @@ class Model:
     tilt: tuple[float, float] = (0.0, 0.10)
     swapped: float = 0.5
     lost: float = 0.004
+    wrong: float = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +105,11 @@ class Fix:
     best: float
     evidence: float
     swapped: float
+
+    def explained(self, model: Model) -> bool:
+        """Whether not many more rays contradict the board than the sensor lets expect."""
+        expected = model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost)
+        return self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.plane.ratio.size * expected
 
     @property
     def support(self) -> float:

@@ -19,7 +19,6 @@ from workers.vertices.region import Region
 from workers.vertices.sources import OnSweep, SweepSource
 from workers.vertices.vertex import Covariance, Quality, Rejection, Vertex
 
-_LEAST_LIKELY = -3.0  # log likelihood of the rays for the best board, below which there is none
 _LEAST_SCORE = 8.0
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _RIVAL = 12.0
@@ -58,18 +57,18 @@ def _look(sweep: Sweep, region: Region, model: Model) -> _Look:
     if not found:
         return _Look((), (), "too_few_rings")
     seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]
-    flags = [_flags(sighting, fix, found) for sighting, fix in found]
+    flags = [_flags(sighting, fix, found, model) for sighting, fix in found]
     return _Look(tuple(seen), tuple(flags), "")
 
 
-def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]]) -> tuple[str, ...]:
+def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]], model: Model) -> tuple[str, ...]:
     rivals = [
         other
         for _, other in found
         if other is not fix
         and float(np.linalg.norm(other.xyz - fix.xyz)) > _RIVAL_M
         and other.support > fix.support - _RIVAL
-        and other.best > _LEAST_LIKELY
+        and other.explained(model)
     ]
     return (*flags_of(sighting, fix), *(["second_board"] if rivals else []))
 
@@ -79,15 +78,15 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
     if not own.candidates:
         return Rejection(own.reason)
     around = [i for i in range(index - reach, index + reach + 1) if i != index and i in looks]
-    others = [looks[i].candidates[0] for i in around if looks[i].candidates and trustworthy(looks[i].candidates[0].fix)]
+    others = [looks[i].candidates[0] for i in around if looks[i].candidates and trustworthy(looks[i].candidates[0].fix, model)]
     beside = [off_path(seen, others) for seen in own.candidates]
-    chosen = next((k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix)), 0)
+    chosen = next((k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix, model)), 0)
     seen = own.candidates[chosen]
     flags = own.flags[chosen]
     fix = seen.fix
     if others:
         fix = locate(fix.plane, replace(model, roll=roll_prior(seen, others, model))) or fix
-    if not _is_board(fix):
+    if not _is_board(fix, model):
         return Rejection("not_a_board")
     if math.hypot(fix.sigma_azimuth, fix.sigma_elevation) > math.radians(options["max_sigma_deg"]):
         return Rejection("too_uncertain")
@@ -98,8 +97,8 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
     return _vertex(index, seen.time_ns, fix, flags)
 
 
-def _is_board(fix: Fix) -> bool:
-    return fix.best >= _LEAST_LIKELY and fix.plane.score >= _LEAST_SCORE
+def _is_board(fix: Fix, model: Model) -> bool:
+    return fix.explained(model) and fix.plane.score >= _LEAST_SCORE
 
 
 def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...]) -> Vertex:
