@@ -18,6 +18,7 @@ _HOUR_US: Final = 3_600_000_000
 _PACKET_NS: Final = 1_327_104
 _SWEEP_NS: Final = 100_000_000
 _GAP_BINS: Final = 36
+_MANY_TURNS: Final = 20
 
 # (host's stamp in nanoseconds, UDP payload)
 Packet = tuple[int, bytes]
@@ -130,7 +131,9 @@ def _sweep_duration(azimuth: NDArray[np.int64], elapsed_ns: float, options: Read
 
 
 def _seam(azimuth: NDArray[np.int64]) -> tuple[int, str]:
-    """Where to cut: in the middle of the field that the sensor does not send, else where the recording begins."""
+    """Where to cut: in the middle of the field that the sensor does not send, else behind it, where vehicles and
+    people stand least; but where a short recording begins, so that its first turn is whole.
+    """
     sent = np.bincount(azimuth.reshape(-1) // (TURN // _GAP_BINS), minlength=_GAP_BINS)[:_GAP_BINS] > 0
     turned = float(np.mod(np.diff(azimuth[:, 0]), TURN).sum()) / TURN
     if turned > 1.5 and not sent.all():
@@ -142,4 +145,6 @@ def _seam(azimuth: NDArray[np.int64]) -> tuple[int, str]:
                 best, length = place, run
         middle = (best + 1 - length / 2) * (TURN // _GAP_BINS)
         return int(middle) % TURN, "in the middle of the field that it does not send"
+    if turned > _MANY_TURNS or len(azimuth) >= SAMPLE_PACKETS:
+        return TURN // 2, "behind the sensor"
     return int(azimuth[0, 0]), "where the recording begins"

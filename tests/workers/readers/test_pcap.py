@@ -229,6 +229,14 @@ def test_a_sensor_that_sends_part_of_the_turn_is_cut_in_the_gap(tmp_path):
         assert azimuth(sweep)[0] < 6 and azimuth(sweep)[-1] > 294
 
 
+def test_a_long_recording_is_cut_behind_the_sensor(tmp_path):
+    recording, sweeps = read(write_pcap(tmp_path / "a.pcap", captured(packets(turns=22.5, distance=100))))
+    assert any("behind the sensor" in note for note in recording.lidar_facts(recording.sensors[0]).notes)
+    assert len(sweeps) == 24 and len(sweeps[0].xyz) < 0.2 * len(sweeps[1].xyz)  # from 118.88 to 180 degrees
+    for sweep in sweeps[1:23]:
+        assert 179.5 < azimuth(sweep)[0] < 180.5 and abs(len(sweep.xyz) - 28_935) < 40
+
+
 def test_stamp_only(plain):
     recording = PcapRecording(plain[0]._path, ReadOptions(point_times="stamp_only"))
     assert not any(s.offset_ns.any() for s in recording.sweeps(recording.sensors[0]))
