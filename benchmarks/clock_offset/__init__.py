@@ -1,0 +1,1 @@
+"""How well the offset between camera and LiDAR clock is found from a walk."""

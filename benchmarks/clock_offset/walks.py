@@ -1,0 +1,104 @@
+"""One simulated walk, what each detector finds in it, and the offset that marks of its frames give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from workers.geometry.errors import InputError
+from workers.geometry.transforms import to_document
+from workers.simulation.camera import Camera, make_camera, nominal_mount
+from workers.simulation.lidar import SENSORS, Lidar
+from workers.simulation.scene import WALKER_REGION, Scene
+from workers.simulation.walker import BOARD_EDGES_M, Walk
+from workers.solver.clock_offset import estimate_offset
+from workers.vertices.detectors import detect_range
+from workers.vertices.pairing import pair
+from workers.vertices.region import Region
+from workers.vertices.sources import Listed
+from workers.vertices.tracks import Track
+from workers.vertices.vertex import Vertex
+
+START_NS: Final = 1_780_000_000_000_000_000
+MOST_MS: Final = 60.0
+MODEL: Final = "brown_conrady"
+_FRAME_RATE_HZ: Final = 14.98
+_MAX_GAP_NS: Final = 50_000_000
+_MARK_PX: Final = 1.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is simulated: a name in ``walks.WALKS``, its length, and the share of marks that are blunders."""
+
+    name: str
+    walk: str = "rows"
+    seconds: float = 60.0
+    blunders: float = 0.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """One estimate beside the truth, milliseconds; the estimate is None where it was refused."""
+
+    case: str
+    detector: str
+    true_ms: float
+    offset_ms: float | None
+    sigma_ms: float | None
+    marks: int
+    code: str
+
+
+def run(case: Case, detectors: Sequence[str], seed: int) -> list[Found]:
+    """Simulate the walk, run each detector over it, mark the frames, estimate."""
+    scene = Scene()
+    walk = Walk(seed, case.seconds, scene.ground_z, plan=case.walk)
+    lidar = Lidar(SENSORS["vlp16"], scene, walk, sector_deg=60.0, noise_m=0.008, seed=seed)
+    start = np.random.default_rng([seed, 11]).uniform(0.0, 0.1)
+    sweeps = []
+    for index in range(int((case.seconds - 0.2) * lidar.sensor.rate_hz)):
+        at = start + index / lidar.sensor.rate_hz
+        sweeps.append(lidar.sweep(index, at, START_NS + round(at * 1e9)))
+    region = Region.from_document(WALKER_REGION)
+    found: list[Found] = []
+    for detector in detectors:
+        options = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
+        given = options if detector == "refined" else None
+        vertices = detect_range(Listed(sweeps), region, detector, given, indices=range(len(sweeps))).vertices
+        found.append(_estimate(case, detector, vertices, walk, make_camera(MODEL, seed), seed))
+    return found
+
+
+def _estimate(case: Case, detector: str, vertices: list[Vertex], walk: Walk, camera: Camera, seed: int) -> Found:
+    random = np.random.default_rng([seed, 12])
+    true_ms = float(random.uniform(-MOST_MS, MOST_MS))
+    moments_s = random.uniform(0.0, 0.06) + np.arange(int((case.seconds - 0.2) * _FRAME_RATE_HZ)) / _FRAME_RATE_HZ
+    stamps = START_NS + np.round((moments_s + true_ms * 1e-3) * 1e9).astype(np.int64)
+    # People mark the frames that were paired before anything was known of the offset.
+    index, _ = pair([vertex.time_ns for vertex in vertices], stamps, max_gap_ns=_MAX_GAP_NS)
+    frames = np.unique(index[index >= 0])
+    pixels = camera.project(walk.poses(moments_s[frames]).apex)
+    seen = camera.sees(pixels)
+    frames, pixels = frames[seen], pixels[seen]
+    pixels = pixels + random.normal(0.0, _MARK_PX, pixels.shape)
+    wrong = random.random(len(pixels)) < case.blunders
+    pixels[wrong] += random.uniform(-80.0, 80.0, (int(wrong.sum()), 2))
+    blank = Found(case.name, detector, true_ms, None, None, len(frames), "")
+    try:
+        estimate = estimate_offset(Track.of(vertices), stamps[frames], pixels, _request(camera))
+    except InputError as error:
+        return replace(blank, code=error.code)
+    return replace(blank, offset_ms=estimate.offset_ns * 1e-6, sigma_ms=estimate.sigma_ns * 1e-6)
+
+
+def _request(camera: Camera) -> dict[str, Any]:
+    return {
+        "model": camera.model,
+        "image_size": list(camera.image_size),
+        "nominal": to_document(nominal_mount()),
+        "mark_sigma_px": _MARK_PX,
+    }
