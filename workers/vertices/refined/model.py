@@ -12,7 +12,7 @@ from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import SensorGrid
 
 Floats = NDArray[np.float64]
-_LEAST_LIKELY, _TIMES_EXPECTED = -2.5, 1.5
+_LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
