@@ -17,7 +17,6 @@ _PCAP: Final = {
     b"\xa1\xb2\x3c\x4d": (">", 1),
 }
 _PCAPNG: Final = b"\x0a\x0d\x0d\x0a"
-MAGICS: Final = (*_PCAP, _PCAPNG)
 _BUFFER: Final = 1 << 20
 _LARGEST: Final = 1 << 18  # no network has longer frames; tcpdump's own limit
 _LARGEST_BLOCK: Final = 1 << 24

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from workers.readers.capture import MAGICS, Capture
+from workers.readers.capture import Capture
 from workers.readers.datagrams import KNOWN_LINKS, Datagrams, endpoint
 from workers.readers.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, learn_packets
 from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
@@ -40,11 +40,6 @@ class PcapRecording:
     """
 
     format = "pcap"
-
-    @staticmethod
-    def recognises(path: Path, head: bytes) -> bool:
-        """Whether the file's first bytes are those of a capture."""
-        return path.is_file() and head.startswith(MAGICS)
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._path = path

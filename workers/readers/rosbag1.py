@@ -32,11 +32,6 @@ class Rosbag1Recording(TopicRecording):
         ReadError: ``recording_truncated``, ``recording_not_indexed``, ``recording_damaged``.
     """
 
-    @staticmethod
-    def recognises(path: Path, head: bytes) -> bool:
-        """Whether the file's first bytes are those of a ROS 1 bag."""
-        return path.is_file() and head.startswith(_MAGIC)
-
     def __init__(self, path: Path, options: ReadOptions) -> None:
         bag = _Bag(path)
         try:

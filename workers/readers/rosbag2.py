@@ -33,11 +33,6 @@ class Rosbag2Recording(TopicRecording):
             ``archive_expands``.
     """
 
-    @staticmethod
-    def recognises(path: Path, head: bytes) -> bool:
-        """Whether this is SQLite or MCAP, or a folder with a ROS 2 bag's metadata."""
-        return head.startswith((_SQLITE, _MCAP)) if path.is_file() else (path / _METADATA).is_file()
-
     def __init__(self, path: Path, options: ReadOptions) -> None:
         container = _BagFolder(path) if path.is_dir() else _open_file(path, Scratch(path.name, path.stat().st_size))
         try:

@@ -37,6 +37,7 @@ class SweepCutter:
         self._where = where
         self._stamp_only = options.point_times == "stamp_only"
         self._clock = PacketClock(stream.packet_ns, stream.device, stream.lead_ns)
+        self._usual = (0xEEFF,) * BLOCKS  # of most sensors, told faster than by the set
         self._held: list[Packet] = []
         self._start_ns = 0
         self._phase = -1  # azimuth from the seam, and moment, of the last firing cycle
@@ -51,8 +52,9 @@ class SweepCutter:
         azimuths = fields[1:24:2]
         if stream.decoding.patch:
             data = data[:-2] + stream.decoding.patch
+        flags = fields[:24:2]
         if (
-            not model.flags.issuperset(fields[:24:2])
+            (flags != self._usual and not model.flags.issuperset(flags))
             or max(azimuths) >= TURN
             or (model.product is not None and data[-1] != model.product)
         ):

@@ -13,7 +13,6 @@ from typing import Any, Final
 from workers.readers.recording import LidarModel, ReadError
 
 PACKET_BYTES: Final = 1206
-TELEMETRY_BYTES: Final = 512
 BLOCKS: Final = 12
 # Twelve blocks of flag, azimuth and 32 measurements of 3 bytes; then microseconds past the hour and two factory bytes
 # (return mode, product), as every Velodyne manual prints it. HDL-64E sends status in the last two instead.
