@@ -1,0 +1,154 @@
+"""A simulated walk as each detector sees it, and a camera that films it by a clock of its own."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.geometry.models import ModelName
+from workers.geometry.transforms import to_document
+from workers.readers.recording import Sweep
+from workers.simulation.camera import IMAGE_SIZE, Camera, nominal_mount, true_mount
+from workers.simulation.rig import START_NS, Rig
+from workers.simulation.scene import WALKER_REGION
+from workers.simulation.settings import Settings
+from workers.simulation.walker import BOARD_EDGES_M
+from workers.vertices.detectors import detect_range
+from workers.vertices.region import Region
+from workers.vertices.sources import Listed
+from workers.vertices.tracks import Track
+from workers.vertices.vertex import Vertex
+
+Floats = NDArray[np.float64]
+
+SWEEP_HZ: Final = 10
+_FRAME_HZ: Final = 15.0
+_CHUNK: Final = 500
+_KEPT_SWEEPS: Final = 64
+_REFINED: Final = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
+_AHEAD: Final = 1.3  # frames needed for a number of pairs, and a margin
+
+# A mild lens, chosen so that the pinhole model leaves about what the paper's two models differ by; the paper does not
+# state its lens.
+_LENS: Final[dict[ModelName, dict[str, float]]] = {
+    "brown_conrady": {
+        "f_x": 431.0, "f_y": 429.6, "c_x": 484.3, "c_y": 296.2, "skew": 0.0,
+        "k1": -0.045, "k2": 0.004, "k3": 0.0006, "k4": -0.0004, "k5": 0.0,
+    },
+    "pinhole": {"f_x": 431.0, "f_y": 429.6, "c_x": 484.3, "c_y": 296.2},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One of the two recordings.
+
+    Attributes:
+        pairs: as many as the paper has of it.
+        sweeps: as many as the paper has; refined vertices are looked for in these alone.
+        most_sweeps: the rules of the highest ring may look on until they have their pairs, to the end of the walk.
+    """
+
+    name: str
+    seed: int
+    pairs: int
+    sweeps: int
+    most_sweeps: int
+
+
+@dataclass(frozen=True, eq=False)
+class Walked:
+    """The walk of one recording and the vertices that each detector found in it."""
+
+    wanted: Wanted
+    vertices: dict[str, list[Vertex]]
+    sweeps: dict[str, int] = field(default_factory=dict[str, int])
+
+    @cached_property
+    def rig(self) -> Rig:
+        return Rig(_settings(self.wanted))
+
+    @cached_property
+    def tracks(self) -> dict[str, Track]:
+        """The track through each detector's vertices."""
+        return {name: Track.of(vertices) for name, vertices in self.vertices.items()}
+
+    def apex(self, times_ns: NDArray[np.int64]) -> Floats:
+        """(M, 3) where the apex truly was at moments of the LiDAR's clock."""
+        return self.rig.walk.poses((times_ns - START_NS).astype(np.float64) * 1e-9).apex
+
+    def frame_times_ns(self, repeat: int) -> NDArray[np.int64]:
+        """When the camera took its frames, by the LiDAR's clock; each repeat begins at another phase."""
+        phase = np.random.default_rng([self.wanted.seed, 21, repeat]).uniform(0.0, 1.0 / _FRAME_HZ)
+        count = int((self.wanted.most_sweeps / SWEEP_HZ - 0.2) * _FRAME_HZ * 0.9987)
+        return START_NS + np.round((phase + np.arange(count) / (_FRAME_HZ * 0.9987)) * 1e9).astype(np.int64)
+
+
+def walk_and_detect(wanted: Wanted) -> Walked:
+    """Simulate the walk sweep by sweep and run all detectors over it."""
+    lazy = _Lazy(wanted)
+    region = Region.from_document(WALKER_REGION)
+    found: dict[str, list[Vertex]] = {"strict": [], "tolerant": []}
+    seen = dict.fromkeys(found, 0)
+    for first in range(0, wanted.most_sweeps, _CHUNK):
+        open_ = [name for name in found if len(found[name]) < _AHEAD * wanted.pairs]
+        if not open_:
+            break
+        chunk = [lazy.sweep(index) for index in range(first, min(first + _CHUNK, wanted.most_sweeps))]
+        for name in open_:
+            part = detect_range(Listed(chunk), region, name, indices=range(len(chunk))).vertices
+            found[name] += [replace(vertex, sweep_index=vertex.sweep_index + first) for vertex in part]
+            seen[name] += len(chunk)
+    found["refined"] = detect_range(lazy, region, "refined", _REFINED, indices=range(len(lazy))).vertices
+    return Walked(wanted, found, {**seen, "refined": len(lazy)})
+
+
+class _Lazy:
+    """The paper's sweeps, simulated when they are asked for; the latest are kept."""
+
+    def __init__(self, wanted: Wanted) -> None:
+        self._rig = Rig(_settings(wanted))
+        self._count = wanted.sweeps
+        self._kept: OrderedDict[int, Sweep] = OrderedDict()
+
+    def __len__(self) -> int:
+        return self._count
+
+    def sweep(self, index: int) -> Sweep:
+        if index not in self._kept:
+            self._kept[index] = self._rig.sweep(index)
+            if len(self._kept) > _KEPT_SWEEPS:
+                self._kept.popitem(last=False)
+        return self._kept[index]
+
+
+def _settings(wanted: Wanted) -> Settings:
+    return Settings(seconds=wanted.most_sweeps / SWEEP_HZ, seed=wanted.seed, walk="field")
+
+
+def camera_of(model: ModelName, seed: int) -> Camera:
+    """The rig's camera: 15 degrees down, off its nominal mount by a degree and centimetres."""
+    return Camera(model, _LENS[model], IMAGE_SIZE, true_mount(seed))
+
+
+def request_of(model: ModelName) -> dict[str, object]:
+    """What the rig's owner asks the solver for."""
+    return {"model": model, "image_size": list(IMAGE_SIZE), "nominal": to_document(nominal_mount())}
+
+
+def field_points(ground_z: float) -> Floats:
+    """(M, 3) apexes all over the field of 10 x 30 m, as low and as high as arms carry them."""
+    x, y, z = np.meshgrid(np.arange(4.0, 32.1, 1.0), np.arange(-5.0, 5.1, 0.5), np.arange(1.2, 2.5, 0.3))
+    points = np.column_stack([x.ravel(), y.ravel(), ground_z + z.ravel()])
+    return points[np.abs(points[:, 1]) < points[:, 0] * np.tan(np.deg2rad(50.0))]
+
+
+def times_of(vertices: Sequence[Vertex]) -> NDArray[np.int64]:
+    """(N,) when the vertices were measured."""
+    return np.array([vertex.time_ns for vertex in vertices], np.int64)
