@@ -105,7 +105,7 @@ class FileSeries:
         self._times = stamp_files({group.name: group.paths for group in groups}, tables, lines)
         for group in groups:
             group.paths.sort(key=lambda path: (self._times.stamps_ns[path], path))
-        self._spins = {group.name: self._spin(group) for group in groups if group.kind == "lidar"}
+        self._spins: dict[str, KittiSpin | None] = {}
         self._sensors = [
             Sensor(group.kind, group.name, "", len(group.paths), self._sensor_notes(group)) for group in groups
         ]
@@ -122,7 +122,18 @@ class FileSeries:
     def _spin(self, group: Group) -> KittiSpin | None:
         if self._times.sources[group.name] != "kitti" or self._options.point_times != "auto":
             return None
-        return KittiSpin.of(self._lines[group.name], group.paths, self._times.stamps_ns)
+        stamps = {path: self._times.stamps_ns[path] for path in group.paths}
+        turn_ns = self._period(group) if self._options.rate_hz is None else round(1e9 / self._options.rate_hz)
+        cloud = read_cloud(read_file(self._tree, group.paths[0]), group.paths[0])
+        if any(axis not in cloud for axis in "xyz"):  # said when the cloud is read
+            return None
+        xyz = np.stack([cloud[axis] for axis in "xyz"], 1).astype(np.float32)
+        return KittiSpin.of(self._lines[group.name], stamps, turn_ns, xyz[np.isfinite(xyz).all(1)])
+
+    def _period(self, group: Group) -> int | None:
+        """The usual time from one sweep to the next."""
+        stamps = np.array([self._times.stamps_ns[path] for path in group.paths], np.int64)
+        return int(np.median(np.diff(stamps))) if len(stamps) > 2 else None
 
     def _sensor_notes(self, group: Group) -> dict[str, str]:
         """What the first file tells: the fields of a cloud, the size of an image."""
@@ -164,19 +175,19 @@ class FileSeries:
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned of a LiDAR from files spread over the folder."""
         facts = self._model(sensor).facts
-        spin = self._spins[sensor.name]
+        spin = self._spins.get(sensor.name)
         return facts if spin is None else spin.facts(facts, sensor.name)
 
     def _model(self, sensor: Sensor) -> CloudModel:
         if sensor.name not in self._models:
             options = self._options
-            period: int | None = None
-            stamps = np.array([self._times.stamps_ns[path] for path in self._groups[sensor.name].paths], np.int64)
-            if self._times.sources[sensor.name] == "index" or self._spins[sensor.name] is not None:
+            group = self._groups[sensor.name]
+            self._spins[sensor.name] = self._spin(group)
+            made_up = self._times.sources[sensor.name] == "index"
+            if made_up or self._spins[sensor.name] is not None:
                 # Made-up times say nothing about when, within a sweep, a point was measured.
                 options = replace(options, point_times="stamp_only")
-            elif len(stamps) > 2:
-                period = int(np.median(np.diff(stamps)))
+            period = None if made_up else self._period(group)
             self._models[sensor.name] = learn_clouds(self._samples(sensor), period, options, sensor.name)
         return self._models[sensor.name]
 
@@ -191,7 +202,7 @@ class FileSeries:
 
     def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
         """The sweeps of one LiDAR in the order of their stamps."""
-        model, spin = self._model(sensor), self._spins[sensor.name]
+        model, spin = self._model(sensor), self._spins.get(sensor.name)
         for path in self._groups[sensor.name].paths:
             sweep = model.sweep(self._times.stamps_ns[path], read_cloud(read_file(self._tree, path), path))
             yield sweep if spin is None else spin.timed(sweep, path)

@@ -54,7 +54,7 @@ def learn_runs(clouds: Sequence[NDArray[np.float32]], expected: int | None) -> R
         expected: number of rings, if the owner knows it.
     """
     filled = [cloud for cloud in clouds if len(cloud) > 1]
-    directions = [_direction(cloud) for cloud in filled]
+    directions = [direction_of(cloud) for cloud in filled]
     if not filled or 0 in directions or len(set(directions)) > 1:
         return None
     seam = _seam(filled, directions[0])
@@ -75,8 +75,14 @@ def _turns(xyz: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.arctan2(xyz[:, 1], xyz[:, 0]).astype(np.float64) / (2 * np.pi)
 
 
-def _direction(xyz: NDArray[np.float32]) -> int:
-    """+1 or -1 where nearly all points follow their neighbour one way round in small steps, else 0."""
+def direction_of(xyz: NDArray[np.float32]) -> int:
+    """+1 (counter-clockwise) or -1 where nearly all points of a cloud follow each other one way round, else 0.
+
+    Args:
+        xyz: (N, 3) points in the order of their file.
+    """
+    if len(xyz) < 2:
+        return 0
     step = np.mod(np.diff(_turns(xyz)) + 0.5, 1.0) - 0.5
     rising, falling = float(np.mean(step > 0)), float(np.mean(step < 0))
     if float(np.mean(np.abs(step) < _BACK)) < 0.9 or max(rising, falling) < 0.9 * (rising + falling):

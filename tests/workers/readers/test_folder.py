@@ -235,7 +235,7 @@ def test_made_up_times_beside_real_ones_are_refused(tmp_path):
 KITTI_SECONDS = (25.951, 26.054, 26.257)
 
 
-def kitti(root):
+def kitti(root, clockwise=False):
     """KITTI's raw layout with its folders of date and drive; the LiDAR lost frame 1."""
     drive = root / "2011_09_26" / "2011_09_26_drive_0001_extract"
     lines = {"timestamps.txt": 0.0, "timestamps_start.txt": -0.05, "timestamps_end.txt": 0.051}
@@ -245,17 +245,21 @@ def kitti(root):
             if name == "timestamps.txt" or folder == "velodyne_points":
                 text = "\n".join(f"2011-09-26 13:02:{second + shift:012.9f}" for second in KITTI_SECONDS)
                 (drive / folder / name).write_text(text + "\n")
+    azimuth = np.arctan2(scene()["y"], scene()["x"])
+    order = np.lexsort((-azimuth if clockwise else azimuth, -scene()["ring"]))
     for i in range(3):
         write_png(drive / "image_02" / "data" / f"{i:010d}.png", i)
         (drive / "oxts" / "data" / f"{i:010d}.txt").write_text("49.0 8.4 112.8\n")
-        points = np.column_stack([xyz(), np.full(len(xyz()), 0.5 + i)]).astype("<f4")
+        points = np.column_stack([xyz(), np.full(len(xyz()), 0.5 + i)])[order].astype("<f4")
         if i != 1:
             (drive / "velodyne_points" / "data" / f"{i:010d}.bin").write_bytes(points.tobytes())
-    return root
+    return root, order
 
 
-def test_kittis_raw_layout(tmp_path):
-    recording = open_recording(kitti(tmp_path))
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_kittis_raw_layout(tmp_path, clockwise):
+    root, order = kitti(tmp_path, clockwise)
+    recording = open_recording(root)
     assert names(recording) == [("camera", "image_02", 3), ("lidar", "velodyne_points", 2)]
     camera, lidar = recording.sensors
     start = 1_317_042_120_000_000_000
@@ -265,15 +269,16 @@ def test_kittis_raw_layout(tmp_path):
     assert (facts.ring_count, facts.sweep_ns, facts.time_source) == (16, 101_000_000, "derived_from_azimuth")
     first, second = recording.sweeps(lidar)
     assert [first.stamp_ns, second.stamp_ns] == [stamps[0], stamps[2]]
-    np.testing.assert_array_equal(first.xyz, xyz())
-    np.testing.assert_array_equal(first.ring, scene()["ring"])
+    np.testing.assert_array_equal(first.xyz, xyz()[order])
+    np.testing.assert_array_equal(first.ring, scene()["ring"][order])
     np.testing.assert_array_equal(second.intensity, np.float32(2.5))
-    # The scanner turns from behind over the right, where azimuth is -90 degrees, and looks ahead half a turn later.
+    # Counter-clockwise it looks to the right, at -90 degrees, a quarter of a turn before it looks ahead.
     azimuth = np.arctan2(first.xyz[:, 1], first.xyz[:, 0])
-    ahead, right = np.abs(azimuth) < 0.01, np.abs(azimuth + np.pi / 2) < 0.01
-    np.testing.assert_allclose(first.offset_ns[ahead], 500_000, atol=200_000)
-    np.testing.assert_allclose(first.offset_ns[right], -24_750_000, atol=200_000)
-    assert first.offset_ns.min() >= -50_000_001 and first.offset_ns.max() <= 51_000_001
+    for side in (np.pi / 2, -np.pi / 2, 0.0):
+        expected = side / (2 * np.pi) * 101_000_000 * (-1 if clockwise else 1)
+        np.testing.assert_allclose(first.offset_ns[np.abs(azimuth - side) < 0.04], expected, atol=700_000)
+    assert first.offset_ns.min() >= -50_000_000 and first.offset_ns.max() <= 51_000_000
+    assert any(("clockwise in 101.0 ms" in note) for note in facts.notes)
     recording.close()
 
 
