@@ -10,6 +10,8 @@ from making_recordings import COMPRESSED, DATA, PERIOD_NS, START_NS, clouds, ima
 from making_recordings import TYPES as ROS1
 from making_ros2 import INFO, SCAN, K, as_cdr, field, foxglove, info, rig, scan, write_mcap, write_ros2
 from mcap.writer import CompressionType
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from workers.readers.detect import open_recording
 from workers.readers.recording import Frame, ReadError, ReadOptions, Sweep
@@ -152,6 +154,39 @@ def test_foxgloves_own_messages(tmp_path, encoding):
     infos = {s.name: s.camera_info for s in recording.sensors}
     assert infos["/left/image"] is None
     assert (infos["/front/image"]["model"], infos["/front/image"]["D"]) == ("kannala_brandt", [0.1, 0.2, 0.3, 0.4])
+
+
+@pytest.mark.parametrize("newer", [True, False])
+def test_foxgloves_messages_in_ros_2_by_the_files_own_definition(tmp_path, newer):
+    kind, more = "foxglove_msgs/msg/PointCloud", "string uuid\n" if newer else ""
+    text = f"\n{'=' * 80}\n".join(
+        (
+            "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose pose\nuint32 point_stride\n"
+            f"foxglove_msgs/PackedElementField[] fields\nuint8[] data\n{more}",
+            f"MSG: foxglove_msgs/PackedElementField\nstring name\nuint32 offset\nuint8 type\n{more}",
+        )
+    )
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    types.register(get_types_from_msg(text, kind))
+    made = types.types
+    columns = scene()
+    points = np.stack([columns[name].astype("<f4") for name in ("x", "y", "z", "ring")], 1)
+    uuid = ("an id",) if newer else ()
+    fields = [
+        made["foxglove_msgs/msg/PackedElementField"](name, 4 * i, 7, *uuid)
+        for i, name in enumerate(("x", "y", "z", "ring"))
+    ]
+    pose = made["geometry_msgs/msg/Pose"](
+        made["geometry_msgs/msg/Point"](0, 0, 0), made["geometry_msgs/msg/Quaternion"](0, 0, 0, 1)
+    )
+    time = made["builtin_interfaces/msg/Time"](*divmod(START_NS, 10**9))
+    cloud = made[kind](time, "lidar", pose, 16, fields, points.view(np.uint8).reshape(-1), *uuid)
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/lidar", kind, typestore=types)
+        writer.write(connection, START_NS, types.serialize_cdr(cloud, kind))
+    recording, (sweep,), _ = read(tmp_path / "bag")
+    assert recording.sensors[0].notes["fields"] == "x y z ring" and sweep.stamp_ns == START_NS
+    np.testing.assert_array_equal(sweep.xyz, points[:, :3])
 
 
 def test_encodings_and_types_that_are_not_read_are_named(tmp_path):
