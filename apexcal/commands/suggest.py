@@ -34,8 +34,8 @@ def suggest(
 
 
 def _what_was_found(facts: Document) -> str:
-    reasons = "".join(f"\n  {reason}" for reason in facts["reasons"])
+    notes = "".join(f"\n  {note}" for note in facts["notes"])
     return (
-        f"Something moves in {facts['sweeps_moving']} of {facts['sweeps_read']} sweeps that were looked at, over "
-        f"{facts['area_m2']:.0f} square metres.{reasons}"
+        f"Somebody walks in {facts['sweeps_moving']} of {facts['sweeps_read']} sweeps that were looked at, over "
+        f"{facts['area_m2']:.0f} square metres.{notes}"
     )

@@ -189,6 +189,14 @@ def test_from_a_bag_to_a_published_calibration(owner, rig, simulated):
     detection = owner.wait(started, timeout_s=60)
     vertices = list(owner.detections.vertices(detection["id"]))
     assert len(vertices) == detection["counts"]["accepted"]
+    suggested = owner.wait(owner.detections.suggest(recording["id"]), timeout_s=60)["result"]
+    assert 0 < suggested["facts"]["sweeps_moving"] <= 60
+    started = owner.detections.create(recording["id"], suggested["region"], options=BOARD)
+    refined = owner.wait(started, timeout_s=60)
+    assert refined["counts"]["accepted"] > detection["counts"]["accepted"]
+    fine = list(owner.detections.vertices(refined["id"], quality="fine"))
+    assert len(fine) == refined["counts"]["quality"]["fine"] > 0
+    assert all(0 < vertex["covariance"][1][1] < 1e-5 for vertex in fine)
     pixels = dict(zip(truth["frames"]["stamp_ns"], truth["frames"]["apex_uv"], strict=True))
     link = owner.fleets.invite(rig["fleet_id"], "Bo", "annotator")["link"]
     with Client.sign_in(link) as bo:
@@ -229,6 +237,7 @@ def test_from_a_bag_to_a_published_calibration(owner, rig, simulated):
     assert refused.value.code == "unknown_model"
 
 
+BOARD = {"board_width_m": 0.61, "board_height_m": 0.914}
 TRUTH = ("apex_xyz", "apex_uv", "stamp_ns", "apex_in_image")
 
 

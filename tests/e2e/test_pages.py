@@ -55,6 +55,8 @@ def test_a_region_is_tried_before_it_is_used(sign_in: SignIn, track: Track) -> N
     page.goto(f"{track.url}/recordings/{track.recording_id}")
     page.get_by_role("button", name="Preview the region").click()
     expect(page.get_by_text("Keeps")).to_contain_text("sweeps", timeout=20_000)
+    page.get_by_role("button", name="Suggest a region").click()
+    expect(page.get_by_role("img", name="The region from above")).to_be_visible(timeout=20_000)
     page.get_by_role("button", name="Edit as JSON").click()
     page.get_by_label("Region as JSON").fill('{"quantity": "w", "op": ">", "value": 0}')
     expect(page.get_by_role("alert")).to_contain_text("region.quantity")

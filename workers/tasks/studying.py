@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 from uuid import UUID
 
@@ -24,7 +25,7 @@ from workers.vertices.tracks import Track
 from workers.vertices.vertex import Covariance
 from workers.vertices.vertex import Vertex as Found
 
-_SAMPLES = 240
+_SAMPLES = 360
 
 
 def preview(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
@@ -40,12 +41,12 @@ def preview(context: Context, held: Claim, lease: Lease) -> Callable[[Session], 
 def suggestion(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """A region around what moves."""
     _, key = _asked(context, held)
+    calls = count(1)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
-        count = max(min(_SAMPLES, len(lidar)), 1)
+        # Each of the sweeps that it looks at is read twice.
+        reads = 2 * max(min(_SAMPLES, len(lidar)), 1)
         found = suggest_region(
-            lidar,
-            samples=_SAMPLES,
-            on_sweep=lambda done: lease.report(done / count, "looking for what moves"),
+            lidar, samples=_SAMPLES, on_sweep=lambda _: lease.report(next(calls) / reads, "looking for what moves")
         )
     return _writing(held, {"region": found.document, "facts": dict(found.facts)})
 

@@ -166,7 +166,8 @@ export interface SuggestionFacts {
   sweeps_read: number;
   sweeps_moving: number;
   area_m2: number;
-  reasons: string[];
+  points_per_sweep: number;
+  notes: string[];
 }
 
 export type RegionSuggestion = Study<{ region: unknown; facts: SuggestionFacts }>;
