@@ -1,40 +1,38 @@
-"""An image file as a frame: as it is where browsers show it faithfully, else as a PNG of 8 bits."""
+"""An encoded image as a frame: as it is where browsers show it faithfully, else as a PNG of 8 bits."""
 
 from __future__ import annotations
 
 import struct
-from pathlib import PurePosixPath
 from typing import Any, Final
 
 from workers.readers.images import DEFLATE_LIMIT, check_size, read_image_header
 from workers.readers.recording import Frame, ReadError
 
-_SHOWN: Final = frozenset({".jpg", ".jpeg", ".png", ".webp"})
-_DECODED: Final = frozenset({".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".pnm"})
-IMAGE_SUFFIXES: Final = _SHOWN | _DECODED
+IMAGE_SUFFIXES: Final = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".pnm"})
+_DECODED: Final = (b"BM", b"P5", b"P6", b"II*\0", b"MM\0*")
 _TIFF_SIZE: Final = {3: "H", 4: "I"}
 
 
 def image_frame(data: bytes, stamp_ns: int, where: str) -> Frame:
-    """A frame of an image file.
+    """A frame of an encoded image, whose content tells its format.
 
     JPEG, WebP and PNG of 8 bits stay byte for byte. PNG of 16 bits, TIFF, BMP and PNM are decoded, and encoded as PNG
     of 8 bits.
 
     Args:
-        data: the whole file.
+        data: the whole image.
         stamp_ns: of the frame.
-        where: names the file in errors.
+        where: names the image in errors.
 
     Raises:
         ReadError: ``image_unsupported``, ``image_damaged``, ``image_too_large``, ``image_turned``.
     """
-    if PurePosixPath(where).suffix.lower() not in _DECODED:
+    if data.startswith(_DECODED):
+        _check_header(data, where)
+    else:
         header = read_image_header(data, where)
         if header.media_type != "image/png" or data[24] != 16:
             return Frame(stamp_ns, data, header.media_type, header.width, header.height)
-    else:
-        _check_header(data, where)
     return _decoded(data, stamp_ns, where)
 
 
@@ -64,14 +62,8 @@ def _check_header(data: bytes, where: str) -> None:
             width, height = struct.unpack_from("<ii", data, 18)
         elif data[:2] in (b"P5", b"P6"):
             width, height = _pnm_size(data)
-        elif data[:4] in (b"II*\0", b"MM\0*"):
-            width, height = _tiff_size(data)
         else:
-            raise ReadError(
-                "image_unsupported",
-                f"{where} is not what its name says (it starts with {data[:8].hex(' ') or 'nothing'}).",
-                "Convert the camera's frames to PNG or JPEG.",
-            )
+            width, height = _tiff_size(data)
     except (struct.error, ValueError, IndexError):
         raise _damaged(where, "its header is cut short or states no size") from None
     height = abs(height)

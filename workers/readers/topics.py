@@ -17,6 +17,7 @@ from workers.readers.images import read_image_header
 from workers.readers.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, evened, learn_packets
 from workers.readers.pointcloud2 import cloud_columns
 from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
+from workers.readers.still_images import image_frame
 from workers.readers.topic_messages import (
     CameraInfo,
     CloudMessage,
@@ -217,8 +218,7 @@ class TopicRecording:
         if isinstance(message, CloudMessage) and model is not None:
             return model.sweep(stamp_ns, cloud_columns(message.cloud, where))
         if isinstance(message, EncodedImage):
-            header = read_image_header(message.data, where)
-            return Frame(stamp_ns, message.data, header.media_type, header.width, header.height)
+            return image_frame(message.data, stamp_ns, where)
         if isinstance(message, RawImage):
             return raw_to_png(
                 message.data,
