@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workers.geometry.errors import InputError
-from workers.vertices.noise import axes, noise_of, to_spherical, to_xyz
+from workers.vertices.noise import LASTING_S, axes, noise_of, to_spherical, to_xyz
 from workers.vertices.vertex import Vertex
 
 Floats = NDArray[np.float64]
@@ -66,6 +66,7 @@ class Track:
         covariance: (N, 3, 3) over x, y, z, square metres: what differs from sweep to sweep.
         common: (N, 3) standard deviations over (azimuth rad, elevation rad, range m) of what neighbouring vertices
             have in common, and smoothing does not remove.
+        lasting: (N, 3) share of the variances, along the same axes, that lasts for some sweeps.
     """
 
     times_ns: NDArray[np.int64]
@@ -73,19 +74,21 @@ class Track:
     xyz: Floats
     covariance: Floats
     common: Floats
+    lasting: Floats
 
     @classmethod
     def of(cls, vertices: Sequence[Vertex]) -> Self:
         """The track of vertices in any order; those without a covariance get that of their detector."""
         ordered = sorted(vertices, key=lambda vertex: (vertex.time_ns, vertex.sweep_index))
         xyz = np.array([vertex.xyz for vertex in ordered], np.float64).reshape(-1, 3)
-        own, common = noise_of(ordered)
+        own, common, lasting = noise_of(ordered)
         return cls(
             times_ns=np.array([vertex.time_ns for vertex in ordered], np.int64),
             sweep=np.array([vertex.sweep_index for vertex in ordered], np.int64),
             xyz=xyz,
             covariance=to_xyz(own, xyz),
             common=common,
+            lasting=lasting,
         )
 
     def places(self, vertices: Sequence[Vertex]) -> NDArray[np.int64]:
@@ -144,13 +147,14 @@ class Track:
         y = (back @ (self.xyz[chosen] - origin[:, None])[..., None])[..., 0]
         noise = back @ self.covariance[chosen] @ back.swapaxes(-1, -2)
         shared = np.einsum("mnai,mnia->mna", back, axes(self.xyz[chosen])) * self.common[chosen]
-        window = _Window.of(t, y, noise, shared, present)
+        lasting = self.lasting[chosen]
+        window = _Window.of(t, y, noise, shared, lasting, present)
         for _ in range(_MOST_OFF):
             off = _off_track(window, present)
             if not off.any():
                 break
             present = present & ~off
-            window = _Window.of(t, y, noise, shared, present)
+            window = _Window.of(t, y, noise, shared, lasting, present)
         p, v, spread = _posterior(window, noise)
         return (
             origin + (turn @ p[..., None])[..., 0],
@@ -186,8 +190,10 @@ class _Window:
     S: Floats
 
     @classmethod
-    def of(cls, t: Floats, y: Floats, noise: Floats, shared: Floats, present: NDArray[np.bool_]) -> Self:
-        """From t (M, n) seconds after the moment, y (M, n, 3), noise (M, n, 3, 3) and shared errors (M, n, 3)."""
+    def of(
+        cls, t: Floats, y: Floats, noise: Floats, shared: Floats, lasting: Floats, present: NDArray[np.bool_]
+    ) -> Self:
+        """From t (M, n) seconds after the moment, y (M, n, 3), noise (M, n, 3, 3), shared and lasting (M, n, 3)."""
         t, y, shared = t * present, y * present[..., None], shared * present[..., None]
         own = np.where(present[..., None], np.einsum("mnaa->mna", noise), _ABSENT**2).swapaxes(1, 2)
         a, b = np.abs(t)[:, :, None], np.abs(t)[:, None, :]
@@ -196,7 +202,10 @@ class _Window:
         same_side = t[:, :, None] * t[:, None, :] > 0.0
         strayed = np.where(same_side, low * low * (0.5 * high - low / 6.0), 0.0)
         common = shared.swapaxes(1, 2)
-        fixed = common[..., :, None] * common[..., None, :] + own[..., None] * np.eye(t.shape[1])
+        lasts = np.sqrt(own * np.where(present[..., None], lasting, 0.0).swapaxes(1, 2))
+        fades = np.exp(-np.abs(t[:, :, None] - t[:, None, :]) / LASTING_S)[:, None]
+        fixed = common[..., :, None] * common[..., None, :] + lasts[..., :, None] * lasts[..., None, :] * fades
+        fixed += (own - lasts * lasts)[..., None] * np.eye(t.shape[1])
         return cls(
             H=np.stack([np.ones_like(t), t], axis=-1)[:, None, None],
             y=y.swapaxes(1, 2)[:, :, None, :, None],

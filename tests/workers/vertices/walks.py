@@ -26,6 +26,10 @@ def vertices(way, seed, length_s=30.0, *, share=0.8, sigma=SIGMA, wrong=0.0, sta
     times = START_NS + np.round(at[sweep] * 1e9).astype(np.int64)
     apex = way.poses(seconds(times)).apex
     error = random.normal(size=apex.shape) * sigma
+    if stated:  # what the sweeps around tell of the board's roll errs alike for some sweeps
+        fades = np.exp(-np.abs(at[sweep][:, None] - at[sweep]) / 0.3)
+        lasting = np.linalg.cholesky(fades + 1e-9 * np.eye(len(sweep))) @ random.normal(size=len(sweep))
+        error[:, 0] = np.sqrt(0.6) * error[:, 0] + np.sqrt(0.4) * lasting * sigma[0]
     gross = random.random(len(apex)) < wrong
     error[gross, :2] += np.radians(random.choice([-0.5, 0.5], (int(gross.sum()), 2)))
     xyz = apex + np.einsum("nij,nj->ni", axes(apex), error)
