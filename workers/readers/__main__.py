@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import errno
 import json
+import os
 import resource
 import sys
 from collections.abc import Mapping, Sequence
@@ -96,4 +97,7 @@ def _used() -> dict[str, float]:
 
 
 if __name__ == "__main__":
+    # What libraries written in C print goes where errors go, and not between the lines for the parent.
+    sys.stdout = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
     sys.exit(main())

@@ -41,6 +41,7 @@ def damage(name: str, what: str, hint: str, *kinds: type[Exception]) -> Generato
         why = f"its records contradict each other ({type(error).__name__} {str(error)[:100]})"
         raise _damaged(name, what, hint, why) from error
     except MemoryError as error:  # libraries take the sizes that records claim at their word
+        hint += " If its messages really are this large, let ingestions take more memory."
         raise _damaged(name, what, hint, "a record claims more than the memory that reading may take") from error
     except RuntimeError as error:  # lz4
         raise _damaged(name, what, hint, f"a compressed part does not decompress ({error})") from error

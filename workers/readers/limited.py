@@ -13,7 +13,7 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any, Final, cast
 
 from workers.readers.manifest import Manifest
 from workers.readers.progress import OnProgress, Progress
@@ -122,13 +122,16 @@ def _follow(stdout: IO[bytes], on_progress: OnProgress | None) -> dict[str, Any]
     last: dict[str, Any] = {}
     while line := stdout.readline(_LINE_BYTES):
         try:
-            said = json.loads(line)
-        except ValueError:  # a line cut short by the child's death
-            return last
-        if "progress" not in said:
-            last = said
+            said: Any = json.loads(line)
+        except ValueError:  # a line cut short by the child's death, or what a library has to say
+            continue
+        if not isinstance(said, dict):
+            continue
+        spoken = cast("dict[str, Any]", said)
+        if "progress" not in spoken:
+            last = spoken
         elif on_progress is not None:
-            on_progress(Progress(**said["progress"]))
+            on_progress(Progress(**spoken["progress"]))
     return last
 
 
