@@ -57,12 +57,14 @@ def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Sessi
     with context.database.reading() as session:
         study = session.get_one(Study, held.subject_id)
         vertices = _vertices(session, study.detection_id)
+        paired_under_ns = session.get_one(Detection, study.detection_id).pairing["offset_ns"]
     marks = study.asked["marks"]
     estimate = estimate_offset(
         Track.of(vertices),
         np.array(marks["stamp_ns"], np.int64),
         np.column_stack([marks["u"], marks["v"]]).astype(np.float64),
         study.asked["problem"],
+        about_ns=paired_under_ns,  # marks exist only on frames that were paired under it
     )
     return _writing(held, estimate.to_document())
 
