@@ -43,22 +43,6 @@ export const DEFAULT_ROWS: readonly Inequality[] = [
   { quantity: "z", divided_by: null, op: ">", value: -1.7 },
 ];
 
-export function regionOf(rows: readonly Inequality[]): Region {
-  return { and: rows.map((row) => ({ ...row })) };
-}
-
-/** The rows of a region that is a plain list of inequalities that all hold, else null. */
-export function rowsOf(region: Region): Inequality[] | null {
-  if ("quantity" in region) return [{ ...region }];
-  if (!("and" in region)) return null;
-  const rows: Inequality[] = [];
-  for (const node of region.and) {
-    if (!("quantity" in node)) return null;
-    rows.push({ ...node });
-  }
-  return rows;
-}
-
 /** The leaves of a region that is a plain list of leaves that all hold, else null. */
 export function leavesOf(region: Region): Leaf[] | null {
   if (isLeaf(region)) return [region];
