@@ -10,7 +10,7 @@ from typing import Final
 
 from workers.readers.cloud_files import is_cloud_table
 from workers.readers.composite import Composite, Part
-from workers.readers.detect import HEAD_BYTES, Format, format_of
+from workers.readers.detect import HEAD_BYTES, TREE, Format, format_of
 from workers.readers.file_series import FileSeries, Group, group_files, is_sensor_file
 from workers.readers.file_times import CSV_NAME, KITTI_NAME, is_times_table, listed_times, stem_and_number
 from workers.readers.file_tree import FileTree, read_file, read_head
@@ -250,6 +250,13 @@ def _group_name(group: Group, top: str) -> str:
 
 def _empty(tree: FileTree, contents: _Contents) -> ReadError:
     found = f"; it holds {', '.join(contents.others[:5])}" if contents.others else ""
+    packed = next((path for path in contents.others if TREE.matches(read_head(tree, path, HEAD_BYTES))), None)
+    if packed is not None:
+        return ReadError(
+            "folder_empty",
+            f"{tree.name} holds nothing but {packed}, an archive in its turn.",
+            f"Unpack it once and upload {posixpath.basename(packed)}, or the folder that is in it.",
+        )
     return ReadError(
         "folder_empty",
         f"{tree.name} holds no recording, no point clouds and no images{found}.",

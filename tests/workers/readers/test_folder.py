@@ -177,6 +177,17 @@ def test_a_bag_in_an_archive_is_that_bag(tmp_path, kind):
     assert manifest.format == "rosbag1" and [s.count for s in manifest.sensors] == [2, 2]
 
 
+def test_an_archive_in_an_archive(tmp_path):
+    root = tmp_path / "walk"
+    root.mkdir()
+    write_bag(root / "walk.bag", clouds(2))
+    (tmp_path / "outer").mkdir()
+    zipped(root, tmp_path / "outer" / "inner.zip")
+    with pytest.raises(ReadError, match=r"inner\.zip") as caught:
+        open_recording(zipped(tmp_path / "outer", tmp_path / "outer.zip"))
+    assert caught.value.code == "folder_empty" and "Unpack" in caught.value.hint
+
+
 def test_a_video_whose_start_is_in_the_table(tmp_path):
     write_video(tmp_path / "camera.mkv", created=None)
     (tmp_path / "timestamps.csv").write_text("file,stamp_ns\ncamera.mkv,12345678901234\n")
