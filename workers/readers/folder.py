@@ -250,7 +250,7 @@ def _group_name(group: Group, top: str) -> str:
 
 def _empty(tree: FileTree, contents: _Contents) -> ReadError:
     found = f"; it holds {', '.join(contents.others[:5])}" if contents.others else ""
-    packed = next((path for path in contents.others if TREE.matches(read_head(tree, path, HEAD_BYTES))), None)
+    packed = next((path for path in contents.others[:100] if TREE.matches(read_head(tree, path, HEAD_BYTES))), None)
     if packed is not None:
         return ReadError(
             "folder_empty",
