@@ -148,7 +148,7 @@ class SweepCutter:
         if packets[0][1][-2] == DUAL or self._stream.decoding.model.product is None:
             strongest = (points["return_type"] & 1) != 0
             keep &= strongest | ~strongest.any()
-        return self._sweep(start_ns, base_ns, points if keep.all() else points[keep])
+        return self._sweep(start_ns, base_ns, _kept(points, keep))
 
     def _sweep(self, stamp_ns: int, base_ns: int, points: NDArray[np.void]) -> Sweep:
         offset: NDArray[np.int64] = np.zeros(len(points), np.int64)
@@ -176,3 +176,11 @@ class SweepCutter:
             (self._clock.jumps, "times the sensor's clock and the host's were set against each other"),
         )
         return [f"{self._where}: {count} {what}." for count, what in told if count]
+
+
+def _kept(points: NDArray[np.void], keep: NDArray[np.bool_]) -> NDArray[np.void]:
+    """Points where ``keep``; a view where these follow one another, as they do unless a second return is dropped."""
+    if keep.all() or not keep.any():
+        return points if len(points) and keep[0] else points[:0]
+    first, last = int(keep.argmax()), len(keep) - int(keep[::-1].argmax())
+    return points[first:last] if keep[first:last].all() else points[keep]
