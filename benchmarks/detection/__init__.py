@@ -1,0 +1,1 @@
+"""How precise the detectors are on simulated walks, and how fast."""

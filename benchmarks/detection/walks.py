@@ -1,0 +1,128 @@
+"""Simulated walks with what is true of every sweep, and what the detectors find in them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import Sweep
+from workers.simulation.disturbances import Disturbances
+from workers.simulation.lidar import BOARD, SENSORS, Lidar, LidarModel
+from workers.simulation.scene import WALKER_REGION, scene_with
+from workers.simulation.walker import BOARD_EDGES_M, Walk
+from workers.vertices.detectors import detect_range
+from workers.vertices.region import Region
+from workers.vertices.sources import Listed
+
+_START_NS = 1_780_000_000_000_000_000
+_PERIOD_S = 0.1
+_SECTOR_DEG = 60.0
+SIZE = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
+FOUR_RINGS = LidarModel("four rings", (-3.0, -1.0, 1.0, 3.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What is simulated, and what looks at it.
+
+    Attributes:
+        detectors: key in the output -> detector and options.
+        noise_m: of a range.
+    """
+
+    name: str
+    detectors: Mapping[str, tuple[str, Mapping[str, float]]]
+    disturbances: Disturbances = field(default_factory=Disturbances)
+    noise_m: float = 0.008
+    four_rings: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What one detector found in one walk.
+
+    Attributes:
+        visible: (M,) ranges of the apex in the sweeps in which two rings or more meet the board, metres.
+        vertices: (N, 10) azimuth, elevation (degrees) and range error (m); their stated standard deviations; true
+            range; whether two rings meet the board; whether graded fine; whether flagged.
+    """
+
+    case: str
+    key: str
+    visible: NDArray[np.float64]
+    vertices: NDArray[np.float64]
+
+
+def run(asked: tuple[Case, int, float]) -> list[Found]:
+    """Simulate one walk of a case from a seed, so many seconds long, and run the case's detectors over it."""
+    case, seed, seconds = asked
+    sweeps, apexes, rings = simulate(case, seed, seconds)
+    region = Region.from_document(WALKER_REGION)
+    reach = np.linalg.norm(apexes, axis=1)
+    found: list[Found] = []
+    for key, (detector, options) in case.detectors.items():
+        detected = detect_range(Listed(sweeps), region, detector, options, indices=range(len(sweeps)))
+        rows = [
+            [
+                *_errors(np.array(vertex.xyz), apexes[vertex.sweep_index]),
+                *_stated(vertex.covariance),
+                reach[vertex.sweep_index],
+                float(rings[vertex.sweep_index] >= 2),
+                float(vertex.quality == "fine"),
+                float(bool(vertex.flags)),
+            ]
+            for vertex in detected.vertices
+        ]
+        found.append(Found(case.name, key, reach[rings >= 2], np.array(rows).reshape(-1, 10)))
+    return found
+
+
+def simulate(case: Case, seed: int, seconds: float) -> tuple[list[Sweep], NDArray[np.float64], NDArray[np.int64]]:
+    """Sweeps; (S, 3) the apex when the sensor looked at it, metres; (S,) how many rings meet the board."""
+    scene = scene_with(case.disturbances.poles, seed)
+    walk = Walk(seed, seconds, scene.ground_z, plan="field", disturbances=case.disturbances)
+    sensor = FOUR_RINGS if case.four_rings else SENSORS["vlp16"]
+    lidar = Lidar(
+        sensor,
+        scene,
+        walk,
+        sector_deg=_SECTOR_DEG,
+        noise_m=case.noise_m,
+        seed=seed,
+        disturbances=case.disturbances,
+    )
+    sweeps: list[Sweep] = []
+    apexes: list[NDArray[np.float64]] = []
+    rings: list[int] = []
+    for index in range(round(seconds / _PERIOD_S)):
+        start_s = index * _PERIOD_S
+        sweep, surface = lidar.labelled_sweep(index, start_s, _START_NS + round(start_s * 1e9))
+        looked_s = start_s
+        for _ in range(4):  # the apex moves while the sensor turns towards it
+            apex = walk.poses(np.array([looked_s])).apex[0]
+            looked_s = start_s + float(lidar.scan_seconds(np.arctan2(apex[1], apex[0])))
+        sweeps.append(sweep)
+        apexes.append(apex)
+        rings.append(np.unique(sweep.ring[surface == BOARD]).size)
+    return sweeps, np.array(apexes), np.array(rings)
+
+
+def _angles(xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y, z = xyz.tolist()
+    flat = math.hypot(x, y)
+    return np.array([math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, flat)), math.hypot(flat, z)])
+
+
+def _errors(found: NDArray[np.float64], true: NDArray[np.float64]) -> list[float]:
+    return (_angles(found) - _angles(true)).tolist()
+
+
+def _stated(covariance: tuple[tuple[float, float, float], ...] | None) -> list[float]:
+    if covariance is None:
+        return [math.nan] * 3
+    azimuth, elevation, reach = (math.sqrt(covariance[k][k]) for k in range(3))
+    return [math.degrees(azimuth), math.degrees(elevation), reach]
