@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from workers.readers.message_video import MessageVideo
 
 _MAX_TOPICS: Final = 10_000
+_INFOS: Final = ("CameraInfo", "CameraCalibration")
 
 
 class TopicRecording:
@@ -70,7 +71,7 @@ class TopicRecording:
                 self._other_topics.append(f"{_described(topic)}: {error.message}")
                 continue
             first = None if decoder is None else self._first(topic, decoder)
-            if decoder is None or isinstance(first, CameraInfo):
+            if decoder is None or isinstance(first, CameraInfo) or (first is None and topic.type.endswith(_INFOS)):
                 self._other_topics.append(_described(topic))
                 if isinstance(first, CameraInfo):
                     infos[topic.name] = first

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 from making_packets import packets
-from making_recordings import COMPRESSED, DATA, PERIOD_NS, START_NS, clouds, images, interleaved, png, scene
+from making_recordings import CLOUD, COMPRESSED, DATA, PERIOD_NS, START_NS, clouds, images, interleaved, png, scene
 from making_recordings import TYPES as ROS1
-from making_ros2 import INFO, SCAN, K, as_cdr, field, foxglove, info, rig, scan, write_mcap, write_ros2
+from making_ros2 import INFO, SCAN, TYPES, K, as_cdr, field, foxglove, info, rig, scan, write_mcap, write_ros2
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -289,6 +289,23 @@ def test_an_uncalibrated_camera_states_nothing(tmp_path):
     ]
     recording, _, _ = read(write_ros2(tmp_path / "bag", messages))
     assert recording.sensors[0].camera_info is None
+
+
+def test_topics_without_messages(tmp_path):
+    path = tmp_path / "bag"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for topic, kind in (("/points", CLOUD), ("/packets", SCAN), ("/cam/image", COMPRESSED), ("/cam/info", INFO)):
+            writer.add_connection(topic, kind, typestore=TYPES)
+    recording = Rosbag2Recording(path, ReadOptions())
+    assert [(s.kind, s.name, s.count) for s in recording.sensors] == [
+        ("lidar", "/points", 0),
+        ("lidar", "/packets", 0),
+        ("camera", "/cam/image", 0),
+    ]
+    with pytest.raises(ReadError) as caught:
+        recording.lidar_facts(recording.sensors[0])
+    assert caught.value.code == "no_sweeps" and list(recording.messages(recording.sensors[2:])) == []
+    recording.close()
 
 
 def test_a_chunk_that_expands_beyond_what_it_says(tmp_path):
