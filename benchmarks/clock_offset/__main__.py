@@ -2,9 +2,9 @@
 
 Simulated: a VLP-16, a camera of 16 unknown parameters on a mount that is known to a few degrees, offsets of -60 to
 +60 ms, marks of 1 px on the frames that were paired without knowing the offset. Cases: a minute of the walk that we
-advise; with 5 % of blunders among the marks; 20 seconds; a minute from anywhere to anywhere; slowly; standing still.
-WALKS: walks per case (default 12); SEED: of the first (default fresh); CASES: names, comma between.
-The keys at the top of the answer are those of the best detector and a minute of the advised walk.
+advise; with 5 % of blunders among its marks; its first 20 seconds; a minute from anywhere to anywhere in the field;
+slowly; standing still. WALKS: walks of each kind (default 12); SEED: of the first (default fresh); ONLY: names of
+walks, comma between. The keys at the top of the answer are those of `refined` and a minute of the advised walk.
 """
 
 from __future__ import annotations
@@ -21,43 +21,43 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from benchmarks.clock_offset.walks import Case, Found, run
+from benchmarks.clock_offset.walks import Case, Found, Scenario, run
 from workers.vertices.detectors import DETECTORS
 
-CASES: Final = (
-    Case("minute"),
-    Case("blunders", blunders=0.05),
-    Case("twenty_seconds", seconds=20.0),
-    Case("anywhere", walk="field"),
-    Case("slow", walk="slow"),
-    Case("still", walk="still", seconds=20.0),
+SCENARIOS: Final = (
+    Scenario(
+        "rows",
+        60.0,
+        (
+            Case("minute", 60.0, detectors=tuple(DETECTORS)),
+            Case("blunders", 60.0, blunders=0.05),
+            Case("twenty_seconds", 20.0),
+        ),
+    ),
+    Scenario("field", 60.0, (Case("anywhere", 60.0),)),
+    Scenario("slow", 60.0, (Case("slow", 60.0),)),
+    Scenario("still", 20.0, (Case("still", 20.0),)),
 )
-BEST: Final = "refined"
 
 
 def main() -> None:
     """Run every case and print tables to stderr, one line of JSON to stdout."""
     walks = int(os.environ.get("WALKS", "12"))
     first = int(os.environ.get("SEED") or secrets.randbelow(10**9))
-    wanted = os.environ.get("CASES", "")
-    cases = [case for case in CASES if not wanted or case.name in wanted.split(",")]
-    print(f"first seed {first}, {walks} walks of each case", file=sys.stderr)
+    wanted = os.environ.get("ONLY", "")
+    scenarios = [one for one in SCENARIOS if not wanted or one.walk in wanted.split(",")]
+    print(f"first seed {first}, {walks} walks of each kind", file=sys.stderr)
     with ProcessPoolExecutor(max_workers=min(2, os.cpu_count() or 1)) as pool:
-        pending = {
-            (case.name, number): pool.submit(run, case, _detectors(case), first + number)
-            for case in cases
-            for number in range(walks)
-        }
-        found = [one for future in pending.values() for one in future.result()]
-    table = {case.name: {name: summary(_of(found, case.name, name)) for name in _detectors(case)} for case in cases}
+        pending = [pool.submit(run, one, first + number) for number in range(walks) for one in scenarios]
+        found = [one for future in pending for one in future.result()]
+    table = {
+        case.name: {name: summary(_of(found, case.name, name)) for name in case.detectors}
+        for one in scenarios
+        for case in one.cases
+    }
     _print(table)
-    headline = table.get("minute", {}).get(BEST, {})
+    headline = table.get("minute", {}).get("refined", {})
     print(json.dumps({"bench": "clock_offset", "seed": first, "walks": walks, **headline, "cases": table}))
-
-
-def _detectors(case: Case) -> list[str]:
-    # The rules of the top ring find too few vertices for the harder cases; one case shows it.
-    return list(DETECTORS) if case.name == "minute" else [BEST]
 
 
 def _of(found: list[Found], case: str, detector: str) -> list[Found]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -32,12 +31,21 @@ _MARK_PX: Final = 1.0
 
 @dataclass(frozen=True)
 class Case:
-    """What is simulated: a name in ``walks.WALKS``, its length, and the share of marks that are blunders."""
+    """What is done with a walk: the part of it that is used, the share of marks that are blunders, the detectors."""
 
     name: str
-    walk: str = "rows"
-    seconds: float = 60.0
+    seconds: float
     blunders: float = 0.0
+    detectors: tuple[str, ...] = ("refined",)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A walk, by its name in ``walks.WALKS``, and the cases that share it."""
+
+    walk: str
+    seconds: float
+    cases: tuple[Case, ...]
 
 
 @dataclass(frozen=True)
@@ -53,27 +61,34 @@ class Found:
     code: str
 
 
-def run(case: Case, detectors: Sequence[str], seed: int) -> list[Found]:
-    """Simulate the walk, run each detector over it, mark the frames, estimate."""
+def run(scenario: Scenario, seed: int) -> list[Found]:
+    """Simulate the walk, run each detector over it; for each case mark the frames and estimate."""
     scene = Scene()
-    walk = Walk(seed, case.seconds, scene.ground_z, plan=case.walk)
+    walk = Walk(seed, scenario.seconds, scene.ground_z, plan=scenario.walk)
     lidar = Lidar(SENSORS["vlp16"], scene, walk, sector_deg=60.0, noise_m=0.008, seed=seed)
     start = np.random.default_rng([seed, 11]).uniform(0.0, 0.1)
     sweeps = []
-    for index in range(int((case.seconds - 0.2) * lidar.sensor.rate_hz)):
+    for index in range(int((scenario.seconds - 0.2) * lidar.sensor.rate_hz)):
         at = start + index / lidar.sensor.rate_hz
         sweeps.append(lidar.sweep(index, at, START_NS + round(at * 1e9)))
     region = Region.from_document(WALKER_REGION)
-    found: list[Found] = []
-    for detector in detectors:
-        options = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
-        given = options if detector == "refined" else None
-        vertices = detect_range(Listed(sweeps), region, detector, given, indices=range(len(sweeps))).vertices
-        found.append(_estimate(case, detector, vertices, walk, make_camera(MODEL, seed), seed))
-    return found
+    board = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
+    vertices = {
+        name: detect_range(
+            Listed(sweeps), region, name, board if name == "refined" else None, indices=range(len(sweeps))
+        ).vertices
+        for name in sorted({name for case in scenario.cases for name in case.detectors})
+    }
+    camera = make_camera(MODEL, seed)
+    return [
+        _estimate(case, name, vertices[name], walk, camera, seed)
+        for case in scenario.cases
+        for name in case.detectors
+    ]
 
 
-def _estimate(case: Case, detector: str, vertices: list[Vertex], walk: Walk, camera: Camera, seed: int) -> Found:
+def _estimate(case: Case, detector: str, found: list[Vertex], walk: Walk, camera: Camera, seed: int) -> Found:
+    vertices = [vertex for vertex in found if vertex.time_ns < START_NS + case.seconds * 1e9]
     random = np.random.default_rng([seed, 12])
     true_ms = float(random.uniform(-MOST_MS, MOST_MS))
     moments_s = random.uniform(0.0, 0.06) + np.arange(int((case.seconds - 0.2) * _FRAME_RATE_HZ)) / _FRAME_RATE_HZ
