@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -36,8 +37,10 @@ class Score:
     pairs: tuple[int, int]
 
 
-def score(train: Walked, test: Walked, way: str, model: ModelName, repeat: int) -> Score:
-    """Fit the training pairs and look at the test pairs, with every error and without each."""
+def score(
+    train: Walked, test: Walked, way: str, model: ModelName, repeat: int, sources: Sequence[str] = SOURCES
+) -> Score:
+    """Fit the training pairs and look at the test pairs, with every error and without each of the sources."""
     seed = train.wanted.seed
     detector, _, clock = way.partition("+")
     plain = Way(detector)
@@ -48,7 +51,7 @@ def score(train: Walked, test: Walked, way: str, model: ModelName, repeat: int) 
         plain = Way(detector, "interpolate", offset_ns)
     figures: dict[str, dict[str, float]] = {}
     pairs = (0, 0)
-    for off in ("all", *SOURCES):
+    for off in ("all", *sources):
         # Without an error of the model the lens is one that the model can be.
         camera = camera_of(model if off == "model" else "brown_conrady", seed)
         if off == "model" and model == "brown_conrady":

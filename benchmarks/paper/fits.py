@@ -41,18 +41,16 @@ class Fitted:
 
 
 def fit(pairs: Pairs, model: ModelName, seed: int) -> Fitted:
-    """Fit; pairs whose vertices state a covariance are weighed by it in a second fit."""
-    first = _fit(pairs, model, seed, None)
-    weights = weights_of(pairs, first.intrinsics["f_x"])
-    return first if np.all(weights == 1.0) else _fit(pairs, model, seed, weights)
-
-
-def _fit(pairs: Pairs, model: ModelName, seed: int, weights: Floats | None) -> Fitted:
+    """Search and polish; pairs whose vertices state a covariance are then weighed by it in one more polish."""
     request = {**request_of(model), "seed": seed, "schedule": _SCHEDULE, "mark_sigma_px": CLICK_PX}
-    problem = problem_from_document(request, pairs.points, pairs.marks, weights)
+    problem = problem_from_document(request, pairs.points, pairs.marks)
     state, _ = run_schedule(problem)
-    p = np.array(polish(problem, state.best_parameters).parameters)
-    return Fitted(model, intrinsics_document(problem, p), transform_of(problem, p), len(pairs.points))
+    p = polish(problem, state.best_parameters).parameters
+    if np.isfinite(pairs.covariance).any():
+        weights = weights_of(pairs, float(intrinsics_document(problem, np.array(p))["f_x"]))
+        p = polish(problem_from_document(request, pairs.points, pairs.marks, weights), p).parameters
+    found = np.array(p)
+    return Fitted(model, intrinsics_document(problem, found), transform_of(problem, found), len(pairs.points))
 
 
 def errors_on(fitted: Fitted, pairs: Pairs) -> Floats:

@@ -56,7 +56,7 @@ class Renderer:
     def _seen(self, shapes: Sequence[Shape]) -> list[Shape]:
         """The shapes in pixels; those that the lens cannot see are left out."""
         projected = ((self._camera.project(points), colour) for points, colour in shapes)
-        # Not a number fails the comparison too; what projects far outside of the image is beside or behind the camera.
+        # Not a number fails the comparison too; what projects far outside of the image is beside or behind the lens.
         return [(pixels, colour) for pixels, colour in projected if bool((np.abs(pixels) < _FAR_PX).all())]
 
     def _before(self, apex: NDArray[np.float64]) -> list[Shape]:
