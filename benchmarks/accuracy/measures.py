@@ -42,7 +42,7 @@ def _search(rig: Rig, problem: FitProblem) -> dict[str, Any]:
     state, _ = run_schedule(problem)
     seconds = time.process_time() - began
     fit, best, plain = polish(problem, state.best_parameters), polish(problem, rig.truth), baseline(problem)
-    lowest = _best_mean(problem, best)
+    lowest = best_mean(problem, best)
     linear = linear_baseline(problem)
     bars = _error_bars(rig, problem, best if best.rms_px < fit.rms_px else fit)
     return {
@@ -59,7 +59,7 @@ def _search(rig: Rig, problem: FitProblem) -> dict[str, Any]:
     }
 
 
-def _best_mean(problem: FitProblem, best: Fit) -> float:
+def best_mean(problem: FitProblem, best: Fit) -> float:
     """The optimum of the mean distance: iteratively reweighted least squares from the least-squares optimum."""
     p, lowest = np.array(best.parameters), best.mean_px
     for _ in range(40):

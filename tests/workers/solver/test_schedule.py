@@ -61,7 +61,7 @@ def test_the_box_narrows_about_the_best_and_stays_inside():
     corner = replace(state, best_parameters=tuple(PROBLEM.upper.tolist()))
     lower, upper = bounds_of(PROBLEM, corner)
     np.testing.assert_array_equal(upper, PROBLEM.upper)
-    np.testing.assert_allclose(upper - lower, 0.8 * 0.5 * (PROBLEM.upper - PROBLEM.lower))
+    np.testing.assert_allclose(upper - lower, 0.7 * 0.5 * (PROBLEM.upper - PROBLEM.lower))
 
 
 def test_stop_rules():

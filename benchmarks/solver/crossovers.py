@@ -1,0 +1,85 @@
+"""`python -m benchmarks.solver.crossovers`: which crossover reaches the optimum, at what cost; RIGS, MODELS, SEED."""
+
+import json
+import os
+import secrets
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from benchmarks.accuracy.measures import PAPER, best_mean
+from benchmarks.accuracy.rigs import draw_rig
+from benchmarks.solver.operators import OPERATORS, evolve_with
+from workers.geometry.models import MODEL_ID, MODELS, parse_model
+from workers.solver.polish import polish
+from workers.solver.problem import FitProblem
+from workers.solver.random_streams import stream_key
+from workers.solver.schedule import State, advance, bounds_of, start
+from workers.solver.slot import SlotOutcome, loss_px, pack_pairs, prior_rows, scales_of
+
+SCHEDULE = {**PAPER, "patience": 5}
+"""The paper's numbers, and its patience: the slower operators need it."""
+
+
+def search(problem: FitProblem, operator: int) -> State:
+    """The whole schedule with that operator in its slots."""
+    state, schedule = start(problem), problem.schedule
+    pack, scales, prior, free = pack_pairs(problem), scales_of(problem), prior_rows(problem), problem.free
+    while state.stopped is None:
+        lower, upper = bounds_of(problem, state)
+        outcomes: list[SlotOutcome] = []
+        for slot in range(schedule.slots):
+            best = np.empty(len(free), dtype=np.float32)
+            evolve_with(
+                operator, MODEL_ID[problem.model], pack, scales, problem.lower, free, lower[free],
+                (upper - lower)[free], prior, schedule.population, schedule.generations,
+                stream_key(problem, state.iteration, slot), best,
+            )  # fmt: skip
+            p = problem.lower.copy()
+            p[free] = (lower + (upper - lower) * best)[free]
+            outcomes.append(SlotOutcome(loss_px(problem, p), tuple(p.tolist()), 0))
+        state = advance(problem, state, outcomes)
+    return state
+
+
+def main() -> None:
+    rigs, seed = int(os.environ.get("RIGS", "100")), int(os.environ.get("SEED") or secrets.randbits(31))
+    models = [parse_model(name) for name in os.environ.get("MODELS", ",".join(MODELS)).split(",")]
+    result: dict[str, Any] = {}
+    for model in models:
+        excess: dict[str, list[float]] = {name: [] for name in OPERATORS}
+        spent: dict[str, list[float]] = {name: [] for name in OPERATORS}
+        iterations: dict[str, list[int]] = {name: [] for name in OPERATORS}
+        once = {**SCHEDULE, "max_iterations": 1, "slots": 1}
+        warm = draw_rig(model, np.random.default_rng(0)).problem(schedule=once)
+        for operator in range(len(OPERATORS)):
+            search(warm, operator)
+        for number in range(rigs):
+            rig = draw_rig(model, np.random.default_rng((seed, number, MODELS.index(model))))
+            problem = rig.problem(seed=number, schedule=SCHEDULE)
+            lowest = best_mean(problem, polish(problem, rig.truth))
+            for operator, name in enumerate(OPERATORS):
+                began = time.process_time()
+                state = search(problem, operator)
+                spent[name].append(time.process_time() - began)
+                excess[name].append(state.best_loss / lowest)
+                iterations[name].append(state.iteration)
+        result[model] = {
+            name: {
+                "within_1_percent": round(float(np.mean(np.array(excess[name]) <= 1.01)), 3),
+                "median_over_optimum": round(float(np.median(excess[name])), 4),
+                "worst_over_optimum": round(max(excess[name]), 3),
+                "seconds": round(float(np.mean(spent[name])), 3),
+                "iterations": round(float(np.mean(iterations[name])), 1),
+            }
+            for name in OPERATORS
+        }
+        for name, figures in result[model].items():
+            print(model, name, figures, file=sys.stderr, flush=True)
+    print(json.dumps({"rigs": rigs, "seed": seed, **result}))
+
+
+if __name__ == "__main__":
+    main()

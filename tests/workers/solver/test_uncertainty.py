@@ -1,0 +1,96 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import NOMINAL, real_correspondences, simulated
+from workers.solver.degeneracy import is_determined, parameter_alarms, point_alarms
+from workers.solver.polish import polish
+from workers.solver.problem import problem_from_document
+from workers.solver.schedule import run_schedule
+from workers.solver.solution import solve_finish
+from workers.solver.uncertainty import plan_uncertainty, uncertainty
+
+SHORT = {"slots": 1, "population": 200, "generations": 15, "max_iterations": 2}
+
+
+def test_a_plan_tells_beforehand_what_the_marks_will():
+    problem, truth = simulated("brown_conrady", 90)
+    fit = np.array(polish(problem, truth).parameters)
+    after = uncertainty(problem, fit)
+    nothing_marked = replace(problem, pixels=np.zeros_like(problem.pixels))
+    before = plan_uncertainty(nothing_marked, truth, sigma_px=after.sigma_px)
+    np.testing.assert_allclose(before.std, after.std, rtol=0.2)
+    assert before.rank == after.rank == 16
+    half = plan_uncertainty(problem, truth, sigma_px=0.5)
+    np.testing.assert_allclose(half.std, 0.5 / after.sigma_px * before.std)
+    np.testing.assert_allclose(half.half_width95, 1.95996 * half.std, rtol=1e-5)
+
+
+def test_planned_points_out_of_sight_count_for_nothing():
+    problem, truth = simulated("pinhole", 91, pairs=40)
+    behind = np.concatenate([problem.points, -problem.points])
+    more = replace(problem, points=behind, pixels=np.zeros((80, 2)), weights=np.ones(80))
+    np.testing.assert_allclose(plan_uncertainty(more, truth).std, plan_uncertainty(problem, truth).std)
+    only = replace(problem, points=-problem.points)
+    assert plan_uncertainty(only, truth).rank == 0
+
+
+def test_intervals_hold_their_share():
+    held = []
+    for seed in range(40):
+        problem, truth = simulated("pinhole", 500 + seed, pairs=30)
+        spread = uncertainty(problem, fit := np.array(polish(problem, truth).parameters))
+        held += (np.abs(fit - truth) <= spread.half_width95)[3:].tolist()
+    assert 0.9 < np.mean(held) < 0.99
+
+
+@pytest.mark.parametrize("shape", ["place", "line", "plane"])
+def test_points_without_extent_are_never_a_confident_answer(shape):
+    problem, _ = simulated("pinhole", 92, pairs=40, schedule=SHORT)
+    points = problem.points.copy()
+    centre = points.mean(axis=0)
+    if shape == "place":
+        points[:] = centre
+    elif shape == "line":
+        points = centre + np.linspace(-2, 2, 40)[:, None] * [0.6, 0.8, 0.0]
+    else:
+        points[:, 0] = centre[0]
+    flat = replace(problem, points=points)
+    solution = solve_finish(flat, run_schedule(flat)[0])
+    assert solution["status"] == "not_determined"
+    assert any(f"one {shape}" in alarm for alarm in solution["alarms"])
+    assert any("do not determine" in alarm for alarm in solution["alarms"])
+    assert None in solution["std"].values()
+    assert solution["rank"] < 10
+    assert solution["undetermined"]
+
+
+def test_points_behind_the_camera_are_never_a_confident_answer():
+    problem, _ = simulated("pinhole", 93, pairs=40, schedule=SHORT)
+    away = replace(problem, points=-problem.points)
+    solution = solve_finish(away, run_schedule(away)[0])
+    assert solution["status"] == "not_determined"
+    assert "behind the camera" in solution["message"]
+
+
+def test_what_cannot_be_told_apart_comes_with_advice():
+    problem, truth = simulated("pinhole", 94)
+    near = problem.points[:, 0] > np.quantile(problem.points[:, 0], 0.6)
+    far = replace(problem, weights=near.astype(float))
+    fit = np.array(polish(far, truth).parameters)
+    spread = uncertainty(far, fit)
+    sentence = next(alarm for alarm in parameter_alarms(far, fit, spread) if "told apart" in alarm)
+    assert "mark vertices" in sentence or "lock" in sentence
+    assert is_determined(far, fit, spread)
+    assert point_alarms(far, fit) == []
+
+
+def test_the_top_vertices_of_the_real_board_do_not_hold_all_parameters():
+    points, pixels, _ = real_correspondences()
+    top = points[:, 2] == [points[i // 4 * 4 : i // 4 * 4 + 4, 2].max() for i in range(80)]
+    assert top.sum() == 20
+    request = {"model": "brown_conrady", "image_size": [1920, 1208], "schedule": SHORT}
+    problem = problem_from_document({**request, "nominal": NOMINAL}, points[top], pixels[top])
+    alarms = solve_finish(problem, run_schedule(problem)[0])["alarms"]
+    assert any("does not hold all" in alarm or "do not determine" in alarm for alarm in alarms)
