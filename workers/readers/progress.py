@@ -28,12 +28,6 @@ class Progress:
     share: float | None
     seconds_left: float | None
 
-    def sentence(self) -> str:
-        """For people, for example ``42 % normalised, about 3 min left``."""
-        if self.share is None:
-            return f"{self.done} messages normalised"
-        return f"{100 * self.share:.0f} % normalised{_left(self.seconds_left)}"
-
 
 OnProgress = Callable[[Progress], None]
 
@@ -67,15 +61,3 @@ class Pace:
         settled = share is not None and share > _SETTLED_SHARE and spent > _SETTLED_S
         left = spent * (1.0 - share) / share if share is not None and settled else None
         return Progress(done, self._total, share, left)
-
-
-def _left(seconds: float | None) -> str:
-    if seconds is None:
-        return ""
-    if seconds < 10:
-        return ", a few seconds left"
-    if seconds < 90:
-        return f", about {10 * round(seconds / 10)} s left"
-    if seconds < 5400:
-        return f", about {round(seconds / 60)} min left"
-    return f", about {seconds / 3600:.1f} h left"

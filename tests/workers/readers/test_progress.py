@@ -2,13 +2,6 @@ from workers.readers import progress
 from workers.readers.progress import Pace, Progress
 
 
-def test_sentences():
-    assert Progress(7, None, None, None).sentence() == "7 messages normalised"
-    assert Progress(7, 70, 0.1, None).sentence() == "10 % normalised"
-    for seconds, said in ((4, "a few seconds"), (42, "about 40 s"), (170, "about 3 min"), (7000, "about 1.9 h")):
-        assert Progress(42, 100, 0.42, seconds).sentence() == f"42 % normalised, {said} left"
-
-
 def test_time_left_follows_the_pace(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
