@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { cornersOf, frameOf, outlinesOf } from "./plan.ts";
+import { cornersOf, frameOf, outlinesOf, ticksOf } from "./plan.ts";
 
 test("a box turned by a quarter has its sides exchanged", () => {
   const corners = cornersOf({ min: [4, -1, 0], max: [8, 1, 2], yaw_deg: 90 });
@@ -32,5 +32,6 @@ test("the LiDAR and every corner lie in the frame", () => {
       [12, 0],
     ],
   ]);
-  assert.deepEqual(frame, { left: -4, top: -21, width: 9, height: 22 });
+  assert.deepEqual(frame, { left: -1, top: -4, width: 22, height: 9 });
+  assert.deepEqual(ticksOf(frame), [0, 5, 10, 15, 20]);
 });

@@ -35,12 +35,20 @@ export interface Frame {
   height: number;
 }
 
-/** What to show, in the drawing's own axes (to the right: -y, down: -x), so that the LiDAR and all outlines are in it. */
+/** What to show, in the drawing's own axes (to the right: x, down: -y), so that the LiDAR and all outlines are in it. */
 export function frameOf(outlines: readonly Corner[][]): Frame {
   const corners: Corner[] = [[0, 0], ...outlines.flat()];
-  const across = corners.map(([, y]) => -y);
-  const down = corners.map(([x]) => -x);
+  const across = corners.map(([x]) => x);
+  const down = corners.map(([, y]) => -y);
   const margin = 1;
   const [left, top] = [Math.min(...across) - margin, Math.min(...down) - margin];
   return { left, top, width: Math.max(...across) + margin - left, height: Math.max(...down) + margin - top };
+}
+
+/** Distances ahead at which to draw a line: round ones, and not too many. */
+export function ticksOf({ left, width }: Frame): number[] {
+  const step = [1, 2, 5, 10, 20, 50, 100].find((each) => width / each <= 8) ?? 1000;
+  const first = Math.ceil(left / step);
+  const count = Math.floor((left + width) / step) - first + 1;
+  return Array.from({ length: count }, (_, i) => (first + i) * step);
 }
