@@ -159,7 +159,7 @@ def _explain(
     if kind == "ingest_file_limit" or code == -signal.SIGXFSZ:
         return ReadError(
             "ingest_file_limit",
-            f"A sensor of {name} takes more than the {_size(limits['file_bytes'])} allowed for one file.",
+            f"A sensor of {name}, or a file packed in it, takes more than the {_size(limits['file_bytes'])} allowed.",
             "Split the recording, or raise the limit.",
         )
     if kind == "ingest_disk_full":
