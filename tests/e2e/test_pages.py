@@ -8,6 +8,7 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, expect
 
 from tests.e2e.conftest import Track
+from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
 
 SignIn = Callable[[str, str], Page]
 FRONTEND = Path(__file__).parents[2] / "frontend"
@@ -48,6 +49,26 @@ def test_an_engineer_invites_and_sees_a_broken_upload_explained(
     # Nobody reloads: the page hears of the change, or asks.
     expect(page.get_by_role("alert")).to_contain_text("text file", timeout=20_000)
     page.get_by_role("button", name="Read it again").wait_for()
+
+
+def test_which_topic_is_which_is_asked_and_answered(sign_in: SignIn, track: Track, tmp_path: Path) -> None:
+    known = track.owner.vehicles.rig(track.rig_id)
+    camera = known["cameras"][0] | {"topic": None}
+    rig = track.owner.vehicles.create_rig(
+        track.vehicle_id,
+        {"name": "without topics", "lidar": {"frame": "velodyne", "topic": None}, "cameras": [camera]},
+    )
+    frame = png(*camera["image_size"])
+    streams = [clouds(), *(images(topic=topic, data=frame) for topic in ("/cam/a", "/cam/b"))]
+    bag = write_bag(tmp_path / "two.bag", interleaved(*streams))
+    asked = track.owner.recordings.upload(bag, track.vehicle_id, rig["id"])
+    page = sign_in("Nia", "engineer")
+    page.goto(f"{track.url}/recordings/{asked['id']}")
+    page.get_by_role("heading", name="Which is which?").wait_for(timeout=30_000)
+    page.get_by_label("front").select_option("/cam/b")
+    page.get_by_role("button", name="Read it again").click()
+    expect(page.get_by_role("cell", name="/cam/b")).to_be_visible(timeout=30_000)
+    assert track.owner.recordings.get(asked["id"])["state"] == "ready"
 
 
 def test_a_region_is_tried_before_it_is_used(sign_in: SignIn, track: Track) -> None:
