@@ -95,7 +95,12 @@ def _shifts(ring: NDArray[np.int64], azimuth: NDArray[np.float64], step: float, 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def _phases(
-    ring: NDArray[np.int64], block: NDArray[np.int64], azimuth: NDArray[np.float64], rate: float, rings: int, blocks: int
+    ring: NDArray[np.int64],
+    block: NDArray[np.int64],
+    azimuth: NDArray[np.float64],
+    rate: float,
+    rings: int,
+    blocks: int,
 ) -> tuple[NDArray[np.complex128], NDArray[np.int64]]:
     sums = np.zeros((rings, blocks), np.complex128)
     counts = np.zeros((rings, blocks), np.int64)

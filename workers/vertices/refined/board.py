@@ -18,6 +18,7 @@ from workers.vertices.refined.window import Window, open_window
 from workers.vertices.sensor_grid import SensorGrid
 
 _WIDEST_M = 1.8  # a stretch of points on a ring that is wider is no board
+_NARROWEST_M = 0.26
 _PAIRS = 8
 _ON_BOARD = 2.0  # likelihood ratio from which a point counts as the board's
 _CONFIDENT = 5.0
@@ -55,8 +56,20 @@ def find_planes(windows: Iterable[Window], model: Model, most: int) -> list[Sigh
             r, first, last = stretches[pair[0], :3].astype(int).tolist()
             found.append((score, window, w, np.linalg.inv(info), (r, first, last)))
     found.sort(key=lambda item: -item[0])
-    sightings = (_with_rays(*item, model) for item in found[:most])
-    return [sighting for sighting in sightings if sighting is not None]
+    sightings: list[Sighting] = []
+    for item in found:
+        sighting = _with_rays(*item, model)
+        if sighting is not None and _width(sighting, model.grid.step) > _NARROWEST_M:
+            sightings.append(sighting)
+            if len(sightings) == most:
+                break
+    return sightings
+
+
+def _width(sighting: Sighting, step: float) -> float:
+    """Metres that the board takes at most on a ring, with the gaps to the next rays; a pole or an arm takes less."""
+    columns = int(np.max(sighting.ends[:, 1] - sighting.ends[:, 0], initial=0))
+    return (columns + 2) * step * float(np.median(sighting.plane.reach))
 
 
 def _with_rays(
@@ -72,7 +85,9 @@ def _with_rays(
     at = tuple(choose_rays(left, up, ratio, window.distance, ends).T)
     u = w[0] * np.cos(window.azimuth[at]) + w[1] * np.sin(window.azimuth[at]) + w[2] * window.slope[at]
     points = sum(
-        int(np.count_nonzero(ratio[r, first : last + 1] > _ON_BOARD)) for r, (first, last) in enumerate(ends) if first >= 0
+        int(np.count_nonzero(ratio[r, first : last + 1] > _ON_BOARD))
+        for r, (first, last) in enumerate(ends)
+        if first >= 0
     )
     plane = Plane(
         centre=window.centre,
@@ -109,9 +124,11 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     means = np.array([corner[1:4] for _, corner in found])
     mean = weight @ means
     covariance = sum(
-        x * (_matrix(corner) + np.outer(m - mean, m - mean)) for x, m, (_, corner) in zip(weight, means, found, strict=True)
+        x * (_matrix(corner) + np.outer(m - mean, m - mean))
+        for x, m, (_, corner) in zip(weight, means, found, strict=True)
     )
     xyz, errors = _to_angles(plane, mean, np.asarray(covariance))
+    errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
     odds = float(evidence[1] - evidence[0]) if len(found) == 2 else 0.0
     best = max(corner[10] for _, corner in found)
     return Fix(
@@ -139,7 +156,9 @@ def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool
     out = np.zeros(12)
     passes = (20, 24) if coarse else (_COARSE, _COARSE, _FINE)
     for number, cells in enumerate(passes):
-        prior = -0.5 * ((rolls - mean) / sigma) ** 2 + math.log((rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi))
+        prior = -0.5 * ((rolls - mean) / sigma) ** 2 + math.log(
+            (rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi)
+        )
         out = integrate(
             plane.left - origin[0], plane.up - origin[1], grow, soft, plane.ratio,
             edges[0], edges[1], model.slack, rolls, prior, centre, lean, half, cells,
@@ -189,8 +208,8 @@ def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, 
     return np.array([x * c - y * s, x * s + y * c, z]), errors
 
 
-def look(sweep: Sweep, inside: NDArray[np.bool_], model: Model, most: int = 3) -> list[tuple[Sighting, Fix]]:
-    """The apexes that the likeliest planes of a sweep tell, the likeliest first."""
+def look(sweep: Sweep, inside: NDArray[np.bool_], model: Model, most: int = 4) -> list[tuple[Sighting, Fix]]:
+    """The apexes that the likeliest planes of a sweep tell: boards by all appearances first, then the likeliest."""
     sightings = find_planes(open_windows(sweep, inside, model.grid), model, most)
     found = [(sighting, fix) for sighting in sightings if (fix := locate(sighting.plane, model)) is not None]
-    return sorted(found, key=lambda pair: -pair[1].support)
+    return sorted(found, key=lambda pair: (not pair[1].explained(model), -pair[1].support))

@@ -23,7 +23,7 @@ from workers.vertices.sources import SweepSource
 
 _GRID_SWEEPS = 24
 _SWEEPS = 96
-_NEAR = 24
+_NEAR, _NEAR_OPEN = 24, 40  # an open size and the edges' growth are told apart by boards at many distances
 _ENOUGH = 4  # near sweeps from which something is learned
 _MIN_RINGS, _MIN_POINTS = 3, 20
 _FIRST_SIGMA_M = 0.03
@@ -36,6 +36,7 @@ _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _FIRST, _SOME = 6, 12
 _HOPELESS = -300.0
 _SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16)
+_GROWTH_PRIOR = (0.15e-3, 0.5e-3)
 _GROWTH_RAD = (-0.25e-3, 4.0e-3)
 
 
@@ -53,7 +54,10 @@ def learn(source: SweepSource, region: Region, options: Options, on_sweep: Calla
             for sighting in find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1)
             if sighting.plane.rings >= _MIN_RINGS and sighting.plane.points >= _MIN_POINTS
         ]
-    windows = [window for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[:_NEAR]]
+    windows = [
+        window
+        for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
+    ]
     if len(windows) < _ENOUGH:
         return replace(model, sigma=Model(grid).sigma)
     model, sightings = _learn_planes(windows, model)
@@ -220,7 +224,7 @@ def _refine(
         return replace(model, edges=(lengths[0], lengths[1]), growth=float(x[2]))
 
     def evidence(x: Floats) -> float:
-        return _evidence(planes, modelled(x)) - 0.5 * ((x[2] - 0.5e-3) / 1.0e-3) ** 2
+        return _evidence(planes, modelled(x)) - 0.5 * ((x[2] - _GROWTH_PRIOR[0]) / _GROWTH_PRIOR[1]) ** 2
 
     open_growth = growth_mrad < 0.0
     sigmas = np.zeros(3)
@@ -229,11 +233,12 @@ def _refine(
         state, sigmas[index] = _climb(evidence, state, index, steps[index] * step)
     state[2] = min(max(state[2], _GROWTH_RAD[0]), _GROWTH_RAD[1])
     slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
-    return replace(modelled(state), slack=slack)
+    return replace(modelled(state), slack=slack, growth_sigma=float(sigmas[2]))
 
 
 def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float) -> tuple[Floats, float]:
     """Along one coordinate in even steps to the highest value, then to the parabola's top; with its width."""
+
     def along(k: int) -> float:
         x = at.copy()
         x[index] += k * step
@@ -253,5 +258,3 @@ def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float
     shift = 0.5 * (after - before) / bend if bend > 0.0 and before is not None and after is not None else 0.0
     moved[index] += (top + min(max(shift, -0.5), 0.5)) * step
     return moved, step / math.sqrt(bend) if bend > 1e-9 else step
-
-

@@ -24,7 +24,8 @@ class Model:
         sigma: metres, standard deviation of a distance.
         edges: metres, lengths of the board's edges.
         slack: metres, half width of what is not known of these lengths.
-        growth: radians by which the edges seem to lie farther out, because a beam has a width.
+        growth: radians by which the edges seem to lie farther out, because a beam has a width; growth_sigma: its
+            standard deviation.
         soft: radians, half width of the step from hits to misses at an edge.
         roll: radians; 45 degrees where both edges fall alike to the left and to the right.
         yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
@@ -38,6 +39,7 @@ class Model:
     edges: tuple[float, float] = (0.75, 0.75)
     slack: float = 0.35
     growth: float = 0.0
+    growth_sigma: float = 0.0
     soft: float = math.radians(0.02)
     roll: tuple[float, float] = (math.radians(45.0), math.radians(5.0))
     yaw: tuple[float, float] = (0.0, 0.6)

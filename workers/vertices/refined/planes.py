@@ -55,9 +55,7 @@ def find_stretches(
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def pair_stretches(
-    stretches: Floats, slope: Floats, widest: float, most: int
-) -> NDArray[np.int64]:
+def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -> NDArray[np.int64]:
     """(K, 2) pairs (upper, lower) on neighbouring filled rings that could lie on one board, the largest first."""
     count = stretches.shape[0]
     pairs = np.empty((count * 6 + 1, 2), np.int64)

@@ -23,7 +23,7 @@ _LEAST_SCORE = 8.0
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _RIVAL = 12.0
 _RIVAL_M = 0.4
-_FINE_AZIMUTH, _FINE_ELEVATION = math.radians(0.055), math.radians(0.04)
+_FINE_AZIMUTH, _FINE_ELEVATION = math.radians(0.06), math.radians(0.043)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,9 +78,15 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
     if not own.candidates:
         return Rejection(own.reason)
     around = [i for i in range(index - reach, index + reach + 1) if i != index and i in looks]
-    others = [looks[i].candidates[0] for i in around if looks[i].candidates and trustworthy(looks[i].candidates[0].fix, model)]
+    others = [
+        looks[i].candidates[0]
+        for i in around
+        if looks[i].candidates and trustworthy(looks[i].candidates[0].fix, model)
+    ]
     beside = [off_path(seen, others) for seen in own.candidates]
-    chosen = next((k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix, model)), 0)
+    chosen = next(
+        (k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix, model)), 0
+    )
     seen = own.candidates[chosen]
     flags = own.flags[chosen]
     fix = seen.fix
