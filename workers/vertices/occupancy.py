@@ -19,6 +19,7 @@ _AZIMUTHS: Final = 720
 _DEEPER: Final = 0.02  # growth of a place's depth per depth
 _NEAREST_DEPTH_M: Final = 0.15
 _RANGES: Final = 180  # up to some 250 m; what is farther falls into the last
+_RINGS: Final = 256  # more than any sensor has; what is above counts with the last
 STILL_SHARE: Final = 0.5
 _BEHIND_SHARE: Final = 0.15
 
@@ -36,7 +37,7 @@ class Occupancy:
     def add(self, sweep: Sweep) -> None:
         """Count each place that has a return once."""
         self.sweeps += 1
-        rings = int(sweep.ring.max()) + 1 if sweep.ring.size else 0
+        rings = min(int(sweep.ring.max()) + 1, _RINGS) if sweep.ring.size else 0
         if rings > len(self._counts):
             more = ((0, rings - len(self._counts)), (0, 0), (0, 0))
             self._counts, self._last = np.pad(self._counts, more), np.pad(self._last, more)
@@ -68,9 +69,10 @@ def _place(x: float, y: float, z: float) -> tuple[int, int]:
 def _count(xyz: NDArray[np.float32], ring: NDArray[np.uint16], counts: Counts, last: Counts, sweep: int) -> None:
     for i in range(xyz.shape[0]):
         a, r = _place(xyz[i, 0], xyz[i, 1], xyz[i, 2])
-        if r >= 0 and last[ring[i], a, r] != sweep:
-            last[ring[i], a, r] = sweep
-            counts[ring[i], a, r] += 1
+        k = min(ring[i], _RINGS - 1)
+        if r >= 0 and last[k, a, r] != sweep:
+            last[k, a, r] = sweep
+            counts[k, a, r] += 1
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
@@ -82,12 +84,13 @@ def _judge(
         a, r = _place(xyz[i, 0], xyz[i, 1], xyz[i, 2])
         if r < 0:
             continue
+        row = counts[min(ring[i], _RINGS - 1)]
         most, returns, behind = 0, 0, 0
         for da in range(-1, 2):
-            column = counts[ring[i], (a + da) % _AZIMUTHS]
+            column = row[(a + da) % _AZIMUTHS]
             for dr in range(max(r - 1, 0), min(r + 2, _RANGES)):
                 most = max(most, column[dr])
-        column = counts[ring[i], a]
+        column = row[a]
         for k in range(_RANGES):
             returns += column[k]
             if k > r + 1:

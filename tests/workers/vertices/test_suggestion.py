@@ -21,7 +21,7 @@ REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board"
 START_NS = 1_780_000_000_000_000_000
 
 
-def recorded(seed, sweeps=250, plan="field", **disturbances):
+def recorded(seed, sweeps=150, plan="field", **disturbances):
     """(sweep, labels) ten times a second."""
     spoiled = Disturbances(**disturbances)
     scene = scene_with(spoiled.poles, seed)
@@ -68,7 +68,7 @@ def test_rain_and_lost_returns_do_not_widen_it():
 
 def test_posts_inside_are_cut_out():
     """A post taller than the board would be the highest ring of every sweep."""
-    recording = recorded(1, sweeps=300, poles=3)
+    recording = recorded(1, sweeps=250, poles=3)
     suggestion = suggest(Listed([sweep for sweep, _ in recording]))
     share, others = kept(recording, suggestion.document)
     assert suggestion.facts["posts"] >= 1
@@ -114,6 +114,15 @@ def test_empty_sweeps_do_no_harm_and_progress_is_told():
     suggestion = suggest(Listed(recording), on_sweep=told.append)
     assert suggestion.facts["sweeps_read"] == 80
     assert told == [*range(1, 81), *[80] * 80]
+
+
+def test_a_wild_ring_number_costs_no_memory():
+    recording = [sweep for sweep, _ in recorded(2, 60)]
+    wild = recording[30]
+    ring = wild.ring.copy()
+    ring[:3] = 65535
+    recording[30] = replace(wild, ring=ring)
+    assert suggest(Listed(recording)).facts["sweeps_read"] == 60
 
 
 def test_the_recorded_board_on_its_tripod():
