@@ -25,6 +25,9 @@ def calibrate(
     preset: Annotated[str | None, typer.Option(help="default, paper or toolbox; default.")] = None,
     search: Annotated[str | None, typer.Option(help="rotation_vector or euler; as the preset has it.")] = None,
     bounds: Annotated[str | None, typer.Option(help="image-size or paper-table-1; as the preset has it.")] = None,
+    stated: Annotated[
+        bool, typer.Option("--stated", help="Look for focal lengths and centre near those that the recording states.")
+    ] = False,
     folds: Annotated[int | None, typer.Option(help="Held-out blocks, 0 for none; 5.", min=0)] = None,
     seed: Annotated[int | None, typer.Option(help="Seed; otherwise from the request's content.")] = None,
     farm: Annotated[str | None, typer.Option(help="auto, slots or runs; auto.")] = None,
@@ -49,6 +52,7 @@ def calibrate(
         "preset": preset,
         "search": search,
         "bounds_preset": bounds,
+        "intrinsics_from": "recording" if stated else None,
         "folds": folds,
         "seed": seed,
         "farm": farm,

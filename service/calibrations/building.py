@@ -30,8 +30,8 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     """The pairs of a detection's vertices in one camera, ordered by time.
 
     x, y, z is where the vertex was at the frame's time, where the pairing interpolated. Columns besides x y z u v:
-    stamp_ns (of the vertex as it was measured), gap_ns (frame minus vertex), sweep_index, frame_index, marks (how many
-    people), spread_px (of their marks), flagged (as many rejections as confirmations), and sigma_azimuth_rad,
+    stamp_ns (of the vertex as it was measured), gap_ns (frame minus vertex), sweep_index, frame_index, marks (how
+    many people), spread_px (of their marks), flagged (as many rejections as confirmations), and sigma_azimuth_rad,
     sigma_elevation_rad, sigma_range_m where all vertices state a covariance.
 
     Raises:

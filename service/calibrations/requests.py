@@ -21,6 +21,7 @@ from service.calibrations.model_names import (
     parameter_names,
 )
 from service.calibrations.schemas import CalibrationRequest
+from service.calibrations.stated import near_stated
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import RigCamera
@@ -32,10 +33,14 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class CameraPairs:
-    """A camera of the rig and the set that it is calibrated from."""
+    """A camera of the rig and the set that it is calibrated from.
+
+    ``stated`` is what the recording says of the camera's intrinsics, where the request starts from that.
+    """
 
     camera: RigCamera
     pairs: CorrespondenceSet
+    stated: Json | None = None
 
 
 @dataclass(frozen=True)
@@ -119,11 +124,13 @@ def _document(source: CameraPairs, model: str, common: Json, asked_bounds: Mappi
     """The solver's document of one model on one camera, with only the parameters that this model has."""
     names = parameter_names(model, common["search"])
     described = describe_camera(source.camera, model, common["search"])
+    stated = near_stated(source.stated) if source.stated else {}
     return (
         common
         | described
         | {
-            "bounds": described["bounds"]
+            "bounds": stated
+            | described["bounds"]
             | {name: list(value) for name, value in asked_bounds.items() if name in names},
             "locked": {name: value for name, value in common["locked"].items() if name in names},
             "priors": {name: value for name, value in common["priors"].items() if name in names},
@@ -164,6 +171,8 @@ def _notes(source: CameraPairs) -> list[str]:
     known = {name for form in EXTRINSICS for name in all_names(MODELS, form)}
     unused = [name for name in source.camera.bounds if _plain(name) not in known]
     notes = [f"{source.camera.name}: {note}" for note in source.pairs.notes]
+    if source.stated:
+        notes.append(f"{source.camera.name}: f_x, f_y, c_x and c_y are looked for near what the recording states.")
     return notes + [
         f"The rig's bounds of {source.camera.name} name {n!r}, which no model has; unused." for n in unused
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 from uuid import UUID
 
@@ -16,6 +17,7 @@ from service.calibrations.runs import ask_to_end, create
 from service.calibrations.schemas import CalibrationRequest, CalibrationView, SlotView
 from service.calibrations.sets import rig_camera
 from service.calibrations.slots import slot_page
+from service.calibrations.stated import stated_intrinsics
 from service.calibrations.views import calibration_views
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
 from service.db.fleets import Rig, Vehicle
@@ -36,6 +38,8 @@ def ask_calibration(
     """Fit models to a vehicle's correspondences: one set for each camera, all of one rig. [engineer]"""
     vehicle = access.find(Vehicle, vehicle_id, "engineer")
     rig, sources = _sources(access, vehicle, wanted.correspondence_set_ids)
+    if wanted.intrinsics_from == "recording":
+        sources = [replace(one, stated=stated_intrinsics(access.session, one.camera, one.pairs)) for one in sources]
     asked = plan_request(wanted, sources)
     calibration = create(
         access.session,

@@ -72,7 +72,9 @@ class CalibrationRequest(Received):
 
     Angles are in radians, or in degrees with ``_deg`` behind the name. ``search`` and ``bounds_preset`` default to
     what the preset means: ``paper`` to the Euler form and Table I, the others to the rotation vector and the image
-    size. ``seed`` defaults to one derived from the request and the pairs: the same request gives the same bits.
+    size. ``intrinsics_from: recording`` looks for focal lengths and principal point near those that the recording
+    states (CameraInfo), where neither rig nor request bounds them. ``seed`` defaults to one derived from the request
+    and the pairs: the same request gives the same bits.
     """
 
     correspondence_set_ids: Annotated[list[UUID], Field(min_length=1, max_length=16)]
@@ -82,6 +84,7 @@ class CalibrationRequest(Received):
     search: SearchForm | None = None
     rotation_range_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
     bounds_preset: BoundsPreset | None = None
+    intrinsics_from: Literal["bounds", "recording"] = "bounds"
     bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]

@@ -6,7 +6,8 @@ import pytest
 
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet
 from service.db.jobs import Job
-from tests.service.detections.seeding import seed_rig
+from service.db.recordings import Sensor
+from tests.service.detections.seeding import seed_answer, seed_marking, seed_rig
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -44,6 +45,32 @@ def documents(api, calibration_id):
     with api.database.reading() as session:
         runs = session.query(CalibrationRun).filter_by(calibration_id=UUID(calibration_id))
         return {(run.model, run.fold): run.problem for run in runs}
+
+
+def test_intrinsics_that_the_recording_states_bound_the_search(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=20)
+    for number in range(20):
+        seed_answer(api.database, seed, engineer.person_id, number, "confirmed", (10.0 + number, 20.0))
+    made = engineer.post(f"/detections/{seed.detection_id}/correspondence-sets", {"camera": "front"}).json()
+    request = {"models": ["pinhole"], "folds": 0, "intrinsics_from": "recording", "bounds": {"c_y": [230.0, 250.0]}}
+
+    def ask_it():
+        return engineer.post(
+            f"/vehicles/{seed.vehicle_id}/calibrations", {"correspondence_set_ids": [made["id"]], **request}
+        )
+
+    assert (ask_it().status_code, ask_it().json()["code"]) == (422, "no_intrinsics_stated")
+    stated = {"model": "brown_conrady", "K": [500.0, 0, 320.0, 0, 510.0, 240.0, 0, 0, 1], "D": [0.0] * 5}
+    for size, code in (((1280, 960), "intrinsics_of_another_size"), ((640, 480), None)):
+        with api.database.writing() as session:
+            facts = {"camera_info": stated | {"width": size[0], "height": size[1]}}
+            session.get_one(Sensor, seed.camera_id).facts = facts
+        answer = ask_it()
+        assert answer.json().get("code") == code, answer.text
+    bounds = documents(api, answer.json()["id"])["pinhole", -1]["bounds"]
+    assert bounds["f_x"] == pytest.approx([450.0, 550.0]) and bounds["c_x"] == pytest.approx([288.0, 352.0])
+    assert bounds["c_y"] == [230.0, 250.0], "what is asked for goes first"
+    assert any("near what the recording states" in note for note in answer.json()["notes"])
 
 
 def test_a_request_becomes_a_run_for_every_model_and_fold(api, engineer, rig):

@@ -288,6 +288,7 @@ export interface CalibrationRequest {
   search: "rotation_vector" | "euler";
   loss: "mean" | "saturating";
   bounds_preset: "image-size" | "paper-table-1";
+  intrinsics_from: "bounds" | "recording";
   folds: number;
   farm: "auto" | "slots" | "runs";
   seed: number | null;
