@@ -5,7 +5,7 @@ degrees down, whose clock shows 30 ms more: 222 pairs to train, 358 to test, cli
 are fitted by the house's solver. Every source of error is switched off in turn; what it adds is the difference of
 the squares. `refined+clock` moves the refined vertices to the frames' times, at the offset that was estimated from
 the training marks. `truth_*`: mean distance between the fitted projection and the true one of vertices all over the
-field. REPEATS: draws of clicks and of the camera's phase (default 3); RIGS: walks and mounts (default 2); SEED: of
+field. REPEATS: draws of clicks and of the camera's phase (default 6); RIGS: walks and mounts (default 2); SEED: of
 the first (default fresh); SHORT=1: half of the pairs, one walk and one draw.
 """
 
@@ -38,7 +38,7 @@ def main() -> None:
     began = time.perf_counter()
     short = bool(os.environ.get("SHORT"))
     rigs = int(os.environ.get("RIGS", "1" if short else "2"))
-    repeats = int(os.environ.get("REPEATS", "1" if short else "3"))
+    repeats = int(os.environ.get("REPEATS", "1" if short else "6"))
     first = int(os.environ.get("SEED") or secrets.randbelow(10**9))
     with ProcessPoolExecutor(max_workers=min(2, os.cpu_count() or 1)) as pool:
         wanted = [one for rig in range(rigs) for one in _wanted(first + 2 * rig, short)]

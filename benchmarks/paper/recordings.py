@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from workers.geometry.models import ModelName
 from workers.geometry.transforms import to_document
 from workers.readers.recording import Sweep
-from workers.simulation.camera import IMAGE_SIZE, Camera, nominal_mount, true_mount
+from workers.simulation.camera import IMAGE_SIZE, Camera, make_camera, nominal_mount
 from workers.simulation.rig import START_NS, Rig
 from workers.simulation.scene import WALKER_REGION
 from workers.simulation.settings import Settings
@@ -33,16 +33,6 @@ _CHUNK: Final = 500
 _KEPT_SWEEPS: Final = 64
 _REFINED: Final = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
 _AHEAD: Final = 1.3  # frames needed for a number of pairs, and a margin
-
-# A mild lens, chosen so that the pinhole model leaves about what the paper's two models differ by; the paper does not
-# state its lens.
-_LENS: Final[dict[ModelName, dict[str, float]]] = {
-    "brown_conrady": {
-        "f_x": 431.0, "f_y": 429.6, "c_x": 484.3, "c_y": 296.2, "skew": 0.0,
-        "k1": -0.045, "k2": 0.004, "k3": 0.0006, "k4": -0.0004, "k5": 0.0,
-    },
-    "pinhole": {"f_x": 431.0, "f_y": 429.6, "c_x": 484.3, "c_y": 296.2},
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -133,8 +123,11 @@ def _settings(wanted: Wanted) -> Settings:
 
 
 def camera_of(model: ModelName, seed: int) -> Camera:
-    """The rig's camera: 15 degrees down, off its nominal mount by a degree and centimetres."""
-    return Camera(model, _LENS[model], IMAGE_SIZE, true_mount(seed))
+    """The rig's camera: 15 degrees down, off its nominal mount by a degree and centimetres.
+
+    Its lens is the simulator's, about 100 degrees wide; the paper does not state its own.
+    """
+    return make_camera(model, seed)
 
 
 def request_of(model: ModelName) -> dict[str, object]:
