@@ -54,7 +54,8 @@ def find_planes(windows: Iterable[Window], model: Model, most: int) -> list[Sigh
                 continue
             seen.append(w)
             r, first, last = stretches[pair[0], :3].astype(int).tolist()
-            found.append((score, window, w, np.linalg.inv(info), (r, first, last)))
+            spread: Floats = np.asarray(np.linalg.inv(info), np.float64)
+            found.append((score, window, w, spread, (r, first, last)))
     found.sort(key=lambda item: -item[0])
     sightings: list[Sighting] = []
     for item in found:
@@ -86,7 +87,7 @@ def _with_rays(
     u = w[0] * np.cos(window.azimuth[at]) + w[1] * np.sin(window.azimuth[at]) + w[2] * window.slope[at]
     points = sum(
         int(np.count_nonzero(ratio[r, first : last + 1] > _ON_BOARD))
-        for r, (first, last) in enumerate(ends)
+        for r, (first, last) in enumerate(ends.tolist())
         if first >= 0
     )
     plane = Plane(
@@ -111,9 +112,10 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     Args:
         coarse: for comparing models: quicker, and good enough for the evidence.
     """
+    one, other = model.edges
     ways = [
         (share, _corner(plane, model, edges, coarse))
-        for share, edges in ((1.0 - model.swapped, model.edges), (model.swapped, model.edges[::-1]))
+        for share, edges in ((1.0 - model.swapped, (one, other)), (model.swapped, (other, one)))
     ]
     found = [(math.log(share), corner) for share, corner in ways if corner is not None]
     if not found:
@@ -122,12 +124,11 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     total = float(np.logaddexp.reduce(evidence))
     weight = np.exp(evidence - total)
     means = np.array([corner[1:4] for _, corner in found])
-    mean = weight @ means
-    covariance = sum(
-        x * (_matrix(corner) + np.outer(m - mean, m - mean))
-        for x, m, (_, corner) in zip(weight, means, found, strict=True)
-    )
-    xyz, errors = _to_angles(plane, mean, np.asarray(covariance))
+    mean: Floats = weight @ means
+    covariance = np.zeros((3, 3))
+    for x, m, (_, corner) in zip(weight, means, found, strict=True):
+        covariance += x * (_matrix(corner) + np.outer(m - mean, m - mean))
+    xyz, errors = _to_angles(plane, mean, covariance)
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
     odds = float(evidence[1] - evidence[0]) if len(found) == 2 else 0.0
     best = max(corner[10] for _, corner in found)
@@ -147,7 +148,7 @@ def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool
     if not hits.any():
         return None
     mean, sigma = model.roll
-    rolls = mean + sigma * np.linspace(-_ROLL_REACH, _ROLL_REACH, _ROLLS)
+    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, _ROLLS)
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
     along = _turn(mean) @ np.array([plane.left, plane.up])[:, hits]
     low, high = along.max(axis=1) - np.array(edges), along.min(axis=1)
@@ -172,7 +173,7 @@ def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool
         covariance = _matrix(out)
         reach = 3.0 * max(math.sqrt(max(covariance[2, 2], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
         ends = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
-        rolls = np.linspace(*ends, _ROLLS + 2 if cells == _FINE else _ROLLS)
+        rolls = _even(*ends, _ROLLS + 2 if cells == _FINE else _ROLLS)
         middle = 0.5 * (ends[0] + ends[1])
         turn = _turn(middle)
         flat, towards = turn @ covariance[:2, :2] @ turn.T, turn @ covariance[:2, 2]
@@ -181,6 +182,10 @@ def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool
         centre = lean * (middle - out[3])
         half = 3.2 * own + half * 2.0 / cells
     return out
+
+
+def _even(low: float, high: float, count: int) -> Floats:
+    return low + (high - low) * np.arange(count, dtype=np.float64) / (count - 1)
 
 
 def _turn(roll: float) -> Floats:

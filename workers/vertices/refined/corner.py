@@ -2,8 +2,8 @@
 
 In the plane, with the roll fixed, a point's distances to the four edges are differences of coordinates along the two
 edges, so the probability that a ray lies on the board is a product g(p) h(q), and the likelihood of a ray over a grid
-of apexes is 1 + (lambda - 1) g(p) h(q): no more than one multiplication and addition per cell and ray. So the posterior
-is summed over a grid, instead of sampled.
+of apexes is 1 + (lambda - 1) g(p) h(q): no more than one multiplication and addition per cell and ray. So the
+posterior is summed over a grid, instead of sampled.
 """
 
 from __future__ import annotations

@@ -244,14 +244,14 @@ def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float
         x[index] += k * step
         return value(x)
 
-    known = {k: along(k) for k in (-1, 0, 1)}
+    known: dict[int, float] = {k: along(k) for k in (-1, 0, 1)}
     for _ in range(8):
-        top = max(known, key=lambda k: known[k])
+        top = max(known, key=known.__getitem__)
         missing = [k for k in (top - 1, top + 1) if k not in known]
         if not missing:
             break
         known |= {k: along(k) for k in missing}
-    top = max(known, key=lambda k: known[k])
+    top = max(known, key=known.__getitem__)
     moved = at.copy()
     before, after = known.get(top - 1), known.get(top + 1)
     bend = 2.0 * known[top] - before - after if before is not None and after is not None else 0.0

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+CLUTTER = 0.5  # density, per metre of depth, of returns near the board that are not the board's
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
@@ -68,7 +69,7 @@ def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -
             below = stretches[j, 0]
             if below == ring or stretches[j, 5] - stretches[j, 4] > widest:
                 continue
-            if partner_ring >= 0.0 and below != partner_ring or n >= pairs.shape[0] - 1:
+            if (partner_ring >= 0.0 and below != partner_ring) or n >= pairs.shape[0] - 1:
                 break
             if ring - below > 3:
                 break
@@ -82,12 +83,6 @@ def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -
                 n += 1
     order = np.argsort(-points[:n], kind="mergesort")
     return pairs[order[:most]]
-
-
-@nb.njit(nogil=True, cache=True, error_model="numpy")
-def _solve(A: Floats, b: Floats) -> Floats:
-    """The symmetric 3 x 3 system A x = b."""
-    return np.linalg.solve(A, b)
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
@@ -136,7 +131,7 @@ def fit_plane(
             right[1] += scale * u1 / h
             right[2] += scale * u2 / h
         info[1, 0], info[2, 0], info[2, 1] = info[0, 1], info[0, 2], info[1, 2]
-        w = _solve(info, right)
+        w[:] = np.linalg.solve(info, right)
     return w, info
 
 
@@ -185,7 +180,3 @@ def grow_plane(
         t = (-w[k + 1] / w[0] - prior[2 * k]) / prior[2 * k + 1]
         score -= 0.5 * t * t
     return w, info, score
-
-
-# Density, per metre of depth, of returns near the board that are not the board's.
-CLUTTER = 0.5

@@ -94,8 +94,8 @@ def follow_board(
                     n += 1
                 elif good or c == columns:
                     if s >= 0 and n > best:
-                        l, h = min(left[r, s], left[r, e]), max(left[r, s], left[r, e])
-                        if l <= high + 0.15 and h >= low - 0.15:
+                        nearest, farthest = min(left[r, s], left[r, e]), max(left[r, s], left[r, e])
+                        if nearest <= high + 0.15 and farthest >= low - 0.15:
                             best, start, end = n, s, e
                     s, e, n = c, c, 1
             if start >= 0 and abs(up[r, start] - height) < 1.0:

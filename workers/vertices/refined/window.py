@@ -63,7 +63,8 @@ def _for_rings(sweep: Sweep, grid: SensorGrid) -> tuple[Floats, Floats]:
         return grid.elevation, grid.shift
     above = sweep.xyz[sweep.ring >= grid.elevation.size].astype(np.float64)
     highest = float(np.median(np.arctan2(above[:, 2], np.hypot(above[:, 0], above[:, 1]))))
-    rising = np.linspace(grid.elevation[-1], highest, more + 1)[1:]
+    steps = np.arange(1, more + 1, dtype=np.float64) / more
+    rising = grid.elevation[-1] + (highest - grid.elevation[-1]) * steps
     return np.concatenate([grid.elevation, rising]), np.concatenate([grid.shift, np.zeros(more)])
 
 
@@ -89,7 +90,7 @@ def _image(
             cosine[ring[i]] += math.cos(rate * a)
             sine[ring[i]] += math.sin(rate * a)
     phase = _ring_phases(cosine, sine, shift, step)
-    middle = int(math.ceil(half / step)) + 1
+    middle = math.ceil(half / step) + 1
     columns = 2 * middle + 1
     azimuth, slope = np.empty((rings, columns)), np.empty((rings, columns))
     for r in range(rings):
@@ -100,8 +101,9 @@ def _image(
     within = np.zeros((rings, columns), np.bool_)
     point = np.full((rings, columns), -1, np.int64)
     for j in range(count):
-        i, r = kept[j], np.int64(ring[kept[j]])
-        c = int(math.floor((angle[j] - phase[r]) / step + 0.5)) + middle
+        i = kept[j]
+        r = np.int64(ring[i])
+        c = math.floor((angle[j] - phase[r]) / step + 0.5) + middle
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
         h = math.sqrt(x * x + y * y)
         if 0 <= c < columns and h > 0.0 and (point[r, c] < 0 or h < distance[r, c]):
