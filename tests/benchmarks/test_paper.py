@@ -79,7 +79,7 @@ def test_sources_are_switched_off_in_turn_and_the_offset_is_found(train, test):
     found = score(train, test, "refined+clock", "pinhole", 0, ("clicks", "model"))
     assert set(found.figures) == {"all", "clicks", "model"}
     assert found.pairs == (222, 222)
-    assert found.offset_ms == pytest.approx(30.0, abs=5.0)
+    assert found.offset_ms == pytest.approx(30.0, abs=15.0)  # its standard deviation is 4 ms
     whole = found.figures["all"]
     assert found.figures["clicks"]["heldout_px"] < whole["heldout_px"]
     assert found.figures["model"]["truth_px"] < whole["truth_px"]
