@@ -28,8 +28,8 @@ class Schedule:
 
 
 # Ours reaches the same optima as the paper's numbers with some 60 % of the evaluations, on simulated rigs and on the
-# real board; four slots divide evenly among workers. Half-widths that shrink by 0.7 and not 0.8 save a quarter of that
-# and lose nothing; by 0.5 they begin to (docs/decisions/0014).
+# real board; four slots divide evenly among workers. Half-widths that shrink by 0.7, not 0.8, save a quarter of the
+# time and lose nothing; by 0.5 they begin to (docs/decisions/0014).
 PRESETS: Final[dict[PresetName, Schedule]] = {
     "default": Schedule(),
     "paper": Schedule(slots=5, scale=0.8, patience=5),
