@@ -93,6 +93,8 @@ def _png(head: bytes, size: int, where: str) -> ImageHeader:
 
 
 def _check_png_data(head: bytes, size: int, where: str) -> None:
+    if len(head) < 26:
+        raise _damaged(where, f"it ends after {size} bytes, inside its header")
     width, height, depth, colour = struct.unpack_from(">IIBB", head, 16)
     if colour not in _PNG_CHANNELS or depth not in (1, 2, 4, 8, 16):
         raise _damaged(where, f"its header names no PNG pixel format (depth {depth}, colour type {colour})")

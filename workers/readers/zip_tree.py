@@ -65,6 +65,8 @@ class Zip:
     def _add(self, info: zipfile.ZipInfo) -> None:
         path = checked_path(self.name, info.filename)
         mode = info.external_attr >> 16
+        if not info.filename:
+            raise refused(self.name, "a file in it has no name")
         if info.is_dir():
             return
         if stat.S_IFMT(mode) not in (0, stat.S_IFREG):

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from fuzz_mutations import mutate
 from fuzz_runner import MEMORY_BYTES, RESIDENT_BYTES
-from fuzz_seeds import REPACKED, make_whole
+from fuzz_seeds import REPACKED, make_whole, members, tar_of, zip_of
+from making_recordings import png
 
 from workers.readers.manifest import Manifest
 from workers.readers.normalised import LidarFile
@@ -150,3 +151,16 @@ def test_damaged_files_are_read_or_refused(runner, seeds):
 def test_ten_thousand_damaged_files_are_read_or_refused(runner, seeds):
     first = int(os.environ.get("FIRST", str(SHORT)))
     check(runner, seeds, range(first, first + int(os.environ.get("CASES", str(LONG)))))
+
+
+ONCE = {
+    "a PNG that ends inside its header": lambda: tar_of(members() | {"images/0.png": png(8, 6)[:25]}),
+    "a zip with a file without a name": lambda: zip_of({"": b"nothing"}),
+    "a zip whose directory points before its beginning": lambda: zip_of(members())[40:],
+}
+
+
+@pytest.mark.parametrize("kind", ONCE)
+def test_what_once_crashed_is_refused(runner, kind):
+    result = runner(ONCE[kind]())
+    assert (result["code"], complaint(result, runner)) == (1, None), result
