@@ -137,8 +137,8 @@ def test_whole_files_are_read(runner, seeds):
                 assert result["last"]["error"]["code"] == "no_lidar_topic", result
             else:
                 assert result["code"] == 0, (name, result)
-    for name, (pack, members) in REPACKED.items():
-        result = runner(pack(members()))
+    for name, (pack, made) in REPACKED.items():
+        result = runner(pack(made()))
         assert result["code"] == 0, (name, result)
 
 
