@@ -10,6 +10,10 @@ from workers.simulation.camera import Camera
 from workers.simulation.scene import Scene
 
 _OVERSAMPLE = 2
+_LEVEL = -1e-3  # rays that fall by less meet no ground
+_SURELY_GROUND = -0.1  # rays that fall by more meet nothing but ground, poles and wall
+_COARSE = 8  # pixels between those that are asked first
+_NEAR_RAD = 0.03  # more than lies between those
 _GRID_PX = 8  # rays are exact on this grid and interpolated between
 
 Floats = NDArray[np.float32]
@@ -20,9 +24,12 @@ def paint_background(camera: Camera, scene: Scene, seed: int) -> NDArray[np.uint
     direction = _directions(camera)
     origin = camera.centre().astype(np.float32)
     noise = _noise(direction.shape[:2], seed)
-    colour = _sky(direction)
+    colour = np.zeros_like(direction)
+    above = _rows_where(direction[..., 2] > _SURELY_GROUND)
+    colour[above] = _sky(direction[above])
     distance = np.full(direction.shape[:2], np.inf, np.float32)
-    _paint_ground(colour, distance, direction, origin, scene, noise)
+    below = _rows_where(direction[..., 2] < _LEVEL)
+    _paint_ground(colour[below], distance[below], direction[below], origin, scene, noise[below])
     _paint_wall(colour, distance, direction, origin, scene, noise)
     _paint_poles(colour, distance, direction, origin, scene)
     width, height = camera.image_size
@@ -43,6 +50,12 @@ def _directions(camera: Camera) -> Floats:
     map_u, map_v = np.meshgrid(fine_u / _GRID_PX + 1.0, fine_v / _GRID_PX + 1.0)
     direction = cv2.remap(grid, map_u.astype(np.float32), map_v.astype(np.float32), cv2.INTER_LINEAR)
     return np.asarray(direction, np.float32)
+
+
+def _rows_where(wanted: NDArray[np.bool_]) -> slice:
+    """The rows (of H x W) that hold any such pixel, as one band."""
+    rows = np.flatnonzero(wanted.any(axis=1))
+    return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
 
 def _noise(shape: tuple[int, int], seed: int) -> Floats:
@@ -84,7 +97,7 @@ def _paint_ground(
     colour: Floats, distance: Floats, direction: Floats, origin: Floats, scene: Scene, noise: Floats
 ) -> None:
     """Asphalt with a white grid of 2.5 m, as on a parking lot; it fades into the haze."""
-    down = direction[..., 2] < -1e-3
+    down = direction[..., 2] < _LEVEL
     reach = np.where(down, (scene.ground_z - origin[2]) / np.where(down, direction[..., 2], -1.0), np.inf)
     hit = down & (reach < 300.0)
     along = np.where(hit, reach, 0.0).astype(np.float32)
@@ -123,16 +136,33 @@ def _paint_wall(
 
 
 def _paint_poles(colour: Floats, distance: Floats, direction: Floats, origin: Floats, scene: Scene) -> None:
-    """Lamp posts, rounder where the light comes from the left."""
+    """Lamp posts, each painted where a coarse look finds it."""
+    coarse = direction[::_COARSE, ::_COARSE]
+    flat = np.hypot(coarse[..., 0], coarse[..., 1])
+    for pole in scene.poles.astype(np.float32):
+        dx, dy = pole[0] - origin[0], pole[1] - origin[1]
+        across = np.abs(coarse[..., 0] * dy - coarse[..., 1] * dx) / flat
+        along = coarse[..., 0] * dx + coarse[..., 1] * dy
+        seen = (across < pole[2] + _NEAR_RAD * np.hypot(dx, dy)) & (along > 0.0)
+        if seen.any():
+            columns = np.flatnonzero(seen.any(axis=0))
+            box = slice(max(int(columns[0]) - 1, 0) * _COARSE, (int(columns[-1]) + 2) * _COARSE)
+            _paint_pole(colour[:, box], distance[:, box], direction[:, box], origin, scene.ground_z, pole)
+
+
+def _paint_pole(
+    colour: Floats, distance: Floats, direction: Floats, origin: Floats, ground_z: float, pole: Floats
+) -> None:
+    """Rounder where the light comes from the left."""
+    x, y, radius, high = pole
     a = direction[..., 0] ** 2 + direction[..., 1] ** 2
-    for x, y, radius, high in scene.poles.astype(np.float32):
-        dx, dy = x - origin[0], y - origin[1]
-        along = direction[..., 0] * dx + direction[..., 1] * dy
-        across = (direction[..., 0] * dy - direction[..., 1] * dx) / np.sqrt(a)
-        rest = radius**2 - across**2
-        reach = (along - np.sqrt(np.maximum(rest, 0.0) * a)) / a
-        height = origin[2] + reach * direction[..., 2] - scene.ground_z
-        hit = (rest > 0.0) & (along > 0.0) & (height > 0.0) & (height < high) & (reach < distance)
-        light = (0.75 - 0.35 * across / radius)[..., None]
-        colour[hit] = (light * _colour(150, 150, 146))[hit]
-        distance[hit] = reach[hit]
+    dx, dy = x - origin[0], y - origin[1]
+    along = direction[..., 0] * dx + direction[..., 1] * dy
+    across = (direction[..., 0] * dy - direction[..., 1] * dx) / np.sqrt(a)
+    rest = radius**2 - across**2
+    reach = (along - np.sqrt(np.maximum(rest, 0.0) * a)) / a
+    height = origin[2] + reach * direction[..., 2] - ground_z
+    hit = (rest > 0.0) & (along > 0.0) & (height > 0.0) & (height < high) & (reach < distance)
+    light = (0.75 - 0.35 * across / radius)[..., None]
+    colour[hit] = (light * _colour(150, 150, 146))[hit]
+    distance[hit] = reach[hit]
