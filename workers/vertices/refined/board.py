@@ -49,13 +49,13 @@ def find_planes(windows: Iterable[Window], model: Model, most: int) -> list[Sigh
             start = np.zeros(ring.size, np.bool_)
             for r, first, last in stretches[pair, :3].astype(np.int64):
                 start |= (ring == r) & (column >= first) & (column <= last)
-            w, info, score = grow_plane(azimuth, slope, distance, start, model.sigma, prior)
-            if any(bool(np.all(np.abs(other - w) < 0.003 * abs(w[0]))) for other in seen):
-                continue
-            seen.append(w)
             r, first, last = stretches[pair[0], :3].astype(int).tolist()
-            spread: Floats = np.asarray(np.linalg.inv(info), np.float64)
-            found.append((score, window, w, spread, (r, first, last)))
+            for downwards in (True, False):
+                w, info, score = grow_plane(azimuth, slope, distance, start, downwards, model.sigma, prior)
+                if not any(bool(np.all(np.abs(other - w) < 0.003 * abs(w[0]))) for other in seen):
+                    seen.append(w)
+                    spread: Floats = np.asarray(np.linalg.inv(info), np.float64)
+                    found.append((score, window, w, spread, (r, first, last)))
     found.sort(key=lambda item: -item[0])
     sightings: list[Sighting] = []
     for item in found:
@@ -213,7 +213,7 @@ def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, 
     return np.array([x * c - y * s, x * s + y * c, z]), errors
 
 
-def look(sweep: Sweep, inside: NDArray[np.bool_], model: Model, most: int = 4) -> list[tuple[Sighting, Fix]]:
+def look(sweep: Sweep, inside: NDArray[np.bool_], model: Model, most: int = 5) -> list[tuple[Sighting, Fix]]:
     """The apexes that the likeliest planes of a sweep tell: boards by all appearances first, then the likeliest."""
     sightings = find_planes(open_windows(sweep, inside, model.grid), model, most)
     found = [(sighting, fix) for sighting in sightings if (fix := locate(sighting.plane, model)) is not None]

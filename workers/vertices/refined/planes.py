@@ -137,13 +137,20 @@ def fit_plane(
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def grow_plane(
-    azimuth: Floats, slope: Floats, distance: Floats, start: NDArray[np.bool_], sigma: float, prior: Floats
+    azimuth: Floats,
+    slope: Floats,
+    distance: Floats,
+    start: NDArray[np.bool_],
+    downwards: bool,
+    sigma: float,
+    prior: Floats,
 ) -> tuple[Floats, Floats, float]:
     """The plane through the points of ``start`` and all others near it that lie on it.
 
     Args:
         azimuth, slope, distance: (N,) of the points in the region.
         start: (N,) the first guess.
+        downwards: whether points below those of ``start`` count, which may be the body's.
 
     Returns:
         w (3,), its information (3, 3), and the log likelihood of the points against clutter, prior included.
@@ -151,11 +158,13 @@ def grow_plane(
     count = distance.size
     weight = np.empty(count)
     y, z, n = 0.0, 0.0, 0
+    lowest = math.inf
     for i in range(count):
         weight[i] = 1.0 if start[i] else 0.0
         if start[i]:
             y += distance[i] * azimuth[i]
             z += distance[i] * slope[i]
+            lowest = min(lowest, distance[i] * slope[i] - 0.1)
             n += 1
     y /= n
     z /= n
@@ -173,7 +182,8 @@ def grow_plane(
                 continue
             z_score = (distance[i] - 1.0 / u) / wide
             like = math.exp(-0.5 * z_score * z_score) / (wide * 2.5066) + 1e-12
-            weight[i] = like / (like + CLUTTER)
+            if downwards or distance[i] * slope[i] > lowest:
+                weight[i] = like / (like + CLUTTER)
             score += math.log1p(like / CLUTTER)
         w, info = fit_plane(azimuth, slope, distance, weight, sigma, prior)
     for k in range(2):
