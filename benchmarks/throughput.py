@@ -28,7 +28,7 @@ from typing import Final
 import numpy as np
 
 from workers.readers.limited import ingest_limited
-from workers.readers.normalised import LidarFile
+from workers.readers.normalised.lidar_file import LidarFile
 from workers.simulation.background import paint_background
 from workers.simulation.render import Renderer, encode_jpeg
 from workers.simulation.rig import START_NS, Rig

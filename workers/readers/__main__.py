@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from workers.readers.confine import confine
-from workers.readers.normalise import normalise
+from workers.readers.normalised.normalise import normalise
 from workers.readers.recording import ReadError, ReadOptions
 
 _OPTIONS: Final = (

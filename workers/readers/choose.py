@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from workers.readers.camera_guess import Sizes, guess_cameras
-from workers.readers.clouds import RING_FIELDS
-from workers.readers.point_times import TIME_FIELDS
+from workers.readers.clouds.model import RING_FIELDS
+from workers.readers.clouds.point_times import TIME_FIELDS
 from workers.readers.recording import ReadError, Recording, Sensor
 from workers.readers.topic_words import primary, slug
 

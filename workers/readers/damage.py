@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
 
 from workers.readers.recording import ReadError
-from workers.readers.topic_messages import Decoder, Message
+from workers.readers.ros.topic_messages import Decoder, Message
 
 # What decoding code raises when records contradict each other; libraries' own classes are named by their users.
 _CONTRADICTIONS = (

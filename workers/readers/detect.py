@@ -65,17 +65,17 @@ def _is_video(head: bytes) -> bool:
 
 # A format of one file is one module with one class, and one line here.
 FILES: Final[tuple[Format, ...]] = (
-    Format("a ROS 1 bag", "workers.readers.rosbag1", "Rosbag1Recording", _starts(b"#ROSBAG V2.0\n")),
-    Format("a ROS 2 bag", "workers.readers.rosbag2", "Rosbag2Recording", _starts(b"SQLite format 3\0")),
-    Format("an MCAP file", "workers.readers.rosbag2", "Rosbag2Recording", _starts(b"\x89MCAP0\r\n")),
+    Format("a ROS 1 bag", "workers.readers.ros.rosbag1", "Rosbag1Recording", _starts(b"#ROSBAG V2.0\n")),
+    Format("a ROS 2 bag", "workers.readers.ros.rosbag2", "Rosbag2Recording", _starts(b"SQLite format 3\0")),
+    Format("an MCAP file", "workers.readers.ros.rosbag2", "Rosbag2Recording", _starts(b"\x89MCAP0\r\n")),
     Format(
-        *("a packet capture", "workers.readers.pcap", "PcapRecording"),
+        *("a packet capture", "workers.readers.captures.pcap", "PcapRecording"),
         _starts(b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d", b"\n\r\r\n"),
     ),
-    Format("a video", "workers.readers.video", "VideoRecording", _is_video),
+    Format("a video", "workers.readers.images.video", "VideoRecording", _is_video),
 )
 # Folders and archives hold files of these formats, or clouds and images.
-TREE: Final = Format("a folder or an archive", "workers.readers.folder", "FolderRecording", _is_archive)
+TREE: Final = Format("a folder or an archive", "workers.readers.trees.folder", "FolderRecording", _is_archive)
 
 _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
     (b"#ROSBAG V1", "a ROS bag of version 1.x", "Convert it with `rosbag fix` or `rosbag migrate` to version 2.0."),

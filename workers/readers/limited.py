@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any, Final, cast
 
-from workers.readers.manifest import Manifest
+from workers.readers.normalised.manifest import Manifest
 from workers.readers.progress import OnProgress, Progress
 from workers.readers.recording import ReadError
 
@@ -44,7 +44,7 @@ def ingest_limited(
     name: str | None = None,
     on_progress: OnProgress | None = None,
 ) -> Manifest:
-    """Normalise a recording in a child process; see :func:`workers.readers.normalise.normalise`.
+    """Normalise a recording in a child process; see :func:`workers.readers.normalised.normalise.normalise`.
 
     The child dies with this process, and with the thread that calls this function. After any error ``out_dir`` is
     gone.

@@ -18,7 +18,7 @@ from service.db.recordings import CameraFrame, Recording, Sensor, UploadPart
 from service.jobs.claims import Claim, Lease, require_mine
 from service.storage.blobs import condemn, keep, reserve
 from workers.readers.limited import ingest_limited
-from workers.readers.manifest import FrameTable, SensorManifest, read_table
+from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from service.db.recordings import Sensor
 from service.jobs.claims import Lease
-from workers.readers.normalised import LidarFile
+from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import Sweep
 from workers.tasks.context import Context
 

@@ -16,8 +16,8 @@ from fuzz_runner import MEMORY_BYTES, RESIDENT_BYTES
 from fuzz_seeds import REPACKED, make_whole, members, tar_of, zip_of
 from making_recordings import png
 
-from workers.readers.manifest import Manifest
-from workers.readers.normalised import LidarFile
+from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.manifest import Manifest
 
 ROOT = Path(__file__).parents[3]
 RUNNER = Path(__file__).with_name("fuzz_runner.py")

@@ -14,7 +14,7 @@ from rosbags.rosbag1 import Writer
 
 from workers.readers import limited
 from workers.readers.limited import ingest_limited
-from workers.readers.normalised import LidarFile
+from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError
 
 ROOT = Path(__file__).parents[3]

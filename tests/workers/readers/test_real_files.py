@@ -8,8 +8,8 @@ from making_recordings import DATA
 from pypcd4 import PointCloud
 
 from workers.readers.limited import ingest_limited
-from workers.readers.manifest import FrameTable, read_table
-from workers.readers.normalised import LidarFile
+from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.manifest import FrameTable, read_table
 from workers.readers.recording import ReadError
 
 BOARD = DATA / "vlp16-diamond-board"

@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from workers.readers.captures.packet_clock import PacketClock
+
+PACKET_NS = 1_327_104
+START_NS = 1_700_000_000_000_000_000
+
+
+def errors(moments, truth):
+    return np.asarray(moments) - truth
+
+
+def run(truth_ns, device_us, late_ns, device=True):
+    """Moments that the clock tells; the host stamps packets when they are whole, and late."""
+    clock = PacketClock(PACKET_NS, device)
+    host = truth_ns + PACKET_NS + late_ns
+    told = [clock.moment(int(h), int(d)) for h, d in zip(host, device_us, strict=True)]
+    return clock, errors(told, truth_ns)
+
+
+def stream(seconds, step_ns=PACKET_NS):
+    return START_NS + np.arange(int(seconds * 1e9 / step_ns), dtype=np.int64) * step_ns
+
+
+def delays(count, seed=0):
+    rng = np.random.default_rng(seed)
+    return (rng.exponential(100_000, count) + (rng.random(count) < 0.02) * rng.uniform(0, 5e6, count)).astype(
+        np.int64
+    )
+
+
+def test_moments_are_even_although_the_host_is_not():
+    truth = stream(20)
+    late = delays(len(truth))
+    clock, error = run(truth, (truth - START_NS) // 1000 + 3_599_990_000, late)  # past the hour after 10 ms
+    assert clock.jumps == 0 and late.max() > 3_000_000
+    assert error.min() > -2_000 and np.percentile(error[1000:], 99) < 30_000
+
+
+@pytest.mark.parametrize("ppm", [-60, 60])
+def test_clocks_that_drift_apart_stay_tied(ppm):
+    truth = stream(1200, 10 * PACKET_NS)
+    device_us = ((truth - START_NS) * (1 + ppm * 1e-6) / 1000).astype(np.int64) % 3_600_000_000
+    _, error = run(truth, device_us, delays(len(truth)))
+    assert np.abs(error[100:]).max() < 300_000  # unheeded, 60 ppm of 20 minutes would be 72 ms
+
+
+def test_a_clock_that_is_set_while_it_runs():
+    truth = stream(4)
+    device_us = (truth - START_NS) // 1000
+    device_us[len(truth) // 2 :] += 1_234_000  # the sensor finds its satellites
+    clock, error = run(truth, device_us, delays(len(truth)))
+    assert clock.jumps == 1 and np.abs(error[len(truth) // 2 + 400 :]).max() < 300_000
+
+
+def test_a_sensor_without_a_clock():
+    truth = stream(0.1)
+    _, error = run(truth, np.zeros(len(truth)), np.full(len(truth), 70_000), device=False)
+    assert np.all(error == 70_000)

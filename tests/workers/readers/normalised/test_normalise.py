@@ -1,0 +1,185 @@
+import json
+
+import numpy as np
+import pytest
+from making_packets import captured, packets, write_pcap
+from making_recordings import (
+    CLOUD,
+    DATA,
+    PERIOD_NS,
+    START_NS,
+    cloud,
+    clouds,
+    compressed,
+    images,
+    interleaved,
+    jpeg_claiming,
+    png,
+    scattered,
+    scene,
+    write_bag,
+)
+from making_ros2 import as_cdr, rig, write_mcap
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from workers.readers import progress
+from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.manifest import FrameTable, ImageSize, Manifest, SweepTable, read_table
+from workers.readers.normalised.normalise import normalise
+from workers.readers.recording import ReadError, ReadOptions
+
+BAG = DATA / "vlp16-diamond-board" / "recording.bag"
+
+
+def frames_of(out, sensor):
+    table = read_table(out / sensor.frames)
+    assert isinstance(table, FrameTable) and len(table) == sensor.count
+    data = (out / sensor.file).read_bytes()
+    return table, [data[o : o + n] for o, n in zip(table.offset, table.length, strict=True)]
+
+
+def test_a_bag_becomes_one_file_per_sensor(tmp_path):
+    path = write_bag(tmp_path / "a.bag", interleaved(clouds(5), images(5)))
+    seen = []
+    out = tmp_path / "out"
+    manifest = normalise(path, out, cameras=["front"], on_progress=seen.append)
+    assert (seen[-1].done, seen[-1].total, seen[-1].share) == (10, 10, 1.0)
+    assert Manifest.from_json(json.loads(json.dumps(manifest.to_json()))).to_json() == manifest.to_json()
+    lidar, camera = manifest.sensors
+    assert (manifest.format, manifest.warnings) == ("rosbag1", [])
+    assert (lidar.name, lidar.topic, lidar.frame_id, lidar.count) == ("lidar", "/points", "velodyne", 5)
+    assert (lidar.rate_hz, lidar.ring_count, lidar.time_source, lidar.stamp_convention) == (
+        10.0,
+        16,
+        "per_point",
+        "start",
+    )
+    assert (lidar.first_ns, lidar.last_ns) == (START_NS, START_NS + 4 * PERIOD_NS)
+    assert (lidar.points, lidar.partial, lidar.empty, lidar.overlap_s) == (1440, [], 0, None)
+    assert manifest.facts() == {
+        "format": "rosbag1",
+        "first_ns": START_NS,
+        "last_ns": START_NS + 412_000_000,
+        "seconds": 0.412,
+        "together_s": 0.388,
+    }
+    assert (camera.overlap_s, camera.overlap_share, camera.sizes) == (0.388, 0.97, [ImageSize(8, 6, 5)])
+    assert (camera.name, camera.topic, camera.width, camera.height) == ("front", "/camera/compressed", 8, 6)
+    assert camera.transcoded is False and camera.first_ns == START_NS + 12_000_000
+    table, frames = frames_of(out, camera)
+    assert frames == [png(8, 6, i) for i in range(5)]
+    assert set(table.media_type) == {"image/png"} and set(table.width) == {8}
+    sweeps = read_table(out / lidar.frames)
+    assert isinstance(sweeps, SweepTable) and sweeps.points == [1440] * 5
+    with LidarFile(out / lidar.file) as file:
+        assert file.stamps_ns.tolist() == sweeps.stamp_ns
+        np.testing.assert_array_equal(file.sweep(3).ring, scene()["ring"])
+
+
+def test_the_files_are_plain_mcap_that_others_read(tmp_path):
+    path = write_bag(tmp_path / "a.bag", interleaved(clouds(5), images(5)))
+    normalise(path, tmp_path / "out", cameras=["front"])
+    for name, compression in (("lidar", "zstd"), ("camera-front", "")):
+        file = tmp_path / "out" / f"{name}.mcap"
+        with file.open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            assert len(list(reader.iter_messages())) == 5
+            assert reader.get_header().profile == "ros2"
+            assert {c.compression for c in reader.get_summary().chunk_indexes} == {compression}
+        with AnyReader([file]) as reader:
+            for connection, _, raw in reader.messages():
+                assert len(reader.deserialize(raw, connection.msgtype).data)
+
+
+def test_stamps_out_of_order_keep_table_and_bytes_together(tmp_path):
+    stamps = [3, 1, 2, 2]
+    cam = [
+        ("/cam", "sensor_msgs/msg/CompressedImage", START_NS + i, compressed(START_NS + s, png(8, 6, i)))
+        for i, s in enumerate(stamps)
+    ]
+    lid = [("/points", CLOUD, START_NS + i, cloud(START_NS + s, scene(columns=10 + i))) for i, s in enumerate(stamps)]
+    manifest = normalise(write_bag(tmp_path / "a.bag", interleaved(lid, cam)), tmp_path / "out", cameras=["cam"])
+    table, frames = frames_of(tmp_path / "out", manifest.sensors[1])
+    assert [s - START_NS for s in table.stamp_ns] == [1, 2, 2, 3]
+    assert frames == [png(8, 6, i) for i in (1, 2, 3, 0)]
+    with LidarFile(tmp_path / "out" / "lidar.mcap") as file:
+        assert [len(s.xyz) for s in file.sweeps()] == read_table(tmp_path / "out" / "lidar.sweeps.json").points
+        assert [len(s.xyz) for s in file.sweeps()] == [16 * n for n in (11, 12, 13, 10)]
+    assert sum("run backwards" in w for w in manifest.warnings) == 2
+
+
+@pytest.mark.parametrize(
+    ("messages", "code"),
+    [
+        (list(images(3)), "no_lidar_topic"),
+        (list(clouds(3)), "no_camera_topic"),
+        (interleaved(clouds(3), images(3, data=jpeg_claiming(60000, 60000))), "image_too_large"),
+        (interleaved(clouds(3, scattered(), fields=dict.fromkeys("xyz", "f4")), images(3)), "rings_not_separable"),
+    ],
+)
+def test_after_an_error_nothing_is_left(tmp_path, messages, code):
+    path = write_bag(tmp_path / "a.bag", messages)
+    with pytest.raises(ReadError) as caught:
+        normalise(path, tmp_path / "out", cameras=["front"])
+    assert caught.value.code == code
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_progress_may_stop_it(tmp_path):
+    def stop(progress):
+        raise KeyboardInterrupt
+
+    path = write_bag(tmp_path / "a.bag", interleaved(clouds(3), images(3)))
+    with pytest.raises(KeyboardInterrupt):
+        normalise(path, tmp_path / "out", on_progress=stop)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_sensors_of_different_times_and_frames_of_different_sizes_are_said(tmp_path):
+    late = START_NS + 3600 * 10**9
+    cam = [
+        ("/cam", "sensor_msgs/msg/CompressedImage", late + i, compressed(late + i, png(8 + i, 6))) for i in range(2)
+    ]
+    manifest = normalise(write_bag(tmp_path / "a.bag", interleaved(clouds(3), cam)), tmp_path / "out")
+    assert any("share no time" in w for w in manifest.warnings)
+    assert manifest.sensors[1].overlap_s == 0.0 and manifest.facts()["together_s"] == 0.0
+    assert any("8 x 6, 9 x 6" in w for w in manifest.warnings)
+
+
+def test_two_cameras_on_one_topic(tmp_path):
+    path = write_bag(tmp_path / "a.bag", interleaved(clouds(3), images(3)))
+    with pytest.raises(ReadError) as caught:
+        normalise(path, tmp_path / "out", cameras={"a": "/camera/compressed", "b": "/camera/compressed"})
+    assert caught.value.code == "ambiguous_cameras"
+
+
+def test_the_real_bag(tmp_path):
+    if not BAG.exists():
+        pytest.skip("real data is not here: ../shared/data/vlp16-diamond-board")
+    manifest = normalise(BAG, tmp_path, cameras=["camera"], options=ReadOptions(point_times="stamp_only"))
+    lidar, camera = manifest.sensors
+    assert (lidar.count, camera.count, lidar.ring_count, lidar.time_source) == (20, 20, 16, "stamp_only")
+    assert (camera.width, camera.height, camera.transcoded) == (1920, 1208, False)
+    assert manifest.warnings == []
+    _, frames = frames_of(tmp_path, camera)
+    original = BAG.read_bytes()
+    assert all(frame in original for frame in frames)  # byte for byte
+
+
+def test_the_intrinsics_that_a_recording_states_are_kept_and_held_against_its_images(tmp_path):
+    path = write_mcap(tmp_path / "a.mcap", as_cdr(rig(3)))
+    manifest = normalise(path, tmp_path / "out", cameras=["front"])
+    stated = manifest.sensors[1].camera_info
+    assert (stated["model"], stated["width"], stated["K"][0]) == ("brown_conrady", 1920, 1176.9)
+    assert any("camera info is for 1920 x 1208 pixels, its frames have 8 x 6" in said for said in manifest.warnings)
+
+
+def test_of_a_capture_the_bytes_tell_how_far_it_is(tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "_EVERY_S", 0.0)
+    seen = []
+    path = write_pcap(tmp_path / "a.pcap", captured(packets("vlp16", 4.2)))
+    manifest = normalise(path, tmp_path / "out", cameras=[], on_progress=seen.append)
+    shares = [moment.share for moment in seen]
+    assert seen[0].total is None and 0.0 < shares[0] < 0.6 and shares == sorted(shares) and shares[-1] == 1.0
+    assert manifest.sensors[0].count == 5 and manifest.sensors[0].partial == ["last"]

@@ -1,0 +1,1 @@
+"""Network captures of Velodyne sensors: packets in, sweeps out."""

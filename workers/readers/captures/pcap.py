@@ -1,0 +1,198 @@
+"""Network captures (pcap, pcapng) of Velodyne sensors: every sensor in them a LiDAR."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from workers.readers.captures.capture import Capture
+from workers.readers.captures.datagrams import KNOWN_LINKS, Datagrams, endpoint
+from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, learn_packets
+from workers.readers.captures.velodyne import FIELDS, SweepCutter
+from workers.readers.captures.velodyne_models import is_data_packet
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
+
+_SAMPLE_BYTES: Final = 24_000_000
+_FEW: Final = 20
+
+# A sensor on the network: (its address, the port it sends to)
+_Key = tuple[bytes, int]
+
+
+@dataclass(slots=True)
+class _Overview:
+    """What the beginning of a capture holds."""
+
+    packets: dict[_Key, list[Packet]] = field(default_factory=dict[_Key, list[Packet]])
+    others: Counter[tuple[bytes, int, int]] = field(default_factory=Counter[tuple[bytes, int, int]])
+    links: set[int] = field(default_factory=set[int])
+    frames: int = 0
+
+
+class PcapRecording:
+    """A capture of what Velodyne sensors send; each sender and port is one LiDAR, named ``address:port``.
+
+    Raises:
+        ReadError: ``capture_damaged``, ``no_lidar_packets``, and what :func:`learn_packets` raises.
+    """
+
+    format = "pcap"
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._path = path
+        self._options = options
+        self._capture = Capture(path)
+        self._cutters: dict[str, SweepCutter] = {}
+        self._strangers: Counter[str] = Counter()
+        self._fragments = 0
+        overview = self._look()
+        if not overview.packets:
+            raise self._nothing(overview)
+        self._keys = {key: endpoint(*key) for key in overview.packets}
+        self._streams: dict[str, PacketStream] = {
+            self._keys[key]: learn_packets(sample, options, self._keys[key])
+            for key, sample in overview.packets.items()
+        }
+        self._other_topics = [
+            f"UDP {endpoint(sender, port)} ({size} bytes)" for sender, port, size in sorted(overview.others)[:_FEW]
+        ]
+
+    def _look(self) -> _Overview:
+        """Read the beginning of the file."""
+        seen = _Overview()
+        datagrams = Datagrams()
+        for host_ns, link, frame in self._capture.frames():
+            seen.frames += 1
+            seen.links.add(link)
+            datagram = datagrams.take(link, frame)
+            if datagram is None:
+                continue
+            sender, _, port, payload = datagram
+            if is_data_packet(payload):
+                sample = seen.packets.setdefault((sender, port), [])
+                if len(sample) < SAMPLE_PACKETS:
+                    sample.append((host_ns, payload))
+                elif all(len(sample) >= SAMPLE_PACKETS for sample in seen.packets.values()):
+                    break
+            elif len(seen.others) < 1000:
+                seen.others[sender, port, len(payload)] += 1
+            if self._capture.position > _SAMPLE_BYTES and seen.packets:
+                break
+        return seen
+
+    def _nothing(self, seen: _Overview) -> ReadError:
+        if not seen.frames:
+            return ReadError(
+                "recording_empty", f"{self._path.name} is a capture without packets.", "Capture again, or look at it."
+            )
+        unknown = sorted(seen.links - KNOWN_LINKS)
+        if unknown:
+            return ReadError(
+                "capture_link_unsupported",
+                f"{self._path.name} was captured on a link of type {unknown[0]}, which is not read.",
+                "Capture on the Ethernet interface to which the sensor is connected.",
+            )
+        listed = ", ".join(
+            f"{count} of {size} bytes from {endpoint(sender, port)}"
+            for (sender, port, size), count in seen.others.most_common(5)
+        )
+        return ReadError(
+            "no_lidar_packets",
+            f"{self._path.name} holds no packets of a Velodyne sensor among {seen.frames}"
+            + (f"; its datagrams: {listed}." if listed else " and no whole UDP datagram."),
+            "Captures of Velodyne sensors are read (UDP, 1206 bytes a packet, port 2368 unless set otherwise). "
+            "For another maker's sensor, record its driver's point cloud.",
+        )
+
+    @property
+    def sensors(self) -> Sequence[Sensor]:
+        """Every sensor that sends at the beginning of the capture."""
+        return [
+            Sensor(
+                "lidar",
+                name,
+                "",
+                None,
+                {
+                    "fields": FIELDS,
+                    "model": stream.decoding.model.title,
+                    "rate_hz": f"{1e9 / stream.sweep_ns:.3g}",
+                },
+            )
+            for name, stream in self._streams.items()
+        ]
+
+    @property
+    def other_topics(self) -> Sequence[str]:
+        """Other UDP traffic."""
+        return self._other_topics
+
+    @property
+    def share_read(self) -> float:
+        """Share of the file that has been read."""
+        return min(1.0, self._capture.position / max(1, self._capture.size))
+
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences about what was met while reading."""
+        said = [sentence for cutter in self._cutters.values() for sentence in cutter.warnings()]
+        if self._capture.cut_short:
+            said.append(self._capture.cut_short)
+        if self._capture.untimed:
+            said.append(f"{self._capture.untimed} packets have no usable time stamp and were left out.")
+        if self._fragments:
+            said.append(f"{self._fragments} fragments of datagrams had lost the rest and were left out.")
+        said.extend(
+            f"{count} packets of another sensor, {name}, which was silent at first, were left out."
+            for name, count in self._strangers.items()
+        )
+        return said
+
+    def lidar_facts(self, sensor: Sensor) -> LidarFacts:
+        """What was learned from the beginning of the capture."""
+        return self._streams[sensor.name].facts(self._options)
+
+    def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
+        """The sweeps of one LiDAR in recorded order."""
+        for _, item in self.messages([sensor]):
+            if isinstance(item, Sweep):
+                yield item
+
+    def frames(self, sensor: Sensor) -> Iterator[Frame]:
+        """A capture holds no camera."""
+        return iter(())
+
+    def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
+        """All chosen sensors in one pass, each sweep when it is whole."""
+        chosen = {sensor.name: sensor for sensor in sensors}
+        cutters = {name: SweepCutter(self._streams[name], self._options, name) for name in chosen}
+        self._cutters |= cutters
+        self._strangers.clear()
+        wanted = {key: (chosen[name], cutters[name]) for key, name in self._keys.items() if name in chosen}
+        datagrams = Datagrams()
+        for host_ns, link, frame in self._capture.frames():
+            datagram = datagrams.take(link, frame)
+            if datagram is None:
+                continue
+            sender, _, port, payload = datagram
+            found = wanted.get((sender, port))
+            if found is None:
+                if is_data_packet(payload) and (sender, port) not in self._keys and len(self._strangers) < _FEW:
+                    self._strangers[endpoint(sender, port)] += 1
+                continue
+            if not is_data_packet(payload):
+                continue
+            sweep = found[1].add(host_ns, payload)
+            if sweep is not None:
+                yield found[0], sweep
+        self._fragments = datagrams.fragments
+        for sensor, cutter in wanted.values():
+            sweep = cutter.finish()
+            if sweep is not None:
+                yield sensor, sweep
+
+    def close(self) -> None:
+        """Nothing stays open between passes."""

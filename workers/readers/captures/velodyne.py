@@ -1,0 +1,186 @@
+"""Sweeps from the packets of one Velodyne sensor: cut at the seam, decoded by velodyne-decoder.
+
+A sweep is one turn from seam to seam, to the laser: a packet across the seam is decoded twice and each half kept
+once, so that no point is in two sweeps and none is lost.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.captures.packet_clock import PacketClock
+from workers.readers.captures.packet_stream import TURN, Packet, PacketStream
+from workers.readers.captures.velodyne_models import BLOCKS, DUAL, PACKET
+from workers.readers.recording import ReadError, ReadOptions, Sweep
+
+FIELDS: Final = "x y z intensity ring time"
+_BACK: Final = 1_000
+# Less than the time from one laser to the next, 1.2 us at least, and more than float32 seconds lose.
+_MARGIN_NS: Final = 200
+
+
+class SweepCutter:
+    """Takes the packets of one sensor in recorded order and gives its sweeps."""
+
+    def __init__(self, stream: PacketStream, options: ReadOptions, where: str) -> None:
+        velodyne: Any = import_module("velodyne_decoder")
+        library: Any = import_module("velodyne_decoder.velodyne_decoder_pylib")
+        self._time_pair: Any = library.TimePair
+        self._packet: Any = velodyne.VelodynePacket
+        self._vector: Any = velodyne.PacketVector
+        self._decoder: Any = velodyne.ScanDecoder(stream.decoding.config)
+        self._stream = stream
+        self._where = where
+        self._stamp_only = options.point_times == "stamp_only"
+        self._clock = PacketClock(stream.packet_ns, stream.device, stream.lead_ns)
+        self._usual = (0xEEFF,) * BLOCKS  # of most sensors, told faster than by the set
+        self._held: list[Packet] = []
+        self._start_ns = 0
+        self._phase = -1  # azimuth from the seam, and moment, of the last firing cycle
+        self._cycle_at = 0
+        self._last_data = b""
+        self._damaged = self._twins = self._disordered = self._lost = self._stalled = 0
+
+    def add(self, host_ns: int, data: bytes) -> Sweep | None:
+        """Take one packet; the sweep that it ends, where it does."""
+        fields = PACKET.unpack(data)
+        stream, model = self._stream, self._stream.decoding.model
+        azimuths = fields[1:24:2]
+        if stream.decoding.patch:
+            data = data[:-2] + stream.decoding.patch
+        flags = fields[:24:2]
+        if (
+            (flags != self._usual and not model.flags.issuperset(flags))
+            or max(azimuths) >= TURN
+            or (model.product is not None and data[-1] != model.product)
+        ):
+            self._damaged += 1
+            return None
+        if data == self._last_data:
+            self._twins += 1
+            return None
+        moment = self._clock.moment(host_ns, fields[24])
+        phases = [(azimuth - stream.seam) % TURN for azimuth in azimuths]
+        gap_ns = moment - self._held[-1][0] if self._held else 0
+        if gap_ns < 0:
+            self._disordered += 1
+            return None
+        self._last_data = data
+        return self._cut(moment, data, phases, gap_ns)
+
+    def _cut(self, moment: int, data: bytes, phases: list[int], gap_ns: int) -> Sweep | None:
+        """Hold a packet, and close the sweep where it crosses the seam or comes too late to belong to it."""
+        stream = self._stream
+        if gap_ns > 1.5 * stream.packet_ns and phases[0] > self._phase:
+            self._lost += round(gap_ns / stream.packet_ns) - 1
+        if not self._held:
+            self._start_ns = moment - stream.decoding.model.early_ns
+        crossing = None
+        stalled = bool(self._held) and moment - self._start_ns > 2.5 * stream.sweep_ns
+        if self._held and (gap_ns > 0.75 * stream.sweep_ns or stalled):
+            self._stalled += stalled
+            crossing = moment - stream.decoding.model.early_ns
+        crossing = self._crossing(moment, data, phases, crossing)
+        packet = (moment, data)
+        done: Sweep | None = None
+        if crossing is None:
+            self._held.append(packet)
+        elif self._held and crossing < moment - stream.decoding.model.early_ns:
+            across = self._held[-1]
+            done = self._close(crossing)
+            self._held = [across, packet]
+        else:
+            self._held.append(packet)
+            done = self._close(crossing)
+            self._held = [packet]
+        return done
+
+    def _crossing(self, moment: int, data: bytes, phases: list[int], forced: int | None) -> int | None:
+        """The moment at which the sensor passes the seam in this packet or just before it, None where it does not."""
+        model = self._stream.decoding.model
+        # An HDL-64E shows dual return by sending an azimuth twice.
+        dual = data[2:4] == data[202:204] if model.product is None else data[-2] == DUAL
+        width = model.blocks * (1 + dual)
+        last = (BLOCKS // width - 1) * width
+        before, before_ns = self._phase, self._cycle_at
+        self._phase = phases[last]
+        self._cycle_at = moment - model.early_ns + round(last // width * model.cycle_ns)
+        if forced is not None or (before <= phases[0] <= phases[last] and before >= 0):
+            return forced
+        for unit, phase in enumerate(phases[: last + 1 : width]):
+            at_ns = moment - model.early_ns + round(unit * model.cycle_ns)
+            if before >= 0 and phase < before - _BACK:
+                if at_ns - before_ns > 2 * model.cycle_ns:
+                    return at_ns
+                return before_ns + (at_ns - before_ns) * (TURN - before) // (TURN - before + phase)
+            before, before_ns = phase, at_ns
+        return None
+
+    def finish(self) -> Sweep | None:
+        """What is left when the packets have ended: the last sweep, mostly partial."""
+        return self._close(None) if self._held else None
+
+    def _close(self, stop_ns: int | None) -> Sweep:
+        """The held packets as a sweep, from ``_start_ns`` to before ``stop_ns``, where the next one starts."""
+        packets, self._held = self._held, []
+        start_ns, self._start_ns = self._start_ns, stop_ns or 0
+        base_ns = packets[0][0]
+        pair, packet = self._time_pair, self._packet
+        vector = self._vector(
+            [packet(pair(at, at), data) for at, data in (((t - base_ns) * 1e-9, d) for t, d in packets)]
+        )
+        try:
+            _, points = self._decoder.decode(vector, True)
+        except RuntimeError as error:
+            raise ReadError(
+                "packets_damaged",
+                f"{self._where}: {len(packets)} packets from {base_ns / 1e9:.3f} s on do not decode ({error}).",
+                "Capture again; look at the network between sensor and recorder.",
+            ) from error
+        time = points["time"]
+        keep = time > (start_ns - base_ns - _MARGIN_NS) * 1e-9
+        if stop_ns is not None:
+            keep &= time < (stop_ns - base_ns - _MARGIN_NS) * 1e-9
+        if packets[0][1][-2] == DUAL or self._stream.decoding.model.product is None:
+            strongest = (points["return_type"] & 1) != 0
+            keep &= strongest | ~strongest.any()
+        return self._sweep(start_ns, base_ns, _kept(points, keep))
+
+    def _sweep(self, stamp_ns: int, base_ns: int, points: NDArray[np.void]) -> Sweep:
+        offset: NDArray[np.int64] = np.zeros(len(points), np.int64)
+        if not self._stamp_only:
+            offset = np.rint(points["time"].astype(np.float64) * 1e9).astype(np.int64) + (base_ns - stamp_ns)
+        # x, y, z are the first three floats of the 32 bytes of a point.
+        xyz = np.ascontiguousarray(points).view(np.float32).reshape(-1, 8)[:, :3].copy()
+        return Sweep(
+            stamp_ns=stamp_ns,
+            xyz=xyz,
+            intensity=points["intensity"].copy(),
+            ring=points["ring"].astype(np.uint16),
+            offset_ns=offset,
+            time_source="stamp_only" if self._stamp_only else "per_point",
+        )
+
+    def warnings(self) -> list[str]:
+        """Sentences about what was met while reading."""
+        told = (
+            (self._lost, "packets were lost on the way (gaps in the sensor's own stamps)"),
+            (self._damaged, "packets are not what this sensor sends and were left out"),
+            (self._twins, "packets came twice and were taken once"),
+            (self._disordered, "packets came after later ones and were left out"),
+            (self._stalled, "times the sensor did not finish a turn in time; the sweep was cut all the same"),
+            (self._clock.jumps, "times the sensor's clock and the host's were set against each other"),
+        )
+        return [f"{self._where}: {count} {what}." for count, what in told if count]
+
+
+def _kept(points: NDArray[np.void], keep: NDArray[np.bool_]) -> NDArray[np.void]:
+    """Points where ``keep``; a view where these follow one another, as they do unless a second return is dropped."""
+    if keep.all() or not keep.any():
+        return points if len(points) and keep[0] else points[:0]
+    first, last = int(keep.argmax()), len(keep) - int(keep[::-1].argmax())
+    return points[first:last] if keep[first:last].all() else points[keep]

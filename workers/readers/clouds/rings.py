@@ -1,0 +1,227 @@
+"""Rings numbered by elevation, 0 the lowest: from a sensor's own laser ids, or computed where the file has none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.clouds.elevations import elevations, find_focus, find_levels, nearest_level
+from workers.readers.clouds.ring_runs import RunOrder, learn_runs
+from workers.readers.recording import ReadError
+
+# Line counts of the sensors on the market: a file whose highest lasers see only sky still counts from the right end.
+_LINE_COUNTS: Final = (1, 4, 8, 16, 20, 32, 40, 64, 80, 96, 120, 128, 192, 256)
+_ENOUGH_POINTS: Final = 20
+_CLEAR_STEP_DEG: Final = 0.1
+# Elevations in degrees as the makers' manuals give them; a sensor whose top rings see only sky is told by the others.
+_VLP32C: Final = (
+    *(-25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667, -2.333),
+    *(-2.0, -1.667, -1.333, -1.0, -0.667, -0.333, 0.0, 0.333, 0.667, 1.0, 1.333, 1.667, 2.333, 3.333, 4.667, 7.0),
+    *(10.333, 15.0),
+)
+_KNOWN: Final[tuple[tuple[str, NDArray[np.float64]], ...]] = (
+    ("a VLP-16", np.linspace(-15, 15, 16)),
+    ("an HDL-32E", np.linspace(-92 / 3, 32 / 3, 32)),
+    ("a VLP-32C", np.array(_VLP32C)),
+)
+_MATCH_DEG: Final = 0.15
+_LARGEST_HOLE: Final = 4
+_MANY: Final = 150_000
+
+
+@dataclass(frozen=True, slots=True)
+class RingOrder:
+    """The file's ring ids to numbers by elevation.
+
+    Attributes:
+        table: (largest id + 1,) int32, number of each id, -1 for an id that is not known.
+        count: number of rings; numbers are 0 to count - 1.
+        note: a sentence where the numbers differ from the file's, else empty.
+    """
+
+    table: NDArray[np.int32]
+    count: int
+    note: str
+
+    def number(self, ids: NDArray[np.generic]) -> NDArray[np.int32]:
+        """(N,) int32 numbers of (N,) ids, -1 where an id is not known."""
+        index = ids.astype(np.int64)
+        known = (index >= 0) & (index < len(self.table))
+        if known.all():
+            return self.table[index]
+        return np.where(known, self.table[np.where(known, index, 0)], np.int32(-1))
+
+
+def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]]) -> RingOrder:
+    """The order of the rings from sample clouds.
+
+    Ids that already ascend with elevation are kept, so that an empty ring leaves its gap; ids that descend
+    (Ouster counts from the top) are turned round; others (a VLP-16's laser ids) are ranked by median elevation.
+
+    Args:
+        clouds: pairs of (N, 3) float32 points in the LiDAR's frame and (N,) int64 ids.
+    """
+    ids, elevation, enough = _median_elevations(clouds)
+    lines = next((n for n in _LINE_COUNTS if len(ids) and n > ids[-1]), int(ids[-1]) + 1 if len(ids) else 1)
+    identity = np.arange(lines, dtype=np.int32)
+    steps = np.diff(elevation[enough])
+    rises = len(ids) == 0 or elevation[-1] >= elevation[0]
+    if rises and (steps > -_CLEAR_STEP_DEG).all():
+        return RingOrder(identity, lines, "")
+    if not rises and (steps < _CLEAR_STEP_DEG).all():
+        return RingOrder(
+            identity[::-1].copy(), lines, f"ring ids count from the top; they were turned round (0 to {lines - 1})."
+        )
+    table = np.full(int(ids[-1]) + 1, -1, np.int32)
+    table[ids[np.argsort(elevation, kind="stable")]] = np.arange(len(ids), dtype=np.int32)
+    return RingOrder(table, len(ids), "ring ids do not follow elevation; rings were renumbered, 0 the lowest.")
+
+
+def _median_elevations(
+    clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Ids that appear, ascending; median elevation of each in degrees; whether it rests on enough points."""
+    xyz = np.concatenate([np.zeros((0, 3)), *(xyz.astype(np.float64) for xyz, _ in clouds)])
+    ring = np.concatenate([np.zeros(0, np.int64), *(ring for _, ring in clouds)])
+    usable = (ring >= 0) & (ring < 65536)
+    xyz, ring = xyz[usable], ring[usable]
+    elevation = np.degrees(np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1])))
+    order = np.argsort(ring, kind="stable")
+    ids, starts, counts = np.unique(ring[order], return_index=True, return_counts=True)
+    parts = np.split(elevation[order], starts[1:]) if len(ids) else []
+    medians = np.array([np.median(part) for part in parts], np.float64)
+    return ids, medians, counts >= min(_ENOUGH_POINTS, int(counts.max(initial=1)))
+
+
+@dataclass(frozen=True, slots=True)
+class ComputedRings:
+    """Rings by elevation, or by the order of points in the file.
+
+    Attributes:
+        centres: (M,) float64 degrees, ascending, one per ring.
+        focus_m: distance from the sensor's axis of the point from which these elevations are seen.
+        runs: how rings follow each other in the file, where elevations do not tell them apart.
+        count: number of rings; numbers are 0 to count - 1.
+        note: a sentence that says how the rings were found.
+    """
+
+    centres: NDArray[np.float64]
+    focus_m: float
+    count: int
+    note: str
+    runs: RunOrder | None = None
+
+    def number(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
+        """(N,) int32 ring of (N, 3) points of one sweep in the order of their file, -1 between rings."""
+        if self.runs is not None:
+            return self.runs.number(xyz)
+        return nearest_level(elevations(xyz, self.focus_m), self.centres)
+
+
+def learn_missing_rings(
+    clouds: Sequence[NDArray[np.float32]], where: str, expected: int | None = None
+) -> ComputedRings:
+    """The rings of a LiDAR whose file has no ring field.
+
+    Args:
+        clouds: (N, 3) float32 points of several sweeps, metres, in the LiDAR's own frame, returns only, in the order
+            of their file.
+        where: names the LiDAR in messages.
+        expected: number of rings, if the owner knows it.
+
+    Raises:
+        ReadError: ``rings_not_separable`` where the points' elevations do not fall into separate rings;
+            ``rings_unexpected`` where they fall into more than ``expected``.
+    """
+    xyz = np.concatenate([np.zeros((0, 3), np.float32), *clouds])
+    xyz = xyz[:: 1 + len(xyz) // _MANY]
+    focus_m, levels = 0.0, find_levels(elevations(xyz))
+    if len(xyz):
+        # Rings may separate although near points already stray; then they are sharper as seen from the focus.
+        sharper_m = find_focus(xyz)
+        sharper = find_levels(elevations(xyz, sharper_m))
+        if sharper.separated and (not levels.separated or sharper.spread_deg < 0.7 * levels.spread_deg):
+            focus_m, levels = sharper_m, sharper
+    if not levels.separated:
+        runs = learn_runs(clouds, expected)
+        if runs is not None:
+            return _by_order(runs)
+        raise _not_separable(where, len(levels.centres), levels.gap_deg, levels.spread_deg, levels.between)
+    centres, how = _complete(levels.centres, elevations(xyz, focus_m))
+    if expected is not None and len(centres) > expected:
+        raise ReadError(
+            "rings_unexpected",
+            f"{where} has no ring field, and its points lie at {len(centres)} elevations; {expected} were given.",
+            f"Give the sensor's real number of rings, or leave it out to take the {len(centres)} that were found.",
+        )
+    if expected is not None and len(centres) < expected:
+        how += f"; {expected} were expected, and those not seen are taken to lie above"
+    return ComputedRings(
+        centres,
+        focus_m,
+        max(len(centres), expected or 0),
+        f"the file has no rings; {len(centres)} were computed from the points' elevations "
+        f"({centres[0]:.2f} to {centres[-1]:.2f} degrees{how}).",
+    )
+
+
+def _by_order(runs: RunOrder) -> ComputedRings:
+    centres = np.sort(runs.typical)
+    return ComputedRings(
+        centres,
+        0.0,
+        len(centres),
+        f"the file has no rings; {len(centres)} were told by the order of its points, which lists ring after ring.",
+        runs,
+    )
+
+
+def _complete(centres: NDArray[np.float64], elevation: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+    """Rings of few points or none put in where the sensor is known, or where the others stand on an even grid."""
+    for name, known in _KNOWN:
+        place = np.abs(known[:, None] - centres).argmin(0)
+        fits = np.abs(known[place] - centres).max() < min(_MATCH_DEG, 0.4 * float(np.diff(known).min()))
+        if fits and len(np.unique(place)) == len(centres) > 0.6 * (place.max() - place.min() + 1):
+            return known, f", those of {name}"
+    gaps = np.diff(centres)
+    step = float(np.median(gaps))
+    holes = np.rint(gaps / step).astype(int)
+    if holes.min() < 1 or holes.max() > _LARGEST_HOLE:
+        return centres, ""
+    if np.abs(gaps - holes * step).max() > 0.15 * step:
+        return centres, ""
+    places = np.concatenate([[0], np.cumsum(holes)])
+    filled: NDArray[np.float64] = np.interp(np.arange(int(places[-1]) + 1), places, centres)
+    below = _further(filled[0] - elevation, step)
+    above = _further(elevation - filled[-1], step)
+    low = filled[0] - step * np.arange(below, 0, -1)
+    high = filled[-1] + step * np.arange(1, above + 1)
+    whole = np.concatenate([low, filled, high])
+    added = len(whole) - len(centres)
+    return whole, f", {added} of few points or none put in on their even grid" if added else ""
+
+
+def _further(beyond: NDArray[np.float64], step: float) -> int:
+    """How many more rings of an even grid the points beyond its end ask for; 0 where they lie beside it."""
+    rest = beyond[beyond > 0.5 * step] / step
+    on_grid = np.abs(rest - np.rint(rest)) < 0.2
+    return int(np.rint(rest[on_grid]).max()) if len(rest) and np.mean(on_grid) > 0.9 and rest.max() < 30 else 0
+
+
+def _not_separable(where: str, count: int, gap_deg: float, spread_deg: float, between: float) -> ReadError:
+    measured = (
+        f"the nearest to rings are {count} elevations with gaps down to {gap_deg:.3f} degrees, of points that spread "
+        f"over up to {spread_deg:.3f}, and {100 * between:.0f} % of the points between them"
+        if count > 1
+        else "the points' elevations do not crowd anywhere"
+    )
+    return ReadError(
+        "rings_not_separable",
+        f"{where} has no ring field, and its rings cannot be told by elevation: {measured}.",
+        "Record the driver's full point type (for a Velodyne: PointXYZIR), or clouds in the LiDAR's own frame, "
+        "neither moved into the vehicle's frame nor corrected for motion.",
+    )

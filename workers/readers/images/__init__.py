@@ -1,0 +1,1 @@
+"""Encoded images, raw pixels and videos, as frames that a browser shows."""

@@ -1,0 +1,186 @@
+"""Raw camera frames into PNG of 8 bits a channel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.images.headers import check_size
+from workers.readers.recording import Frame, ReadError
+
+LOSSLESS: Final = "Raw frames were encoded as PNG, without loss."
+STRETCHED: Final = (
+    "Frames of 16 bits were stretched to 8, each so that its darkest and its brightest thousandth of pixels become "
+    "black and white, and encoded as PNG."
+)
+_BAYER: Final = "Bayer frames were demosaiced (edge-aware) and encoded as PNG."
+_YUV: Final = "YUV frames were converted to RGB and encoded as PNG."
+_SHARE: Final = 0.001
+# On a photograph of 2.3 megapixels 75 ms and 4.1 MB, where OpenCV's own choice takes 145 ms for 4.0 MB.
+_PNG: Final = (
+    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP),
+    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),
+)
+
+Layout = Literal["pixels", "pairs", "planes"]
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True)
+class _Encoding:
+    """How a raw image lies in memory.
+
+    Attributes:
+        depth: bytes of one value.
+        channels: values of one pixel as stored.
+        conversion: OpenCV's code to BGR, or None where the pixels already are.
+        said: what was done, for the owner.
+        layout: ``pixels`` on their own; ``pairs`` that share a colour (an even width); ``planes`` of brightness and
+            below it colour at half the resolution (even width and height).
+    """
+
+    depth: int
+    channels: int
+    conversion: int | None
+    said: str = LOSSLESS
+    layout: Layout = "pixels"
+
+
+def _encodings() -> dict[str, _Encoding]:
+    known = {
+        "mono8": _Encoding(1, 1, None),
+        "rgb8": _Encoding(1, 3, cv2.COLOR_RGB2BGR),
+        "bgr8": _Encoding(1, 3, None),
+        "rgba8": _Encoding(1, 4, cv2.COLOR_RGBA2BGR),
+        "bgra8": _Encoding(1, 4, cv2.COLOR_BGRA2BGR),
+        "yuv422": _Encoding(1, 2, cv2.COLOR_YUV2BGR_UYVY, _YUV, "pairs"),
+        "yuyv": _Encoding(1, 2, cv2.COLOR_YUV2BGR_YUY2, _YUV, "pairs"),
+        "nv12": _Encoding(1, 1, cv2.COLOR_YUV2BGR_NV12, _YUV, "planes"),
+        "nv21": _Encoding(1, 1, cv2.COLOR_YUV2BGR_NV21, _YUV, "planes"),
+    }
+    for name in ("mono", "rgb", "bgr", "rgba", "bgra"):
+        known[f"{name}16"] = _Encoding(2, known[f"{name}8"].channels, known[f"{name}8"].conversion, STRETCHED)
+    # OpenCV's older names for these count from the second pixel of the second row.
+    bayer = {
+        "rggb": cv2.COLOR_BayerRGGB2BGR_EA,
+        "bggr": cv2.COLOR_BayerBGGR2BGR_EA,
+        "gbrg": cv2.COLOR_BayerGBRG2BGR_EA,
+        "grbg": cv2.COLOR_BayerGRBG2BGR_EA,
+    }
+    for pattern, conversion in bayer.items():
+        known[f"bayer_{pattern}8"] = _Encoding(1, 1, conversion, _BAYER)
+        known[f"bayer_{pattern}16"] = _Encoding(2, 1, conversion, f"{_BAYER} {STRETCHED}")
+    others = {
+        "8UC1": "mono8",
+        "8UC3": "bgr8",
+        "8UC4": "bgra8",
+        "16UC1": "mono16",
+        "16UC3": "bgr16",
+        "16UC4": "bgra16",
+    }
+    others |= {"uyvy": "yuv422", "yuv422_yuy2": "yuyv", "yuy2": "yuyv"}
+    return known | {alias: known[name] for alias, name in others.items()}
+
+
+_ENCODINGS: Final = _encodings()
+
+
+def raw_to_png(
+    pixels: NDArray[np.uint8],
+    *,
+    width: int,
+    height: int,
+    step: int,
+    encoding: str,
+    stamp_ns: int,
+    where: str,
+    big_endian: bool = False,
+) -> Frame:
+    """A raw image (``sensor_msgs/Image``) as a PNG frame.
+
+    PNG and not JPEG, because it is lossless: a vertex is marked to a fraction of a pixel, and JPEG's ringing along
+    the board's edge would be ours, not the camera's.
+
+    Args:
+        pixels: (step * height,) uint8, or longer; half as many again for planes of YUV.
+        step: bytes from one row to the next.
+        encoding: the ROS name of the pixel format.
+        where: names the image in error messages.
+        big_endian: of values of 16 bits.
+
+    Raises:
+        ReadError: ``image_encoding_unsupported``, ``image_damaged``, ``image_too_large``.
+    """
+    how = _ENCODINGS.get(encoding) or _ENCODINGS.get(encoding.lower())
+    if how is None:
+        raise ReadError(
+            "image_encoding_unsupported",
+            f"{where} has the pixel format {encoding[:40]!r}, which is not read.",
+            f"Record compressed images, or convert to one of {', '.join(_ENCODINGS)}.",
+        )
+    check_size(width, height, where)
+    rows = height + height // 2 if how.layout == "planes" else height
+    row_bytes = width * how.channels * how.depth
+    odd = (how.layout != "pixels" and width % 2 == 1) or (how.layout == "planes" and height % 2 == 1)
+    if width == 0 or height == 0 or step < row_bytes or len(pixels) < step * rows or odd:
+        raise ReadError(
+            "image_damaged",
+            f"{where} is damaged: {len(pixels)} bytes, {step} per row, are no {width} x {height} {encoding[:40]}.",
+            "Record it again; look at the driver that fills in step, width and height.",
+        )
+    stored: Any = np.ascontiguousarray(pixels[: step * rows].reshape(rows, step)[:, :row_bytes])
+    if how.depth == 2:
+        stored = stored.view(">u2" if big_endian else "<u2").astype(np.uint16)
+    image: Pixels = stored.reshape(rows, width, how.channels)
+    try:
+        return png_frame(_converted(image, how.conversion), stamp_ns, where, how.said)
+    except cv2.error as error:
+        raise ReadError(
+            "image_damaged",
+            f"{where} cannot be converted from {encoding}: {str(error.err or error).splitlines()[0]}.",
+            "Record it again, or as compressed images.",
+        ) from error
+
+
+def _converted(image: Pixels, conversion: int | None) -> Any:
+    return image if conversion is None else cv2.cvtColor(image, conversion)
+
+
+def png_frame(image: Pixels, stamp_ns: int, where: str, said: str | None = None) -> Frame:
+    """An image as a PNG frame of 8 bits a channel.
+
+    Args:
+        image: (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) uint8 or uint16 in the order blue, green, red.
+        said: what was done to it, for the owner; None: what this function does.
+
+    Raises:
+        ReadError: ``image_damaged``.
+    """
+    if said is None:
+        said = STRETCHED if image.dtype == np.uint16 else "Frames were encoded anew as PNG, without loss."
+    if image.dtype == np.uint16:
+        image = _stretched(image.astype(np.uint16, copy=False))
+    if image.ndim == 3 and image.shape[2] == 4:
+        image = image[..., :3]
+    done, encoded = cv2.imencode(".png", np.ascontiguousarray(image), _PNG)
+    if not done:
+        raise ReadError("image_damaged", f"{where} could not be encoded as PNG.", "Record it again.")
+    height, width = image.shape[:2]
+    return Frame(stamp_ns, encoded.tobytes(), "image/png", width, height, transcoded=True, transcoding=said)
+
+
+def _stretched(image: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """8 bits of what a frame really holds: 12-bit and thermal cameras fill a small part of 16 bits."""
+    colours = image[..., :3] if image.ndim == 3 else image
+    counts: NDArray[np.int64] = np.cumsum(np.bincount(colours.reshape(-1), minlength=65536))
+    total = int(counts[-1])
+    low = int(np.searchsorted(counts, _SHARE * total, side="right"))
+    high = max(low + 1, int(np.searchsorted(counts, (1 - _SHARE) * total)))
+    levels = np.clip((np.arange(65536) - low) * (255 / (high - low)), 0, 255)
+    table: NDArray[np.uint8] = np.rint(levels).astype(np.uint8)
+    return table[image]

@@ -1,0 +1,268 @@
+"""Any recording into one MCAP file per sensor, with a manifest: validated, in one pass, in constant memory."""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from workers.readers.camera_guess import Sizes
+from workers.readers.choose import CameraChoice, choose_sensors
+from workers.readers.detect import open_recording
+from workers.readers.normalised.manifest import (
+    FrameTable,
+    ImageSize,
+    Manifest,
+    SensorManifest,
+    SweepTable,
+    write_table,
+)
+from workers.readers.normalised.mcap_files import CameraWriter, LidarWriter
+from workers.readers.normalised.stamps import (
+    overlap_warning,
+    partial_ends,
+    report_stamps,
+    shared_time,
+    sweep_warnings,
+)
+from workers.readers.progress import OnProgress, Pace
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
+
+
+class _Lidar:
+    """The LiDAR's file while it is written, and what is noted on the way."""
+
+    def __init__(self, out_dir: Path, sensor: Sensor, facts: LidarFacts) -> None:
+        self.sensor = sensor
+        self.facts = facts
+        self.writer = LidarWriter(out_dir / "lidar.mcap", sensor.name, sensor.frame_id)
+        self.stamps = array("q")
+        self.points = array("q")
+
+    def add(self, item: Sweep | Frame) -> None:
+        assert isinstance(item, Sweep)
+        self.writer.add(item)
+        self.stamps.append(item.stamp_ns)
+        self.points.append(len(item.xyz))
+
+    def finish(self, out_dir: Path) -> tuple[SensorManifest, list[str]]:
+        facts = self.facts
+        self.writer.finish(
+            time_source=facts.time_source,
+            stamp_convention=facts.stamp_convention,
+            ring_count=facts.ring_count,
+            sweep_ns=facts.sweep_ns,
+        )
+        stamps = _stamps(self.stamps, self.sensor)
+        report = report_stamps(stamps, "lidar")
+        points = np.array(self.points, np.int64)[report.order]
+        write_table(out_dir / "lidar.sweeps.json", SweepTable(stamps[report.order].tolist(), points.tolist()))
+        manifest = SensorManifest(
+            kind="lidar",
+            name="lidar",
+            topic=self.sensor.name,
+            frame_id=self.sensor.frame_id,
+            file="lidar.mcap",
+            frames="lidar.sweeps.json",
+            count=len(stamps),
+            first_ns=report.first_ns,
+            last_ns=report.last_ns,
+            rate_hz=report.rate_hz,
+            gaps=report.gaps,
+            gap_count=report.gap_count,
+            missing=report.missing,
+            jumps=report.jumps,
+            backwards=report.backwards,
+            twins=report.twins,
+            stamp_convention=facts.stamp_convention,
+            time_source=facts.time_source,
+            ring_count=facts.ring_count,
+            points=int(np.median(points)),
+            partial=partial_ends(points),
+            empty=int(np.count_nonzero(points == 0)),
+            notes=list(facts.notes),
+        )
+        return manifest, [*report.warnings, *sweep_warnings(points, "lidar")]
+
+
+class _Camera:
+    """A camera's file while it is written, and what is noted on the way."""
+
+    def __init__(self, out_dir: Path, name: str, sensor: Sensor) -> None:
+        self.name = name
+        self.sensor = sensor
+        self.writer = CameraWriter(out_dir / f"camera-{name}.mcap", sensor.name, sensor.frame_id)
+        self.stamps = array("q")
+        self.widths = array("i")
+        self.heights = array("i")
+        self.types = bytearray()
+        self.known_types: list[str] = []
+        self.transcoded = 0
+        self.transcodings: list[str] = []
+
+    def add(self, item: Sweep | Frame) -> None:
+        assert isinstance(item, Frame)
+        self.writer.add(item)
+        self.stamps.append(item.stamp_ns)
+        self.widths.append(item.width)
+        self.heights.append(item.height)
+        if item.media_type not in self.known_types:
+            self.known_types.append(item.media_type)
+        self.types.append(self.known_types.index(item.media_type))
+        self.transcoded += item.transcoded
+        if item.transcoding and item.transcoding not in self.transcodings:
+            self.transcodings.append(item.transcoding)
+
+    def finish(self, out_dir: Path) -> tuple[SensorManifest, list[str]]:
+        offsets = self.writer.finish()
+        stamps = _stamps(self.stamps, self.sensor)
+        report = report_stamps(stamps, self.name)
+        order: list[int] = report.order.tolist()
+        table = FrameTable(
+            stamp_ns=stamps[report.order].tolist(),
+            offset=[offsets[i] for i in order],
+            length=[self.writer.lengths[i] for i in order],
+            media_type=[self.known_types[self.types[i]] for i in order],
+            width=[self.widths[i] for i in order],
+            height=[self.heights[i] for i in order],
+        )
+        write_table(out_dir / f"camera-{self.name}.frames.json", table)
+        sizes = [
+            ImageSize(*size, count)
+            for size, count in Counter(zip(self.widths, self.heights, strict=True)).most_common(100)
+        ]
+        manifest = SensorManifest(
+            kind="camera",
+            name=self.name,
+            topic=self.sensor.name,
+            frame_id=self.sensor.frame_id,
+            file=self.writer.path.name,
+            frames=f"camera-{self.name}.frames.json",
+            count=len(stamps),
+            first_ns=report.first_ns,
+            last_ns=report.last_ns,
+            rate_hz=report.rate_hz,
+            gaps=report.gaps,
+            gap_count=report.gap_count,
+            missing=report.missing,
+            jumps=report.jumps,
+            backwards=report.backwards,
+            twins=report.twins,
+            transcoded=self.transcoded > 0,
+            width=table.width[0],
+            height=table.height[0],
+            sizes=sizes,
+            camera_info=self.sensor.camera_info,
+            notes=list(self.transcodings),
+        )
+        return manifest, [*report.warnings, *_size_warnings(self.name, sizes, self.sensor)]
+
+
+def _size_warnings(name: str, sizes: list[ImageSize], sensor: Sensor) -> list[str]:
+    said: list[str] = []
+    if len(sizes) > 1:
+        listed = ", ".join(f"{size.width} x {size.height}" for size in sizes[:5])
+        said.append(f"{name}: frames differ in size ({listed}); one calibration fits one size only.")
+    info = sensor.camera_info or {}
+    stated = (info.get("width"), info.get("height"))
+    if all(stated) and stated != (sizes[0].width, sizes[0].height):
+        said.append(
+            f"{name}: its camera info is for {stated[0]} x {stated[1]} pixels, its frames have {sizes[0].width} x "
+            f"{sizes[0].height}; do not start from these intrinsics."
+        )
+    return said
+
+
+def _stamps(stamps: array[int], sensor: Sensor) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    if not stamps:
+        raise ReadError(
+            "no_sweeps" if sensor.kind == "lidar" else "no_frames",
+            f"{sensor.name} holds no messages.",
+            "Record again, or choose another topic.",
+        )
+    return np.array(stamps, np.int64)
+
+
+def normalise(
+    path: str | Path,
+    out_dir: str | Path,
+    *,
+    lidar: str | None = None,
+    cameras: CameraChoice = None,
+    sizes: Sizes | None = None,
+    options: ReadOptions | None = None,
+    on_progress: OnProgress | None = None,
+) -> Manifest:
+    """Write ``lidar.mcap``, a ``camera-<name>.mcap`` per camera, and their tables into a folder.
+
+    Args:
+        path: the recording, a file or a folder.
+        out_dir: made if it is not there; files of the same names are overwritten. After an error what was written
+            is removed.
+        lidar: topic of the LiDAR; None: the only one.
+        cameras, sizes: the rig's camera names with their topics, and the size of their images; see
+            :func:`workers.readers.choose.choose_sensors`.
+        options: what the owner knows and the file does not say.
+        on_progress: called about five times a second; what it raises ends the ingestion.
+
+    Raises:
+        ReadError: the recording cannot be used; the code says why.
+    """
+    out = Path(out_dir)
+    out.mkdir(parents=True, exist_ok=True)
+    recording = open_recording(path, options)
+    written: list[Path] = []
+    try:
+        chosen = choose_sensors(recording, lidar, cameras, sizes)
+        return _normalise(recording, out, chosen, on_progress or (lambda progress: None), written)
+    except BaseException:
+        for file in written:
+            file.unlink(missing_ok=True)
+        raise
+    finally:
+        recording.close()
+
+
+def _normalise(
+    recording: Recording,
+    out: Path,
+    chosen: dict[str, Sensor],
+    on_progress: OnProgress,
+    written: list[Path],
+) -> Manifest:
+    facts = recording.lidar_facts(chosen["lidar"])
+    sinks: dict[str, _Lidar | _Camera] = {}
+    pace = Pace(_total(chosen))
+    try:
+        for name, sensor in chosen.items():
+            stem = "lidar" if name == "lidar" else f"camera-{name}"
+            table = "sweeps" if name == "lidar" else "frames"
+            written += [out / f"{stem}.mcap", out / f"{stem}.{table}.json"]
+            sinks[sensor.name] = _Lidar(out, sensor, facts) if name == "lidar" else _Camera(out, name, sensor)
+        done = 0
+        for sensor, item in recording.messages(list(chosen.values())):
+            sinks[sensor.name].add(item)
+            done += 1
+            if pace.due:
+                on_progress(pace.at(done, recording.share_read))
+        on_progress(pace.at(done, 1.0))
+        finished = [sink.finish(out) for sink in sinks.values()]
+    finally:
+        for sink in sinks.values():
+            sink.writer.abandon()
+    warnings = [*recording.warnings, *(said for _, sentences in finished for said in sentences)]
+    sensors = [manifest for manifest, _ in finished]
+    span = (sensors[0].first_ns, sensors[0].last_ns)
+    for number, camera in enumerate(sensors[1:], start=1):
+        seconds, share = shared_time(span, (camera.first_ns, camera.last_ns))
+        sensors[number] = replace(camera, overlap_s=seconds, overlap_share=share)
+        warnings += overlap_warning(camera.name, span, (camera.first_ns, camera.last_ns))
+    return Manifest(recording.format, sensors, warnings)
+
+
+def _total(chosen: dict[str, Sensor]) -> int | None:
+    counts = [sensor.count for sensor in chosen.values() if sensor.count is not None]
+    return sum(counts) if len(counts) == len(chosen) else None

@@ -1,0 +1,164 @@
+"""What a sensor's stamps tell of a recording: its rate, its gaps, and what is wrong with its clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.normalised.manifest import MAX_GAPS_LISTED, Gap
+
+_GAP_STEPS: Final = 1.75
+_JUMP_NS: Final = 3_600_000_000_000
+_JUMP_BACK_NS: Final = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class StampReport:
+    """See :class:`workers.readers.normalised.manifest.SensorManifest` for the fields."""
+
+    order: NDArray[np.int64]
+    first_ns: int
+    last_ns: int
+    rate_hz: float | None
+    gaps: Sequence[Gap]
+    gap_count: int
+    missing: int
+    jumps: Sequence[Gap]
+    backwards: int
+    twins: int
+    warnings: Sequence[str]
+
+
+def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
+    """Look at one sensor's stamps.
+
+    Args:
+        stamps_ns: (N,) int64 as recorded, N at least 1.
+        name: names the sensor in warnings.
+
+    Returns:
+        ``order`` sorts the stamps (stable).
+    """
+    order = np.argsort(stamps_ns, kind="stable")
+    ordered = stamps_ns[order]
+    steps = np.diff(ordered)
+    back = np.flatnonzero(np.diff(stamps_ns) < 0)
+    twins = int(np.count_nonzero(steps == 0))
+    median = float(np.median(steps)) if len(steps) else 0.0
+    places = np.flatnonzero(steps > _GAP_STEPS * median) if median > 0 else np.zeros(0, np.int64)
+    gaps = [Gap(int(ordered[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
+    usual = places[steps[places] <= _JUMP_NS]
+    missing = int(np.sum(np.rint(steps[usual] / median) - 1)) if len(usual) else 0
+    jumps = _jumps(stamps_ns)
+    warnings = [*_order_warnings(stamps_ns, back, twins, name), *(_jump_warning(jump, name) for jump in jumps[:1])]
+    if len(usual):
+        worst = int(usual[np.argmax(steps[usual])])
+        warnings.append(
+            f"{name}: {len(usual)} gaps, the longest of {steps[worst] / 1e9:.2f} s "
+            f"after {ordered[worst] / 1e9:.3f} s (usual step {median / 1e9:.3f} s); "
+            f"about {missing} messages are missing."
+        )
+    return StampReport(
+        order=order,
+        first_ns=int(ordered[0]),
+        last_ns=int(ordered[-1]),
+        rate_hz=1e9 / median if median > 0 else None,
+        gaps=gaps,
+        gap_count=len(places),
+        missing=missing,
+        jumps=jumps,
+        backwards=len(back),
+        twins=twins,
+        warnings=warnings,
+    )
+
+
+def _jumps(stamps_ns: NDArray[np.int64]) -> list[Gap]:
+    """Steps in recorded order that no pause explains: over an hour, or more than a second back."""
+    steps = np.diff(stamps_ns)
+    places = np.flatnonzero((steps > _JUMP_NS) | (steps < -_JUMP_BACK_NS))
+    return [Gap(int(stamps_ns[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
+
+
+def _order_warnings(stamps_ns: NDArray[np.int64], back: NDArray[np.int64], twins: int, name: str) -> list[str]:
+    said: list[str] = []
+    if len(back):
+        said.append(
+            f"{name}: stamps run backwards {len(back)} times, first after {stamps_ns[back[0]] / 1e9:.3f} s; "
+            "messages were ordered by stamp."
+        )
+    if twins:
+        said.append(f"{name}: {twins} messages have the same stamp as the one before.")
+    return said
+
+
+def _jump_warning(jump: Gap, name: str) -> str:
+    seconds = jump.duration_ns / 1e9
+    if seconds < 0:
+        return (
+            f"{name}: the clock was set back by {-seconds:.1f} s after {jump.after_ns / 1e9:.3f} s; messages from "
+            "before and after it are mixed where their stamps overlap. Leave that part out when marking."
+        )
+    return (
+        f"{name}: the clock jumps by {seconds:.0f} s after {jump.after_ns / 1e9:.3f} s; "
+        "a recording this long with nothing in between was probably not meant."
+    )
+
+
+def partial_ends(points: NDArray[np.int64]) -> list[str]:
+    """Which of the ``first`` and ``last`` sweep hold clearly fewer points than the others.
+
+    Args:
+        points: (N,) number of points of each sweep, in the order of the stamps.
+    """
+    if len(points) < 4:
+        return []
+    usual = float(np.median(points))
+    return [end for end, count in (("first", points[0]), ("last", points[-1])) if count < 0.8 * usual]
+
+
+def sweep_warnings(points: NDArray[np.int64], name: str) -> list[str]:
+    """Sentences about partial and empty sweeps."""
+    usual = float(np.median(points))
+    said = [
+        f"{name}: the {end} sweep is partial ({points[0 if end == 'first' else -1]} points of about {usual:.0f})."
+        for end in partial_ends(points)
+    ]
+    empty = int(np.count_nonzero(points == 0))
+    return [*said, f"{name}: {empty} sweeps hold no point."] if empty else said
+
+
+def shared_time(lidar: tuple[int, int], camera: tuple[int, int]) -> tuple[float, float]:
+    """How long two sensors ran together: seconds, and as a share of the LiDAR's time (1 for a single sweep inside).
+
+    Args:
+        lidar, camera: first and last stamp, nanoseconds.
+    """
+    shared = min(lidar[1], camera[1]) - max(lidar[0], camera[0])
+    if shared < 0:
+        return 0.0, 0.0
+    whole = lidar[1] - lidar[0]
+    return shared / 1e9, shared / whole if whole else 1.0
+
+
+def overlap_warning(name: str, lidar: tuple[int, int], camera: tuple[int, int]) -> list[str]:
+    """A sentence where a camera's time span does not meet the LiDAR's, or covers less than half of it."""
+    (first, last), (start, end) = lidar, camera
+    if start > last or end < first:
+        away = (start - last if start > last else first - end) / 1e9
+        return [
+            f"lidar and {name} share no time: {name} {'begins' if start > last else 'ends'} {away:.1f} s "
+            f"{'after the last' if start > last else 'before the first'} sweep. "
+            "Their clocks differ, or the files are of two recordings; no frame can be paired."
+        ]
+    seconds, share = shared_time(lidar, camera)
+    if share < 0.5:
+        return [
+            f"lidar and {name} share {seconds:.1f} s, {100 * share:.0f} % of the LiDAR's time; sweeps outside of it "
+            "have no frame."
+        ]
+    return []

@@ -1,0 +1,1 @@
+"""Files of topics: ROS bags, MCAP and Foxglove's own messages."""

@@ -1,0 +1,77 @@
+"""Video in messages, one encoded frame in each (foxglove.CompressedVideo), decoded into JPEG frames."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import av
+import av.error
+import cv2
+from av.codec.context import Flags
+
+from workers.readers.images.headers import MAX_PIXELS, check_size
+from workers.readers.images.video import JPEG_QUALITY
+from workers.readers.recording import Frame, ReadError
+
+# Formats of foxglove.CompressedVideo to the decoders of FFmpeg.
+_CODECS: Final = {"h264": "h264", "h265": "hevc", "vp9": "vp9", "av1": "av1"}
+_TRANSCODED: Final = f"Frames of a video were decoded and encoded anew as JPEG of quality {JPEG_QUALITY}."
+
+
+class MessageVideo:
+    """Takes the messages of one topic in recorded order and gives its frames.
+
+    Raises:
+        ReadError: ``video_unsupported``.
+    """
+
+    def __init__(self, codec: str, where: str) -> None:
+        if codec.lower() not in _CODECS:
+            raise ReadError(
+                "video_unsupported",
+                f"{where} holds video as {codec[:20]!r}, which is not read.",
+                f"Record it as one of {', '.join(_CODECS)}, or as CompressedImage.",
+            )
+        self._where = where
+        self._context: Any = av.CodecContext.create(_CODECS[codec.lower()], "r")
+        self._context.thread_count = 1
+        self._context.options = {"max_pixels": str(MAX_PIXELS)}
+        self._context.flags |= int(Flags.low_delay)
+        self._taken = self._given = 0
+
+    def add(self, stamp_ns: int, data: bytes) -> list[Frame]:
+        """The frames that this message completes: mostly its own."""
+        self._taken += 1
+        packet = av.Packet(data)
+        packet.pts = packet.dts = stamp_ns
+        return self._decoded(packet)
+
+    def finish(self) -> list[Frame]:
+        """The frames that the decoder still holds."""
+        return self._decoded(None) if self._taken else []
+
+    def _decoded(self, packet: Any) -> list[Frame]:
+        try:
+            pictures: list[Any] = self._context.decode(packet)
+        except av.error.FFmpegError:  # counted below; frames before the first key frame cannot be decoded
+            return []
+        return [self._encoded(picture) for picture in pictures if picture.pts is not None]
+
+    def _encoded(self, picture: Any) -> Frame:
+        check_size(picture.width, picture.height, self._where)
+        pixels = picture.to_ndarray(format="bgr24")
+        done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        if not done:
+            raise ReadError("video_damaged", f"{self._where} holds a frame that is no JPEG.", "Record it again.")
+        self._given += 1
+        size = (int(picture.width), int(picture.height))
+        return Frame(int(picture.pts), data.tobytes(), "image/jpeg", *size, transcoded=True, transcoding=_TRANSCODED)
+
+    def warnings(self) -> list[str]:
+        """A sentence where frames are missing."""
+        if self._given == self._taken:
+            return []
+        return [
+            f"{self._where}: {self._taken - self._given} of {self._taken} frames of video could not be decoded; "
+            "frames before the first key frame never can."
+        ]

@@ -1,0 +1,209 @@
+"""ROS messages of LiDARs and cameras, deserialised by rosbags.
+
+The types of ``sensor_msgs`` never change, so they stand here and a file's own definitions are not looked at. Those of
+``velodyne_msgs`` and ``foxglove_msgs`` are taken from the file where it carries them: the latter grow new fields.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, Final
+
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from workers.readers.captures.velodyne_models import is_data_packet
+from workers.readers.recording import ReadError
+from workers.readers.ros.camera_info import camera_info
+from workers.readers.ros.foxglove import FOXGLOVE_CLOUD_TYPES, FoxgloveCloud
+from workers.readers.ros.topic_messages import (
+    CameraInfo,
+    CloudMessage,
+    Decoder,
+    EncodedImage,
+    Message,
+    PacketMessage,
+    RawImage,
+    Topic,
+    VideoMessage,
+)
+
+CLOUD: Final = "sensor_msgs/msg/PointCloud2"
+IMAGE: Final = "sensor_msgs/msg/Image"
+COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"
+INFO: Final = "sensor_msgs/msg/CameraInfo"
+PACKETS: Final = "velodyne_msgs/msg/VelodyneScan"
+
+_STAMP: Final = "builtin_interfaces/Time timestamp\nstring frame_id\n"
+_NEXT: Final = "=" * 80 + "\n"
+_FIXED: Final[Mapping[str, str]] = {
+    CLOUD: "std_msgs/Header header\nuint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool is_bigendian\n"
+    "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n",
+    "sensor_msgs/msg/PointField": "string name\nuint32 offset\nuint8 datatype\nuint32 count\n",
+    IMAGE: "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\n"
+    "uint8[] data\n",
+    COMPRESSED: "std_msgs/Header header\nstring format\nuint8[] data\n",
+    INFO: "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\n"
+    "float64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
+    "sensor_msgs/msg/RegionOfInterest": "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\n"
+    "bool do_rectify\n",
+}
+_HEADERS: Final = {
+    "ros1": "uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
+    "cdr": "builtin_interfaces/Time stamp\nstring frame_id\n",
+}
+# Used where a file carries no definition of its own.
+_USUAL: Final[Mapping[str, str]] = {
+    PACKETS: "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n"
+    + _NEXT
+    + "MSG: velodyne_msgs/VelodynePacket\nbuiltin_interfaces/Time stamp\nuint8[1206] data\n",
+    "foxglove_msgs/msg/PointCloud": _STAMP
+    + "geometry_msgs/Pose pose\nuint32 point_stride\nfoxglove_msgs/PackedElementField[] fields\nuint8[] data\n"
+    + _NEXT
+    + "MSG: geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
+    + _NEXT
+    + "MSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
+    + _NEXT
+    + "MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+    + _NEXT
+    + "MSG: foxglove_msgs/PackedElementField\nstring name\nuint32 offset\nuint8 type\n",
+    "foxglove_msgs/msg/CompressedImage": _STAMP + "uint8[] data\nstring format\n",
+    "foxglove_msgs/msg/CompressedVideo": _STAMP + "uint8[] data\nstring format\n",
+    "foxglove_msgs/msg/RawImage": _STAMP
+    + "uint32 width\nuint32 height\nstring encoding\nuint32 step\nuint8[] data\n",
+    "foxglove_msgs/msg/CameraCalibration": _STAMP
+    + "uint32 width\nuint32 height\nstring distortion_model\nfloat64[] d\n"
+    "float64[9] k\nfloat64[9] r\nfloat64[12] p\n",
+}
+
+
+def full_name(name: str) -> str:
+    """``sensor_msgs/msg/Image`` from ``sensor_msgs/Image``, which ROS 1 says."""
+    package, _, kind = name.partition("/")
+    return f"{package}/msg/{kind}" if kind and "/" not in kind else name
+
+
+def ros_decoder(topic: Topic) -> Decoder | None:
+    """How messages of this topic are read, None where they are of no LiDAR and no camera.
+
+    Raises:
+        ReadError: ``type_not_understood``, the file's own definition is not readable.
+    """
+    name = full_name(topic.type)
+    read = _READERS.get(name)
+    if read is None or topic.encoding not in _HEADERS:
+        return None
+    fixed = name in _FIXED
+    types = (
+        _store(topic.encoding) if fixed else _store(topic.encoding, name, topic.definition, topic.definition_format)
+    )
+    if topic.encoding == "ros1":
+        return lambda raw: read(types.deserialize_ros1(raw, name))
+    return lambda raw: read(types.deserialize_cdr(raw, name))
+
+
+@lru_cache(maxsize=16)
+def _store(encoding: str, name: str = "", definition: str = "", form: str = "") -> Typestore:
+    """A type store that knows the fixed types and one more; rosbags' own take half a second to load.
+
+    Raises:
+        ReadError: ``type_not_understood``.
+    """
+    types = get_typestore(Stores.EMPTY)
+    texts = {"std_msgs/msg/Header": _HEADERS[encoding], **_FIXED}
+    definitions = _own(name, definition, form) if name else {}
+    for kind, text in texts.items():
+        definitions |= get_types_from_msg(text, kind)
+    types.register({kind: fields for kind, fields in definitions.items() if kind not in types.fielddefs})
+    return types
+
+
+def _own(name: str, definition: str, form: str) -> dict[str, Any]:
+    if not definition.strip():
+        return get_types_from_msg(_USUAL[name], name)
+    try:
+        if form in ("ros1msg", "ros2msg"):
+            return get_types_from_msg(definition, name)
+        found: dict[str, Any] = {}
+        for part in definition.split(_NEXT):
+            text = part.partition("\n")[2] if part.startswith("IDL: ") else part
+            found |= get_types_from_idl(text) if text.strip() else {}
+        return found
+    except Exception as error:  # the parser's own classes, and whatever a strange text makes it stumble over
+        raise ReadError(
+            "type_not_understood",
+            f"The file's definition of {name} cannot be read ({str(error)[:100]}).",
+            "Record with the standard velodyne_msgs or foxglove_msgs packages.",
+        ) from error
+
+
+def _stamp(time: Any) -> int:
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def _head(message: Any) -> tuple[int, str]:
+    return _stamp(message.header.stamp), str(message.header.frame_id)
+
+
+def _read_cloud(message: Any) -> Message:
+    return CloudMessage(*_head(message), message)
+
+
+def _read_image(message: Any) -> Message:
+    size = (int(message.width), int(message.height), int(message.step))
+    return RawImage(*_head(message), *size, str(message.encoding), bool(message.is_bigendian), message.data)
+
+
+def _read_compressed(message: Any) -> Message:
+    return EncodedImage(*_head(message), message.data.tobytes())
+
+
+def _read_info(message: Any) -> CameraInfo:
+    return camera_info(*_head(message), message.width, message.height, message.distortion_model, message.d, message.k)
+
+
+def _read_packets(message: Any) -> Message:
+    stamp_ns, frame_id = _head(message)
+    packets = ((_stamp(packet.stamp) or stamp_ns, packet.data.tobytes()) for packet in message.packets)
+    return PacketMessage(stamp_ns, frame_id, [packet for packet in packets if is_data_packet(packet[1])])
+
+
+def _read_foxglove_cloud(message: Any) -> Message:
+    fields = [(str(f.name), int(f.offset), FOXGLOVE_CLOUD_TYPES.get(int(f.type), 0)) for f in message.fields]
+    cloud = FoxgloveCloud.of(fields, int(message.point_stride), message.data)
+    return CloudMessage(_stamp(message.timestamp), str(message.frame_id), cloud)
+
+
+def _read_foxglove_compressed(message: Any) -> Message:
+    return EncodedImage(_stamp(message.timestamp), str(message.frame_id), message.data.tobytes())
+
+
+def _read_foxglove_video(message: Any) -> Message:
+    head = (_stamp(message.timestamp), str(message.frame_id))
+    return VideoMessage(*head, str(message.format), message.data.tobytes())
+
+
+def _read_foxglove_raw(message: Any) -> Message:
+    size = (int(message.width), int(message.height), int(message.step))
+    head = (_stamp(message.timestamp), str(message.frame_id))
+    return RawImage(*head, *size, str(message.encoding), False, message.data)
+
+
+def _read_calibration(message: Any) -> CameraInfo:
+    head = (_stamp(message.timestamp), str(message.frame_id))
+    return camera_info(*head, message.width, message.height, message.distortion_model, message.d, message.k)
+
+
+_READERS: Final = {
+    CLOUD: _read_cloud,
+    IMAGE: _read_image,
+    COMPRESSED: _read_compressed,
+    INFO: _read_info,
+    PACKETS: _read_packets,
+    "foxglove_msgs/msg/PointCloud": _read_foxglove_cloud,
+    "foxglove_msgs/msg/CompressedImage": _read_foxglove_compressed,
+    "foxglove_msgs/msg/CompressedVideo": _read_foxglove_video,
+    "foxglove_msgs/msg/RawImage": _read_foxglove_raw,
+    "foxglove_msgs/msg/CameraCalibration": _read_calibration,
+}

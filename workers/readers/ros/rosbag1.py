@@ -1,0 +1,161 @@
+"""ROS 1 bags, through the rosbags library."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Connection
+from rosbags.rosbag1 import Reader, ReaderError
+from rosbags.serde import SerdeError
+
+from workers.readers.damage import damage, damage_proof
+from workers.readers.recording import ReadError, ReadOptions
+from workers.readers.ros.ros_types import ros_decoder
+from workers.readers.ros.topic_messages import Decoder, Topic
+from workers.readers.ros.topics import TopicRecording
+
+_MAGIC: Final = b"#ROSBAG V2.0\n"
+_WHAT: Final = "a ROS 1 bag"
+_HINT: Final = "Try `rosbag check` and `rosbag reindex` on it; if they fail too, record or copy it again."
+
+
+class Rosbag1Recording(TopicRecording):
+    """A ROS 1 bag: PointCloud2, VelodyneScan, Image, CompressedImage and CameraInfo topics.
+
+    Raises:
+        ReadError: ``recording_truncated``, ``recording_not_indexed``, ``recording_damaged``.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        bag = _Bag(path)
+        try:
+            super().__init__(bag, options)
+        except BaseException:
+            bag.close()
+            raise
+
+
+class _Bag:
+    """A ROS 1 bag as a container of topics."""
+
+    format = "rosbag1"
+    share_read = None
+
+    def __init__(self, path: Path) -> None:
+        _check_ends(path)
+        self._path = path
+        self._bag = Reader(path)
+        self._connections: dict[str, list[Connection]] = {}
+        self.warnings: list[str] = []
+        with _damage(path):
+            self._bag.open()
+            for connection in self._bag.connections:
+                self._connections.setdefault(connection.topic, []).append(connection)
+
+    @property
+    def topics(self) -> Sequence[Topic]:
+        """Topics in the bag's order."""
+        return [
+            Topic(
+                name,
+                connections[0].msgtype,
+                "ros1",
+                connections[0].msgdef.data,
+                "ros1msg",
+                sum(c.msgcount for c in connections),
+            )
+            for name, connections in self._connections.items()
+        ]
+
+    def decoder(self, topic: Topic) -> Decoder | None:
+        """See :class:`Container`."""
+        decode = ros_decoder(topic)
+        return None if decode is None else damage_proof(decode, lambda: _damage(self._path))
+
+    def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """See :class:`Container`."""
+        connections = [c for name in names for c in self._connections[name]]
+        with _damage(self._path):
+            for connection, log_ns, raw in self._bag.messages(connections):
+                yield connection.topic, log_ns, raw
+
+    def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
+        """See :class:`Container`."""
+        connections = self._connections[name]
+        times = np.sort(self.times(name))
+        chosen = np.unique(np.linspace(0, len(times) - 1, min(count, len(times))).astype(int))
+        with _damage(self._path):
+            for time in times[chosen].tolist():
+                for _, log_ns, raw in self._bag.messages(connections, start=time, stop=time + 1):
+                    yield log_ns, raw
+                    break
+
+    def times(self, name: str) -> NDArray[np.int64]:
+        """See :class:`Container`."""
+        entries = (entry.time for c in self._connections[name] for entry in self._bag.indexes[c.id])
+        return np.fromiter(entries, np.int64)
+
+    def close(self) -> None:
+        """Close the bag."""
+        if self._bag.bio is not None:
+            self._bag.close()
+
+
+def _check_ends(path: Path) -> None:
+    """Look for the bag's index before anything else is read.
+
+    Raises:
+        ReadError: ``recording_truncated``, ``recording_not_indexed``, ``recording_damaged``.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(8192)
+    place = head.find(b"index_pos=", len(_MAGIC))
+    if place < 0 or place + 18 > len(head):
+        if size < 4096 + len(_MAGIC):
+            raise _truncated(path, f"it ends after {size} bytes, inside its first record")
+        raise _damaged(path, "its first record has no index_pos")
+    (index_at,) = struct.unpack_from("<Q", head, place + 10)
+    if index_at == 0:
+        raise ReadError(
+            "recording_not_indexed",
+            f"{path.name} was not closed: its header says that no index was written ({size} bytes).",
+            "Run `rosbag reindex` on it (a file ending in .active is one that was still being recorded), "
+            "then upload the result.",
+        )
+    if index_at >= size:
+        raise _truncated(
+            path, f"it ends at byte {size}, but its index should stand at byte {index_at}; what follows is missing"
+        )
+
+
+def _truncated(path: Path, why: str) -> ReadError:
+    return ReadError(
+        "recording_truncated",
+        f"{path.name} is cut short: {why}.",
+        "Copy or upload the file again and compare its size with the original's. "
+        "If the original is cut short too, `rosbag reindex` recovers what is there.",
+    )
+
+
+def _damaged(path: Path, why: str) -> ReadError:
+    return ReadError("recording_damaged", f"{path.name} is {_WHAT} but cannot be read: {why}.", _HINT)
+
+
+@contextmanager
+def _damage(path: Path) -> Generator[None]:
+    """Whatever rosbags raises on broken bytes, as a ReadError with a sentence."""
+    with damage(path.name, _WHAT, _HINT, ReaderError, SerdeError):
+        try:
+            yield
+        except ReaderError as error:
+            why = str(error).rstrip(".")
+            if "requested" in why or "Could not read" in why or "could not be read from file" in why:
+                raise _truncated(path, why) from error
+            raise

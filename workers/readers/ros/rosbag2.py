@@ -1,0 +1,190 @@
+"""ROS 2 bags and other MCAP files: SQLite (.db3) or MCAP, bare or in a folder with metadata.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path, PurePath
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import ReadError, ReadOptions
+from workers.readers.ros.containers import Container
+from workers.readers.ros.topic_messages import Decoder, Topic
+from workers.readers.ros.topics import TopicRecording
+from workers.readers.trees.scratch import Scratch, packing_of
+
+_METADATA: Final = "metadata.yaml"
+_METADATA_BYTES: Final = 2_000_000
+_MAX_FILES: Final = 10_000
+_ENDS: Final = (".db3", ".mcap")
+_SQLITE: Final = b"SQLite format 3\0"
+_MCAP: Final = b"\x89MCAP0\r\n"
+
+
+class Rosbag2Recording(TopicRecording):
+    """A ROS 2 bag or an MCAP file.
+
+    Raises:
+        ReadError: ``recording_truncated``, ``recording_damaged``, ``bag_incomplete``, ``not_a_recording``,
+            ``archive_expands``.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        container = _BagFolder(path) if path.is_dir() else _open_file(path, Scratch(path.name, path.stat().st_size))
+        try:
+            super().__init__(container, options)
+        except BaseException:
+            container.close()
+            raise
+
+
+def _open_file(path: Path, scratch: Scratch) -> Container:
+    """One file of a bag, decompressed first where it is packed as a whole."""
+    with path.open("rb") as file:
+        head = file.read(16)
+    if packing_of(head) == "zstd":
+        path = scratch.unpack(path, "zstd", path.name.removesuffix(".zstd") + ".unpacked")
+        with path.open("rb") as file:
+            head = file.read(16)
+    # Each needs a library of its own, so the module is loaded when its format is met.
+    if head.startswith(_MCAP):
+        return cast(Container, import_module("workers.readers.ros.mcap_bag").McapBag(path))
+    if head.startswith(_SQLITE):
+        return cast(Container, import_module("workers.readers.ros.sqlite_bag").SqliteBag(path))
+    raise ReadError(
+        "not_a_recording",
+        f"{path.name} is no file of a ROS 2 bag (it starts with {head[:8].hex(' ') or 'nothing'}).",
+        "Copy or upload the bag again; its files are SQLite (.db3) or MCAP.",
+    )
+
+
+class _BagFolder:
+    """The files of a bag, one after the other."""
+
+    def __init__(self, path: Path) -> None:
+        sizes = [file.stat().st_size for file in path.iterdir() if file.is_file() and not file.is_symlink()]
+        self._sizes: list[int] = []
+        self._done = 0
+        self._scratch = Scratch(path.name, sum(sizes))
+        self._files: list[Container] = []
+        self.warnings: list[str] = []
+        try:
+            for file in self._listed(path):
+                self._files.append(_open_file(file, self._scratch))
+                self._sizes.append(file.stat().st_size)
+        except BaseException:
+            self.close()
+            raise
+        self.format = self._files[0].format
+
+    def _listed(self, path: Path) -> list[Path]:
+        """The bag's files in order, as its metadata say it, else as they are named."""
+        names = _named_in(path / _METADATA)
+        there = [file for file in sorted(path.iterdir()) if file.is_file() and not file.is_symlink()]
+        found = [file for file in there if PurePath(file.name.removesuffix(".zstd")).suffix in _ENDS]
+        files: list[Path] = []
+        missing: list[str] = []
+        for name in names[:_MAX_FILES]:
+            here = [path / PurePath(name).name, path / f"{PurePath(name).name}.zstd"]
+            file = next((file for file in here if file in found), None)
+            if file is None:
+                missing.append(PurePath(name).name)
+            else:
+                files.append(file)
+        if missing and files:
+            self.warnings.append(f"{len(missing)} of the bag's {len(names)} files are missing: {missing[0]}.")
+        files = files or found
+        if not files:
+            named = ", ".join(missing[:3]) or ".db3 or .mcap"
+            raise ReadError(
+                "bag_incomplete",
+                f"{path.name} has {_METADATA}, but none of the bag's files ({named}).",
+                "Upload the whole folder of the bag.",
+            )
+        return files
+
+    @property
+    def topics(self) -> Sequence[Topic]:
+        """The topics of all files, with their counts added."""
+        found: dict[str, Topic] = {}
+        for file in self._files:
+            for topic in file.topics:
+                known = found.get(topic.name)
+                if known is None:
+                    found[topic.name] = topic
+                elif known.count is not None:
+                    count = None if topic.count is None else known.count + topic.count
+                    found[topic.name] = replace(known, count=count)
+        return list(found.values())
+
+    @property
+    def share_read(self) -> float | None:
+        """By the files' sizes."""
+        if self._done >= len(self._files):
+            return 1.0
+        now = self._files[self._done].share_read
+        if now is None:
+            return None
+        return (sum(self._sizes[: self._done]) + now * self._sizes[self._done]) / max(1, sum(self._sizes))
+
+    def decoder(self, topic: Topic) -> Decoder | None:
+        """See :class:`Container`."""
+        return self._files[0].decoder(topic)
+
+    def _holding(self, name: str) -> list[Container]:
+        return [file for file in self._files if any(topic.name == name for topic in file.topics)]
+
+    def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """See :class:`Container`."""
+        for number, file in enumerate(self._files):
+            self._done = number
+            here = {topic.name for topic in file.topics} & set(names)
+            if here:
+                yield from file.messages(here)
+        self._done = len(self._files)
+
+    def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
+        """See :class:`Container`."""
+        files = self._holding(name)
+        if count < len(files):
+            files = [files[int(i)] for i in np.linspace(0, len(files) - 1, count)]
+        for number, file in enumerate(files):
+            yield from file.samples(name, (number + 1) * count // len(files) - number * count // len(files))
+
+    def times(self, name: str) -> NDArray[np.int64]:
+        """See :class:`Container`."""
+        return next((file.times(name) for file in self._holding(name)), np.zeros(0, np.int64))
+
+    def close(self) -> None:
+        """Close all files and remove what was unpacked."""
+        for file in self._files:
+            file.close()
+        self._scratch.close()
+
+
+def _named_in(metadata: Path) -> list[str]:
+    """The files that a bag's metadata name.
+
+    Raises:
+        ReadError: ``bag_incomplete``, the metadata cannot be read.
+    """
+    yaml: Any = import_module("yaml")
+    try:
+        if metadata.stat().st_size > _METADATA_BYTES:
+            raise ValueError(f"{metadata.stat().st_size} bytes")
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is ten times faster
+        document: Any = yaml.load(metadata.read_bytes(), Loader=loader)
+        names: Any = document["rosbag2_bagfile_information"]["relative_file_paths"]
+        # A list of lists could stand for itself a million times over.
+        return [name for name in names if isinstance(name, str)]
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+        why = (str(error).splitlines() or ["no list of files"])[0][:100]
+        raise ReadError(
+            "bag_incomplete",
+            f"{_METADATA} is not what a ROS 2 bag has ({why}).",
+            "Run `ros2 bag reindex` on the folder, or upload the .db3 or .mcap file by itself.",
+        ) from error

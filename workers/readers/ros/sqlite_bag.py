@@ -1,0 +1,138 @@
+"""The SQLite files of ROS 2 bags (.db3), in the order in which messages were recorded."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Collection, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+from rosbags.serde import SerdeError
+
+from workers.readers.bounded import decompress_zstd
+from workers.readers.damage import damage, damage_proof
+from workers.readers.recording import ReadError
+from workers.readers.ros.ros_types import ros_decoder
+from workers.readers.ros.topic_messages import Decoder, Topic
+
+_MAX_MESSAGE_BYTES: Final = 256 * 1024**2
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"
+_TIMES: Final = 2000
+_HINT: Final = "Copy or upload the bag again; `sqlite3 FILE .recover` may save what is left of a damaged one."
+
+
+class SqliteBag:
+    """One .db3 file.
+
+    Raises:
+        ReadError: ``recording_damaged``, ``not_a_recording``.
+    """
+
+    format = "rosbag2_sqlite3"
+    share_read = None
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.warnings: list[str] = []
+        # A bag is uploaded alone: a journal beside it would be another file's.
+        uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
+        self._db = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
+        try:
+            with self._damage():
+                self._prepare()
+                self._ids, self._topics = self._read_topics()
+        except BaseException:
+            self._db.close()
+            raise
+
+    @contextmanager
+    def _damage(self) -> Generator[None]:
+        kinds = (sqlite3.Error, SerdeError, zstandard.ZstdError)
+        with damage(self._path.name, "a ROS 2 bag in SQLite", _HINT, *kinds):
+            yield
+
+    def _prepare(self) -> None:
+        self._db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_MESSAGE_BYTES)
+        for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "query_only=ON", "cache_size=-4000"):
+            self._db.execute(f"PRAGMA {pragma}")
+        tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if not {"topics", "messages"} <= tables:
+            raise ReadError(
+                "not_a_recording",
+                f"{self._path.name} is an SQLite file without the tables of a ROS 2 bag.",
+                "Upload the .db3 file that `ros2 bag record` wrote.",
+            )
+
+    def _read_topics(self) -> tuple[dict[str, list[int]], list[Topic]]:
+        definitions: dict[str, tuple[str, str]] = {}
+        if self._db.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+            rows = self._db.execute(
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            )
+            definitions = {str(kind): (str(text), str(form)) for kind, form, text in rows}
+        counts: dict[int, int] = dict(self._db.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+        ids: dict[str, list[int]] = {}
+        topics: list[Topic] = []
+        rows = self._db.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
+        for number, name, kind, encoding in rows.fetchall():
+            ids.setdefault(str(name), []).append(int(number))
+            if len(ids[name]) == 1:
+                text, form = definitions.get(str(kind), ("", ""))
+                topics.append(Topic(str(name), str(kind), str(encoding), text, form, counts.get(number, 0)))
+        return ids, topics
+
+    @property
+    def topics(self) -> Sequence[Topic]:
+        """Topics in the order of their ids."""
+        return self._topics
+
+    def decoder(self, topic: Topic) -> Decoder | None:
+        """See :class:`Container`."""
+        decode = ros_decoder(topic)
+        return None if decode is None else damage_proof(decode, self._damage)
+
+    def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """See :class:`Container`; recorded order is the order of row ids."""
+        by_id = {number: name for name in names for number in self._ids[name]}
+        marks = ",".join("?" * len(by_id))
+        with self._damage():
+            query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
+            for topic_id, log_ns, data in self._db.execute(query, list(by_id)):
+                yield by_id[topic_id], int(log_ns), _message(data)
+
+    def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
+        """See :class:`Container`."""
+        with self._damage():
+            numbers = self._ids[name]
+            marks = ",".join("?" * len(numbers))
+            rows = self._db.execute(f"SELECT id FROM messages WHERE topic_id IN ({marks}) ORDER BY id", numbers)
+            every = np.fromiter((row for (row,) in rows), np.int64)
+            chosen = np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))
+            for row in every[chosen].tolist():
+                log_ns, data = self._db.execute(
+                    "SELECT timestamp, data FROM messages WHERE id = ?", (row,)
+                ).fetchone()
+                yield int(log_ns), _message(data)
+
+    def times(self, name: str) -> NDArray[np.int64]:
+        """See :class:`Container`."""
+        with self._damage():
+            numbers = self._ids[name]
+            marks = ",".join("?" * len(numbers))
+            query = f"SELECT timestamp FROM messages WHERE topic_id IN ({marks}) ORDER BY id LIMIT {_TIMES}"
+            return np.fromiter((time for (time,) in self._db.execute(query, numbers)), np.int64)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+
+def _message(data: bytes) -> bytes:
+    """A message, decompressed where the recorder packed each by itself; CDR never begins with zstd's magic."""
+    if data[:4] == _ZSTD:
+        return decompress_zstd(data, _MAX_MESSAGE_BYTES)
+    return data

@@ -1,0 +1,102 @@
+"""What a message on a topic holds for us, whatever library or wire format it came through."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.clouds.pointcloud2 import PointCloud2
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of a bag or an MCAP file.
+
+    Attributes:
+        name: unique in the file; several connections or channels of one name and type are one topic.
+        type: ``sensor_msgs/msg/PointCloud2`` or ``foxglove.PointCloud``.
+        encoding: ``ros1``, ``cdr``, ``protobuf`` or ``json``, as the file says.
+        definition: the type's definition as the file carries it, empty where it carries none.
+        definition_format: ``ros1msg``, ``ros2msg``, ``ros2idl`` or another.
+        count: number of messages where the file says it.
+    """
+
+    name: str
+    type: str
+    encoding: str
+    definition: str
+    definition_format: str
+    count: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Stamped:
+    """Stamp (nanoseconds, 0 where the message has none) and frame of a message."""
+
+    stamp_ns: int
+    frame_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class CloudMessage(Stamped):
+    """A point cloud."""
+
+    cloud: PointCloud2
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedImage(Stamped):
+    """An image file."""
+
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class RawImage(Stamped):
+    """Pixels as a camera's driver lays them out."""
+
+    width: int
+    height: int
+    step: int
+    encoding: str
+    big_endian: bool
+    data: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class PacketMessage(Stamped):
+    """Packets of a Velodyne sensor, each with the host's stamp."""
+
+    packets: Sequence[tuple[int, bytes]]
+
+
+@dataclass(frozen=True, slots=True)
+class VideoMessage(Stamped):
+    """One encoded frame of a video; ``codec`` as Foxglove names it."""
+
+    codec: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInfo(Stamped):
+    """Intrinsics that somebody stated.
+
+    Attributes:
+        distortion_model: as the message says.
+        d: distortion coefficients.
+        k: 9 numbers, the camera matrix by rows.
+    """
+
+    width: int
+    height: int
+    distortion_model: str
+    d: Sequence[float]
+    k: Sequence[float]
+
+
+Message = CloudMessage | EncodedImage | RawImage | VideoMessage | PacketMessage | CameraInfo
+Decoder = Callable[[bytes], Message]

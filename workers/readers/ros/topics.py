@@ -1,0 +1,276 @@
+"""A recording whose sensors are topics, whatever file holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from importlib import import_module
+from itertools import islice
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, evened, learn_packets
+from workers.readers.captures.velodyne import FIELDS, SweepCutter
+from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
+from workers.readers.clouds.pointcloud2 import cloud_columns
+from workers.readers.images.headers import read_image_header
+from workers.readers.images.still_images import image_frame
+from workers.readers.images.transcode import raw_to_png
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
+from workers.readers.ros.camera_info import info_document, match_infos
+from workers.readers.ros.containers import Container
+from workers.readers.ros.topic_messages import (
+    CameraInfo,
+    CloudMessage,
+    Decoder,
+    EncodedImage,
+    Message,
+    PacketMessage,
+    RawImage,
+    Topic,
+    VideoMessage,
+)
+
+if TYPE_CHECKING:
+    from workers.readers.ros.message_video import MessageVideo
+
+_MAX_TOPICS: Final = 10_000
+_INFOS: Final = ("CameraInfo", "CameraCalibration")
+
+
+class TopicRecording:
+    """The topics of a container that are LiDARs and cameras.
+
+    JPEG, PNG and WebP images are handed on byte for byte; raw images become PNG.
+
+    Raises:
+        ReadError: what the container raises.
+    """
+
+    def __init__(self, container: Container, options: ReadOptions) -> None:
+        self.format = container.format
+        self._container = container
+        self._options = options
+        self._models: dict[str, CloudModel] = {}
+        self._streams: dict[str, PacketStream] = {}
+        self._cutters: dict[str, SweepCutter] = {}
+        self._videos: dict[str, MessageVideo] = {}
+        self._stampless: set[str] = set()
+        self._decoders: dict[str, Decoder] = {}
+        self._other_topics: list[str] = []
+        self._sensors = self._find_sensors()
+
+    def _find_sensors(self) -> list[Sensor]:
+        sensors: list[Sensor] = []
+        infos: dict[str, CameraInfo] = {}
+        for topic in self._container.topics[:_MAX_TOPICS]:
+            try:
+                decoder = self._container.decoder(topic)
+            except ReadError as error:  # a type of the file's own is no reason to refuse the other topics
+                self._other_topics.append(f"{_described(topic)}: {error.message}")
+                continue
+            first = None if decoder is None else self._first(topic, decoder)
+            if decoder is None or isinstance(first, CameraInfo) or (first is None and topic.type.endswith(_INFOS)):
+                self._other_topics.append(_described(topic))
+                if isinstance(first, CameraInfo):
+                    infos[topic.name] = first
+                continue
+            self._decoders[topic.name] = decoder
+            sensors.append(_sensor(topic, first))
+        matched = match_infos({s.name: s.frame_id for s in sensors if s.kind == "camera"}, infos)
+        documents = {name: info_document(info) for name, info in matched.items()}
+        return [replace(s, camera_info=documents[s.name]) if s.name in documents else s for s in sensors]
+
+    def _first(self, topic: Topic, decoder: Decoder) -> Message | None:
+        for _, raw in self._container.samples(topic.name, 1):
+            return decoder(raw)
+        return None
+
+    @property
+    def sensors(self) -> Sequence[Sensor]:
+        """Every topic that is a LiDAR's or a camera's, in the file's order."""
+        return self._sensors
+
+    @property
+    def other_topics(self) -> Sequence[str]:
+        """The remaining topics with their types."""
+        return self._other_topics
+
+    @property
+    def share_read(self) -> float | None:
+        """Share of the file that has been read, where the container knows it."""
+        return self._container.share_read
+
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences about what was met while reading."""
+        said = [*self._container.warnings]
+        said += [sentence for model in self._models.values() for sentence in model.warnings()]
+        said += [sentence for cutter in self._cutters.values() for sentence in cutter.warnings()]
+        said += [sentence for video in self._videos.values() for sentence in video.warnings()]
+        said += [
+            f"{topic}: messages have no stamp of their own; the time of recording was taken."
+            for topic in sorted(self._stampless)
+        ]
+        return said
+
+    def lidar_facts(self, sensor: Sensor) -> LidarFacts:
+        """What was learned of a LiDAR from sweeps spread over the file, or from its first packets."""
+        if self._is_packets(sensor):
+            return self._stream(sensor).facts(self._options)
+        return self._model(sensor).facts
+
+    def _is_packets(self, sensor: Sensor) -> bool:
+        return "model" in sensor.notes
+
+    def _model(self, sensor: Sensor) -> CloudModel:
+        if sensor.name not in self._models:
+            times = np.sort(self._container.times(sensor.name))
+            period = int(np.median(np.diff(times))) if len(times) > 2 else None
+            self._models[sensor.name] = learn_clouds(self._samples(sensor), period, self._options, sensor.name)
+        return self._models[sensor.name]
+
+    def _samples(self, sensor: Sensor) -> Iterator[tuple[int, Columns]]:
+        decoder = self._decoders[sensor.name]
+        for log_ns, raw in self._container.samples(sensor.name, SAMPLES):
+            message = decoder(raw)
+            if isinstance(message, CloudMessage):
+                stamp_ns = self._stamp(sensor.name, message, log_ns)
+                yield stamp_ns, cloud_columns(message.cloud, _where(sensor.name, stamp_ns))
+
+    def _stream(self, sensor: Sensor) -> PacketStream:
+        if sensor.name not in self._streams:
+            packets: Iterator[Packet] = (
+                packet
+                for _, log_ns, raw in self._container.messages([sensor.name])
+                for packet in self._packets(sensor, log_ns, raw)
+            )
+            sample = list(islice(packets, SAMPLE_PACKETS))
+            self._streams[sensor.name] = learn_packets(sample, self._options, sensor.name)
+        return self._streams[sensor.name]
+
+    def _packets(self, sensor: Sensor, log_ns: int, raw: bytes) -> Sequence[Packet]:
+        message = self._decoders[sensor.name](raw)
+        if not isinstance(message, PacketMessage):
+            return ()
+        if any(host_ns == 0 for host_ns, _ in message.packets):
+            self._stampless.add(sensor.name)
+            return evened(log_ns, [data for _, data in message.packets])
+        return message.packets
+
+    def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
+        """The sweeps of one LiDAR in recorded order."""
+        for _, item in self.messages([sensor]):
+            if isinstance(item, Sweep):
+                yield item
+
+    def frames(self, sensor: Sensor) -> Iterator[Frame]:
+        """The frames of one camera in recorded order."""
+        for _, item in self.messages([sensor]):
+            if isinstance(item, Frame):
+                yield item
+
+    def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
+        """All chosen topics in one pass, in recorded order."""
+        by_name = {sensor.name: sensor for sensor in sensors}
+        lidars = [sensor for sensor in sensors if sensor.kind == "lidar"]
+        models = {s.name: self._model(s) for s in lidars if not self._is_packets(s)}
+        cutters = {s.name: SweepCutter(self._stream(s), self._options, s.name) for s in lidars if self._is_packets(s)}
+        self._cutters |= cutters
+        if not by_name:
+            return
+        self._videos.clear()
+        for name, log_ns, raw in self._container.messages(by_name):
+            sensor = by_name[name]
+            if name in cutters:
+                for host_ns, data in self._packets(sensor, log_ns, raw):
+                    sweep = cutters[name].add(host_ns, data)
+                    if sweep is not None:
+                        yield sensor, sweep
+                continue
+            message = self._decoders[name](raw)
+            if isinstance(message, VideoMessage):
+                stamp_ns = self._stamp(name, message, log_ns)
+                for frame in self._video(name, message).add(stamp_ns, message.data):
+                    yield sensor, frame
+                continue
+            item = self._item(sensor, message, log_ns, models.get(name))
+            if item is not None:
+                yield sensor, item
+        for name, cutter in cutters.items():
+            sweep = cutter.finish()
+            if sweep is not None:
+                yield by_name[name], sweep
+        for name, video in self._videos.items():
+            for frame in video.finish():
+                yield by_name[name], frame
+
+    def _video(self, name: str, first: VideoMessage) -> MessageVideo:
+        if name not in self._videos:
+            # PyAV is loaded only where there is video.
+            made: MessageVideo = import_module("workers.readers.ros.message_video").MessageVideo(first.codec, name)
+            self._videos[name] = made
+        return self._videos[name]
+
+    def _item(self, sensor: Sensor, message: Message, log_ns: int, model: CloudModel | None) -> Sweep | Frame | None:
+        stamp_ns = self._stamp(sensor.name, message, log_ns)
+        where = _where(sensor.name, stamp_ns)
+        if isinstance(message, CloudMessage) and model is not None:
+            return model.sweep(stamp_ns, cloud_columns(message.cloud, where))
+        if isinstance(message, EncodedImage):
+            return image_frame(message.data, stamp_ns, where)
+        if isinstance(message, RawImage):
+            return raw_to_png(
+                message.data,
+                width=message.width,
+                height=message.height,
+                step=message.step,
+                encoding=message.encoding,
+                stamp_ns=stamp_ns,
+                where=where,
+                big_endian=message.big_endian,
+            )
+        return None
+
+    def _stamp(self, name: str, message: Message, log_ns: int) -> int:
+        if message.stamp_ns == 0:
+            self._stampless.add(name)
+            return log_ns
+        return message.stamp_ns
+
+    def close(self) -> None:
+        """Close the file."""
+        self._container.close()
+
+
+def _where(topic: str, stamp_ns: int) -> str:
+    return f"The message on {topic} at {stamp_ns / 1e9:.3f} s"
+
+
+def _described(topic: Topic) -> str:
+    if topic.type.startswith("foxglove.") and topic.encoding not in ("protobuf", "json"):
+        return f"{topic.name} ({topic.type} encoded as {topic.encoding or 'nothing'}, which is not read)"
+    return f"{topic.name} ({topic.type})"
+
+
+def _sensor(topic: Topic, first: Message | None) -> Sensor:
+    """A topic as a sensor, with what its first message tells."""
+    name, count = topic.name, topic.count
+    frame_id = "" if first is None else first.frame_id
+    if isinstance(first, PacketMessage):
+        return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": FIELDS, "model": "Velodyne"})
+    if isinstance(first, CloudMessage):
+        fields = " ".join(field.name for field in first.cloud.fields)
+        return Sensor("lidar", name, frame_id, count, {"type": topic.type, "fields": fields})
+    notes = {"type": topic.type}
+    if isinstance(first, RawImage):
+        notes |= {"width": str(first.width), "height": str(first.height)}
+    elif isinstance(first, EncodedImage):
+        try:
+            header = read_image_header(first.data, name)
+            notes |= {"width": str(header.width), "height": str(header.height)}
+        except ReadError:  # said with its place when the frame is read
+            pass
+    kind = "lidar" if first is None and ("Cloud" in topic.type or "VelodyneScan" in topic.type) else "camera"
+    return Sensor(kind, name, frame_id, count, notes)

@@ -1,0 +1,1 @@
+"""Folders and archives: whatever sources they hold, as one recording."""

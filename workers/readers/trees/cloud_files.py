@@ -1,0 +1,172 @@
+"""Columns of a file that holds one point cloud: PCD, KITTI's .bin, .npy, .csv."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import io
+import struct
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.clouds.pointcloud2 import MAX_POINTS
+from workers.readers.recording import ReadError
+
+CLOUD_SUFFIXES: Final = frozenset({".pcd", ".bin", ".npy"})
+_PLAIN: Final = ("x", "y", "z", "intensity", "ring", "time")
+_FARTHEST_M: Final = 2000.0
+_MAX_FIELDS: Final = 256
+_MAX_HEADER: Final = 65_536
+# Names that other tools give their columns, in small letters: VeloView and ParaView, and spreadsheets.
+_ALIASES: Final = {
+    "points_m_xyz:0": "x",
+    "points_m_xyz:1": "y",
+    "points_m_xyz:2": "z",
+    "points:0": "x",
+    "points:1": "y",
+    "points:2": "z",
+    "x_m": "x",
+    "y_m": "y",
+    "z_m": "z",
+    "reflectance": "intensity",
+}
+
+Arrays = Mapping[str, NDArray[np.generic]]
+
+
+def read_cloud(data: bytes, path: str) -> Arrays:
+    """One (N,) array per field of a cloud in a file.
+
+    Args:
+        data: the whole file.
+        path: of the file; its suffix tells the format, and it names the file in errors.
+
+    Raises:
+        ReadError: ``cloud_malformed``, ``cloud_truncated``.
+    """
+    suffix = PurePosixPath(path).suffix.lower()
+    if suffix == ".pcd":
+        from workers.readers.trees.pcd import read_pcd  # its library takes 0.13 s to import
+
+        return read_pcd(data, path)
+    if suffix == ".bin":
+        return _read_bin(data, path)
+    return _read_npy(data, path) if suffix == ".npy" else _read_csv(data, path)
+
+
+def is_cloud_table(head: bytes) -> bool:
+    """Whether a CSV file that begins with these bytes has columns x, y and z."""
+    return {"x", "y", "z"} <= set(_names(_first_line(head)))
+
+
+def _malformed(path: str, why: str, hint: str) -> ReadError:
+    return ReadError("cloud_malformed", f"{path} is no point cloud: {why}.", hint)
+
+
+def _read_bin(data: bytes, path: str) -> Arrays:
+    """float32 rows without a header: KITTI's x y z intensity, or nuScenes' (.pcd.bin) with a ring."""
+    width = 5 if path.lower().endswith(".pcd.bin") else 4
+    hint = "A .bin file holds x, y, z and intensity as little-endian float32, as KITTI's do; write others as .npy."
+    if len(data) % (4 * width):
+        raise _malformed(path, f"{len(data)} bytes are no whole number of points of {4 * width} bytes", hint)
+    points = np.frombuffer(data, "<f4").reshape(-1, width)
+    with np.errstate(invalid="ignore"):
+        sane = (np.abs(points[:, :3]) < _FARTHEST_M) | np.isnan(points[:, :3])
+    if len(points) and np.mean(sane) < 0.99:
+        raise _malformed(path, f"as {width} float32 a point, many coordinates lie past {_FARTHEST_M:.0f} m", hint)
+    return {name: points[:, i] for i, name in enumerate(_PLAIN[:width])}
+
+
+def _read_npy(data: bytes, path: str) -> Arrays:
+    """A structured array, or a plain one of 3 to 6 columns: x y z [intensity [ring [time]]]."""
+    hint = (
+        "Save a structured array with fields x, y, z, intensity, ring, or a plain one of shape (N, 4) to (N, 6) with "
+        "x, y, z, intensity, ring, time in this order."
+    )
+    try:
+        shape, fortran, dtype, place = _npy_header(data)
+    except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError, struct.error) as error:
+        raise _malformed(path, f"its .npy header cannot be read ({type(error).__name__})", hint) from error
+    if dtype.hasobject or dtype.itemsize == 0:
+        raise _malformed(path, f"its type is {dtype}", hint)
+    count = int(np.prod(np.array(shape, object))) if shape else 1
+    if not shape or min(shape) < 0 or shape[0] > MAX_POINTS:
+        raise _malformed(path, f"its shape is {shape}", hint)
+    if len(data) - place < count * dtype.itemsize:
+        raise ReadError(
+            "cloud_truncated",
+            f"{path} is cut short: {len(data) - place} of {count * dtype.itemsize} bytes of points are there.",
+            "Copy the file again, or leave it out.",
+        )
+    array: NDArray[np.generic] = np.frombuffer(data, dtype, count, place)
+    if dtype.names:
+        flat: Any = array.reshape(shape, order="F" if fortran else "C").reshape(-1)
+        columns: Arrays = {name: flat[name] for name in dtype.names}
+        return {name: values for name, values in columns.items() if values.ndim == 1 and values.dtype.kind in "iufb"}
+    if len(shape) != 2 or not 3 <= shape[1] <= len(_PLAIN) or dtype.kind not in "iuf":
+        raise _malformed(path, f"its shape is {shape} of {dtype}", hint)
+    table = array.reshape(shape, order="F" if fortran else "C")
+    if shape[1] > 4:
+        _check_whole(table[:, 4], path, hint)
+    return {name: table[:, i] for i, name in enumerate(_PLAIN[: shape[1]])}
+
+
+def _npy_header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
+    """Shape, whether columns come first, type, and where the values begin."""
+    if data[:6] != b"\x93NUMPY" or data[6] not in (1, 2, 3):
+        raise ValueError
+    (length,) = struct.unpack_from("<H" if data[6] == 1 else "<I", data, 8)
+    start = 10 if data[6] == 1 else 12
+    if length > _MAX_HEADER:
+        raise ValueError
+    header = ast.literal_eval(data[start : start + length].decode("utf-8" if data[6] == 3 else "latin1"))
+    shape = tuple(int(size) for size in header["shape"])
+    dtype: np.dtype[Any] = np.lib.format.descr_to_dtype(header["descr"])
+    return shape, bool(header["fortran_order"]), dtype, start + length
+
+
+def _check_whole(ring: NDArray[np.generic], path: str, hint: str) -> None:
+    numbers = ring.astype(np.float64)
+    numbers = numbers[np.isfinite(numbers)]
+    if np.any(numbers != np.rint(numbers)) or np.any(numbers < 0):
+        raise _malformed(path, "its fifth column should be the ring, and holds no whole numbers", hint)
+
+
+def _first_line(head: bytes) -> str:
+    return head.split(b"\n", 1)[0].decode("utf-8-sig", "replace").strip("\r ")
+
+
+def _names(line: str) -> list[str]:
+    names = [name.strip().strip('"').strip().lower() for name in line.lstrip("#/ ").split(_delimiter(line))]
+    return [_ALIASES.get(name, name) for name in names]
+
+
+def _delimiter(line: str) -> str:
+    return max(",;\t", key=line.count)
+
+
+def _read_csv(data: bytes, path: str) -> Arrays:
+    """A header line with the columns' names, then numbers."""
+    hint = "Write a header line such as x,y,z,intensity,ring, then one line of numbers per point."
+    line = _first_line(data[:65536])
+    names = _names(line)
+    if len(names) != len(set(names)) or len(names) > _MAX_FIELDS:
+        raise _malformed(path, "its header names a column twice, or hundreds of them", hint)
+    if data.count(b"\n") > MAX_POINTS:
+        raise _malformed(path, f"it has more than {MAX_POINTS} lines", hint)
+    try:
+        text = data.decode("utf-8-sig")
+        body = text[text.index("\n") + 1 :] if "\n" in text else ""
+        if not body.strip():
+            table = np.zeros((0, len(names)))
+        else:
+            table = np.loadtxt(io.StringIO(body), delimiter=_delimiter(line), ndmin=2, comments=None, quotechar='"')
+    except (ValueError, csv.Error) as error:
+        raise _malformed(path, str(error).splitlines()[0][:200].rstrip("."), hint) from error
+    if table.shape[1] != len(names):
+        raise _malformed(path, f"its lines have {table.shape[1]} values for {len(names)} names", hint)
+    return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}

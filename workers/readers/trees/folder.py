@@ -1,0 +1,265 @@
+"""A folder or an archive as a recording: whatever bags, captures, videos, clouds and images it holds, together."""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from workers.readers.detect import HEAD_BYTES, TREE, Format, format_of
+from workers.readers.recording import ReadError, ReadOptions, Recording
+from workers.readers.trees.cloud_files import is_cloud_table
+from workers.readers.trees.composite import Composite, Part
+from workers.readers.trees.file_series import FileSeries, Group, group_files, is_sensor_file
+from workers.readers.trees.file_times import CSV_NAME, KITTI_NAME, is_times_table, listed_times, stem_and_number
+from workers.readers.trees.file_tree import FileTree, read_file, read_head
+from workers.readers.trees.joined import Joined
+from workers.readers.trees.kitti import KITTI_ENDS, KITTI_STARTS
+from workers.readers.trees.open_tree import open_tree
+
+_BAG_FOLDER: Final = "metadata.yaml"
+_BAG_FILES: Final = {".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
+_VIDEO: Final = "workers.readers.images.video"
+_TIMES: Final = frozenset({CSV_NAME, KITTI_NAME, KITTI_STARTS, KITTI_ENDS})
+_MAX_SOURCES: Final = 256
+_MAX_LISTED: Final = 20
+
+
+@dataclass(slots=True)
+class _Contents:
+    """What a tree holds.
+
+    Attributes:
+        sources: bags, captures and videos, files or folders, by path.
+        groups: sensors whose every message is a file.
+        tables: paths of ``timestamps.csv`` and of others with its columns.
+        others: paths of what nobody reads.
+    """
+
+    sources: dict[str, Format] = field(default_factory=dict[str, Format])
+    groups: list[Group] = field(default_factory=list[Group])
+    tables: list[str] = field(default_factory=list[str])
+    others: list[str] = field(default_factory=list[str])
+
+
+class FolderRecording(Composite):
+    """Everything in a folder, a tar or a zip that is a sensor.
+
+    Raises:
+        ReadError: ``folder_empty``, ``folder_refused``, ``recording_truncated``, ``archive_encrypted``,
+            ``archive_expands``, ``files_without_times``, ``timestamps_incomplete``, ``timestamps_malformed``, and
+            what the readers of the files in it raise.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._tree = open_tree(path)
+        self._others: list[str] = []
+        self._warnings: list[str] = []
+        parts: list[Part] = []
+        try:
+            contents = _look(self._tree)
+            self._others = contents.others
+            if not contents.sources and not contents.groups:
+                raise _empty(self._tree, contents)
+            _open_parts(self._tree, contents, options, parts, self._warnings)
+            super().__init__(parts)
+        except BaseException:
+            for part in parts:
+                part.recording.close()
+            self._tree.close()
+            raise
+
+    @property
+    def other_topics(self) -> Sequence[str]:
+        """What the files in it hold besides, and the files that nobody reads."""
+        listed = [f"{path} (not read)" for path in self._others[:_MAX_LISTED]]
+        if len(self._others) > _MAX_LISTED:
+            listed.append(f"{len(self._others) - _MAX_LISTED} more files (not read)")
+        return [*super().other_topics, *listed]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What was left out, and what the parts say."""
+        return [*self._warnings, *super().warnings]
+
+    def close(self) -> None:
+        """Close all that is open, and remove what was unpacked."""
+        super().close()
+        self._tree.close()
+
+
+def _look(tree: FileTree) -> _Contents:
+    contents = _Contents()
+    paths = tree.paths
+    bags = _bag_folders(paths)
+    sensor_files: list[str] = []
+    for path in paths:
+        folder, name = posixpath.split(path)
+        if folder in bags:
+            if name == _BAG_FOLDER:
+                contents.sources[folder or "."] = _bag_format(tree, bags[folder])
+        elif name == CSV_NAME:
+            contents.tables.append(path)
+        elif is_sensor_file(path):
+            sensor_files.append(path)
+        elif name not in _TIMES:
+            _look_inside(tree, path, contents, sensor_files)
+    contents.groups = group_files(sensor_files)
+    beside = {_table_beside(path) for path, known in contents.sources.items() if known.module == _VIDEO}
+    contents.others = [path for path in contents.others if path not in beside]
+    if len(contents.sources) > _MAX_SOURCES:
+        raise ReadError(
+            "folder_refused",
+            f"{tree.name} was refused: it holds {len(contents.sources)} bags, captures and videos; at most "
+            f"{_MAX_SOURCES} are read.",
+            "Upload each recording by itself.",
+        )
+    return contents
+
+
+def _bag_folders(paths: Sequence[str]) -> Mapping[str, str]:
+    """Folders of ROS 2 bags, each with one of its files."""
+    known = set(paths)
+    found: dict[str, str] = {}
+    for path in paths:
+        folder, name = posixpath.split(path)
+        plain = name.removesuffix(".zstd")
+        if PurePosixPath(plain).suffix in _BAG_FILES and posixpath.join(folder, _BAG_FOLDER) in known:
+            found.setdefault(folder, path)
+    return found
+
+
+def _bag_format(tree: FileTree, file: str) -> Format:
+    head = read_head(tree, file, HEAD_BYTES)
+    known = format_of(head) or format_of(_BAG_FILES[PurePosixPath(file.removesuffix(".zstd")).suffix])
+    if known is None:
+        raise ReadError("not_a_recording", f"{file} is no ROS 2 bag.", "Look at what recorded it.")
+    return known
+
+
+def _look_inside(tree: FileTree, path: str, contents: _Contents, sensor_files: list[str]) -> None:
+    head = read_head(tree, path, HEAD_BYTES)
+    known = format_of(head)
+    if known is not None:
+        contents.sources[path] = known
+    elif path.lower().endswith(".csv") and is_times_table(head):
+        contents.tables.append(path)
+    elif path.lower().endswith(".csv") and is_cloud_table(head):
+        sensor_files.append(path)
+    else:
+        contents.others.append(path)
+
+
+def _open_parts(
+    tree: FileTree, contents: _Contents, options: ReadOptions, parts: list[Part], warnings: list[str]
+) -> None:
+    """Open all sources; ``parts`` holds what is open although one of them cannot be read."""
+    tables = {path: read_file(tree, path) for path in contents.tables}
+    top = _common_top([*contents.sources, *(f"{group.folder}/file" for group in contents.groups)])
+    for path, known in contents.sources.items():
+        if known.module == _VIDEO:
+            recording = _open_video(tree, path, options, tables)
+        else:
+            recording = known.open(tree.on_disk(path), options)
+        parts.append(Part(recording, _below(path, top)))
+    if contents.groups:
+        groups = [replace(group, name=_group_name(group, top)) for group in contents.groups]
+        series = _open_series(tree, groups, tables, options, parts, warnings)
+        if series is not None:
+            parts.append(Part(series, ".", named=True))
+    parts[:] = _join_split(parts)
+
+
+def _open_series(
+    tree: FileTree,
+    groups: Sequence[Group],
+    tables: Mapping[str, bytes],
+    options: ReadOptions,
+    parts: Sequence[Part],
+    warnings: list[str],
+) -> FileSeries | None:
+    """The sensors whose messages are files; None where they have no times and the other sources suffice."""
+    try:
+        series = FileSeries(tree, groups, tables, options)
+        if parts and "index" in series.times_from:
+            raise ReadError(
+                "files_without_times",
+                f"The files of {groups[0].name} have no times, and {parts[0].label} has: which belong together "
+                "is not said.",
+                f"Name the files by their time (1600000000123456789.png), or add {CSV_NAME} with file,stamp_ns.",
+            )
+    except ReadError as error:
+        kinds = {sensor.kind for part in parts for sensor in part.recording.sensors}
+        if error.code != "files_without_times" or len(kinds) < 2:
+            raise
+        listed = ", ".join(group.name for group in groups)
+        warnings.append(f"{listed} were left out, because their files have no times.")
+        return None
+    return series
+
+
+def _join_split(parts: Sequence[Part]) -> list[Part]:
+    """Bags that were split while they were recorded (``walk_0.bag``, ``walk_1.bag``) as one."""
+    series: dict[object, list[Part]] = {}
+    for part in parts:
+        sensors = part.recording.sensors
+        stem, number = stem_and_number(part.label)
+        topics = frozenset((sensor.kind, sensor.name) for sensor in sensors)
+        split = number and topics and all(sensor.name.startswith("/") for sensor in sensors)
+        key = (posixpath.dirname(part.label), stem, part.recording.format, topics) if split else part
+        series.setdefault(key, []).append(part)
+    joined: list[Part] = []
+    for group in series.values():
+        group.sort(key=lambda part: (len(part.label), part.label))
+        one = group[0] if len(group) == 1 else Part(Joined([p.recording for p in group]), group[0].label)
+        joined.append(one)
+    return joined
+
+
+def _open_video(tree: FileTree, path: str, options: ReadOptions, tables: Mapping[str, bytes]) -> Recording:
+    from workers.readers.images.video import VideoRecording
+
+    beside = _table_beside(path)
+    times = read_file(tree, beside) if beside in set(tree.paths) else None
+    start_ns = listed_times(tables).get(path)
+    return VideoRecording(tree.on_disk(path), options, times=times, start_ns=start_ns, name=path)
+
+
+def _table_beside(video: str) -> str:
+    return f"{posixpath.splitext(video)[0]}.csv"
+
+
+def _common_top(paths: Sequence[str]) -> str:
+    return posixpath.commonpath([posixpath.dirname(path) or "." for path in paths]) if paths else ""
+
+
+def _below(path: str, top: str) -> str:
+    """A name without the folders that all have in common; its last part where nothing would remain."""
+    if top and path.startswith(f"{top}/"):
+        return path[len(top) + 1 :]
+    return posixpath.basename(path) if path == top else path
+
+
+def _group_name(group: Group, top: str) -> str:
+    if group.name == top:
+        return "images" if group.kind == "camera" else "clouds"
+    return _below(group.name, top)
+
+
+def _empty(tree: FileTree, contents: _Contents) -> ReadError:
+    found = f"; it holds {', '.join(contents.others[:5])}" if contents.others else ""
+    packed = next((path for path in contents.others[:100] if TREE.matches(read_head(tree, path, HEAD_BYTES))), None)
+    if packed is not None:
+        return ReadError(
+            "folder_empty",
+            f"{tree.name} holds nothing but {packed}, an archive in its turn.",
+            f"Unpack it once and upload {posixpath.basename(packed)}, or the folder that is in it.",
+        )
+    return ReadError(
+        "folder_empty",
+        f"{tree.name} holds no recording, no point clouds and no images{found}.",
+        "Put a bag, a packet capture or point clouds (.pcd, .bin, .npy, .csv) into it, and images (.jpg, .png, "
+        ".webp) or a video, one subfolder per sensor or all in one.",
+    )

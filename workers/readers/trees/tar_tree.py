@@ -1,0 +1,103 @@
+"""The files of a tar, read in place; a compressed one is decompressed into a scratch folder first."""
+
+from __future__ import annotations
+
+import tarfile
+from pathlib import Path
+from typing import Any, cast
+
+from workers.readers.recording import ReadError
+from workers.readers.trees.file_tree import (
+    MAX_FILES,
+    Stream,
+    Window,
+    check_tree,
+    checked_path,
+    copy_out,
+    is_hidden,
+    refused,
+)
+from workers.readers.trees.scratch import Scratch, damaged_archive
+
+
+class Tar:
+    """An uncompressed tar of a folder.
+
+    Args:
+        file: where it is.
+        name: what its owner calls it, for messages; None: the file's name.
+
+    Raises:
+        ReadError: ``folder_refused`` (links, devices, sparse files, paths that climb out, names that come twice),
+            ``recording_truncated``.
+    """
+
+    def __init__(self, file: Path, name: str | None = None) -> None:
+        self.name = name or file.name
+        self._members: dict[str, tuple[int, int]] = {}
+        self._end = 0
+        self._size = file.stat().st_size
+        self._scratch = Scratch(self.name, self._size)
+        self._file = file.open("rb")
+        try:
+            self._list()
+            check_tree(self.name, self._members)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _list(self) -> None:
+        try:
+            with tarfile.open(fileobj=self._file, mode="r:") as archive:
+                for member in archive:
+                    self._add(member)
+                    cast(Any, archive).members.clear()  # else the archive keeps every header
+        except (tarfile.TarError, ValueError, OverflowError) as error:
+            raise self._truncated(f"it cannot be read to its end ({error})") from error
+        # tarfile stops without a word at a broken header; a whole tar ends in blocks of zeros.
+        self._file.seek(self._end)
+        if self._file.read(512) != bytes(512):
+            raise self._truncated(f"behind byte {self._end} neither another file nor the end of the tar follows")
+
+    def _truncated(self, why: str) -> ReadError:
+        return damaged_archive(self.name, why)
+
+    def _add(self, member: tarfile.TarInfo) -> None:
+        path = checked_path(self.name, member.name)
+        if member.issym() or member.islnk():
+            raise refused(self.name, f"{member.name!r} is a link")
+        self._end = member.offset_data + -(-member.size // 512) * 512
+        if member.isdir():
+            return
+        if not member.isreg() or member.sparse is not None:
+            raise refused(self.name, f"{member.name!r} is no ordinary file")
+        if member.size < 0 or member.offset_data + member.size > self._size:
+            raise self._truncated(f"it ends at byte {self._size}, inside {member.name!r}")
+        if len(self._members) >= MAX_FILES:
+            raise refused(self.name, f"it holds more than {MAX_FILES} files")
+        if path in self._members:
+            raise refused(self.name, f"{member.name!r} comes twice in it")
+        if not is_hidden(path):
+            self._members[path] = (member.offset_data, member.size)
+
+    @property
+    def paths(self) -> list[str]:
+        """Relative paths of all files, sorted."""
+        return sorted(self._members)
+
+    def size(self, path: str) -> int:
+        """Bytes of a file."""
+        return self._members[path][1]
+
+    def open(self, path: str) -> Stream:
+        """A file as a stream."""
+        return Window(self._file, *self._members[path])
+
+    def on_disk(self, path: str) -> Path:
+        """A copy of a file or folder in a scratch folder."""
+        return copy_out(self, self._scratch, path, expanding=False)
+
+    def close(self) -> None:
+        """Close the tar and remove what was copied out of it."""
+        self._file.close()
+        self._scratch.close()

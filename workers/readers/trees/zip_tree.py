@@ -1,0 +1,142 @@
+"""The files of a zip archive, read in place."""
+
+from __future__ import annotations
+
+import stat
+import struct
+import zipfile
+import zlib
+from lzma import LZMAError
+from pathlib import Path
+from typing import IO, Final
+
+from workers.readers.recording import ReadError
+from workers.readers.trees.file_tree import MAX_FILES, Stream, check_tree, checked_path, copy_out, is_hidden, refused
+from workers.readers.trees.scratch import Scratch, damaged_archive, expands_too_far, refused_expanding
+
+_PACKINGS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+# zipfile reads the whole directory into memory before anybody can look at it.
+_MAX_DIRECTORY_BYTES: Final = 200 * 1024 * 1024
+_BROKEN: Final = (zipfile.BadZipFile, EOFError, zlib.error, LZMAError, struct.error, ValueError, NotImplementedError)
+
+
+class Zip:
+    """A zip of a folder, or of a single recording.
+
+    Raises:
+        ReadError: ``folder_refused`` (links, encryption, paths that climb out, names that come twice, members that
+            overlap), ``archive_expands``, ``recording_truncated``.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self.name = file.name
+        self._size = file.stat().st_size
+        self._scratch = Scratch(self.name, self._size)
+        self._members: dict[str, zipfile.ZipInfo] = {}
+        self._check_directory(file)
+        try:
+            self._zip = zipfile.ZipFile(file)
+        except _BROKEN as error:
+            raise damaged_archive(self.name, str(error)) from error
+        try:
+            for info in self._zip.infolist():
+                self._add(info)
+            self._check_sizes()
+            check_tree(self.name, self._members)
+        except BaseException:
+            self._zip.close()
+            raise
+
+    def _check_directory(self, file: Path) -> None:
+        """Refuse an absurd directory by its end record, before it is read."""
+        with file.open("rb") as raw:
+            raw.seek(max(0, self._size - 65_557))
+            tail = raw.read()
+        place = tail.rfind(b"PK\x05\x06")
+        if place < 0 or place + 22 > len(tail):
+            raise damaged_archive(self.name, "its directory, which stands at the end of a zip, is missing")
+        (directory,) = struct.unpack_from("<I", tail, place + 12)
+        if directory == 0xFFFFFFFF:
+            long = tail.rfind(b"PK\x06\x06", 0, place)
+            directory = struct.unpack_from("<Q", tail, long + 40)[0] if 0 <= long <= len(tail) - 56 else 0
+        if directory > _MAX_DIRECTORY_BYTES:
+            raise refused(self.name, f"its directory alone takes {directory} bytes")
+
+    def _add(self, info: zipfile.ZipInfo) -> None:
+        path = checked_path(self.name, info.filename)
+        mode = info.external_attr >> 16
+        if not info.filename:
+            raise refused(self.name, "a file in it has no name")
+        if info.is_dir():
+            return
+        if stat.S_IFMT(mode) not in (0, stat.S_IFREG):
+            kind = "a link" if stat.S_ISLNK(mode) else "no ordinary file"
+            raise refused(self.name, f"{info.filename!r} is {kind}")
+        if info.flag_bits & 0x1:
+            raise ReadError(
+                "archive_encrypted",
+                f"{self.name} was refused: {path} in it is encrypted.",
+                "Pack it again without a password.",
+            )
+        if info.compress_type not in _PACKINGS:
+            raise refused(self.name, f"{path} is packed by a method (number {info.compress_type}) that is not read")
+        if len(self._members) >= MAX_FILES:
+            raise refused(self.name, f"it holds more than {MAX_FILES} files")
+        if path in self._members:
+            raise refused(self.name, f"{path!r} comes twice in it")
+        if not is_hidden(path):
+            self._members[path] = info
+
+    def _check_sizes(self) -> None:
+        members = sorted(self._members.values(), key=lambda info: info.header_offset)
+        if members and members[0].header_offset < 0:
+            raise damaged_archive(self.name, "its directory points before its beginning")
+        if sum(info.compress_size for info in members) > self._size:
+            raise refused(self.name, "files in it overlap")
+        if expands_too_far(self._size, sum(info.file_size for info in members)):
+            raise refused_expanding(self.name)
+
+    @property
+    def paths(self) -> list[str]:
+        """Relative paths of all files, sorted."""
+        return sorted(self._members)
+
+    def size(self, path: str) -> int:
+        """Bytes of a file, unpacked, as the directory states; no more than these are ever unpacked."""
+        return self._members[path].file_size
+
+    def open(self, path: str) -> Stream:
+        """A file as a stream, unpacked as it is read."""
+        try:
+            return _Unpacking(self._zip.open(self._members[path]), f"{self.name}: {path}")
+        except _BROKEN as error:
+            raise damaged_archive(f"{self.name}: {path}", str(error)) from error
+
+    def on_disk(self, path: str) -> Path:
+        """A copy of a file or folder in a scratch folder."""
+        return copy_out(self, self._scratch, path, expanding=True)
+
+    def close(self) -> None:
+        """Close the zip and remove what was unpacked."""
+        self._zip.close()
+        self._scratch.close()
+
+
+class _Unpacking:
+    """A member's stream that says what is wrong with it as a :class:`ReadError`."""
+
+    def __init__(self, member: IO[bytes], where: str) -> None:
+        self._member, self._where = member, where
+
+    def read(self, size: int = -1, /) -> bytes:
+        """The next bytes, at most ``size``."""
+        try:
+            return self._member.read(size)
+        except (*_BROKEN, OSError) as error:  # bz2 raises OSError without an errno; anything else is the disk's
+            if isinstance(error, OSError) and error.errno is not None:
+                raise
+            raise damaged_archive(self._where, str(error) or type(error).__name__) from error
+
+    def close(self) -> None:
+        """Close the member."""
+        self._member.close()
