@@ -10,7 +10,7 @@ NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund 
 FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o -type f -print 2>/dev/null)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -41,6 +41,9 @@ bench-paper: setup  ## the paper's two recordings, simulated: what vertices, clo
 
 bench-accuracy: setup  ## how often the solver ends on the optimum, and whether its error bars hold; RIGS=50 for a short form
 	$(BIN)/python -m benchmarks.accuracy
+
+bench-solver: setup  ## one slot of the genetic algorithm beside the bare evaluation of as many individuals
+	$(BIN)/python -m benchmarks.solver
 
 check: setup $(STAMPS)/node_modules  ## style, types, import rules
 	$(BIN)/ruff check .
