@@ -19,7 +19,8 @@ from workers.vertices.region import Region
 from workers.vertices.sources import OnSweep, SweepSource
 from workers.vertices.vertex import Covariance, Quality, Rejection, Vertex
 
-_LEAST_SCORE = 8.0
+_LEAST_SCORE, _LEAST_POINTS = 8.0, 5
+_LEAN = 2.5  # standard deviations: a plane through a head or legs and the board leans farther
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _RIVAL = 12.0
 _RIVAL_M = 0.4
@@ -104,7 +105,10 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
 
 
 def _is_board(fix: Fix, model: Model) -> bool:
-    return fix.explained(model) and fix.plane.score >= _LEAST_SCORE
+    w, (mean, spread) = fix.plane.w, model.tilt
+    upright = abs(-w[2] / w[0] - mean) < _LEAN * spread
+    enough = fix.plane.score >= _LEAST_SCORE and fix.plane.points >= _LEAST_POINTS
+    return upright and enough and fix.explained(model)
 
 
 def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...]) -> Vertex:
