@@ -22,6 +22,7 @@ _NARROWEST_M = 0.26
 _PAIRS = 8
 _ON_BOARD = 2.0  # likelihood ratio from which a point counts as the board's
 _CONFIDENT = 5.0
+_HOPELESS = 12.0  # log odds from which the other way to hold the board is not followed further
 _COARSE, _FINE = 24, 36  # cells along either side of the grid
 _ROLLS = 9
 _ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
@@ -113,25 +114,28 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
         coarse: for comparing models: quicker, and good enough for the evidence.
     """
     one, other = model.edges
-    ways = [
-        (share, _corner(plane, model, edges, coarse))
-        for share, edges in ((1.0 - model.swapped, (one, other)), (model.swapped, (other, one)))
-    ]
-    found = [(math.log(share), corner) for share, corner in ways if corner is not None]
+    ways = [(1.0 - model.swapped, False, (one, other)), (model.swapped, True, (other, one))]
+    found: list[tuple[float, bool, Floats]] = []
+    for share, swapped, edges in sorted(ways, reverse=True):
+        floor = found[0][0] - math.log(share) - _HOPELESS if found else -math.inf
+        corner = _corner(plane, model, edges, coarse, floor)
+        if corner is not None:
+            found.append((math.log(share) + float(corner[0]), swapped, corner))
     if not found:
         return None
-    evidence = np.array([share + corner[0] for share, corner in found])
+    evidence = np.array([item[0] for item in found])
     total = float(np.logaddexp.reduce(evidence))
     weight = np.exp(evidence - total)
-    means = np.array([corner[1:4] for _, corner in found])
+    means = np.array([corner[1:4] for _, _, corner in found])
     mean: Floats = weight @ means
     covariance = np.zeros((3, 3))
-    for x, m, (_, corner) in zip(weight, means, found, strict=True):
+    for x, m, (_, _, corner) in zip(weight, means, found, strict=True):
         covariance += x * (_matrix(corner) + np.outer(m - mean, m - mean))
     xyz, errors = _to_angles(plane, mean, covariance)
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
-    odds = float(evidence[1] - evidence[0]) if len(found) == 2 else 0.0
-    best = max(corner[10] for _, corner in found)
+    lead = found[0][0] - found[1][0] if len(found) == 2 else _HOPELESS
+    odds = lead if found[0][1] else -lead
+    best = max(corner[10] for _, _, corner in found)
     return Fix(
         plane, xyz, errors, float(mean[2]), math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(best), total, odds
     )
@@ -142,8 +146,11 @@ def _matrix(corner: Floats) -> Floats:
     return np.array([[ll, lu, lr], [lu, uu, ur], [lr, ur, rr]])
 
 
-def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool) -> Floats | None:
-    """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior."""
+def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool, floor: float) -> Floats | None:
+    """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
+
+    None where no board explains the rays, or the first pass ends below ``floor``.
+    """
     hits = plane.ratio > _CONFIDENT
     if not hits.any():
         return None
@@ -164,7 +171,7 @@ def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool
             plane.left - origin[0], plane.up - origin[1], grow, soft, plane.ratio,
             edges[0], edges[1], model.slack, rolls, prior, centre, lean, half, cells,
         )  # fmt: skip
-        if out[0] < -1e299:
+        if out[0] < max(floor if number == 0 else -math.inf, -1e299):
             return None
         out[1:3] += origin
         if number == len(passes) - 1:

@@ -23,7 +23,7 @@ from workers.vertices.sources import SweepSource
 
 _GRID_SWEEPS = 24
 _SWEEPS = 96
-_NEAR, _NEAR_OPEN = 24, 40  # an open size and the edges' growth are told apart by boards at many distances
+_NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart by boards at many distances
 _ENOUGH = 4  # near sweeps from which something is learned
 _MIN_RINGS, _MIN_POINTS = 3, 20
 _FIRST_SIGMA_M = 0.03
@@ -33,7 +33,7 @@ _DOUBT = 1.5
 _LEAST_TILT = 0.03
 _LEAST_ROLL = math.radians(2.0)
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
-_FIRST, _SOME = 6, 12
+_FIRST, _SOME = 5, 10
 _HOPELESS = -300.0
 _SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16)
 _GROWTH_PRIOR = (0.15e-3, 0.5e-3)
