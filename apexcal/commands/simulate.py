@@ -36,7 +36,7 @@ Sensor = Literal[
     "vlp16", "puck-hi-res", "vlp32c", "hdl32", "hdl64", "alpha-prime", "os1-32", "os1-64", "os1-128", "lux4"
 ]
 Model = Literal["pinhole", "brown_conrady", "kannala_brandt"]
-Walk = Literal["rows", "field", "slow", "still"]
+Walk = Literal["rows", "field", "cover", "slow", "still"]
 Second = Literal["none", "beside", "behind"]
 
 
@@ -96,7 +96,8 @@ def simulate(
             _WALK,
             None,
             "rows: across the field, slow where near, what we advise; field: from anywhere to anywhere in 10 x 30 m "
-            "at 0.7 to 1.6 m/s; slow: the same at 0.15 to 0.3 m/s; still: on one spot.",
+            "at 0.7 to 1.6 m/s; cover: row by row over that field to its edges; slow: as field, at 0.15 "
+            "to 0.3 m/s; still: on one spot.",
         ),
     ] = "rows",
     board: Annotated[

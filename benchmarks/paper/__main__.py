@@ -1,6 +1,6 @@
 """`python -m benchmarks.paper`: the paper's experiment, simulated, with its error budget.
 
-Two walks over a field of 10 x 30 m with a board of 2 x 3 feet before a VLP-16 and a camera at 15 Hz that looks 15
+Two walks all over a field of 10 x 30 m with a board of 2 x 3 feet before a VLP-16 and a camera at 15 Hz that looks 15
 degrees down, whose clock shows 30 ms more: 222 pairs to train, 358 to test, clicks of 1 px. Each detector's pairs
 are fitted by the house's solver. Every source of error is switched off in turn; what it adds is the difference of
 the squares. `refined+clock` moves the refined vertices to the frames' times, at the offset that was estimated from

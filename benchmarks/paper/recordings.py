@@ -119,7 +119,7 @@ class _Lazy:
 
 
 def _settings(wanted: Wanted) -> Settings:
-    return Settings(seconds=wanted.most_sweeps / SWEEP_HZ, seed=wanted.seed, walk="field")
+    return Settings(seconds=wanted.most_sweeps / SWEEP_HZ, seed=wanted.seed, walk="cover")
 
 
 def camera_of(model: ModelName, seed: int) -> Camera:

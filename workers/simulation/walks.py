@@ -17,6 +17,7 @@ Sines = tuple[tuple[float, ...], tuple[float, ...]]
 _TICK_S = 0.05
 FIELD_X_M = (4.0, 32.0)
 FIELD_HALF_WIDTH_M = 5.0
+_ROW_M = 1.5
 _VIEW_DEG = 50.0  # to either side: farther out neither sensor looks
 
 
@@ -81,6 +82,29 @@ def _rows(random: np.random.Generator, seconds: float) -> tuple[Floats, Floats]:
     return line, np.clip(0.016 * np.sum(line**2, axis=1), 0.4, 2.0)
 
 
+def _all_over(random: np.random.Generator, seconds: float) -> tuple[Floats, Floats]:
+    """Row by row over the whole field to its edges, away and back again until the time is over, 0.9 to 1.4 m/s."""
+    points: list[tuple[float, float]] = []
+    legs: list[Floats] = []
+    away, side, walked_s = True, float(random.choice([-1.0, 1.0])), 0.0
+    paces: list[Floats] = []
+    while walked_s < seconds + 5.0:
+        rows = np.arange(FIELD_X_M[0], FIELD_X_M[1], _ROW_M) + random.uniform(0.0, _ROW_M)
+        rows = np.concatenate([FIELD_X_M[:1], rows[rows < FIELD_X_M[1]]])
+        points = points[-1:]
+        for x in rows if away else rows[::-1]:
+            half_width = min(FIELD_HALF_WIDTH_M, x * np.tan(np.deg2rad(_VIEW_DEG)))
+            points += [(x, side * half_width), (x, -side * half_width)]
+            side = -side
+        leg = _stepped(np.array(points))
+        pace = random.uniform(0.9, 1.4)
+        legs.append(leg)
+        paces.append(np.full(len(leg), pace))
+        walked_s += 0.02 * len(leg) / pace
+        away = not away
+    return np.concatenate(legs), np.concatenate(paces)
+
+
 def _anywhere(slowest: float, fastest: float) -> Callable[[np.random.Generator, float], tuple[Floats, Floats]]:
     """From one random place of the field to the next, each leg at its own pace (metres per second)."""
 
@@ -123,6 +147,7 @@ WALKS: dict[str, WalkPlan] = {
     "field": WalkPlan(
         "from anywhere to anywhere in a field of 10 x 30 m, 0.7 to 1.6 m/s", _anywhere(0.7, 1.6), rolls=_STUDY_ROLLS
     ),
+    "cover": WalkPlan("row by row over that field to its edges, 0.9 to 1.4 m/s", _all_over, rolls=_STUDY_ROLLS),
     "slow": WalkPlan("as field, at 0.15 to 0.3 m/s", _anywhere(0.15, 0.3), rolls=_STUDY_ROLLS),
     "still": WalkPlan(
         "stands in one place, the hands tremble",

@@ -155,7 +155,13 @@ def test_values_that_cannot_be_are_refused():
 def test_every_walk_stays_in_the_field_and_goes_at_its_pace(plan):
     poses = Walk(7, 90.0, -1.85, plan=plan).poses(np.arange(0.0, 90.0, 0.05))
     speed = np.linalg.norm(np.diff(poses.apex[:, :2], axis=0), axis=1) / 0.05
-    usual, fastest = {"rows": (0.3, 2.5), "field": (0.6, 1.7), "slow": (0.1, 0.35), "still": (0.0, 0.01)}[plan]
+    usual, fastest = {
+        "rows": (0.3, 2.5),
+        "field": (0.6, 1.7),
+        "cover": (0.8, 1.5),
+        "slow": (0.1, 0.35),
+        "still": (0.0, 0.01),
+    }[plan]
     assert speed.max() < fastest
     assert np.median(speed) >= usual
     assert poses.apex[:, 0].min() > 2.9
@@ -182,3 +188,9 @@ def test_lasers_that_point_aside_keep_their_column_s_time():
     azimuth = np.degrees(np.arctan2(sweep.xyz[:, 1], sweep.xyz[:, 0]).astype(float))
     aside = azimuth - (55.0 - 3600.0 * sweep.offset_ns * 1e-9)
     np.testing.assert_allclose(aside, np.array(SENSORS["vlp32c"].azimuths_deg)[sweep.ring], atol=2e-3)
+
+
+def test_a_walk_that_covers_the_field_comes_to_its_corners():
+    apex = Walk(3, 230.0, -1.85, plan="cover").poses(np.arange(0.0, 230.0, 0.1)).apex
+    for x, y in ((4.0, 4.7), (4.0, -4.7), (28.0, 5.0), (28.0, -5.0), (15.0, 0.0)):
+        assert np.hypot(apex[:, 0] - x, apex[:, 1] - y).min() < 1.5
