@@ -25,10 +25,12 @@ serve: setup frontend  ## leave the service up, with the demo's data where there
 	$(BIN)/apexcal serve $(ARGS)
 
 test: setup frontend  ## all tests but the long ones; ARGS="tests/apexcal -x"
-	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -m "not slow" $(SIDE_BY_SIDE) $(ARGS)
 
 test-long: setup frontend  ## all tests
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ARGS)
+# Two at a time, a file's tests together: the fault tests mostly wait. SIDE_BY_SIDE= runs them one after the other.
+SIDE_BY_SIDE ?= -n 2 --dist loadfile
 
 bench-detection: setup  ## accuracy of the detectors on simulated walks, and throughput; WALKS=4 for a short form
 	$(BIN)/python -m benchmarks.detection

@@ -59,15 +59,17 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
     room = settings.workers + 1 - (sent or 0)
     if room <= 0:
         return
+    # A common table expression, for PostgreSQL may run a plain subquery once per row, each time past its own limit.
     oldest = (
         waiting.where(Job.send_after.is_(None), ~Job.cancel_requested)
         .order_by(Job.id)
         .limit(room)
         .with_for_update(skip_locked=True)
+        .cte("oldest")
     )
     released = session.execute(
         update(Job)
-        .where(Job.id.in_(oldest))
+        .where(Job.id.in_(select(oldest.c.id)))
         .values(sends=1, send_after=now(settings.resend_s))
         .returning(Job.id)
         .execution_options(synchronize_session=False)

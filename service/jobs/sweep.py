@@ -101,14 +101,13 @@ def _send_again(session: Session) -> None:
     settings = get_settings()
     delay = round(settings.resend_s * 1e6)
     overdue = (
-        select(Job.id)
+        select(Job.id, Job.queue, Job.sends)
         .where(Job.state == "queued", ~Job.cancel_requested, Job.send_after < now())
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
     )
-    rows = session.execute(select(Job.id, Job.queue, Job.sends).where(Job.id.in_(overdue))).all()
-    for job_id, queue, sends in rows:
+    for job_id, queue, sends in session.execute(overdue).all():
         later = now(delay / 1e6 * 2 ** min(sends, 5))
         session.execute(update(Job).where(Job.id == job_id).values(sends=sends + 1, send_after=later))
         post(session, COURIER, Message(job_id, queue))

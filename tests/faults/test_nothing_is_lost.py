@@ -101,7 +101,8 @@ def test_a_worker_told_to_stop_gives_its_job_back_uncounted_and_a_cancel_ends_it
     calibration = ask(farm.client, next(_names), farm="runs", schedule=endless)
     wait_until(lambda: _running(farm) != [], "work")
     (job_id,) = _running(farm)
-    assert seconds_of(lambda: farm.stop("worker")) < 8
+    # Well before the work's own end, which is minutes away, also on a busy machine.
+    assert seconds_of(lambda: farm.stop("worker")) < 20
     assert (farm.job(job_id).state, farm.job(job_id).lost) == ("queued", 0)
     farm.start("worker")
     wait_until(lambda: farm.job(job_id).state == "running", "another claim", 30)
