@@ -54,6 +54,9 @@ def run_job(context: Context, job_id: int) -> None:
     except CancelledError:
         _end(context, held, "cancelled", None)
     except (ReadError, InputError) as error:
+        # Notes are for the operator: what a reading process said before it died.
+        said = [error.code, *getattr(error, "__notes__", [])]
+        log.info("job %d refused its input: %s", held.job_id, "\n".join(said))
         _end(context, held, "failed", _refusal(error))
     except _PASSING as error:
         log.exception("job %d stumbled; it is tried again", held.job_id)

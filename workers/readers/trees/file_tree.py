@@ -207,12 +207,11 @@ class Window:
 
 def copy_out(tree: FileTree, scratch: Scratch, path: str, *, expanding: bool) -> Path:
     """A member of an archive, or all below a folder in it, in the scratch folder; once."""
-    target = scratch.root / path
-    if not target.exists():
-        for member in _below(tree.paths, path):
+    for member in _below(tree.paths, path):
+        if not (scratch.root / member).exists():
             with closing(tree.open(member)) as stream:
                 scratch.write(stream, member, expanding=expanding)
-    return target
+    return scratch.root / path
 
 
 def _below(paths: Iterable[str], path: str) -> Iterator[str]:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from making_recordings import CLOUD, DATA, START_NS, cloud, clouds, images, png, png_claiming, scene, write_bag
+from making_ros2 import rig, write_ros2
 from making_videos import TIMES_MS, number_of, write_video
 from pypcd4 import Encoding, PointCloud
 
@@ -358,3 +359,24 @@ def test_the_real_road_scene(tmp_path):
     assert len(sweep.xyz) == 85546 and recording.lidar_facts(lidar).ring_count == 64
     assert (camera.notes["width"], camera.notes["height"]) == ("1920", "1200")
     recording.close()
+
+
+@pytest.mark.parametrize("packing", ["tar", "zip"])
+def test_a_ros2_bag_packed_without_its_top_folder_is_read(tmp_path, packing):
+    bag = tmp_path / "walk"
+    write_ros2(bag, rig())
+    packed = tmp_path / f"walk.{packing}"
+    if packing == "tar":
+        with tarfile.open(packed, "w") as archive:
+            for file in sorted(bag.iterdir()):
+                archive.add(file, file.name)
+    else:
+        with zipfile.ZipFile(packed, "w") as archive:
+            for file in sorted(bag.iterdir()):
+                archive.write(file, file.name)
+    recording, plain = open_recording(packed), open_recording(bag)
+    assert names(recording) == names(plain)
+    lidar = next(sensor for sensor in recording.sensors if sensor.kind == "lidar")
+    assert len(list(recording.sweeps(lidar))) == lidar.count
+    recording.close()
+    plain.close()
