@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from apexcal.client import ClientError
+from apexcal.commands.common import usage
 from apexcal.transport import Document
 
 TopicOption = Annotated[
@@ -30,7 +30,7 @@ RingsOption = Annotated[int, typer.Option(help="How many rings the LiDAR has, wh
 def reading_of(
     topics: Sequence[str] | None, *, still: bool = False, lidar_model: str = "", rings: int = 0
 ) -> dict[str, Any]:
-    """The ``reading`` of a recording. Raises :class:`ClientError` for a topic that is no ``name=topic``."""
+    """The ``reading`` of a recording. A topic that is no ``name=topic`` ends the command as wrong usage."""
     reading: dict[str, Any] = {"point_times": "stamp_only"} if still else {}
     reading |= {"lidar_model": lidar_model} if lidar_model else {}
     reading |= {"rings": rings} if rings else {}
@@ -39,7 +39,9 @@ def reading_of(
     for text in topics or []:
         name, equals, topic = (part.strip() for part in text.partition("="))
         if not (name and equals and topic):
-            raise ClientError(f"{text!r} names no topic", "Write it as front=/camera/image or lidar=/points.")
+            usage(
+                f"--topic {text!r} names no topic", "Write it as --topic front=/camera/image or --topic lidar=/points"
+            )
         if name == "lidar":
             named["lidar"] = topic
         else:

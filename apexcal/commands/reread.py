@@ -28,6 +28,7 @@ def reread(
     as_json: JsonOption = False,
 ) -> None:
     """Read a failed recording again. Its original was kept; what is given here is added to what was said before."""
+    known = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
     with connected(url, token, data) as client:
         of = find_recording(client, recording)
         if of["state"] != "failed":
@@ -35,7 +36,6 @@ def reread(
         changes: dict[str, object] = {}
         if rig:
             changes["rig_id"] = find_rig(client, client.vehicles.get(of["vehicle_id"]), rig)["id"]
-        known = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
         if known:
             changes["reading"] = _added(of["reading"], known)
         if changes:

@@ -25,7 +25,7 @@ from service.auth.roles import rank
 from service.db.annotations import Verdict
 from service.db.clock import now
 from service.db.detections import Apex, Detection
-from service.detections.queries import find_camera
+from service.detections.queries import done_detection, find_camera
 from service.events.hints import hint
 from service.http.pages import LongPaging, Page, fetch
 from service.http.problems import Problem
@@ -43,15 +43,7 @@ CameraQuery = Annotated[str, Query(max_length=200, description="a camera's name 
 )
 def ask_task(detection_id: UUID, wanted: NextTask, access: WriteAccess, request: Request) -> TaskView | Response:
     """The next vertex for this person to judge, leased to them; the one that they hold, renewed. [annotator]"""
-    detection = access.find(Detection, detection_id, "annotator")
-    if detection.state != "done":
-        raise Problem(
-            409,
-            "detection_not_done",
-            f"The detection is {detection.state}; its vertices can be marked when it is done.",
-            "Wait for its job, or run another detection.",
-            state=detection.state,
-        )
+    detection = done_detection(access, detection_id, "annotator")
     camera = find_camera(access.session, detection.recording_id, wanted.camera)
     lease_s = request.app.state.settings.mark_lease_s
     task = next_task(access.session, detection, camera, access.person.id, lease_s, wanted.skip)

@@ -39,6 +39,25 @@ def ready_recording(access: Access, recording_id: UUID, role: Role) -> Recording
     )
 
 
+def done_detection(access: Access, detection_id: UUID, role: Role) -> Detection:
+    """A detection whose vertices can be used.
+
+    Raises:
+        Problem: 409 ``detection_not_done`` while it is queued or running, or when it failed or was cancelled.
+    """
+    detection = access.find(Detection, detection_id, role)
+    if detection.state == "done":
+        return detection
+    waits = detection.state in ("queued", "running")
+    raise Problem(
+        409,
+        "detection_not_done",
+        f"The detection is {detection.state}; its vertices can be used when it is done.",
+        "Wait for its job, or run another detection." if waits else "Run another detection.",
+        state=detection.state,
+    )
+
+
 def find_camera(session: Session, recording_id: UUID, name: str) -> Sensor:
     """A recording's camera by its name in the rig. Raises :class:`Problem` 404 ``unknown_camera`` naming those."""
     cameras = list(

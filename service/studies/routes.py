@@ -10,11 +10,10 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import Access, ReadAccess, WriteAccess
-from service.db.detections import Detection
 from service.db.jobs import Job
 from service.db.recordings import Recording
 from service.db.studies import Study
-from service.detections.queries import find_camera, ready_recording
+from service.detections.queries import done_detection, find_camera, ready_recording
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import not_found
 from service.jobs.queue import enqueue
@@ -64,7 +63,7 @@ def read_suggestion(suggestion_id: UUID, access: ReadAccess) -> SuggestionView:
 def ask_offset(recording_id: UUID, wanted: OffsetRequest, access: WriteAccess) -> JSONResponse:
     """Estimate what the camera's clock shows more than the LiDAR's, from vertices and their marks. [engineer]"""
     recording = ready_recording(access, recording_id, "engineer")
-    detection = access.find(Detection, wanted.detection_id, "engineer")
+    detection = done_detection(access, wanted.detection_id, "engineer")
     if detection.recording_id != recording.id:
         raise not_found()
     camera = find_camera(access.session, recording.id, wanted.camera)

@@ -1,7 +1,9 @@
 """What an owner knows of a file: options in, questions back."""
 
 import pytest
+from typer.testing import CliRunner
 
+from apexcal.cli import USAGE, app
 from apexcal.client import ClientError, time_left
 from apexcal.commands.detect import _board
 from apexcal.commands.reading import reading_of, which_is_which
@@ -16,9 +18,14 @@ def test_topics_become_the_reading():
         "rings": 16,
         "topics": {"lidar": "/points", "cameras": {"front": "/cam/a"}},
     }
-    for text in ("front", "=x", "front="):
-        with pytest.raises(ClientError, match="names no topic"):
-            reading_of([text])
+
+
+@pytest.mark.parametrize("text", ["front", "=x", "front="])
+@pytest.mark.parametrize("words", [["upload", "walk.bag", "--vehicle", "R1"], ["reread", "walk"]])
+def test_a_topic_without_a_name_is_wrong_usage(words, text):
+    shown = CliRunner().invoke(app, [*words, "--topic", text])
+    assert (shown.exit_code, type(shown.exception)) == (USAGE, SystemExit)
+    assert f"--topic {text!r} names no topic" in shown.stderr and "--topic front=/camera/image" in shown.stderr
 
 
 def test_what_is_said_later_is_added():

@@ -2,6 +2,7 @@
 
 import pytest
 
+from service.db.detections import Detection
 from service.db.fleets import Rig
 from service.db.jobs import Job
 from service.db.studies import Study
@@ -94,3 +95,23 @@ def test_a_clock_offset_that_cannot_be_asked_is_refused(api, fleet, engineer):
         assert (refused.status_code, refused.json()["code"]) == (status, code)
     with api.database.reading() as session:
         assert session.query(Study).count() == session.query(Job).count() == 0
+
+
+@pytest.mark.parametrize("state", ["queued", "running", "failed", "cancelled"])
+def test_a_clock_offset_needs_a_detection_that_is_done(api, fleet, engineer, state):
+    seed = seed_marking(api.database, fleet)
+    seed_answer(api.database, seed, engineer.person_id, 1, "confirmed", (10.0, 20.0))
+    with api.database.writing() as session:
+        session.get_one(Detection, seed.detection_id).state = state
+    refused = engineer.post(
+        f"/recordings/{seed.recording_id}/clock-offsets",
+        {"detection_id": str(seed.detection_id), "camera": "front"},
+    )
+    assert (refused.status_code, refused.json()["code"], refused.json()["state"]) == (
+        409,
+        "detection_not_done",
+        state,
+    )
+    assert ("Wait" in refused.json()["hint"]) == (state in ("queued", "running"))
+    with api.database.reading() as session:
+        assert session.query(Study).count() == 0
