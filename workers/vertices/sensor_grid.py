@@ -21,6 +21,8 @@ _STEP_RAD = (math.radians(0.03), math.radians(1.6))
 _DEFAULT_STEP_RAD = math.radians(0.2)
 _BLOCK_RAD = math.radians(10.0)  # so short that a motor's wavering does not blur the grid
 _ENOUGH = 5
+# No sensor has more rings; a number beyond is a damaged point's, and tables by ring stay small without it.
+MOST_RINGS = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,18 +41,23 @@ class SensorGrid:
 
 
 def learn_grid(sweeps: Iterable[Sweep]) -> SensorGrid:
-    """The grid of a sensor from some of its sweeps; a default one from sweeps without points."""
+    """The grid of a sensor from some of its sweeps; a default one from sweeps without points.
+
+    Points of rings from ``MOST_RINGS`` on are ignored.
+    """
     rings: list[NDArray[np.int64]] = []
     azimuths: list[NDArray[np.float64]] = []
     elevations: list[NDArray[np.float64]] = []
     for number, sweep in enumerate(sweeps):
-        x, y, z = sweep.xyz.astype(np.float64).T
+        real = sweep.ring < MOST_RINGS
+        x, y, z = sweep.xyz[real].astype(np.float64).T
+        ring = sweep.ring[real].astype(np.int64)
         azimuth = np.arctan2(y, x)
-        order = np.lexsort((azimuth, sweep.ring))
+        order = np.lexsort((azimuth, ring))
         # Each sweep's azimuths stand a turn apart, so that differences and blocks never span two sweeps.
         azimuths.append(azimuth[order] + number * 4.0 * math.pi)
         elevations.append(np.arctan2(z, np.hypot(x, y))[order])
-        rings.append(sweep.ring[order].astype(np.int64))
+        rings.append(ring[order])
     ring = np.concatenate([np.zeros(0, np.int64), *rings])
     azimuth = np.concatenate([np.zeros(0), *azimuths])
     count = int(ring.max(initial=0)) + 1

@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.workers.vertices.refined_walks import walk
 from tests.workers.vertices.sweeps import sweep
 from workers.simulation.lidar import SENSORS
+from workers.vertices.refined.window import open_window
 from workers.vertices.sensor_grid import learn_grid
 
 
@@ -36,3 +39,14 @@ def test_a_ring_without_returns_lies_between_its_neighbours():
     points = [(ring, 5.0, 0.02 * i, 0.1 * ring) for ring in (0, 2) for i in range(9)]
     grid = learn_grid([sweep(points)])
     assert grid.elevation[1] == pytest.approx(0.5 * (grid.elevation[0] + grid.elevation[2]))
+
+
+def test_a_ring_that_no_sensor_has_takes_no_memory():
+    seen = walk(3, 0.5).sweeps[0]
+    ring = seen.ring.copy()
+    ring[7] = 65_535
+    damaged = replace(seen, ring=ring)
+    grid = learn_grid([damaged])
+    assert grid.elevation.size == int(seen.ring.max()) + 1
+    window = open_window(damaged, np.ones(len(ring), np.bool_), grid, float(np.arctan2(*seen.xyz[7, 1::-1])), 0.2)
+    assert window.distance.shape[0] == grid.elevation.size and 7 not in window.point

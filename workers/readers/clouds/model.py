@@ -136,8 +136,8 @@ class CloudModel:
             notes.append(f"{self.unknown_rings} points were left out, because they lie between the computed rings.")
         elif self.unknown_rings:
             notes.append(
-                f"{self.unknown_rings} points were left out, because their ring id appears nowhere in the "
-                f"{SAMPLES} sweeps from which the order of the rings was learned."
+                f"{self.unknown_rings} points were left out, because their ring id appears nowhere, or on "
+                f"hardly any points, in the {SAMPLES} sweeps from which the order of the rings was learned."
             )
         return notes
 
@@ -179,7 +179,7 @@ def learn_clouds(
 
     Raises:
         ReadError: ``cloud_without_xyz``, ``cloud_fields_differ``, ``rings_not_separable``, ``rings_unexpected``,
-            ``no_sweeps``.
+            ``rings_too_many``, ``no_sweeps``.
     """
     fields: CloudFields | None = None
     clouds: list[tuple[int, NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.generic] | None]] = []
@@ -198,7 +198,7 @@ def learn_clouds(
     if fields.ring is None:
         rings = learn_missing_rings([xyz for _, xyz, _, _ in clouds], where, options.rings)
     else:
-        rings = learn_rings([(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None])
+        rings = learn_rings([(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None], where)
     notes = [f"{where}: {rings.note}"] if rings.note else []
     if fields.intensity is None:
         notes.append(f"{where} has no intensity field; intensities are 0.")

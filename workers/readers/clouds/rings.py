@@ -17,6 +17,10 @@ from workers.readers.recording import ReadError
 _LINE_COUNTS: Final = (1, 4, 8, 16, 20, 32, 40, 64, 80, 96, 120, 128, 192, 256)
 _ENOUGH_POINTS: Final = 20
 _CLEAR_STEP_DEG: Final = 0.1
+# Damaged points carry ring ids at random. A sensor's own uppermost rings may see little, but lie among the others.
+_MOST_RINGS: Final = _LINE_COUNTS[-1]
+_HARDLY_ANY: Final = 3
+_HARDLY_ANY_PART: Final = 0.01
 # Elevations in degrees as the makers' manuals give them; a sensor whose top rings see only sky is told by the others.
 _VLP32C: Final = (
     *(-25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667, -2.333),
@@ -56,20 +60,32 @@ class RingOrder:
         return np.where(known, self.table[np.where(known, index, 0)], np.int32(-1))
 
 
-def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]]) -> RingOrder:
+def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]], where: str) -> RingOrder:
     """The order of the rings from sample clouds.
 
     Ids that already ascend with elevation are kept, so that an empty ring leaves its gap; ids that descend
     (Ouster counts from the top) are turned round; others (a VLP-16's laser ids) are ranked by median elevation.
+    Ids far from the others that rest on hardly any points are damage and stay unknown.
 
     Args:
         clouds: pairs of (N, 3) float32 points in the LiDAR's frame and (N,) int64 ids.
+        where: names the LiDAR in messages.
+
+    Raises:
+        ReadError: ``rings_too_many`` where ids beyond those of any sensor rest on more than damage.
     """
-    ids, elevation, enough = _median_elevations(clouds)
-    lines = next((n for n in _LINE_COUNTS if len(ids) and n > ids[-1]), int(ids[-1]) + 1 if len(ids) else 1)
+    ids, elevation, enough, lines = _median_elevations(clouds)
+    if len(ids) and ids[-1] >= _MOST_RINGS:
+        raise ReadError(
+            "rings_too_many",
+            f"{where} has ring ids up to {ids[-1]}; sensors have at most {_MOST_RINGS} rings, numbered from 0.",
+            "Record the driver's own ring field, or leave the field out so that rings are computed from the points. "
+            "If the file may be damaged, copy it again.",
+        )
     identity = np.arange(lines, dtype=np.int32)
+    trusted = elevation[enough] if np.count_nonzero(enough) > 1 else elevation
     steps = np.diff(elevation[enough])
-    rises = len(ids) == 0 or elevation[-1] >= elevation[0]
+    rises = len(ids) == 0 or trusted[-1] >= trusted[0]
     if rises and (steps > -_CLEAR_STEP_DEG).all():
         return RingOrder(identity, lines, "")
     if not rises and (steps < _CLEAR_STEP_DEG).all():
@@ -83,8 +99,8 @@ def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]])
 
 def _median_elevations(
     clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]],
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Ids that appear, ascending; median elevation of each in degrees; whether it rests on enough points."""
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], int]:
+    """Ids of rings, ascending; median elevation of each in degrees; whether it rests on enough points; line count."""
     xyz = np.concatenate([np.zeros((0, 3)), *(xyz.astype(np.float64) for xyz, _ in clouds)])
     ring = np.concatenate([np.zeros(0, np.int64), *(ring for _, ring in clouds)])
     usable = (ring >= 0) & (ring < 65536)
@@ -94,7 +110,19 @@ def _median_elevations(
     ids, starts, counts = np.unique(ring[order], return_index=True, return_counts=True)
     parts = np.split(elevation[order], starts[1:]) if len(ids) else []
     medians = np.array([np.median(part) for part in parts], np.float64)
-    return ids, medians, counts >= min(_ENOUGH_POINTS, int(counts.max(initial=1)))
+    lines, kept = _without_damage(ids, counts)
+    enough = counts >= min(_ENOUGH_POINTS, int(counts.max(initial=1)))
+    return ids[kept], medians[kept], enough[kept], lines
+
+
+def _without_damage(ids: NDArray[np.int64], counts: NDArray[np.intp]) -> tuple[int, NDArray[np.bool_]]:
+    """The sensor's number of lines, and which ids are rings: not those beyond it that rest on hardly any points."""
+    most = int(counts.max(initial=0))
+    few = np.where(ids < _MOST_RINGS, _HARDLY_ANY, max(_HARDLY_ANY, _HARDLY_ANY_PART * most))
+    solid = (counts >= few) if most >= _ENOUGH_POINTS else np.ones(len(ids), np.bool_)
+    highest = int(ids[solid].max(initial=0))
+    lines = next((n for n in _LINE_COUNTS if n > highest), highest + 1)
+    return lines, solid | (ids < lines)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
-from workers.vertices.sensor_grid import SensorGrid
+from workers.vertices.sensor_grid import MOST_RINGS, SensorGrid
 
 Floats = NDArray[np.float64]
 _TWO_PI = 2.0 * math.pi
@@ -58,10 +58,11 @@ def open_window(
 
 def _for_rings(sweep: Sweep, grid: SensorGrid) -> tuple[Floats, Floats]:
     """Elevations and shifts, also of rings that the sweep has and the sweeps that taught the grid had not."""
-    more = int(sweep.ring.max(initial=0)) + 1 - grid.elevation.size
-    if more <= 0:
+    further = (sweep.ring >= grid.elevation.size) & (sweep.ring < MOST_RINGS)
+    if not further.any():
         return grid.elevation, grid.shift
-    above = sweep.xyz[sweep.ring >= grid.elevation.size].astype(np.float64)
+    more = int(sweep.ring[further].max()) + 1 - grid.elevation.size
+    above = sweep.xyz[further].astype(np.float64)
     highest = float(np.median(np.arctan2(above[:, 2], np.hypot(above[:, 0], above[:, 1]))))
     steps = np.arange(1, more + 1, dtype=np.float64) / more
     rising = grid.elevation[-1] + (highest - grid.elevation[-1]) * steps
@@ -83,7 +84,7 @@ def _image(
     for i in range(ring.size):
         x, y = np.float64(xyz[i, 0]), np.float64(xyz[i, 1])
         along, across = x * c0 + y * s0, y * c0 - x * s0
-        if along > 0.0 and abs(across) <= reach * along:
+        if ring[i] < rings and along > 0.0 and abs(across) <= reach * along:
             a = math.atan2(across, along)
             kept[count], angle[count] = i, a
             count += 1
