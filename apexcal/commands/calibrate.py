@@ -28,6 +28,9 @@ def calibrate(
     stated: Annotated[
         bool, typer.Option("--stated", help="Look for focal lengths and centre near those that the recording states.")
     ] = False,
+    outliers: Annotated[
+        str | None, typer.Option(help="keep or exclude the pairs that are judged not to belong; keep.")
+    ] = None,
     folds: Annotated[int | None, typer.Option(help="Held-out blocks, 0 for none; 5.", min=0)] = None,
     seed: Annotated[int | None, typer.Option(help="Seed; otherwise from the request's content.")] = None,
     farm: Annotated[str | None, typer.Option(help="auto, slots or runs; auto.")] = None,
@@ -47,12 +50,15 @@ def calibrate(
             "--folds 1 holds out everything and fits nothing",
             "Give 2 or more blocks, for example --folds 5, or 0 to hold none out",
         )
+    if outliers not in (None, "keep", "exclude"):
+        usage(f"--outliers {outliers!r} is neither keep nor exclude", "Write --outliers exclude to leave them out")
     # What is not given is left to the service: a preset means more than its schedule.
     given = {
         "preset": preset,
         "search": search,
         "bounds_preset": bounds,
         "intrinsics_from": "recording" if stated else None,
+        "outliers": outliers,
         "folds": folds,
         "seed": seed,
         "farm": farm,

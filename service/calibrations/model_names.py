@@ -14,6 +14,7 @@ from service.http.problems import Problem
 SearchForm = Literal["rotation_vector", "euler"]
 BoundsPreset = Literal["image-size", "paper-table-1"]
 Loss = Literal["mean", "saturating"]
+OutlierRule = Literal["keep", "exclude"]
 PresetName = Literal["default", "paper", "toolbox"]
 
 INTRINSICS: dict[str, tuple[str, ...]] = {

@@ -84,7 +84,7 @@ def plan_request(wanted: CalibrationRequest, sources: list[CameraPairs]) -> Plan
         }
     )
     seed = wanted.seed if wanted.seed is not None else int(digest[:13], 16)  # 52 bits
-    notes = [note for source in sources for note in _notes(source)]
+    notes = [note for source in sources for note in _notes(source, {*bounds, *common["locked"]})]
     fits: list[Fit] = []
     for source, document in documents:
         folds, sentence = _folds(source, document, wanted.folds)
@@ -110,6 +110,8 @@ def _common(wanted: CalibrationRequest, models: list[str]) -> Json:
         "schedule": _size(wanted)._asdict() | wanted.schedule.model_dump(exclude_none=True),
         "locked": _by_name(wanted.locked, "locked", models, search),
         "priors": _by_name(priors, "priors", models, search),
+        # The default is left out, so that a request from before this choice still gives the same seed and bits.
+        **({} if wanted.outliers == "keep" else {"outliers": wanted.outliers}),
     }
 
 
@@ -166,16 +168,30 @@ def _folds(source: CameraPairs, document: Json, wanted: int) -> tuple[int, str |
     return fold_count(source.pairs.pairs, wanted, free, f"{model} on {source.camera.name}")
 
 
-def _notes(source: CameraPairs) -> list[str]:
-    """What the set says of itself, and what of the rig's bounds nobody can use."""
+def _notes(source: CameraPairs, settled: set[str]) -> list[str]:
+    """What the set says of itself, what the recording's intrinsics bound, and what of the rig's bounds is of no use.
+
+    ``settled`` are the parameters that the request itself bounds or locks.
+    """
     known = {name for form in EXTRINSICS for name in all_names(MODELS, form)}
     unused = [name for name in source.camera.bounds if _plain(name) not in known]
     notes = [f"{source.camera.name}: {note}" for note in source.pairs.notes]
     if source.stated:
-        notes.append(f"{source.camera.name}: f_x, f_y, c_x and c_y are looked for near what the recording states.")
+        notes.append(f"{source.camera.name}: {_near_stated_note(source, settled)}")
     return notes + [
         f"The rig's bounds of {source.camera.name} name {n!r}, which no model has; unused." for n in unused
     ]
+
+
+def _near_stated_note(source: CameraPairs, settled: set[str]) -> str:
+    """Which parameters are looked for near what the recording states; the rig and the request go first."""
+    names = [
+        name for name in near_stated(source.stated or {}) if name not in settled | set(_bare(source.camera.bounds))
+    ]
+    if not names:
+        return "what the recording states bounds nothing, because the rig or the request settles it all."
+    listed = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+    return f"{listed} {'is' if len(names) == 1 else 'are'} looked for near what the recording states."
 
 
 def _by_name(given: Mapping[str, Any], where: str, models: Iterable[str], search: SearchForm) -> dict[str, Any]:

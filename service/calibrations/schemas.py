@@ -8,7 +8,7 @@ from uuid import UUID
 
 from pydantic import Field
 
-from service.calibrations.model_names import MODELS, BoundsPreset, Loss, PresetName, SearchForm
+from service.calibrations.model_names import MODELS, BoundsPreset, Loss, OutlierRule, PresetName, SearchForm
 from service.http.schemas import Magnitude, Received, Sent
 
 Json = dict[str, Any]
@@ -89,6 +89,9 @@ class CalibrationRequest(Received):
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]
     loss: Loss = "mean"
+    outliers: Annotated[
+        OutlierRule, Field(description="whether pairs that are judged not to belong stay in the polished fit")
+    ] = "keep"
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
     folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5
     farm: Literal["auto", "slots", "runs"] = "auto"

@@ -18,6 +18,10 @@ from workers.vertices.vertex import Vertex
 PairingMode = Literal["nearest", "interpolate"]
 PAIRING_MODES: Final[tuple[PairingMode, ...]] = ("nearest", "interpolate")
 
+# How far from the nearest vertex the track is followed. Within a second a walker at 1.2 m/s turns round; farther away
+# a straight line goes on to where nobody walked.
+REACH_NS: Final = 1_000_000_000
+
 # The gap of a vertex that has no frame at all to be compared with.
 NO_FRAME_GAP_NS = int(np.iinfo(np.int64).max)
 
@@ -65,7 +69,8 @@ class MovedVertices:
     """Vertices moved along their track to the moments of their camera frames; one row per vertex.
 
     Attributes:
-        index: (N,) int64 of the frame, -1 where there is no pair.
+        index: (N,) int64 of the frame, -1 where there is no pair: none within max_gap_ns, or the frame's moment lies
+            more than `REACH_NS` from the nearest vertex of the track.
         xyz: (N, 3) the apex at the frame's time, metres, LiDAR frame; not a number where there is no pair.
         covariance: (N, 3, 3) over (azimuth rad, elevation rad, range m), the interpolation's error included; not a
             number where there is no pair.
@@ -104,5 +109,8 @@ def pair_interpolated(
     if paired.size:
         track = Track.of([*vertices, *context])
         points = track.at(times[paired] + gap[paired], track.places(vertices)[paired])
-        xyz[paired], covariance[paired] = points.xyz, points.covariance
+        within = points.gap_ns <= REACH_NS
+        index[paired[~within]] = -1
+        paired = paired[within]
+        xyz[paired], covariance[paired] = points.xyz[within], points.covariance[within]
     return MovedVertices(index, xyz, covariance, np.where(index >= 0, gap, 0))

@@ -45,7 +45,7 @@ class TrackPoints:
         velocity: (M, 3) metres per second.
         covariance: (M, 3, 3) of the apex over (azimuth rad, elevation rad, range m), interpolation included.
         covariance_xyz: (M, 3, 3) the same, over x, y, z, square metres.
-        gap_ns: (M,) int64 from the nearest vertex of the track, in time.
+        gap_ns: (M,) int64 from the nearest, in time, of the vertices that the local window holds.
     """
 
     xyz: Floats
@@ -126,8 +126,12 @@ class Track:
             velocity=np.concatenate([none[:, 0], *(part[1] for part in parts)]),
             covariance=to_spherical(spread, xyz),
             covariance_xyz=spread,
-            gap_ns=np.abs(self.times_ns[nearest] - times),
+            gap_ns=self._gap(times, about),
         )
+
+    def _gap(self, times: NDArray[np.int64], about: NDArray[np.int64]) -> NDArray[np.int64]:
+        chosen, _ = self._near(times, about)
+        return np.abs(self.times_ns[chosen[:, 0]] - times)
 
     def _nearest(self, times: NDArray[np.int64]) -> NDArray[np.int64]:
         after = np.clip(np.searchsorted(self.times_ns, times), 0, len(self.times_ns) - 1)

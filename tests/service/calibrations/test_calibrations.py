@@ -70,7 +70,22 @@ def test_intrinsics_that_the_recording_states_bound_the_search(api, fleet, engin
     bounds = documents(api, answer.json()["id"])["pinhole", -1]["bounds"]
     assert bounds["f_x"] == pytest.approx([450.0, 550.0]) and bounds["c_x"] == pytest.approx([288.0, 352.0])
     assert bounds["c_y"] == [230.0, 250.0], "what is asked for goes first"
-    assert any("near what the recording states" in note for note in answer.json()["notes"])
+    assert "front: f_x, f_y and c_x are looked for near what the recording states." in answer.json()["notes"]
+    request["bounds"] |= {"f_x": [400.0, 600.0], "f_y": [400.0, 600.0]}
+    request["locked"] = {"c_x": 320.0}
+    assert any("bounds nothing" in note for note in ask_it().json()["notes"])
+
+
+def test_outliers_are_left_out_on_request_only(api, engineer, rig):
+    known = {"models": ["pinhole"], "folds": 0}
+    made = add_set(engineer, rig)
+    kept, excluded, refused = (
+        ask(engineer, rig, made, **known, **extra) for extra in ({}, {"outliers": "exclude"}, {"outliers": "some"})
+    )
+    assert (kept.status_code, excluded.status_code, refused.status_code) == (202, 202, 422)
+    assert (kept.json()["request"]["outliers"], excluded.json()["request"]["outliers"]) == ("keep", "exclude")
+    assert "outliers" not in documents(api, kept.json()["id"])["pinhole", -1], "the seed is that of before"
+    assert documents(api, excluded.json()["id"])["pinhole", -1]["outliers"] == "exclude"
 
 
 def test_a_request_becomes_a_run_for_every_model_and_fold(api, engineer, rig):

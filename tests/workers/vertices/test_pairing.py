@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.workers.vertices.walks import START_NS, seconds, spherical, vertices, walk
-from workers.vertices.pairing import NO_FRAME_GAP_NS, pair, pair_interpolated
+from workers.vertices.pairing import NO_FRAME_GAP_NS, REACH_NS, pair, pair_interpolated
 from workers.vertices.tracks import MARGIN_SWEEPS
 
 MS = 1_000_000
@@ -98,3 +98,21 @@ def test_a_vertex_too_far_from_any_frame_is_no_pair():
     assert np.isfinite(pairs.xyz).all(axis=1).tolist() == [False, False, True, False, False]
     assert pair_interpolated(found, [], max_gap_ns=0).index.tolist() == [-1] * 5
     assert pair_interpolated([], [near], max_gap_ns=0).xyz.shape == (0, 3)
+
+
+def test_the_track_is_not_followed_to_where_no_vertex_is_near():
+    found = vertices(walk(1), 1)[:30]
+    last, offset, minute = found[-1].time_ns, 30 * MS, 60_000 * MS
+    for beyond, paired in ((REACH_NS, True), (REACH_NS + 1, False), (55_000 * MS, False)):
+        pairs = pair_interpolated(found, [last + beyond + offset], offset_ns=offset, max_gap_ns=minute)
+        assert (pairs.index[-1] == 0) == np.isfinite(pairs.xyz[-1]).all() == paired
+        assert (pairs.moved_ns[-1] == beyond) == paired
+        assert pairs.index[0] == -1, "its own window ends a second after it"
+    # A frame far from a vertex, amid others that its window holds, is still a pair.
+    amid = pair_interpolated(found, [found[0].time_ns + 1500 * MS], max_gap_ns=minute)
+    assert amid.index[0] == 0
+    # However the recording is cut.
+    frames = [last + 800 * MS, last + 5_000 * MS]
+    whole = pair_interpolated(found, frames, max_gap_ns=minute)
+    shard = pair_interpolated(found[25:], frames, context=found[25 - MARGIN_SWEEPS : 25], max_gap_ns=minute)
+    np.testing.assert_array_equal(shard.index, whole.index[25:])

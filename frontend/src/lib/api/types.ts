@@ -287,6 +287,7 @@ export interface CalibrationRequest {
   preset: "default" | "paper" | "toolbox";
   search: "rotation_vector" | "euler";
   loss: "mean" | "saturating";
+  outliers: "keep" | "exclude";
   bounds_preset: "image-size" | "paper-table-1";
   intrinsics_from: "bounds" | "recording";
   folds: number;
