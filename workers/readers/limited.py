@@ -82,11 +82,19 @@ def ingest_limited(
     except ReadError as error:
         shutil.rmtree(out, ignore_errors=True)
         if name is not None:
-            error.message = re.sub(rf"(?<!\w){re.escape(Path(source).name)}(?!\w)", lambda _: name, error.message)
+            error.message = _renamed(error.message, Path(source).name, name)
         raise
     except BaseException:
         shutil.rmtree(out, ignore_errors=True)
         raise
+
+
+def _renamed(message: str, source: str, name: str) -> str:
+    """A message that begins with the source's name, with its owner's name instead.
+
+    Elsewhere the same letters may be an ordinary word, or the name of a topic that its owner has to choose as it is.
+    """
+    return re.sub(rf"^{re.escape(source)}(?![\w/.-])", lambda _: name, message)
 
 
 def _run(

@@ -77,6 +77,16 @@ def test_the_readers_own_errors_come_through(small, tmp_path):
         assert caught.value.code == "request_invalid" and "point_times" in caught.value.hint
 
 
+@pytest.mark.parametrize("stem", ["recording", "zip", "_"])
+def test_only_the_files_own_name_becomes_its_owners(tmp_path, stem):
+    with zipfile.ZipFile(tmp_path / stem, "w") as archive:
+        archive.writestr("notes/recording.txt", "no recording, zip or _ of any kind")
+    plain = failure(tmp_path / stem, tmp_path / "out")
+    named = failure(tmp_path / stem, tmp_path / "out", name="мой файл")
+    assert plain.message.startswith(f"{stem} ") and "recording" in plain.message[len(stem) :]
+    assert named.message == "мой файл" + plain.message[len(stem) :]
+
+
 def test_what_to_choose_from_comes_through(tmp_path):
     path = write_bag(tmp_path / "two.bag", interleaved(clouds(2), images(2), images(2, "/other/compressed")))
     error = failure(path, tmp_path / "out")

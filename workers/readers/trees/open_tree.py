@@ -39,7 +39,7 @@ class _Unpacked:
         self._scratch = Scratch(path.name, path.stat().st_size)
         inner = next((path.name[: -len(s)] for s in _SUFFIXES if path.name.lower().endswith(s)), path.name)
         try:
-            file = self._scratch.unpack(path, packing, inner or "recording")
+            file = self._scratch.unpack(path, packing, inner if inner.strip(".") else "recording")
             with file.open("rb") as unpacked:
                 head = unpacked.read(512)
             if not head:  # zstd stops without a word where its data are cut short

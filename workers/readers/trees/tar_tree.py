@@ -54,6 +54,8 @@ class Tar:
                     cast(Any, archive).members.clear()  # else the archive keeps every header
         except (tarfile.TarError, ValueError, OverflowError) as error:
             raise self._truncated(f"it cannot be read to its end ({error})") from error
+        except RecursionError as error:  # tarfile goes one call deeper with each
+            raise self._truncated("it has hundreds of extension headers in a row, and no file behind them") from error
         # tarfile stops without a word at a broken header; a whole tar ends in blocks of zeros.
         self._file.seek(self._end)
         if self._file.read(512) != bytes(512):

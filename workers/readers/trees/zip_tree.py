@@ -50,15 +50,19 @@ class Zip:
     def _check_directory(self, file: Path) -> None:
         """Refuse an absurd directory by its end record, before it is read."""
         with file.open("rb") as raw:
-            raw.seek(max(0, self._size - 65_557))
+            raw.seek(max(0, self._size - 65_557 - 20))
             tail = raw.read()
-        place = tail.rfind(b"PK\x05\x06")
-        if place < 0 or place + 22 > len(tail):
-            raise damaged_archive(self.name, "its directory, which stands at the end of a zip, is missing")
-        (directory,) = struct.unpack_from("<I", tail, place + 12)
-        if directory == 0xFFFFFFFF:
-            long = tail.rfind(b"PK\x06\x06", 0, place)
-            directory = struct.unpack_from("<Q", tail, long + 40)[0] if 0 <= long <= len(tail) - 56 else 0
+            place = tail.rfind(b"PK\x05\x06")
+            if place < 0 or place + 22 > len(tail):
+                raise damaged_archive(self.name, "its directory, which stands at the end of a zip, is missing")
+            (directory,) = struct.unpack_from("<I", tail, place + 12)
+            # zipfile believes a zip64 record wherever its locator is there, whatever the short record says.
+            if place >= 20 and tail.startswith(b"PK\x06\x07", place - 20):
+                (stated,) = struct.unpack_from("<Q", tail, place - 12)
+                before = self._size - len(tail) + place - 20 - 56
+                directory = max(
+                    directory, _long_directory(raw, before), _long_directory(raw, min(stated, self._size))
+                )
         if directory > _MAX_DIRECTORY_BYTES:
             raise refused(self.name, f"its directory alone takes {directory} bytes")
 
@@ -120,6 +124,13 @@ class Zip:
         """Close the zip and remove what was unpacked."""
         self._zip.close()
         self._scratch.close()
+
+
+def _long_directory(raw: IO[bytes], place: int) -> int:
+    """Bytes of the directory as a zip64 record at that place says; 0 where there is none."""
+    raw.seek(max(0, place))
+    record = raw.read(56)
+    return int(struct.unpack_from("<Q", record, 40)[0]) if record[:4] == b"PK\x06\x06" and len(record) == 56 else 0
 
 
 class _Unpacking:

@@ -16,6 +16,7 @@ from workers.readers.recording import ReadError
 from workers.readers.trees import file_tree, scratch, zip_tree
 from workers.readers.trees.file_tree import Folder, read_file, read_head
 from workers.readers.trees.open_tree import open_tree
+from workers.readers.trees.zip_tree import Zip
 
 FILES = {"2.png": b"two", "lidar/1.pcd": b"one" * 1000}
 NOISE = np.random.default_rng(0).bytes(60_000)
@@ -285,3 +286,35 @@ def test_an_absurd_directory_of_a_zip_is_refused_before_it_is_read(tmp_path):
     struct.pack_into("<I", data, data.rindex(b"PK\x05\x06") + 12, 2**31)
     path.write_bytes(data)
     assert "directory alone" in refused(lambda: open_tree(path)).message
+
+
+def test_a_directory_is_refused_by_its_zip64_record_whatever_the_short_one_says(tmp_path):
+    path = zip_of(tmp_path / "a.zip", [("a.png", b"data")])
+    data = path.read_bytes()
+    end = data.rindex(b"PK\x05\x06")
+    record = struct.pack("<IQHHIIQQQQ", 0x06064B50, 44, 45, 45, 0, 0, 1, 1, 2**31, 0)
+    locator = struct.pack("<IIQI", 0x07064B50, 0, end, 1)
+    path.write_bytes(data[:end] + record + locator + data[end:])
+    assert "directory alone takes 2147483648 bytes" in refused(lambda: open_tree(path)).message
+    far = struct.pack("<IIQI", 0x07064B50, 0, 0, 1)  # the record stands where the locator says, at the beginning
+    path.write_bytes(record + data[:end] + far + data[end:])
+    with pytest.raises(ReadError, match="directory alone"):
+        Zip(path)
+
+
+@pytest.mark.parametrize("kind", [b"L", b"x"])
+def test_a_tar_of_nothing_but_extension_headers(tmp_path, kind):
+    text = b"30 mtime=1350244992.023960108\n" if kind == b"x" else b"a\0"
+    info = tarfile.TarInfo("././@LongLink")
+    info.type, info.size = kind, len(text)
+    block = info.tobuf(tarfile.GNU_FORMAT) + text.ljust(512, b"\0")
+    (tmp_path / "a.tar").write_bytes(block * 3000 + bytes(10_240))
+    assert refused(lambda: open_tree(tmp_path / "a.tar")).code == "recording_truncated"
+
+
+@pytest.mark.parametrize("name", [".gz", "..gz", "...gz"])
+def test_a_compressed_file_whose_inner_name_is_no_name(tmp_path, name):
+    (tmp_path / name).write_bytes(gzip.compress(b"#ROSBAG V2.0\n"))
+    tree = open_tree(tmp_path / name)
+    assert tree.paths == ["recording"] and read_file(tree, "recording") == b"#ROSBAG V2.0\n"
+    tree.close()
