@@ -76,7 +76,7 @@ def calibrate(
             calibration = client.wait(calibration, on_progress=progress)
         published = [] if as_json else _publications(client, calibration, wanted=publish)
     if not as_json:
-        show(calibration, chosen)
+        show(calibration)
     say(calibration, as_json, "\n".join([f"The calibration is {calibration['id']}.", *published]))
 
 

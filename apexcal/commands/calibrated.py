@@ -12,10 +12,10 @@ from apexcal.transport import Document
 _OVERFITTED = 2.0
 
 
-def show(calibration: Document, chosen: Document) -> None:
-    """Print a table for each camera and the sentences that go with it; ``chosen`` is the correspondence set."""
+def show(calibration: Document) -> None:
+    """Print a table for each camera and the sentences that go with it; the notes hold those of the pairs."""
     out = console()
-    for note in dict.fromkeys([*chosen.get("notes", []), *calibration.get("notes", [])]):
+    for note in calibration.get("notes", []):
         out.print(f"Note: {note}", markup=False, soft_wrap=True)
     for name, camera in (calibration.get("summary") or {}).get("cameras", {}).items():
         out.print(table_of(name, camera))

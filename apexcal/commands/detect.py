@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from apexcal.client import ClientError, FailedError
+from apexcal.client import FailedError
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import connected, find_recording
 from apexcal.documents import parse_document
@@ -20,6 +20,9 @@ from apexcal.transport import Document
 _KEEP = "Inequality that a point must meet, for example 'range < 9' or 'z / x > 0.2'; may be given several times."
 # Below this share of accepted sweeps the region is more likely wrong than the board far away.
 _FEW = 0.05
+# Edges of a board that a person carries, metres. The detector takes 0 for "not known"; leaving --board out says that.
+_EDGES_M = (0.1, 3.0)
+_EXAMPLES = {"refined": "max_sigma_deg=0.1", "tolerant": "min_points=10", "strict": "min_ring_span=3"}
 
 
 def detect(
@@ -51,9 +54,9 @@ def detect(
             "--offset-ms and --max-gap-ms are finite numbers",
             "Both are in milliseconds, for example --offset-ms 12.5",
         )
+    options = _board(board, detector) | _options(option or [], detector)
     with connected(url, token, data) as client, bar("Detecting", not as_json) as progress:
         tree = read_region(region) if region else parse_region(keep or [])
-        options = _board(board) | _options(option or [])
         of = find_recording(client, recording)
         if of["state"] == "failed":
             raise FailedError(f"the recording {of['name']!r}", "failed", of["problem"])
@@ -73,18 +76,26 @@ def detect(
     say(shown, as_json, _preview(shown["result"]) if preview else _outcome(shown))
 
 
-def _board(text: str) -> dict[str, Any]:
+def _board(text: str, detector: str) -> dict[str, Any]:
     """The board's edges from ``WIDTHxHEIGHT``, metres."""
     if not text:
         return {}
+    if detector in _EXAMPLES and detector != "refined":
+        usage(f"--board is for refined only; {detector} does not use the board's size", "Leave --board out")
     try:
         width, height = (float(edge) for edge in re.split(r"[x×*]", text.lower()))
     except ValueError:
-        raise ClientError(f"{text!r} is no size of a board", "Write its two edges in metres, as 0.61x0.91.") from None
+        usage(f"--board {text!r} is no size of a board", "Write its two edges in metres, as 0.61x0.91")
+    least, most = _EDGES_M
+    if not (least <= width <= most and least <= height <= most):
+        usage(
+            f"--board {text!r} is no size of a board: its edges are in metres, each from {least} to {most:g}",
+            "Write it as 0.61x0.91; leave it out where the size is not known",
+        )
     return {"board_width_m": width, "board_height_m": height}
 
 
-def _options(texts: list[str]) -> dict[str, Any]:
+def _options(texts: list[str], detector: str) -> dict[str, Any]:
     """``name=value`` pairs, the values as JSON."""
     options: dict[str, Any] = {}
     for text in texts:
@@ -94,7 +105,8 @@ def _options(texts: list[str]) -> dict[str, Any]:
         except ValueError:
             equals = ""
         if not equals:
-            raise ClientError(f"{text!r} is no option", "Write it as name=number, for example min_points=10.")
+            example = _EXAMPLES.get(detector, _EXAMPLES["refined"])
+            usage(f"--option {text!r} is no option", f"Write it as name=number, for example --option {example}")
     return options
 
 

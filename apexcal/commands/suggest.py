@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say
+from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import connected, find_recording
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
@@ -17,6 +17,7 @@ from apexcal.transport import Document
 def suggest(
     recording: Annotated[str, typer.Argument(help="Recording, by id or by name.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write the region into.")] = Path("region.json"),
+    force: Annotated[bool, typer.Option("--force", help="Replace the file.")] = False,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
@@ -26,6 +27,8 @@ def suggest(
 
     Look at what it keeps with `apexcal detect RECORDING --region region.json --preview`, and edit it as you like.
     """
+    if out.exists() and not force:
+        usage(f"{out} exists already", "Name another file with --out, or say --force")
     with connected(url, token, data) as client, bar("Looking for what moves", not as_json) as progress:
         of = find_recording(client, recording)
         done = client.wait(client.detections.suggest(of["id"]), on_progress=progress)

@@ -69,7 +69,7 @@ def run(steps: Steps, client: Client, fleet: Document, folder: Path) -> Document
     document |= {
         "correspondences": pairs["count"],
         "detections": job.acceptance([strict, tolerant, refined]),
-        "notes": [*pairs["notes"], *calibration["notes"]],
+        "notes": calibration["notes"],
         "recording_id": recording["id"],
         "calibration_id": calibration["id"],
     }

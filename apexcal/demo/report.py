@@ -42,10 +42,11 @@ def show(report: Document, out: Console) -> None:
             table.add_row(f"[bold]{half}[/]")
             for model in MODELS:
                 table.add_row(*_row(half, model, document))
-            if "refined" in document:
-                table.add_row(*_row(half, "  refined", {"  refined": document["refined"]}))
+                if "refined" in document and model == document["model"]:
+                    table.add_row(*_row(half, "  refined", {"  refined": document["refined"]}))
+                    table.add_row(*_truth("  (its truth)", document["refined"]))
             if half == "simulated":
-                table.add_row("(the truth)", "", "", "", f"{document['pinhole']['heldout_truth_px']:.2f}", "0", "0")
+                table.add_row(*_truth("(the truth)", document["pinhole"]))
             table.add_section()
     out.print()
     out.print(table)
@@ -83,6 +84,11 @@ def _row(half: str, model: str, document: Document) -> list[str]:
     if half == "simulated":
         errors = [f"{found['rotation_error_deg']:.2f}", f"{found['translation_error_m'] * 1000:.0f}"]
     return [model, *stages, f"{found['heldout_px']:.2f}", *errors, f"{found['seconds']:.1f}"]
+
+
+def _truth(label: str, figures: Document) -> list[str]:
+    """What the truth scores on the pairs that these figures are from."""
+    return [label, "", "", "", f"{figures['heldout_truth_px']:.2f}", "0", "0"]
 
 
 def _sentences(half: str, document: Document) -> list[str]:

@@ -66,7 +66,7 @@ def run(steps: Steps, client: Client, fleet: Document, folder: Path) -> Document
         "detections": job.acceptance([strict, tolerant, refined]),
         "region": {name: kept[name] for name in ("frames", "frames_kept", "points", "points_kept")},
         "marks": progress["marks"],
-        "notes": [*pairs["notes"], *calibration["notes"]],
+        "notes": calibration["notes"],
         "recording_id": recording["id"],
         "detection_id": tolerant["id"],
         "calibration_id": calibration["id"],

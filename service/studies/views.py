@@ -9,6 +9,9 @@ from service.db.studies import Study
 from service.http.jobs import JobView
 from service.studies.schemas import OffsetView, PreviewView, SuggestionView
 
+# An offset within so many of its standard deviations is no reason to move anything.
+_CERTAIN = 2.0
+
 
 def preview_view(row: Study, job: Job | None) -> PreviewView:
     """A preview with its job."""
@@ -27,16 +30,23 @@ def offset_view(row: Study, job: Job | None) -> OffsetView:
         detection_id=row.detection_id,  # pyright: ignore[reportArgumentType] - an offset always has one
         camera=row.asked["camera"],
         marks=len(row.asked["marks"]["u"]),
-        hint=_how_to_use(row.result) if row.result else None,
+        hint=_how_to_use(row.result, row.asked["camera"]) if row.result else None,
     )
 
 
-def _how_to_use(result: dict[str, Any]) -> str:
+def _how_to_use(result: dict[str, Any], camera: str) -> str:
     offset, sigma = result["offset_ns"] / 1e6, result["sigma_ns"] / 1e6
-    return (
+    shows = (
         f"The camera's clock shows {abs(offset):.1f} ms {'more' if offset >= 0 else 'less'} than the LiDAR's, "
-        f"give or take {sigma:.1f} ms. Detect again with pairing.offset_ns = {result['offset_ns']}; "
-        'pairing.mode = "interpolate" then moves each vertex to the very time of its frame. Marks are kept.'
+        f"give or take {sigma:.1f} ms"
+    )
+    if abs(offset) < _CERTAIN * sigma:
+        return f"{shows}: the clocks agree within the error, and pairing.offset_ns = 0 will do."
+    return (
+        f"{shows}. Detect again with pairing.offset_ns = {result['offset_ns']}; "
+        'pairing.mode = "interpolate" then moves each vertex to the very time of its frame. Marks are kept. '
+        f"The offset is that of {camera} and goes for every camera: where their clocks differ, make one detection "
+        "for each of them."
     )
 
 

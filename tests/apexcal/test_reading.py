@@ -4,7 +4,8 @@ import pytest
 from typer.testing import CliRunner
 
 from apexcal.cli import USAGE, app
-from apexcal.client import ClientError, time_left
+from apexcal.client import time_left
+from apexcal.commands.clock_offset import _outcome
 from apexcal.commands.detect import _board
 from apexcal.commands.reading import reading_of, which_is_which
 from apexcal.commands.reread import _added
@@ -51,11 +52,52 @@ def test_candidates_are_listed_with_the_command_that_answers():
 
 
 def test_the_boards_size_is_two_edges():
-    assert _board("0.61x0.91") == {"board_width_m": 0.61, "board_height_m": 0.91}
-    assert _board("") == {}
-    for text in ("0.61", "a x b", "1x2x3"):
-        with pytest.raises(ClientError, match="no size of a board"):
-            _board(text)
+    assert _board("0.61x0.91", "refined") == {"board_width_m": 0.61, "board_height_m": 0.91}
+    assert _board("", "strict") == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence", "advice"),
+    [
+        *((["--board", text], "no size of a board", "0.61x0.91") for text in ("0.61", "a x b", "1x2x3", "nanx1")),
+        *(
+            (["--board", text], "metres, each from 0.1 to 3", "leave it out")
+            for text in ("0x0", "61x91", "0.61x0.05")
+        ),
+        *((["--board", "1x1", "--detector", name], f"{name} does not use", "") for name in ("strict", "tolerant")),
+        (["--option", "x"], "is no option", "max_sigma_deg"),
+        (["--option", "x", "--detector", "tolerant"], "is no option", "min_points"),
+        (["--option", "x", "--detector", "strict"], "is no option", "min_ring_span"),
+    ],
+)
+def test_what_the_detector_cannot_take_is_wrong_usage(words, sentence, advice):
+    shown = CliRunner().invoke(app, ["detect", "walk", "--keep", "range < 9", *words])
+    assert shown.exit_code == USAGE
+    assert sentence in shown.stderr and advice in shown.stderr
+
+
+def test_a_region_is_not_replaced_unasked(tmp_path):
+    out = tmp_path / "region.json"
+    out.write_text("{}")
+    shown = CliRunner().invoke(app, ["suggest", "walk", "--out", str(out)])
+    assert shown.exit_code == USAGE and "--force" in shown.stderr
+    assert out.read_text() == "{}"
+
+
+def test_an_offset_is_said_with_the_command_that_uses_it():
+    result = {"offset_ns": -30_200_000, "sigma_ns": 1_100_000, "pairs": 90, "rms_px": 1.4}
+    options = {"board_width_m": 0.61, "board_height_m": 0.91, "track": 1}
+    pairing = {"offset_ns": 0, "max_gap_ns": 50_000_000, "mode": "interpolate"}
+    detection = {"recording_id": "R", "detector": "refined", "options": options, "pairing": pairing}
+    said = _outcome(result, detection, "front")
+    assert (
+        "apexcal detect R --region REGION.json --detector refined --board 0.61x0.91 --option track=1 --interpolate "
+        "--offset-ms -30.200\n"
+    ) in said
+    small = result | {"offset_ns": 1_000_000}
+    assert _outcome(small, detection, "front").endswith("agree within the error: no offset is needed.")
+    moved = detection | {"pairing": pairing | {"offset_ns": 9_000_000}}
+    assert "offset of 9 ms" in (again := _outcome(small, moved, "front")) and "--offset-ms 0.000" in again
 
 
 @pytest.mark.parametrize(
