@@ -19,7 +19,8 @@ from workers.vertices.region import Region
 from workers.vertices.sources import OnSweep, SweepSource
 from workers.vertices.vertex import Covariance, Quality, Rejection, Vertex
 
-_LEAST_SCORE, _LEAST_POINTS = 8.0, 5
+# Five points of a shoulder and a leg can lie like a board; six hardly ever do.
+_LEAST_SCORE, _LEAST_POINTS = 8.0, 6
 _LEAN = 2.5  # standard deviations: a plane through a head or legs and the board leans farther
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _RIVAL = 12.0
