@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from workers.readers.recording import Sensor
@@ -20,23 +21,28 @@ def guess_cameras(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes) 
 
     Args:
         names: the cameras that have no topic yet.
-        topics: the topics that belong to no camera yet.
+        topics: the topics that belong to no camera yet, each of another name.
         sizes: (width, height) per camera where the rig says it.
     """
     found: dict[str, Sensor] = {}
     for source in (_topic_words, _frame_words):
         for count in sorted({len(telling(name)) for name in names}, reverse=True):
-            free = [t for t in topics if t not in found.values()]
-            said = [(topic, source(topic)) for topic in free]
+            free = _not_in(topics, found)
+            said = {topic.name: source(topic) for topic in free}
             matches = {
-                name: _match(telling(name), [(t, w) for t, w in said if t in _of_size(free, sizes.get(name))])
+                name: _match(telling(name), [(t, said[t.name]) for t in _of_size(free, sizes.get(name))])
                 for name in names
                 if name not in found and len(telling(name)) == count
             }
-            picked = list(matches.values())
-            found |= {name: topic for name, topic in matches.items() if topic and picked.count(topic) == 1}
+            picked = Counter(topic.name for topic in matches.values() if topic)
+            found |= {name: topic for name, topic in matches.items() if topic and picked[topic.name] == 1}
     _leftovers(names, topics, sizes, found)
     return found
+
+
+def _not_in(topics: Sequence[Sensor], found: Mapping[str, Sensor]) -> list[Sensor]:
+    taken = {topic.name for topic in found.values()}
+    return [topic for topic in topics if topic.name not in taken]
 
 
 def _topic_words(topic: Sensor) -> frozenset[str]:
@@ -70,7 +76,7 @@ def _leftovers(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes, fou
     """One camera and one topic left, or one topic of a size that one camera alone has."""
     while True:
         left = [name for name in names if name not in found]
-        free = [topic for topic in topics if topic not in found.values()]
+        free = _not_in(topics, found)
         if len(left) == 1 and len(free) == 1:
             found[left[0]] = free[0]
             return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -15,6 +16,7 @@ from workers.readers.topic_words import primary, slug
 CameraChoice = Mapping[str, str | None] | Sequence[str] | None
 _CAMERA_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _MOST_LISTED: Final = 100
+_MOST_SENSORS: Final = 2000
 
 
 def choose_sensors(
@@ -32,8 +34,16 @@ def choose_sensors(
     Raises:
         ReadError: ``no_lidar_topic``, ``no_camera_topic``, ``topic_not_found``, ``ambiguous_lidar``,
             ``ambiguous_cameras``, each with ``candidates`` in its fields (and ``cameras``, the names that wait for a
-            topic); ``camera_name_invalid``.
+            topic); ``camera_name_invalid``; ``too_many_sensors``.
     """
+    if len(recording.sensors) > _MOST_SENSORS:
+        raise ReadError(
+            "too_many_sensors",
+            f"The recording has {len(recording.sensors)} topics or folders of clouds and images; at most "
+            f"{_MOST_SENSORS} are read.",
+            "All files of a sensor belong in one folder. Upload the rig's own sensors only.",
+            {"candidates": candidates(recording.sensors)},
+        )
     chosen = {"lidar": _lidar(recording, lidar)}
     topics = [s for s in recording.sensors if s.kind == "camera" and s.count != 0]
     wanted = _named_after(topics) if cameras is None else _wanted(cameras)
@@ -45,9 +55,8 @@ def choose_sensors(
                 "Use letters, digits, '_', '-' and '.', at most 64, and not 'lidar'.",
             )
     chosen |= _cameras(recording, topics, wanted, sizes or {})
-    names = [sensor.name for sensor in chosen.values()]
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(sensor.name for sensor in chosen.values()).items():
+        if count > 1:
             raise ReadError(
                 "ambiguous_cameras",
                 f"{name} was named for two cameras.",
@@ -165,10 +174,11 @@ def _cameras(
     guessed = guess_cameras(open_names, free, sizes)
     missing = [name for name in open_names if name not in guessed]
     if missing:
+        given = {sensor.name for sensor in guessed.values()}
         raise ReadError(
             "ambiguous_cameras",
             f"Which topic belongs to which camera is not clear: cameras {', '.join(missing)}; "
-            f"topics {', '.join(t.name for t in free[:_MOST_LISTED] if t not in guessed.values())}.",
+            f"topics {', '.join(t.name for t in free[:_MOST_LISTED] if t.name not in given)}.",
             "Name each camera's topic in the rig, or when uploading.",
             asked,
         )

@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
 
+from workers.readers.bounded import ExpandsError
 from workers.readers.recording import ReadError
 from workers.readers.ros.topic_messages import Decoder, Message
 
@@ -35,11 +36,11 @@ def damage(name: str, what: str, hint: str, *kinds: type[Exception]) -> Generato
     """
     try:
         yield
-    except kinds as error:
+    except (*kinds, ExpandsError) as error:
         raise _damaged(name, what, hint, str(error).rstrip(".")) from error
     except _CONTRADICTIONS as error:
-        why = f"its records contradict each other ({type(error).__name__} {str(error)[:100]})"
-        raise _damaged(name, what, hint, why) from error
+        # What Python says here is for programmers; the cause keeps it.
+        raise _damaged(name, what, hint, "its records contradict each other, or hold what cannot be") from error
     except MemoryError as error:  # libraries take the sizes that records claim at their word
         hint += " If its messages really are this large, let ingestions take more memory."
         raise _damaged(name, what, hint, "a record claims more than the memory that reading may take") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal, Protocol, get_args
@@ -14,6 +15,15 @@ TimeSource = Literal["per_point", "derived_from_azimuth", "stamp_only"]
 LidarModel = Literal["vlp16", "vlp32c", "hdl32e", "hdl64e", "alpha_prime"]
 
 _MAX_NS: Final = 2**31 * 1_000_000_000
+_LONGEST_WORD: Final = 300
+_LONGEST_TEXT: Final = 20_000
+
+
+def legible(text: str) -> str:
+    """A sentence without what names from a file may bring in: control characters, and words without end."""
+    plain = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: _LONGEST_TEXT + 1])
+    plain = re.sub(rf"(\S{{{_LONGEST_WORD}}})\S+", r"\1...", plain)
+    return plain if len(plain) <= _LONGEST_TEXT else plain[:_LONGEST_TEXT] + "..."
 
 
 class ReadError(Exception):
@@ -21,15 +31,15 @@ class ReadError(Exception):
 
     Attributes:
         code: stable machine-readable name, for example ``recording_truncated``.
-        message: what is wrong and where.
+        message: what is wrong and where, one line that can be printed, whatever names it was made from.
         hint: what to do about it.
         fields: plain data for a program that answers, for example ``candidates``, the topics to choose from.
     """
 
     def __init__(self, code: str, message: str, hint: str, fields: Mapping[str, Any] | None = None) -> None:
-        super().__init__(message)
+        self.message = legible(message)
+        super().__init__(self.message)
         self.code = code
-        self.message = message
         self.hint = hint
         self.fields = dict(fields or {})
 

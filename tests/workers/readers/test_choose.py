@@ -157,3 +157,9 @@ def test_a_program_is_told_what_there_is_to_choose_from():
 def test_equal_names_are_counted():
     names = chosen([lidar(), camera("/cam/a"), camera("/cam_a"), camera("/lidar")])
     assert names == {"lidar": "/velodyne_points", "cam_a": "/cam/a", "cam_a_2": "/cam_a", "lidar_2": "/lidar"}
+
+
+def test_thousands_of_folders_are_refused():
+    error = refused([lidar(), *(camera(f"/c{i}") for i in range(2000))], cameras=["front"])
+    assert error.code == "too_many_sensors" and "2001" in error.message
+    assert refused([lidar(), *(camera(f"/c{i}") for i in range(1999))], cameras=["front"]).code == "ambiguous_cameras"

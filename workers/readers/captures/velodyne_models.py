@@ -50,6 +50,11 @@ class Model:
     early_ns: int = 0
     flags: frozenset[int] = frozenset({_UPPER})
 
+    @property
+    def one(self) -> str:
+        """Its title with the article that is spoken before it."""
+        return f"{'an' if self.title[0] in 'AH' else 'a'} {self.title}"
+
 
 MODELS: Final = (
     Model("VLP-16", "vlp16", "VLP16", 0x22, 16, 1, 110_592),
@@ -118,7 +123,7 @@ def find_decoding(packets: Sequence[bytes], stated: LidarModel | None, where: st
     if wanted is not None and known is not wanted and not (known.title == "Puck Hi-Res" and stated == "vlp16"):
         raise ReadError(
             "lidar_model_contradicted",
-            f"{where} is said to be a {wanted.title}, but its packets come from a {known.title}.",
+            f"{where} is said to be {wanted.one}, but its packets come from {known.one}.",
             f"Leave lidar_model out, or set it to {known.option or 'nothing'}.",
         )
     if known is _HDL64E:
@@ -129,9 +134,9 @@ def find_decoding(packets: Sequence[bytes], stated: LidarModel | None, where: st
             f"{where} sends packets in return mode 0x{mode:02x}, which is not read.",
             "Set the sensor to strongest, last or dual return (without confidence), and record again.",
         )
-    notes = [f"{where}: a {known.title}, {known.rings} rings; calibration: the maker's nominal angles."]
+    notes = [f"{where}: {known.one}, {known.rings} rings; calibration: the maker's nominal angles."]
     if patch:
-        notes.append(f"{where}: the packets do not say which sensor sent them; a {known.title} was stated.")
+        notes.append(f"{where}: the packets do not say which sensor sent them; {known.one} was stated.")
     if mode == DUAL:
         notes.append(f"{where}: dual return; the strongest return of each firing was kept.")
     return Decoding(known, _config(known), patch, notes)

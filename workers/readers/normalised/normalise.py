@@ -29,7 +29,7 @@ from workers.readers.normalised.stamps import (
     sweep_warnings,
 )
 from workers.readers.progress import OnProgress, Pace
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep, legible
 
 
 class _Lidar:
@@ -260,7 +260,7 @@ def _normalise(
         seconds, share = shared_time(span, (camera.first_ns, camera.last_ns))
         sensors[number] = replace(camera, overlap_s=seconds, overlap_share=share)
         warnings += overlap_warning(camera.name, span, (camera.first_ns, camera.last_ns))
-    return Manifest(recording.format, sensors, warnings)
+    return Manifest(recording.format, sensors, [legible(warning) for warning in warnings])
 
 
 def _total(chosen: dict[str, Sensor]) -> int | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import binascii
 import json
-import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, cast
@@ -134,11 +133,11 @@ def _document(raw: bytes) -> tuple[dict[str, Any], int, str]:
     """A JSON message with its stamp and frame.
 
     Raises:
-        ValueError: it is no JSON object.
+        WireError: it is no JSON object.
     """
     message: Any = json.loads(raw)
     if not isinstance(message, dict):
-        raise ValueError("a message is no JSON object")
+        raise WireError("a message is no JSON object")
     message = cast(dict[str, Any], message)
     time: dict[str, Any] = message.get("timestamp") or {}
     stamp_ns = int(time.get("sec", 0)) * 1_000_000_000 + int(time.get("nsec", 0))
@@ -149,7 +148,7 @@ def _base64(value: Any) -> bytes:
     try:
         return base64.b64decode(value, validate=True)
     except (binascii.Error, TypeError) as error:
-        raise ValueError(f"data is not in base64 ({error})") from error
+        raise WireError("data is not in base64") from error
 
 
 def _json_cloud(raw: bytes) -> Message:
@@ -193,5 +192,3 @@ _JSON: Final[dict[str, Callable[[bytes], Message]]] = {
     "RawImage": _json_raw,
     "CameraCalibration": _json_calibration,
 }
-# What the decoders above raise on broken bytes.
-DAMAGE: Final = (WireError, ValueError, KeyError, TypeError, AttributeError, OverflowError, struct.error)

@@ -82,7 +82,7 @@ class McapBag:
 
     @contextmanager
     def _damage(self) -> Generator[None]:
-        kinds = (zstandard.ZstdError, SerdeError, WireError)
+        kinds = (zstandard.ZstdError, SerdeError, WireError, RecordError)
         with damage(self._path.name, "an MCAP file", _HINT, *kinds):
             yield
 

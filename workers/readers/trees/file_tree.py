@@ -60,7 +60,7 @@ def read_file(tree: FileTree, path: str) -> bytes:
     """
     size = tree.size(path)
     if size > MAX_FILE_BYTES:
-        raise refused(tree.name, f"{path} has {size} bytes; at most {MAX_FILE_BYTES} are read")
+        raise refused(tree.name, f"{shortened(path)!r} has {size} bytes; at most {MAX_FILE_BYTES} are read")
     with closing(tree.open(path)) as file:
         return file.read(size)
 
@@ -128,11 +128,11 @@ class Folder:
             base = Path(folder)
             for name in (*subfolders, *files):
                 if (base / name).is_symlink():
-                    raise refused(root.name, f"{(base / name).relative_to(root)} is a link")
+                    raise refused(root.name, f"{shortened((base / name).relative_to(root).as_posix())!r} is a link")
             for name in files:
                 relative = (base / name).relative_to(root).as_posix()
                 if not (base / name).is_file():
-                    raise refused(root.name, f"{relative} is no ordinary file")
+                    raise refused(root.name, f"{shortened(relative)!r} is no ordinary file")
                 if not is_hidden(relative):
                     self._sizes[relative] = (base / name).stat().st_size
             if len(self._sizes) > MAX_FILES:

@@ -16,6 +16,7 @@ from workers.readers.trees.file_tree import (
     copy_out,
     is_hidden,
     refused,
+    shortened,
 )
 from workers.readers.trees.scratch import Scratch, damaged_archive
 
@@ -67,18 +68,18 @@ class Tar:
     def _add(self, member: tarfile.TarInfo) -> None:
         path = checked_path(self.name, member.name)
         if member.issym() or member.islnk():
-            raise refused(self.name, f"{member.name!r} is a link")
+            raise refused(self.name, f"{shortened(member.name)!r} is a link")
         self._end = member.offset_data + -(-member.size // 512) * 512
         if member.isdir():
             return
         if not member.isreg() or member.sparse is not None:
-            raise refused(self.name, f"{member.name!r} is no ordinary file")
+            raise refused(self.name, f"{shortened(member.name)!r} is no ordinary file")
         if member.size < 0 or member.offset_data + member.size > self._size:
-            raise self._truncated(f"it ends at byte {self._size}, inside {member.name!r}")
+            raise self._truncated(f"it ends at byte {self._size}, inside {shortened(member.name)!r}")
         if len(self._members) >= MAX_FILES:
             raise refused(self.name, f"it holds more than {MAX_FILES} files")
         if path in self._members:
-            raise refused(self.name, f"{member.name!r} comes twice in it")
+            raise refused(self.name, f"{shortened(member.name)!r} comes twice in it")
         if not is_hidden(path):
             self._members[path] = (member.offset_data, member.size)
 

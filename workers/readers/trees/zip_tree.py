@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import IO, Final
 
 from workers.readers.recording import ReadError
-from workers.readers.trees.file_tree import MAX_FILES, Stream, check_tree, checked_path, copy_out, is_hidden, refused
+from workers.readers.trees.file_tree import (
+    MAX_FILES,
+    Stream,
+    check_tree,
+    checked_path,
+    copy_out,
+    is_hidden,
+    refused,
+    shortened,
+)
 from workers.readers.trees.scratch import Scratch, damaged_archive, expands_too_far, refused_expanding
 
 _PACKINGS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
@@ -75,19 +84,22 @@ class Zip:
             return
         if stat.S_IFMT(mode) not in (0, stat.S_IFREG):
             kind = "a link" if stat.S_ISLNK(mode) else "no ordinary file"
-            raise refused(self.name, f"{info.filename!r} is {kind}")
+            raise refused(self.name, f"{shortened(info.filename)!r} is {kind}")
         if info.flag_bits & 0x1:
             raise ReadError(
                 "archive_encrypted",
-                f"{self.name} was refused: {path} in it is encrypted.",
+                f"{self.name} was refused: {shortened(path)!r} in it is encrypted.",
                 "Pack it again without a password.",
             )
         if info.compress_type not in _PACKINGS:
-            raise refused(self.name, f"{path} is packed by a method (number {info.compress_type}) that is not read")
+            raise refused(
+                self.name,
+                f"{shortened(path)!r} is packed by a method (number {info.compress_type}), which is not read",
+            )
         if len(self._members) >= MAX_FILES:
             raise refused(self.name, f"it holds more than {MAX_FILES} files")
         if path in self._members:
-            raise refused(self.name, f"{path!r} comes twice in it")
+            raise refused(self.name, f"{shortened(path)!r} comes twice in it")
         if not is_hidden(path):
             self._members[path] = info
 
@@ -112,9 +124,9 @@ class Zip:
     def open(self, path: str) -> Stream:
         """A file as a stream, unpacked as it is read."""
         try:
-            return _Unpacking(self._zip.open(self._members[path]), f"{self.name}: {path}")
+            return _Unpacking(self._zip.open(self._members[path]), f"{self.name}: {shortened(path)!r}")
         except _BROKEN as error:
-            raise damaged_archive(f"{self.name}: {path}", str(error)) from error
+            raise damaged_archive(f"{self.name}: {shortened(path)!r}", str(error)) from error
 
     def on_disk(self, path: str) -> Path:
         """A copy of a file or folder in a scratch folder."""

@@ -255,8 +255,9 @@ def test_the_model_can_be_stated(tmp_path):
     path = write_pcap(tmp_path / "a.pcap", captured(blank))
     error = failure(path)
     assert error.code == "lidar_model_unknown" and "hdl32e" in error.hint
-    _, sweeps = read(path, lidar_model="hdl32e")
+    recording, sweeps = read(path, lidar_model="hdl32e")
     assert sweeps[0].ring.max() == 31
+    assert "; an HDL-32E was stated." in " ".join(recording.lidar_facts(recording.sensors[0]).notes)
 
 
 def test_a_statement_that_the_packets_contradict(plain):

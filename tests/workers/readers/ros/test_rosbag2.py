@@ -337,6 +337,22 @@ def test_another_sqlite_file(tmp_path):
     assert failure(tmp_path / "a.db3").code == "not_a_recording"
 
 
+@pytest.mark.parametrize(("number", "stamp"), [("'one'", "5"), ("NULL", "5"), ("x'00ff'", "5"), ("1", "'noon'")])
+def test_a_table_with_values_of_the_wrong_kind_is_damaged_in_plain_words(tmp_path, number, stamp):
+    import sqlite3
+
+    db = sqlite3.connect(tmp_path / "a.db3")
+    db.execute("CREATE TABLE topics (id, name, type, serialization_format)")
+    db.execute("CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+    db.execute(f"INSERT INTO topics VALUES ({number}, '/points', 'sensor_msgs/msg/PointCloud2', 'cdr')")
+    db.execute(f"INSERT INTO messages VALUES (1, {number}, {stamp}, x'00010000')")
+    db.commit()
+    db.close()
+    error = failure(tmp_path / "a.db3")
+    assert error.code == "recording_damaged" and "contradict each other" in error.message
+    assert not any(word in error.message for word in ("Error", "()", "NoneType", "literal"))
+
+
 @pytest.mark.parametrize("kind", ["mcap", "json", "sqlite3"])
 def test_damage_anywhere_is_a_clear_answer(tmp_path, kind):
     if kind == "sqlite3":

@@ -206,7 +206,7 @@ def test_a_zip_that_holds_more_than_it_says(tmp_path):
 
 def test_links_in_a_folder(tmp_path):
     (tmp_path / "a.png").symlink_to("/etc/passwd")
-    assert "a.png is a link" in refused(lambda: Folder(tmp_path)).message
+    assert "'a.png' is a link" in refused(lambda: Folder(tmp_path)).message
 
 
 def test_a_pipe_in_a_folder(tmp_path):
