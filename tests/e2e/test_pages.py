@@ -1,5 +1,6 @@
 """The other pages in a browser: signing in, inviting, uploading, trying a region."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -65,9 +66,13 @@ def test_which_topic_is_which_is_asked_and_answered(sign_in: SignIn, track: Trac
     page = sign_in("Nia", "engineer")
     page.goto(f"{track.url}/recordings/{asked['id']}")
     page.get_by_role("heading", name="Which is which?").wait_for(timeout=30_000)
+    expect(page.get_by_label("front")).to_have_value("")
+    expect(page.get_by_role("button", name="Read it again")).to_be_disabled()
     page.get_by_label("front").select_option("/cam/b")
     page.get_by_role("button", name="Read it again").click()
     expect(page.get_by_role("cell", name="/cam/b")).to_be_visible(timeout=30_000)
+    page.get_by_text("What the reader found").click()
+    expect(page.get_by_text(re.compile(r"\d\d:\d\d:\d\d\.\d{3} UTC")).first).to_be_visible()
     assert track.owner.recordings.get(asked["id"])["state"] == "ready"
 
 
