@@ -25,7 +25,7 @@ _LEAN = 2.5  # standard deviations: a plane through a head or legs and the board
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _RIVAL = 12.0
 _RIVAL_M = 0.4
-_FINE_AZIMUTH, _FINE_ELEVATION = math.radians(0.06), math.radians(0.043)
+_FINE_AZIMUTH, _FINE_ELEVATION = math.radians(0.055), math.radians(0.043)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
