@@ -44,7 +44,7 @@ bench-paper: setup  ## the paper's two recordings, simulated: what vertices, clo
 bench-accuracy: setup  ## how often the solver ends on the optimum, and whether its error bars hold; RIGS=50 for a short form
 	$(BIN)/python -m benchmarks.accuracy
 
-bench-solver: setup  ## one slot of the genetic algorithm beside the bare evaluation of as many individuals
+bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the bare evaluation of as many individuals
 	$(BIN)/python -m benchmarks.solver
 
 check: setup $(STAMPS)/node_modules  ## style, types, import rules
@@ -60,6 +60,7 @@ lock: $(STAMPS)/uv  ## resolve the requirements again; the files hold hashes and
 	$(BIN)/uv pip compile $(LOCK_FLAGS) requirements/bootstrap.in -o requirements/bootstrap.lock
 	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml -o requirements/app.lock
 	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --group dev -o requirements/dev.lock
+	$(BIN)/uv pip compile $(LOCK_FLAGS) pyproject.toml --group bench -c requirements/dev.lock -o requirements/bench.lock
 LOCK_FLAGS := --universal --generate-hashes --python-version 3.11 --no-header --no-emit-index-url --quiet
 
 clean:  ## remove what was built; data in var/ stays
@@ -77,6 +78,12 @@ $(STAMPS)/installed: export VIRTUAL_ENV = $(CURDIR)/$(VENV)
 $(STAMPS)/installed: $(STAMPS)/uv requirements/dev.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --require-hashes -r requirements/dev.lock
 	$(BIN)/uv pip install --quiet --no-deps --no-build-isolation -e .
+	@touch $@
+
+# The benchmarks' peers are large, and only they need them.
+$(STAMPS)/bench: export VIRTUAL_ENV = $(CURDIR)/$(VENV)
+$(STAMPS)/bench: $(STAMPS)/installed requirements/bench.lock
+	$(BIN)/uv pip install --quiet --require-hashes -r requirements/bench.lock
 	@touch $@
 
 $(STAMPS)/node_modules: $(STAMPS)/installed frontend/package.json frontend/package-lock.json
