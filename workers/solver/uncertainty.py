@@ -95,7 +95,7 @@ def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:
     With the priors' rows in J. Holds for marks with independent errors of one size, and says nothing about a
     systematic error of the marks or the vertices.
     """
-    residuals, J = weighted_residuals(problem, p, _turns_are_free(problem))
+    residuals, J = weighted_residuals(problem, p, turns_are_free(problem))
     freedom = 2 * int(np.count_nonzero(problem.weights)) + len(problem.priors) - len(problem.free)
     if freedom <= 0:
         return _spread(problem, J, problem.mark_sigma_px, None)
@@ -113,19 +113,20 @@ def plan_uncertainty(problem: FitProblem, p: Floats, sigma_px: float | None = No
     pixels, violation = predict(problem, p)
     edge = np.array(problem.image_size) - 0.5
     seen = (violation == 0.0) & np.all((pixels >= -0.5) & (pixels <= edge), axis=1)
-    J = weighted_residuals(problem, p, _turns_are_free(problem))[1]
+    J = weighted_residuals(problem, p, turns_are_free(problem))[1]
     J[: 2 * len(seen)][np.repeat(~seen, 2)] = 0.0
     return _spread(problem, J, problem.mark_sigma_px if sigma_px is None else sigma_px, None)
 
 
-def _turns_are_free(problem: FitProblem) -> bool:
+def turns_are_free(problem: FitProblem) -> bool:
+    """Whether the rotations' deviations are of small turns about the camera's axes, not of the search's parameters."""
     return not any(name in problem.priors or name in problem.locked for name in problem.names[:3]) and bool(
         np.all(np.isin((0, 1, 2), problem.free))
     )
 
 
 def _spread(problem: FitProblem, J: Floats, sigma: float, freedom: int | None) -> Uncertainty:
-    local = _turns_are_free(problem)
+    local = turns_are_free(problem)
     indices: list[int] = problem.free.tolist()
     names = tuple(_ROTATION_AXES[i] if local and i < 3 else problem.names[i] for i in indices)
     lengths = np.linalg.norm(J, axis=0)
