@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Any
 from uuid import UUID
 
-from sqlalchemy import BigInteger, Index, Integer, String
+from sqlalchemy import BigInteger, Index, Integer, String, false, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from service.db.base import Base, Json, belongs_to
 from service.db.clock import now
+from service.observability import request_ids
+
+_BigId = BigInteger().with_variant(Integer, "sqlite")
 
 
 class Job(Base):
@@ -17,7 +21,7 @@ class Job(Base):
 
     ``kind`` says what to do, ``subject_id`` to which row, ``payload`` which part of it. A job is sent when
     ``send_after`` is set; it is sent again when that moment passes unclaimed. ``attempt`` counts claims, and is
-    the fencing token of a finish; ``lost`` counts leases that ran out.
+    the fencing token of a finish; ``lost`` counts leases that ran out. ``request_id`` says which request caused it.
     """
 
     __tablename__ = "job"
@@ -26,7 +30,7 @@ class Job(Base):
         Index("ix_job_subject_id", "subject_id"),
     )
 
-    id: Mapped[int] = mapped_column(BigInteger().with_variant(Integer, "sqlite"), primary_key=True)
+    id: Mapped[int] = mapped_column(_BigId, primary_key=True)
     fleet_id: Mapped[UUID] = belongs_to("fleet.id", index=False)
     kind: Mapped[str] = mapped_column(String(20))
     queue: Mapped[str] = mapped_column(String(20))
@@ -42,9 +46,63 @@ class Job(Base):
     worker: Mapped[str | None]
     progress: Mapped[Json | None]
     problem: Mapped[Json | None]
+    request_id: Mapped[str | None] = mapped_column(String(request_ids.LONGEST), default=request_ids.current)
     created_at: Mapped[datetime] = mapped_column(default=now())
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
+
+
+class JobEvent(Base):
+    """How an attempt at a job ended, or what else became of it; an attempt under way is the job's own row.
+
+    ``what`` is done, failed, cancelled (these end the job), lost, stumbled, given_back (it is queued again) or
+    requeued (an operator started its work anew). ``tallied`` says that the totals hold it.
+    """
+
+    __tablename__ = "job_event"
+    __table_args__ = (
+        Index("ix_job_event_untallied", "id", postgresql_where=text("NOT tallied"), sqlite_where=text("tallied = 0")),
+    )
+
+    id: Mapped[int] = mapped_column(_BigId, primary_key=True)
+    job_id: Mapped[int] = belongs_to("job.id")
+    kind: Mapped[str] = mapped_column(String(20))
+    attempt: Mapped[int]
+    what: Mapped[str] = mapped_column(String(20))
+    worker: Mapped[str | None]
+    started_at: Mapped[datetime | None]
+    at: Mapped[datetime] = mapped_column(default=now())
+    reason: Mapped[str | None] = mapped_column(String(100))
+    tallied: Mapped[bool] = mapped_column(default=False, server_default=false())
+
+
+class JobTotal(Base):
+    """What became of all jobs of a kind since the service began, also of those whose rows are gone.
+
+    ``seconds`` sums how long the attempts took; ``buckets`` counts them by duration.
+    """
+
+    __tablename__ = "job_total"
+
+    kind: Mapped[str] = mapped_column(String(20), primary_key=True)
+    what: Mapped[str] = mapped_column(String(20), primary_key=True)
+    count: Mapped[int] = mapped_column(BigInteger, default=0)
+    seconds: Mapped[float] = mapped_column(default=0.0)
+    buckets: Mapped[list[Any]] = mapped_column(default=list)
+
+
+class Worker(Base):
+    """A worker process that answers: its queues, how many pool processes it has, whether its kernels are compiled."""
+
+    __tablename__ = "worker"
+
+    name: Mapped[str] = mapped_column(String(200), primary_key=True)
+    queues: Mapped[str] = mapped_column(String(200))
+    processes: Mapped[int]
+    version: Mapped[str] = mapped_column(String(40))
+    warm: Mapped[bool]
+    started_at: Mapped[datetime]
+    at: Mapped[datetime]
 
 
 class Heartbeat(Base):

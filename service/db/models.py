@@ -12,9 +12,9 @@ from service.db.calibrations import (
 )
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
-from service.db.jobs import Heartbeat, Job
+from service.db.jobs import Heartbeat, Job, JobEvent, JobTotal, Worker
 from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person, SignInLink
-from service.db.recordings import Blob, CameraFrame, Recording, Sensor, UploadPart
+from service.db.recordings import Blob, BlobHold, CameraFrame, Recording, Sensor, UploadPart
 from service.db.studies import Study
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "ApiToken",
     "Base",
     "Blob",
+    "BlobHold",
     "BrowserSession",
     "Calibration",
     "CalibrationRun",
@@ -33,6 +34,8 @@ __all__ = [
     "Heartbeat",
     "IdempotencyKey",
     "Job",
+    "JobEvent",
+    "JobTotal",
     "Mark",
     "MarkingTask",
     "Membership",
@@ -51,4 +54,5 @@ __all__ = [
     "Verdict",
     "Vertex",
     "VertexFrame",
+    "Worker",
 ]

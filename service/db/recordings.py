@@ -43,6 +43,16 @@ class Blob(Base):
     created_at: Mapped[Created]
 
 
+class BlobHold(Base):
+    """While one is in force no object is removed: a backup copies what its snapshot of the rows names."""
+
+    __tablename__ = "blob_hold"
+
+    id: Mapped[RowId]
+    reason: Mapped[str] = mapped_column(String(100))
+    until: Mapped[datetime]
+
+
 class Recording(Base):
     """A recording in one of the states uploading, queued, ingesting, ready, failed.
 

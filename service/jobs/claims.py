@@ -17,6 +17,7 @@ from service.db.base import Json
 from service.db.clock import now
 from service.db.jobs import Job
 from service.db.session import Database
+from service.jobs.history import ATTEMPT, note
 from service.jobs.losses import lose
 from service.jobs.parents import tell_parent
 from service.jobs.queue import release
@@ -44,6 +45,7 @@ class Claim:
     fleet_id: UUID
     subject_id: UUID
     payload: Json
+    request_id: str | None
 
 
 def claim(database: Database, job_id: int, worker: str) -> Claim | None:
@@ -60,7 +62,10 @@ def claim(database: Database, job_id: int, worker: str) -> Claim | None:
                 progress=None,
                 lease_until=now(get_settings().lease_s),
             )
-            .returning(Job.id, Job.attempt, Job.kind, Job.queue, Job.fleet_id, Job.subject_id, Job.payload)
+            .returning(
+                *(Job.id, Job.attempt, Job.kind, Job.queue),
+                *(Job.fleet_id, Job.subject_id, Job.payload, Job.request_id),
+            )
             .execution_options(synchronize_session=False)
         ).one_or_none()
     return Claim(*row) if row else None
@@ -136,12 +141,13 @@ def finishing(database: Database, held: Claim, state: str = "done", problem: Jso
             update(Job)
             .where(_mine(held))
             .values(state=state, problem=problem, finished_at=now(), lease_until=None)
-            .returning(Job.id)
+            .returning(*ATTEMPT)
             .execution_options(synchronize_session=False)
         ).one_or_none()
         if passed is None:
             raise LostLeaseError(f"job {held.job_id} is no longer attempt {held.attempt}'s")
         yield session
+        note(session, passed, state, problem)
         tell_parent(session, held.kind, held.subject_id, state, problem)
         release(session, held.fleet_id, held.queue)
 
@@ -149,12 +155,15 @@ def finishing(database: Database, held: Claim, state: str = "done", problem: Jso
 def give_back(database: Database, held: Claim) -> None:
     """Put a draining worker's job back into the queue, without counting it as a loss."""
     with database.writing() as session:
-        session.execute(
+        given = session.execute(
             update(Job)
             .where(_mine(held))
             .values(state="queued", lease_until=None, send_after=now())
+            .returning(*ATTEMPT)
             .execution_options(synchronize_session=False)
-        )
+        ).one_or_none()
+        if given:
+            note(session, given, "given_back")
 
 
 def stumble(database: Database, held: Claim, problem: Json, after_s: float) -> None:
@@ -162,7 +171,7 @@ def stumble(database: Database, held: Claim, problem: Json, after_s: float) -> N
     with database.writing() as session:
         job = session.scalars(select(Job).where(_mine(held)).with_for_update()).one_or_none()
         if job:
-            lose(session, job, problem, after_s)
+            lose(session, job, "stumbled", problem, after_s)
 
 
 def require_mine(session: Session, held: Claim) -> None:

@@ -8,16 +8,18 @@ from sqlalchemy.orm import Session
 from service.db.base import Json
 from service.db.clock import now
 from service.db.jobs import Job
+from service.jobs.history import note
 from service.jobs.parents import tell_parent
 from service.settings import get_settings
 
 
-def lose(session: Session, job: Job, problem: Json, after_s: float = 0.0) -> None:
-    """Count a loss of a running job whose row the caller has locked.
+def lose(session: Session, job: Job, what: str, problem: Json, after_s: float = 0.0) -> None:
+    """Count a loss, ``lost`` or ``stumbled``, of a running job whose row the caller has locked.
 
     It is queued again and sent after ``after_s`` seconds; a cancelled one ends, and the last loss that a job may have
     ends it as failed with ``problem``.
     """
+    note(session, job, what, problem)
     job.lost += 1
     job.lease_until = None
     if job.cancel_requested:
@@ -35,4 +37,5 @@ def end(session: Session, job: Job, state: str, problem: Json | None) -> None:
     job.state, job.problem = state, problem
     job.finished_at = session.scalar(select(now()))
     session.flush()
+    note(session, job, state, problem)
     tell_parent(session, job.kind, job.subject_id, state, problem)

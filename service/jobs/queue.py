@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 from service.db.clock import now
 from service.db.jobs import Job
 from service.db.session import post
+from service.jobs.history import ATTEMPT, note
 from service.jobs.messages import COURIER, Message
 from service.settings import get_settings
 
@@ -90,9 +91,12 @@ def cancel(session: Session, subject_ids: Iterable[UUID]) -> None:
 
 def abandon(session: Session, subject_ids: Iterable[UUID]) -> None:
     """End these subjects' jobs because the subjects themselves are being deleted: no parent hears of it."""
-    session.execute(
+    ended = session.execute(
         update(Job)
         .where(Job.subject_id.in_(list(subject_ids)), Job.state.in_(_UNENDED))
         .values(state="cancelled", finished_at=now(), lease_until=None)
+        .returning(*ATTEMPT)
         .execution_options(synchronize_session=False)
     )
+    for job in ended.all():
+        note(session, job, "cancelled")

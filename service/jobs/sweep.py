@@ -80,7 +80,7 @@ def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Sess
 def _recover(session: Session, job: Job) -> None:
     """A lease ran out."""
     log.warning("job %d lost attempt %d on %s", job.id, job.attempt, job.worker)
-    lose(session, job, _worker_lost(job))
+    lose(session, job, "lost", _worker_lost(job))
 
 
 def _worker_lost(job: Job) -> Json:

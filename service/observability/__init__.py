@@ -1,0 +1,1 @@
+"""What the service tells its operator: one id through everything that a request causes, logs, figures."""
