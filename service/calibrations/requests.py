@@ -20,7 +20,7 @@ from service.calibrations.model_names import (
     check_model,
     parameter_names,
 )
-from service.calibrations.schemas import CalibrationRequest
+from service.calibrations.schemas import CalibrationTemplate
 from service.calibrations.stated import near_stated
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
@@ -64,7 +64,7 @@ class Plan:
     notes: list[str]
 
 
-def plan_request(wanted: CalibrationRequest, sources: list[CameraPairs]) -> Plan:
+def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Plan:
     """Check a request against its rig and pairs, and write out what the solver is to do.
 
     Raises:
@@ -94,7 +94,7 @@ def plan_request(wanted: CalibrationRequest, sources: list[CameraPairs]) -> Plan
     return Plan(fits, _size(wanted), digest, wanted.model_dump(mode="json") | resolved, list(dict.fromkeys(notes)))
 
 
-def _common(wanted: CalibrationRequest, models: list[str]) -> Json:
+def _common(wanted: CalibrationTemplate, models: list[str]) -> Json:
     """What all fits of a request share, with everything filled in that the preset means."""
     paper = wanted.preset == "paper"
     search: SearchForm = wanted.search or ("euler" if paper else "rotation_vector")
@@ -115,7 +115,7 @@ def _common(wanted: CalibrationRequest, models: list[str]) -> Json:
     }
 
 
-def _size(wanted: CalibrationRequest) -> PresetSize:
+def _size(wanted: CalibrationTemplate) -> PresetSize:
     size, given = PRESETS[wanted.preset], wanted.schedule
     return PresetSize(
         given.slots or size.slots, given.population or size.population, given.generations or size.generations

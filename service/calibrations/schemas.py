@@ -67,7 +67,7 @@ class ScheduleOverrides(Received):
     goal_px: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
 
 
-class CalibrationRequest(Received):
+class CalibrationTemplate(Received):
     """Fit every model to every camera's pairs. Bounds, locks and priors go by parameter name.
 
     Angles are in radians, or in degrees with ``_deg`` behind the name. ``search`` and ``bounds_preset`` default to
@@ -77,7 +77,6 @@ class CalibrationRequest(Received):
     and the pairs: the same request gives the same bits.
     """
 
-    correspondence_set_ids: Annotated[list[UUID], Field(min_length=1, max_length=16)]
     models: Annotated[list[str], Field(default_factory=lambda: list(MODELS), min_length=1, max_length=8)]
     preset: PresetName = "default"
     schedule: ScheduleOverrides = ScheduleOverrides()
@@ -96,6 +95,12 @@ class CalibrationRequest(Received):
     folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5
     farm: Literal["auto", "slots", "runs"] = "auto"
     publish: Literal["recommended", "none"] = "none"
+
+
+class CalibrationRequest(CalibrationTemplate):
+    """A calibration of these pairs: one set for each camera, all of one rig."""
+
+    correspondence_set_ids: Annotated[list[UUID], Field(min_length=1, max_length=16)]
 
 
 class RunView(Sent):
