@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workers.geometry.errors import InputError
-from workers.vertices.noise import LASTING_S, axes, noise_of, to_spherical, to_xyz
+from workers.geometry.spherical import axes, to_spherical, to_xyz
+from workers.vertices.noise import LASTING_S, noise_of
 from workers.vertices.vertex import Vertex
 
 Floats = NDArray[np.float64]

@@ -3,7 +3,7 @@ import pytest
 
 from tests.workers.vertices.walks import SIGMA, START_NS, seconds, spherical, vertices, walk
 from workers.geometry.errors import InputError
-from workers.vertices.noise import axes, to_spherical, to_xyz
+from workers.geometry.spherical import axes, to_spherical, to_xyz
 from workers.vertices.tracks import MARGIN_SWEEPS, Track
 from workers.vertices.vertex import Vertex
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from workers.geometry.spherical import axes
 from workers.simulation.walker import Walk
-from workers.vertices.noise import axes
 from workers.vertices.vertex import Vertex
 
 START_NS = 1_780_000_000_000_000_000
