@@ -51,7 +51,7 @@ def alarms(
             f"The optimum lies on the edge of the bounds of {', '.join(edge)}: widen them, or lock what is known."
         )
     found += _outlier_alarms(problem, outliers, excluded)
-    return found + _search_alarms(state, ga_px, polished, plain)
+    return found + several_optima(state, polished, plain) + _search_alarms(ga_px, polished)
 
 
 def _outlier_alarms(problem: FitProblem, outliers: list[Outlier], excluded: bool) -> list[str]:
@@ -69,20 +69,14 @@ def _outlier_alarms(problem: FitProblem, outliers: list[Outlier], excluded: bool
     return found
 
 
-def _search_alarms(
-    state: State, ga_px: tuple[float, float], polished: Fit, plain: dict[str, tuple[Fit, float]]
-) -> list[str]:
+def several_optima(state: State, polished: Fit, plain: dict[str, tuple[Fit, float]]) -> list[str]:
+    """Sentences where slots, or search and baselines, ended in different places: there may be another optimum."""
     found: list[str] = []
     low, high = min(state.slot_losses), max(state.slot_losses)
     if high > low * (1.0 + _SLOTS_DIFFER):
         found.append(
             f"The slots of the last iteration disagree: their losses go from {low:.3f} to {high:.3f} px. "
             "There may be several optima; more iterations or generations, or narrower bounds, help."
-        )
-    if polished.rms_px < ga_px[1] * (1.0 - _STAGES_DIFFER):
-        found.append(
-            f"The polish lowered the RMS from {ga_px[1]:.3f} to {polished.rms_px:.3f} px: "
-            "the genetic algorithm had not come near the optimum, or some pairs are gross outliers."
         )
     for words, (fit, relative_cost) in plain.items():
         if relative_cost < 1.0 - _BASELINE_BETTER:
@@ -91,3 +85,12 @@ def _search_alarms(
                 f"({polished.rms_px:.3f} px): run it again with more slots."
             )
     return found
+
+
+def _search_alarms(ga_px: tuple[float, float], polished: Fit) -> list[str]:
+    if polished.rms_px >= ga_px[1] * (1.0 - _STAGES_DIFFER):
+        return []
+    return [
+        f"The polish lowered the RMS from {ga_px[1]:.3f} to {polished.rms_px:.3f} px: "
+        "the genetic algorithm had not come near the optimum, or some pairs are gross outliers."
+    ]

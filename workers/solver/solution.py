@@ -18,7 +18,7 @@ from workers.geometry.rotations import euler_from_rotation, vector_from_rotation
 from workers.geometry.transforms import RigidTransform, from_document, to_document
 from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.degeneracy import is_determined, point_alarms
-from workers.solver.diagnosis import alarms, at_bounds
+from workers.solver.diagnosis import alarms, at_bounds, several_optima
 from workers.solver.errors import SolveError
 from workers.solver.outliers import Outlier, judge, without
 from workers.solver.polish import Fit, cost_of, distances, mean_and_rms, polish
@@ -53,6 +53,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     p = np.array(polished.parameters)
     spread = uncertainty(kept, p)
     plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
+    compared = _compared(kept, polished, plain)
     transform = transform_of(problem, p)
     status, message = _status(kept, state, polished, spread)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
@@ -91,11 +92,12 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
             state,
             (ga_mean, ga_rms),
             polished,
-            _compared(kept, polished, plain),
+            compared,
             spread,
             outliers,
             excluded,
         ),
+        "several_optima": several_optima(state, polished, compared),
         "cpu": cpu_document(),
         "versions": versions_document(),
     }
