@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
-from pydantic import Field
+from pydantic import AliasChoices, Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from service.storage.opening import S3Options
 
 MIB = 1024 * 1024
 
@@ -15,13 +18,42 @@ MIB = 1024 * 1024
 class Settings(BaseSettings):
     """Every variable is prefixed ``APEXCAL_``, for example ``APEXCAL_DATABASE_URL``."""
 
-    model_config = SettingsConfigDict(env_prefix="APEXCAL_", extra="ignore")
+    model_config = SettingsConfigDict(env_prefix="APEXCAL_", extra="ignore", populate_by_name=True)
 
     data_dir: Path = Field(default=Path("var/apexcal"), description="scratch space and, embedded, everything else")
     database_url: str = Field(default="", description="empty: SQLite in data_dir")
     broker_url: str = Field(default="", description="empty: the embedded broker's socket in data_dir")
-    blob_url: str = Field(default="", description="empty: the folder `blobs` in data_dir")
+    blob_url: str = Field(default="", description="s3://bucket/prefix; empty: the folder `blobs` in data_dir")
     public_url: str = Field(default="http://127.0.0.1:8000", description="where people's browsers find the service")
+
+    s3_endpoint: str = Field(
+        default="",
+        validation_alias=AliasChoices("APEXCAL_S3_ENDPOINT", "AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL"),
+        description="address of the S3 server; empty: Amazon's for the region",
+    )
+    s3_public_endpoint: str = Field(default="", description="the same server as clients reach it; empty: s3_endpoint")
+    s3_region: str = Field(
+        default="us-east-1", validation_alias=AliasChoices("APEXCAL_S3_REGION", "AWS_REGION", "AWS_DEFAULT_REGION")
+    )
+    s3_access_key_id: str = Field(
+        default="", validation_alias=AliasChoices("APEXCAL_S3_ACCESS_KEY_ID", "AWS_ACCESS_KEY_ID")
+    )
+    s3_secret_access_key: SecretStr = Field(
+        default=SecretStr(""), validation_alias=AliasChoices("APEXCAL_S3_SECRET_ACCESS_KEY", "AWS_SECRET_ACCESS_KEY")
+    )
+    store_timeout_s: float = Field(default=20.0, gt=0, description="longest wait for one answer of S3")
+    uploads: Literal["presigned", "api"] = Field(
+        default="presigned", description="how parts reach S3: straight from the client, or through the API"
+    )
+    downloads: Literal["presigned", "api"] = Field(
+        default="api", description="how frames and originals leave S3: straight to the client, or through the API"
+    )
+    presigned_s: float = Field(default=900.0, ge=1, le=3600, description="how long a presigned address works")
+    audit: Literal["remove", "report", "off"] = Field(
+        default="remove", description="what the audit of the store does with objects that no row knows"
+    )
+    audit_hours: float = Field(default=24.0, gt=0, description="period of that audit")
+    orphan_hours: float = Field(default=24.0, ge=1, description="younger objects are left alone by it")
 
     workers: int = Field(default_factory=lambda: max(2, os.cpu_count() or 2), description="pool processes, all hosts")
     lease_s: float = Field(default=10.0, description="how long a silent worker keeps its job")
@@ -41,6 +73,13 @@ class Settings(BaseSettings):
     ingest_file_bytes: int = Field(default=16 * 1024 * MIB, description="largest file that such a process writes")
 
     mark_lease_s: float = Field(default=120.0, description="how long a person keeps a marking task unanswered")
+    log: Literal["", "text", "json"] = Field(default="", description="empty: json on PostgreSQL, else text")
+    metrics_token: SecretStr = Field(
+        default=SecretStr(""), description="bearer token of /metrics; empty: open to the service's own host only"
+    )
+    drain_s: float = Field(default=0.0, ge=0, description="how long /readyz says 503 before the API stops listening")
+    job_days: int = Field(default=90, ge=1, description="ended jobs and their history go after this many days")
+
     session_days: int = Field(default=30, description="a browser session ends after this many days")
     invitation_hours: int = Field(default=72, description="an unused sign-in link ends after this many hours")
 
@@ -65,6 +104,23 @@ class Settings(BaseSettings):
     def blobs(self) -> str:
         """obstore URL of the blob store."""
         return self.blob_url or (self.data_dir.resolve() / "blobs").as_uri()
+
+    @property
+    def s3(self) -> S3Options:
+        """How the bucket is reached, where the blob store is one."""
+        return S3Options(
+            endpoint=self.s3_endpoint,
+            public_endpoint=self.s3_public_endpoint,
+            region=self.s3_region,
+            access_key_id=self.s3_access_key_id,
+            secret_access_key=self.s3_secret_access_key.get_secret_value(),
+            timeout_s=self.store_timeout_s,
+        )
+
+    @property
+    def log_form(self) -> Literal["text", "json"]:
+        """How processes log: a fleet's logs are read by machines."""
+        return self.log or ("text" if self.database.startswith("sqlite") else "json")
 
     @property
     def scratch(self) -> Path:

@@ -18,6 +18,7 @@ from tests.support.broker import Broker
 from tests.support.people import Api, TestClient
 from tests.support.postgres import Postgres
 from tests.support.processes import wait_until
+from tests.support.s3 import S3Server
 
 _DATABASE = "apexcal"
 
@@ -61,6 +62,16 @@ def broker(broker_server: Broker) -> Broker:
         broker_server.start()
     broker_server.empty()
     return broker_server
+
+
+@pytest.fixture(scope="session")
+def s3_server() -> Iterator[S3Server]:
+    """An S3 server for the whole session; every store asks it for a bucket of its own."""
+    server = S3Server()
+    try:
+        yield server
+    finally:
+        server.close()
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -1,7 +1,8 @@
 """Bytes by key, in a local folder or in S3, through one code path (obstore).
 
 An object is durable when a call that writes it returns, so that a row may say that it is there. Keys are never
-written twice: every writer makes its own (see ``service.storage.blobs``).
+written twice: every writer makes its own (see ``service.storage.blobs``). The service awaits, so that a slow store
+holds none of its threads; workers call. Both raise the errors of ``service.storage.errors`` and no others.
 """
 
 from __future__ import annotations
@@ -11,34 +12,48 @@ import contextlib
 import os
 import shutil
 from collections.abc import AsyncIterator, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from typing import Literal
 
 import obstore
-from obstore.store import LocalStore, from_url
+from obstore.store import S3Store
 
-_STREAM_CHUNK = 4 * 1024 * 1024
+from service.settings import MIB, Settings
+from service.storage.errors import MissingBlobError, translated
+from service.storage.opening import S3Options, open_url
+
+# Objects are read in ranges of this many bytes, each a request with its own time limit and repetitions.
+_RANGE = 8 * MIB
+# Memory for one object on its way up: this many chunks at once. S3 takes 10,000 chunks of one object: 80 GiB.
+_CHUNK = 8 * MIB
+_CHUNKS_AT_ONCE = 4
 
 
-class MissingBlobError(Exception):
-    """The store holds no object of this key."""
+@dataclass(frozen=True)
+class Listed:
+    """An object as the store lists it; ``modified`` by the store's clock."""
 
-    def __init__(self, key: str) -> None:
-        super().__init__(f"the blob store holds no object {key!r}")
-        self.key = key
+    key: str
+    size: int
+    modified: datetime
 
 
 class Store:
     """The blob store behind ``url``: ``file:///folder`` or ``s3://bucket/prefix``."""
 
-    def __init__(self, url: str) -> None:
-        parts = urlsplit(url)
-        self.folder: Path | None = None
-        if parts.scheme == "file":
-            self.folder = Path(unquote(parts.path))
-            self._store = LocalStore(self.folder, mkdir=True)
-        else:
-            self._store = from_url(url)
+    def __init__(self, url: str, s3: S3Options | None = None) -> None:
+        opened = open_url(url, s3 or S3Options())
+        self.folder = opened.folder
+        self.origin = opened.origin
+        self._store = opened.store
+        self._signer: S3Store | None = opened.signer
+
+    @property
+    def signs(self) -> bool:
+        """Whether clients can be given presigned addresses, which a folder does not have."""
+        return self._signer is not None
 
     def free_bytes(self) -> int | None:
         """Bytes left on the disk of a local store; None where the store does not say."""
@@ -46,50 +61,102 @@ class Store:
 
     async def put_stream(self, key: str, chunks: AsyncIterator[bytes]) -> None:
         """Write an object from a stream, never holding it whole."""
-        await obstore.put_async(self._store, key, chunks)
-        await asyncio.to_thread(self._make_durable, key)
+        with translated(key, writing=True):
+            await obstore.put_async(self._store, key, chunks, chunk_size=_CHUNK, max_concurrency=_CHUNKS_AT_ONCE)
+            await asyncio.to_thread(self._make_durable, key)
 
     def put_file(self, key: str, path: Path) -> int:
         """Write an object from a file and return its size in bytes."""
-        with path.open("rb") as file:
-            obstore.put(self._store, key, file)
-        self._make_durable(key)
+        with path.open("rb") as file, translated(key, writing=True):
+            obstore.put(self._store, key, file, chunk_size=_CHUNK, max_concurrency=_CHUNKS_AT_ONCE)
+            self._make_durable(key)
         return path.stat().st_size
 
     def put_bytes(self, key: str, data: bytes) -> None:
         """Write a small object."""
-        obstore.put(self._store, key, data)
-        self._make_durable(key)
+        with translated(key, writing=True):
+            obstore.put(self._store, key, data)
+            self._make_durable(key)
+
+    async def size(self, key: str) -> int:
+        """An object's size in bytes."""
+        with translated(key):
+            return int((await obstore.head_async(self._store, key))["size"])
+
+    async def read(self, key: str, start: int, length: int) -> bytes:
+        """``length`` bytes of an object from ``start``."""
+        with translated(key):
+            data = bytes(await obstore.get_range_async(self._store, key, start=start, length=length))
+        return _whole(key, data, length)
 
     def get_range(self, key: str, start: int, length: int) -> bytes:
-        """``length`` bytes of an object from ``start``. Raises :class:`MissingBlobError`."""
-        try:
-            return bytes(obstore.get_range(self._store, key, start=start, length=length))
-        except FileNotFoundError:
-            raise MissingBlobError(key) from None
+        """:meth:`read` for workers."""
+        with translated(key):
+            data = bytes(obstore.get_range(self._store, key, start=start, length=length))
+        return _whole(key, data, length)
+
+    async def read_all(self, key: str) -> AsyncIterator[bytes]:
+        """An object's bytes, a few MiB at a time."""
+        start, size = 0, 1
+        while start < size:
+            with translated(key):
+                found = await obstore.get_async(self._store, key, options={"range": (start, start + _RANGE)})
+                size, data = int(found.meta["size"]), bytes(await found.bytes_async())
+            yield _whole(key, data, min(_RANGE, size - start))
+            start += len(data)
 
     def stream(self, key: str) -> Iterator[bytes]:
-        """An object's bytes in chunks of a few MiB. Raises :class:`MissingBlobError`."""
-        try:
-            found = obstore.get(self._store, key)
-        except FileNotFoundError:
-            raise MissingBlobError(key) from None
-        for chunk in found.stream(min_chunk_size=_STREAM_CHUNK):
-            yield bytes(chunk)
+        """:meth:`read_all` for workers."""
+        start, size = 0, 1
+        while start < size:
+            with translated(key):
+                found = obstore.get(self._store, key, options={"range": (start, start + _RANGE)})
+                size, data = int(found.meta["size"]), bytes(found.bytes())
+            yield _whole(key, data, min(_RANGE, size - start))
+            start += len(data)
+
+    def sign_put(self, key: str, seconds: float) -> str:
+        """The address at which anyone may put this object for so long."""
+        return self._sign("PUT", key, seconds)
+
+    def sign_get(self, key: str, seconds: float) -> str:
+        """The address at which anyone may read this object, or ranges of it, for so long."""
+        return self._sign("GET", key, seconds)
+
+    def list(self) -> Iterator[Listed]:
+        """Every object that is there, in no order, also what interrupted writes left beside them in a folder."""
+        with translated("(listing)", writing=True):
+            for page in obstore.list(self._store):
+                for found in page:
+                    yield Listed(found["path"], int(found["size"]), found["last_modified"])
+        for left in self.folder.rglob("*#*") if self.folder else ():
+            with contextlib.suppress(FileNotFoundError):
+                status = left.stat()
+                modified = datetime.fromtimestamp(status.st_mtime, UTC)
+                yield Listed(left.relative_to(self.folder or left).as_posix(), status.st_size, modified)
 
     def delete(self, key: str) -> None:
         """Remove an object, and what an interrupted write of it left. A missing one is no error."""
-        with contextlib.suppress(FileNotFoundError):
-            obstore.delete(self._store, key)
         if self.folder:
             staged = self.folder / key
+            if "#" in staged.name:
+                staged.unlink(missing_ok=True)
+                return
             for left in staged.parent.glob(f"{staged.name}#*"):
                 left.unlink(missing_ok=True)
+        with contextlib.suppress(MissingBlobError), translated(key):
+            obstore.delete(self._store, key)
 
     def local_path(self, key: str) -> Path | None:
         """The file that holds the object, where the store is a folder: reading it saves a copy."""
         path = self.folder / key if self.folder else None
         return path if path and path.exists() else None
+
+    def _sign(self, method: Literal["GET", "PUT"], key: str, seconds: float) -> str:
+        if self._signer is None:
+            raise ValueError("a folder has no addresses; look at Store.signs first")
+        with translated(key, writing=True):
+            return obstore.sign(self._signer, method, key, timedelta(seconds=seconds))
 
     def _make_durable(self, key: str) -> None:
         # obstore renames a staged file into place but does not flush it; S3 answers when it is durable.
@@ -102,3 +169,15 @@ class Store:
                 os.fsync(descriptor)
             finally:
                 os.close(descriptor)
+
+
+def open_store(settings: Settings) -> Store:
+    """The store of these settings."""
+    return Store(settings.blobs, settings.s3)
+
+
+def _whole(key: str, data: bytes, length: int) -> bytes:
+    """The bytes, where they are as many as asked for: an object that was cut is a missing one."""
+    if len(data) != length:
+        raise MissingBlobError(key)
+    return data

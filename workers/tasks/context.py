@@ -16,7 +16,7 @@ from service.events.hints import COURIER as HINTS
 from service.events.hints import Publisher
 from service.jobs.messages import COURIER, Sender
 from service.settings import Settings, get_settings
-from service.storage.store import Store
+from service.storage.store import open_store
 from workers.tasks.leftovers import scratch_prefix
 
 
@@ -28,7 +28,7 @@ class Context:
         self.database = Database(settings.database)
         self.database.couriers[COURIER] = Sender(settings.broker)
         self.database.couriers[HINTS] = Publisher(settings.events)
-        self.store = Store(settings.blobs)
+        self.store = open_store(settings)
         self.worker = f"{socket.gethostname()}:{os.getpid()}"
 
     @contextmanager

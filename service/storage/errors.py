@@ -1,0 +1,60 @@
+"""What can go wrong with a store, in three words: missing, full, away."""
+
+from __future__ import annotations
+
+import errno
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from obstore.exceptions import BaseError
+
+log = logging.getLogger(__name__)
+
+# Words of the operating system: obstore passes them on as text only.
+_FULL = ("No space left on device", "Disk quota exceeded")
+# A range behind the end of an object, as S3 and as a folder say it: what is asked for is as lost as a whole object.
+_CUT = ("416 Range Not Satisfiable", "Requested range was invalid")
+
+
+class MissingBlobError(Exception):
+    """The store does not hold these bytes, although a row says so: somebody removed or cut the object."""
+
+    code = "blob_missing"
+    message = "The store no longer holds bytes of this recording that it held once."
+    hint = "The operator should look for object {key} and restore it from a backup; else upload the recording again."
+
+    def __init__(self, key: str) -> None:
+        super().__init__(f"the blob store does not hold object {key!r} whole")
+        self.key = key
+        self.hint = type(self).hint.format(key=key)
+
+
+class StoreUnavailableError(ConnectionError):
+    """The store does not answer in time, refuses, or has no such bucket. Trying again later may help."""
+
+    def __init__(self) -> None:
+        super().__init__(errno.EHOSTUNREACH, "the blob store does not answer as it should")
+
+
+class StoreFullError(OSError):
+    """The store has no room for the object; nothing of it is left there."""
+
+    def __init__(self) -> None:
+        super().__init__(errno.ENOSPC, "the blob store is full")
+
+
+@contextmanager
+def translated(key: str, *, writing: bool = False) -> Iterator[None]:
+    """Raise one of this file's errors for whatever obstore raises in the block."""
+    try:
+        yield
+    except (BaseError, OSError) as error:
+        said = str(error)
+        if any(words in said for words in _FULL):
+            raise StoreFullError from error
+        gone = isinstance(error, FileNotFoundError) or any(words in said for words in _CUT)
+        if gone and not writing and "NoSuchBucket" not in said:
+            raise MissingBlobError(key) from None
+        log.warning("the blob store failed on %s: %s", key, said.partition("\n\nDebug source")[0])
+        raise StoreUnavailableError from error

@@ -1,0 +1,79 @@
+"""Makes the bucket where it is missing, and tries that it can be written: ``python -m service.storage.prepare``.
+
+A folder needs none of this. Buckets with policies of their own are better made by their operator beforehand.
+"""
+
+from __future__ import annotations
+
+import sys
+from datetime import timedelta
+from typing import Literal
+from urllib.parse import urlsplit
+
+import httpx
+import obstore
+import obstore.exceptions
+
+from service.settings import get_settings
+from service.storage.errors import StoreUnavailableError
+from service.storage.opening import S3Options, open_bucket_root
+from service.storage.store import Store
+
+_PROBE = "probe/prepare"
+_OF_AMAZON = "<CreateBucketConfiguration><LocationConstraint>{}</LocationConstraint></CreateBucketConfiguration>"
+
+
+def prepare(url: str, options: S3Options) -> bool:
+    """Make the store behind ``url`` writable, and say whether its bucket had to be made.
+
+    Raises :class:`StoreUnavailableError` where it cannot be written even so.
+    """
+    parts = urlsplit(url)
+    made = False
+    store = Store(url, options)
+    if parts.scheme == "s3" and not _is_there(parts.netloc, options):
+        made = _make(parts.netloc, options)
+    store.put_bytes(_PROBE, b"writable?")
+    store.delete(_PROBE)
+    return made
+
+
+def _is_there(bucket: str, options: S3Options) -> bool:
+    try:
+        obstore.head(open_bucket_root(bucket, options), _PROBE)
+    except FileNotFoundError:
+        # HEAD has no body to tell a missing bucket from a missing object, so the bucket is asked for itself.
+        return httpx.head(_address("HEAD", bucket, options), timeout=options.timeout_s).is_success
+    except obstore.exceptions.BaseError as error:
+        raise StoreUnavailableError from error
+    return True
+
+
+def _make(bucket: str, options: S3Options) -> bool:
+    abroad = not options.endpoint and options.region != "us-east-1"
+    body = _OF_AMAZON.format(options.region) if abroad else ""
+    answer = httpx.put(_address("PUT", bucket, options), content=body.encode(), timeout=options.timeout_s)
+    # 409: somebody made it at the same moment; whether it is ours, the probe tells.
+    if not answer.is_success and answer.status_code != httpx.codes.CONFLICT:
+        raise StoreUnavailableError
+    return answer.is_success
+
+
+def _address(method: Literal["HEAD", "PUT"], bucket: str, options: S3Options) -> str:
+    return obstore.sign(open_bucket_root(bucket, options), method, "", timedelta(minutes=1))
+
+
+def main() -> int:
+    """0 where the store can be written."""
+    settings = get_settings()
+    try:
+        made = prepare(settings.blobs, settings.s3)
+    except (StoreUnavailableError, httpx.TransportError) as error:
+        print(f"the blob store at {settings.blobs} cannot be written: {error}", file=sys.stderr)
+        return 1
+    print(f"the blob store at {settings.blobs} can be written{'; its bucket was made' if made else ''}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""A real S3 server out of the `moto` wheel, in a process of its own; every store gets a bucket of its own."""
+
+import itertools
+import os
+import shutil
+import signal
+import socket
+import sys
+import tempfile
+from pathlib import Path
+
+import httpx
+
+from service.storage.opening import S3Options
+from service.storage.prepare import prepare
+from service.storage.store import Store
+from tests.support.processes import start, stop, wait_until
+
+_numbers = itertools.count(1)
+
+
+class S3Server:
+    """Buckets live in its memory: stopping it loses them, pausing it does not."""
+
+    def __init__(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="apexcal-s3-"))
+        self.port = free_port()
+        command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(self.port)]
+        self.child = start(command, self.folder / "log")
+        wait_until(self._answers, "the start of the S3 server", 60)
+
+    @property
+    def endpoint(self) -> str:
+        """Its address, as in ``APEXCAL_S3_ENDPOINT``."""
+        return f"http://127.0.0.1:{self.port}"
+
+    def options(self, **changed: object) -> S3Options:
+        """How to reach it. It takes any keys, but some there must be."""
+        given = {"endpoint": self.endpoint, "access_key_id": "apexcal", "secret_access_key": "secret"}
+        return S3Options(**(given | changed))
+
+    def environment(self, bucket: str) -> dict[str, str]:
+        """Settings of a service that keeps its blobs in this bucket."""
+        return {
+            "APEXCAL_BLOB_URL": f"s3://{bucket}/blobs",
+            "APEXCAL_S3_ENDPOINT": self.endpoint,
+            "APEXCAL_S3_ACCESS_KEY_ID": "apexcal",
+            "APEXCAL_S3_SECRET_ACCESS_KEY": "secret",
+        }
+
+    def make_bucket(self) -> str:
+        """A fresh bucket's name."""
+        name = f"bucket-{next(_numbers)}"
+        assert prepare(f"s3://{name}", self.options())
+        return name
+
+    def store(self, **changed: object) -> Store:
+        """A store on a fresh bucket; its options can be ``changed``."""
+        return Store(f"s3://{self.make_bucket()}/some/prefix", self.options(**changed))
+
+    def pause(self) -> None:
+        """Let it hang: connections are taken and never answered."""
+        os.kill(self.child.pid, signal.SIGSTOP)
+
+    def resume(self) -> None:
+        """Let it go on."""
+        os.kill(self.child.pid, signal.SIGCONT)
+
+    def close(self) -> None:
+        """Stop it and remove its folder."""
+        self.resume()
+        stop(self.child)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _answers(self) -> bool:
+        assert self.child.poll() is None, (self.folder / "log").read_text()
+        try:
+            return httpx.get(f"{self.endpoint}/moto-api/", timeout=2).status_code == 200
+        except httpx.TransportError:
+            return False
+
+
+def free_port() -> int:
+    """A port that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
