@@ -20,6 +20,7 @@ from service.detections import routes as detections
 from service.events import routes as events
 from service.events.hints import COURIER as HINTS
 from service.events.hints import Publisher
+from service.fleet_requests import routes as fleet_requests
 from service.fleets import routes as fleets
 from service.http import etags, headers, health, idempotency, jobs, problems, web
 from service.jobs.messages import COURIER as JOBS
@@ -48,6 +49,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     studies.router,
     annotations.router,
     calibrations.router,
+    fleet_requests.router,
 )
 
 _UPKEEP_S = 600.0

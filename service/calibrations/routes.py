@@ -105,7 +105,7 @@ def read_calibration(calibration_id: UUID, access: ReadAccess) -> CalibrationVie
 def cancel_calibration(calibration_id: UUID, access: WriteAccess) -> CalibrationView:
     """Ask for the end of a calibration; what has ended stays as it is. [engineer]"""
     calibration = access.find(Calibration, calibration_id, "engineer")
-    ask_to_end(access.session, calibration)
+    ask_to_end(access.session, select(Calibration.id).where(Calibration.id == calibration.id))
     hint(access.session, calibration.fleet_id, "calibration", calibration.id)
     return calibration_views(access.session, [calibration])[0]
 

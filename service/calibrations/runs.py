@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from uuid import UUID
 
-from sqlalchemy import func, select, update
+from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
 from service.calibrations.requests import Fit, Plan
@@ -13,7 +13,7 @@ from service.db.calibrations import Calibration, CalibrationRun
 from service.db.fleets import Rig
 from service.jobs.bundles import plan, slot_ms
 from service.jobs.queue import cancel
-from service.jobs.solving import start_run
+from service.jobs.solving import start_runs
 
 FULL = -1
 UNENDED = ("queued", "running")
@@ -23,45 +23,52 @@ def create(
     session: Session, rig: Rig, asked: Plan, farm: str, publish: str, person_id: UUID, workers: int
 ) -> Calibration:
     """Insert a calibration with all its runs and their first jobs. Fits to all pairs are worked on first."""
-    fits = sorted(_runs(asked), key=lambda run: run[1])
-    calibration = Calibration(
-        fleet_id=rig.fleet_id,
-        vehicle_id=rig.vehicle_id,
-        rig_id=rig.id,
-        request=asked.request,
-        content_hash=asked.content_hash,
-        state="queued",
-        remaining=len(fits),
-        publish=publish,
-        notes=asked.notes,
-        created_by=person_id,
-    )
-    session.add(calibration)
+    waiting = waiting_runs(session) + sum(fit.folds + 1 for fit in asked.fits)
+    return create_all(session, [(rig, asked)], farm, publish, person_id, workers, waiting)[0]
+
+
+def waiting_runs(session: Session) -> int:
+    """How many runs have not ended, of all fleets."""
+    unended = select(func.count()).select_from(CalibrationRun).where(CalibrationRun.state.in_(UNENDED))
+    return session.scalar(unended) or 0
+
+
+def create_all(
+    session: Session,
+    wanted: Sequence[tuple[Rig, Plan]],
+    farm: str,
+    publish: str,
+    person_id: UUID,
+    workers: int,
+    waiting: int,
+) -> list[Calibration]:
+    """Insert many calibrations of one fleet as :func:`create` does, in as few statements as one takes.
+
+    ``waiting``: how many runs there are to be worked on, these included.
+    """
+    calibrations = [_calibration(rig, asked, publish, person_id) for rig, asked in wanted]
+    session.add_all(calibrations)
     session.flush()
-    waiting = len(fits) + (
-        session.scalar(select(func.count()).select_from(CalibrationRun).where(CalibrationRun.state.in_(UNENDED))) or 0
-    )
-    runs = [_run(calibration, fit, fold, asked, farm, waiting, workers) for fit, fold in fits]
+    runs = [
+        _run(calibration, fit, fold, asked, farm, waiting, workers)
+        for calibration, (_, asked) in zip(calibrations, wanted, strict=True)
+        for fit, fold in sorted(_runs(asked), key=lambda run: run[1])
+    ]
     session.add_all(runs)
     session.flush()
-    for run in runs:
-        start_run(session, run)
-    return calibration
+    start_runs(session, runs)
+    return calibrations
 
 
-def ask_to_end(session: Session, calibration: Calibration) -> None:
-    """Cancel what has not ended. Jobs before runs: the order in which everybody locks them."""
-    runs = list(
-        session.scalars(
-            select(CalibrationRun.id).where(
-                CalibrationRun.calibration_id == calibration.id, CalibrationRun.state.in_(UNENDED)
-            )
-        )
+def ask_to_end(session: Session, calibrations: Select[UUID]) -> None:
+    """Cancel what has not ended of these calibrations. Jobs before runs: the order in which everybody locks them."""
+    runs = select(CalibrationRun.id).where(
+        CalibrationRun.calibration_id.in_(calibrations), CalibrationRun.state.in_(UNENDED)
     )
     cancel(session, runs)
     session.execute(
         update(CalibrationRun)
-        .where(CalibrationRun.id.in_(runs), CalibrationRun.state.in_(UNENDED))
+        .where(CalibrationRun.id.in_(runs))
         .values(cancel_requested=True)
         .execution_options(synchronize_session=False)
     )
@@ -70,6 +77,21 @@ def ask_to_end(session: Session, calibration: Calibration) -> None:
 def _runs(asked: Plan) -> Iterator[tuple[Fit, int]]:
     for fit in asked.fits:
         yield from ((fit, fold) for fold in range(FULL, fit.folds))
+
+
+def _calibration(rig: Rig, asked: Plan, publish: str, person_id: UUID) -> Calibration:
+    return Calibration(
+        fleet_id=rig.fleet_id,
+        vehicle_id=rig.vehicle_id,
+        rig_id=rig.id,
+        request=asked.request,
+        content_hash=asked.content_hash,
+        state="queued",
+        remaining=sum(fit.folds + 1 for fit in asked.fits),
+        publish=publish,
+        notes=asked.notes,
+        created_by=person_id,
+    )
 
 
 def _run(

@@ -11,6 +11,7 @@ from service.db.calibrations import (
     Slot,
 )
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.jobs import Heartbeat, Job, JobEvent, JobTotal, Worker
 from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person, SignInLink
@@ -31,6 +32,8 @@ __all__ = [
     "CorrespondenceSet",
     "Detection",
     "Fleet",
+    "FleetRequest",
+    "FleetRequestVehicle",
     "Heartbeat",
     "IdempotencyKey",
     "Job",

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import func, select, update
+from sqlalchemy import Select, func, literal, select, update
 from sqlalchemy.orm import Session
 
 from service.db.clock import now
@@ -26,6 +26,8 @@ QUEUE_OF_KIND = {
 }
 QUEUES = ("ingest", "detect", "solve", "report")
 _UNENDED = ("queued", "running")
+# Written out in the statement: a partial index is not found by a parameter's value.
+_QUEUED = Job.state == literal("queued", literal_execute=True)
 
 
 def enqueue(
@@ -39,9 +41,17 @@ def enqueue_all(
     session: Session, *, kind: str, fleet_id: UUID, subject_id: UUID, payloads: Iterable[dict[str, Any]]
 ) -> list[Job]:
     """Insert several jobs of one subject; those within the fleet's window are sent after the commit."""
+    return enqueue_each(session, kind=kind, fleet_id=fleet_id, work=[(subject_id, payload) for payload in payloads])
+
+
+def enqueue_each(
+    session: Session, *, kind: str, fleet_id: UUID, work: Iterable[tuple[UUID, dict[str, Any]]]
+) -> list[Job]:
+    """The same for several subjects, each with its payload."""
     queue = QUEUE_OF_KIND[kind]
     jobs = [
-        Job(kind=kind, queue=queue, fleet_id=fleet_id, subject_id=subject_id, payload=payload) for payload in payloads
+        Job(kind=kind, queue=queue, fleet_id=fleet_id, subject_id=subject_id, payload=payload)
+        for subject_id, payload in work
     ]
     session.add_all(jobs)
     session.flush()
@@ -55,14 +65,15 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
     The window keeps a fleet of a thousand vehicles from filling the broker's first-in, first-out queue.
     """
     settings = get_settings()
-    waiting = select(Job.id).where(Job.state == "queued", Job.queue == queue, Job.fleet_id == fleet_id)
-    sent = session.scalar(select(func.count()).select_from(waiting.where(Job.send_after.is_not(None)).subquery()))
-    room = settings.workers + 1 - (sent or 0)
+    queued = select(Job.id).where(_QUEUED, Job.queue == queue, Job.fleet_id == fleet_id)
+    # At most a window's worth is sent and unclaimed, but whoever counts stops there.
+    sent = queued.where(Job.send_after.is_not(None)).limit(settings.workers + 1).subquery()
+    room = settings.workers + 1 - (session.scalar(select(func.count()).select_from(sent)) or 0)
     if room <= 0:
         return
     # A common table expression, for PostgreSQL may run a plain subquery once per row, each time past its own limit.
     oldest = (
-        waiting.where(Job.send_after.is_(None), ~Job.cancel_requested)
+        queued.where(Job.send_after.is_(None), ~Job.cancel_requested)
         .order_by(Job.id)
         .limit(room)
         .with_for_update(skip_locked=True)
@@ -79,11 +90,12 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
         post(session, COURIER, Message(job_id, queue))
 
 
-def cancel(session: Session, subject_ids: Iterable[UUID]) -> None:
+def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:
     """Ask for the end of these subjects' jobs. Running ones look at it with each renewal; the sweep ends the rest."""
     session.execute(
         update(Job)
-        .where(Job.subject_id.in_(list(subject_ids)), Job.state.in_(_UNENDED))
+        .where(Job.subject_id.in_(subjects if isinstance(subjects, Select) else list(subjects)))
+        .where(Job.state.in_(_UNENDED), ~Job.cancel_requested)
         .values(cancel_requested=True)
         .execution_options(synchronize_session=False)
     )

@@ -1,10 +1,12 @@
 """How a calibration's runs move: iterations as bundles of slots, the fan-in, and the end of run and request.
 
-Every function here works inside the caller's transaction. Locks are taken in one order: job, run, calibration.
+Every function here works inside the caller's transaction. Locks are taken in one order: job, run, calibration, then
+those of :mod:`service.jobs.fleet_progress`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from uuid import UUID
 
 from sqlalchemy import update
@@ -16,33 +18,38 @@ from service.db.clock import utc_now
 from service.events.hints import hint
 from service.jobs.bundles import cut
 from service.jobs.conclusion import conclude
-from service.jobs.queue import enqueue, enqueue_all
+from service.jobs.fleet_progress import tell_fleet_request
+from service.jobs.queue import enqueue, enqueue_all, enqueue_each
 
 _UNENDED = ("queued", "running")
 
 
-def start_run(session: Session, run: CalibrationRun) -> None:
-    """Insert a run's first work: the whole run as one job, or the bundles of its first iteration."""
-    if run.farm == "runs":
-        _enqueue_part(session, run, {"part": "run"})
-    else:
-        start_iteration(session, run)
+def start_runs(session: Session, runs: Sequence[CalibrationRun]) -> None:
+    """Insert the first work of runs of one fleet: the whole run as one job, or the bundles of its first iteration."""
+    work = [
+        (run.id, payload) for run in runs for payload in ([{"part": "run"}] if run.farm == "runs" else _bundles(run))
+    ]
+    enqueue_each(session, kind="solve", fleet_id=runs[0].fleet_id, work=work)
 
 
 def start_iteration(session: Session, run: CalibrationRun) -> None:
-    """Insert the bundles of the run's next iteration. They are fixed rows, never cut anew on a retry."""
+    """Insert the bundles of the run's next iteration."""
+    enqueue_all(session, kind="solve", fleet_id=run.fleet_id, subject_id=run.id, payloads=_bundles(run))
+
+
+def _bundles(run: CalibrationRun) -> list[Json]:
+    """The running iteration's bundles, counted. They become fixed rows, never cut anew on a retry."""
     bundles = cut(run.slots, run.bundle)
     run.remaining = len(bundles)
-    payloads = [
+    return [
         {"part": "slots", "iteration": run.iteration, "first": bundle.start, "stop": bundle.stop}
         for bundle in bundles
     ]
-    enqueue_all(session, kind="solve", fleet_id=run.fleet_id, subject_id=run.id, payloads=payloads)
 
 
 def start_finish(session: Session, run: CalibrationRun) -> None:
     """Insert the run's last job: polish, baselines and held-out pairs."""
-    _enqueue_part(session, run, {"part": "finish"})
+    enqueue(session, kind="solve", fleet_id=run.fleet_id, subject_id=run.id, payload={"part": "finish"})
 
 
 def count_down(session: Session, run_id: UUID) -> CalibrationRun | None:
@@ -81,9 +88,7 @@ def end_run(session: Session, run: CalibrationRun, state: str, failure: Json | N
         .execution_options(synchronize_session=False)
     ).scalar_one_or_none()
     if left == 0:
-        conclude(session, session.get_one(Calibration, run.calibration_id, populate_existing=True))
+        calibration = session.get_one(Calibration, run.calibration_id, populate_existing=True)
+        conclude(session, calibration)
+        tell_fleet_request(session, calibration)
     hint(session, run.fleet_id, "calibration", run.calibration_id)
-
-
-def _enqueue_part(session: Session, run: CalibrationRun, payload: Json) -> None:
-    enqueue(session, kind="solve", fleet_id=run.fleet_id, subject_id=run.id, payload=payload)

@@ -9,7 +9,7 @@ from sqlalchemy import func, select, update
 from service.db.models import Calibration, CalibrationRun, Fleet, Job
 from service.jobs.claims import claim, finishing
 from service.jobs.queue import cancel
-from service.jobs.solving import count_down, end_run, start_iteration, start_run
+from service.jobs.solving import count_down, end_run, start_iteration, start_runs
 from service.jobs.sweep import sweep
 from service.storage.store import Store
 
@@ -18,7 +18,7 @@ from .support import make_calibration
 
 def _start(database, run_id):
     with database.writing() as session:
-        start_run(session, session.get_one(CalibrationRun, run_id))
+        start_runs(session, [session.get_one(CalibrationRun, run_id)])
     with database.reading() as session:
         return session.scalars(select(Job.id).order_by(Job.id)).all()
 

@@ -1,0 +1,1 @@
+"""Calibrations of many vehicles, asked for in one call."""

@@ -1,0 +1,152 @@
+"""Which vehicles a filter names, and which pairs of each are the newest. A handful of queries, however many vehicles.
+
+The rule of the newest pairs: of the vehicle's rigs (those that the filter names) the one with the newest
+correspondence set; of this rig, for each of its cameras, the camera's newest set, imported or made of marks.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from fnmatch import translate
+from uuid import UUID
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.fleets import Rig, RigCamera, Vehicle
+from service.fleet_requests.schemas import VehicleFilter
+from service.http.problems import Problem
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A vehicle that the filter names, and the newest set of each camera of one rig; none where it has no pairs."""
+
+    id: UUID
+    name: str
+    sets: Mapping[str, UUID] = field(default_factory=dict)
+
+
+def choose(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> list[Chosen]:
+    """The vehicles of a fleet that the filter names, in the order of their names.
+
+    Raises:
+        Problem: 422 ``unknown_vehicle``, ``no_vehicle_matches``.
+    """
+    vehicles = _vehicles(session, fleet_id, wanted)
+    with_rig = _with_rig(session, fleet_id, wanted.rig) if wanted.rig else None
+    newest = _newest_sets(session, fleet_id, wanted.rig)
+    chosen = [
+        Chosen(id, name, newest.get(id, {})) for id, name in vehicles.items() if with_rig is None or id in with_rig
+    ]
+    if wanted.not_calibrated_since:
+        recent = _calibrated_since(session, fleet_id, wanted.not_calibrated_since)
+        chosen = [one for one in chosen if one.id not in recent]
+    if wanted.new_pairs:
+        published = _published_sets(session, fleet_id)
+        chosen = [one for one in chosen if any(published.get((one.id, c)) != of for c, of in one.sets.items())]
+    if not chosen:
+        raise Problem(
+            422,
+            "no_vehicle_matches",
+            f"The filter matches none of the fleet's {len(vehicles)} vehicles it looked at.",
+            "Widen the filter; an empty one means all vehicles. Patterns know * and ?, and tell A from a.",
+        )
+    return sorted(chosen, key=lambda one: (one.name, one.id))
+
+
+def _vehicles(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> dict[UUID, str]:
+    """Id and name of the vehicles that ids and name pattern leave."""
+    rows = session.execute(select(Vehicle.id, Vehicle.name).where(Vehicle.fleet_id == fleet_id))
+    vehicles: dict[UUID, str] = {row.id: row.name for row in rows}
+    if wanted.vehicle_ids is not None:
+        strange = [str(one) for one in wanted.vehicle_ids if one not in vehicles]
+        if strange:
+            raise Problem(
+                422,
+                "unknown_vehicle",
+                f"{len(strange)} of the {len(wanted.vehicle_ids)} vehicle ids are of no vehicle of this fleet; "
+                f"the first is {strange[0]}.",
+                "Give ids of GET /v1/fleets/{id}/vehicles.",
+                vehicle_ids=strange[:100],
+            )
+        vehicles = {one: vehicles[one] for one in wanted.vehicle_ids}
+    if wanted.name is not None:
+        matches = _matcher(wanted.name)
+        vehicles = {id: name for id, name in vehicles.items() if matches.fullmatch(name)}
+    return vehicles
+
+
+def _matcher(pattern: str) -> re.Pattern[str]:
+    """The pattern as a regular expression. Here brackets mean themselves."""
+    return re.compile(translate(pattern.replace("[", "[[]")))
+
+
+def _with_rig(session: Session, fleet_id: UUID, pattern: str) -> set[UUID]:
+    """Who has a rig of such a name."""
+    matches = _matcher(pattern)
+    rows = session.execute(select(Rig.vehicle_id, Rig.name).where(Rig.fleet_id == fleet_id))
+    return {row.vehicle_id for row in rows if matches.fullmatch(row.name)}
+
+
+def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> dict[UUID, dict[str, UUID]]:
+    """By vehicle, the newest set of each camera of the rig whose newest set is the newest."""
+    ranked = (
+        select(
+            *(CorrespondenceSet.id, CorrespondenceSet.vehicle_id, CorrespondenceSet.rig_id),
+            *(CorrespondenceSet.camera, CorrespondenceSet.created_at, Rig.name.label("rig")),
+            func.row_number()
+            .over(
+                partition_by=(CorrespondenceSet.rig_id, CorrespondenceSet.camera),
+                order_by=(CorrespondenceSet.created_at.desc(), CorrespondenceSet.id.desc()),
+            )
+            .label("age"),
+        )
+        .join(Rig, Rig.id == CorrespondenceSet.rig_id)
+        .join(RigCamera, (RigCamera.rig_id == Rig.id) & (RigCamera.name == CorrespondenceSet.camera))
+        .where(CorrespondenceSet.fleet_id == fleet_id)
+        .subquery()
+    )
+    rows = session.execute(select(ranked).where(ranked.c.age == 1).order_by(ranked.c.created_at, ranked.c.id)).all()
+    if rig_pattern is not None:
+        matches = _matcher(rig_pattern)
+        rows = [row for row in rows if matches.fullmatch(row.rig)]
+    # Oldest first, so the last rig seen of a vehicle is the one with the newest set.
+    rig_of = {row.vehicle_id: row.rig_id for row in rows}
+    newest: dict[UUID, dict[str, UUID]] = defaultdict(dict)
+    for row in rows:
+        if rig_of[row.vehicle_id] == row.rig_id:
+            newest[row.vehicle_id][row.camera] = row.id
+    return newest
+
+
+def _calibrated_since(session: Session, fleet_id: UUID, since: datetime) -> set[UUID]:
+    return set(
+        session.scalars(
+            select(Calibration.vehicle_id).where(
+                Calibration.fleet_id == fleet_id, Calibration.state == "done", Calibration.finished_at >= since
+            )
+        )
+    )
+
+
+def _published_sets(session: Session, fleet_id: UUID) -> dict[tuple[UUID, str], UUID]:
+    """By vehicle and camera, the set that the current calibration was made from."""
+    rows = session.execute(
+        select(Publication.vehicle_id, Publication.camera, CalibrationRun.set_id)
+        .join(Result, Result.id == Publication.result_id)
+        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
+        .where(Publication.fleet_id == fleet_id)
+        .order_by(Publication.created_at, Publication.id)
+    )
+    return {(row.vehicle_id, row.camera): row.set_id for row in rows}
+
+
+def in_chunks(chosen: list[Chosen], size: int) -> Iterable[list[Chosen]]:
+    """The vehicles a few at a time, so that not all their pairs are in memory at once."""
+    return (chosen[first : first + size] for first in range(0, len(chosen), size))

@@ -1,0 +1,107 @@
+"""What fleet requests and their answers look like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+from uuid import UUID
+
+from pydantic import AwareDatetime, Field
+
+from service.calibrations.schemas import CalibrationTemplate, ProgressView
+from service.http.schemas import Name, Received, Sent
+
+Json = dict[str, Any]
+VehicleState = Literal["queued", "running", "done", "failed", "cancelled", "skipped"]
+RequestState = Literal["running", "done", "done_with_failures", "cancelled"]
+
+
+class VehicleFilter(Received):
+    """Which vehicles of the fleet: those that everything given here is true of; with nothing given, all.
+
+    ``name`` and ``rig`` are patterns in which ``*`` stands for any letters and ``?`` for one; ``rig`` also says
+    which rig of the vehicle is calibrated. ``not_calibrated_since`` leaves out who has a calibration done since then.
+    ``new_pairs`` keeps only who has a camera whose newest pairs are not those of its published calibration.
+    """
+
+    vehicle_ids: Annotated[list[UUID], Field(min_length=1, max_length=5000)] | None = None
+    name: Name | None = None
+    rig: Name | None = None
+    not_calibrated_since: AwareDatetime | None = None
+    new_pairs: bool = False
+
+
+class FleetRequestBody(Received):
+    """One calibration asked for of many vehicles; ``dry_run`` only answers what it would come to."""
+
+    vehicles: VehicleFilter
+    calibration: CalibrationTemplate = CalibrationTemplate.model_validate({})
+    dry_run: bool = False
+
+
+class Counts(Sent):
+    """How many vehicles the filter matched, and how many of them are in which state."""
+
+    matched: int
+    queued: int
+    running: int
+    done: int
+    failed: int
+    cancelled: int
+    skipped: int
+
+
+class FleetRequestView(Sent):
+    """A fleet request: what was asked, how far it is, and how many vehicles came to what."""
+
+    id: UUID
+    fleet_id: UUID
+    state: RequestState
+    asked: Json
+    counts: Counts
+    progress: ProgressView
+    seconds_left: int | None
+    cancel_requested: bool
+    created_at: datetime
+    finished_at: datetime | None
+
+
+class CameraOutcome(Sent):
+    """What a vehicle's calibration recommends for a camera, and its mean errors in pixels."""
+
+    model: str | None
+    mean_px: float | None
+    heldout_mean_px: float | None
+
+
+class RequestVehicleView(Sent):
+    """A vehicle of a fleet request. ``problem`` says why it failed, was skipped or was cancelled."""
+
+    vehicle_id: UUID
+    vehicle: str
+    state: VehicleState
+    calibration_id: UUID | None
+    problem: Json | None
+    cameras: dict[str, CameraOutcome]
+    finished_at: datetime | None
+
+
+class SkippedView(Sent):
+    """A vehicle that would be skipped, and why."""
+
+    vehicle_id: UUID
+    vehicle: str
+    problem: Json
+
+
+class DryRunView(Sent):
+    """What a fleet request would come to: runs are fits of one model to one camera's pairs.
+
+    ``skipped_vehicles`` names the first hundred.
+    """
+
+    matched: int
+    calibrations: int
+    runs: int
+    skipped: int
+    skipped_vehicles: list[SkippedView]

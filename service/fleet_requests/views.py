@@ -1,0 +1,137 @@
+"""Fleet requests and their vehicles, as the answers show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import ColumnElement, Select, func, or_, select
+from sqlalchemy.orm import Session
+
+from service.calibrations.schemas import ProgressView
+from service.db.base import Json
+from service.db.calibrations import Calibration, CalibrationRun
+from service.db.clock import utc_now
+from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.db.fleets import Vehicle
+from service.db.jobs import Job
+from service.fleet_requests.schemas import (
+    CameraOutcome,
+    Counts,
+    FleetRequestView,
+    RequestVehicleView,
+    VehicleState,
+)
+
+# Before this many vehicles have ended, their pace tells too little.
+_LEAST_ENDED = 3
+
+
+def is_running() -> ColumnElement[bool]:
+    """Whether work on a queued vehicle has begun: a run of its calibration has ended, or a job of it is being done.
+
+    The jobs that are running are few, however many wait.
+    """
+    worked_on = (
+        select(CalibrationRun.calibration_id)
+        .join(Job, Job.subject_id == CalibrationRun.id)
+        .where(Job.state == "running", Job.queue == "solve")
+    )
+    begun = select(Calibration.id).where(
+        Calibration.id == FleetRequestVehicle.calibration_id, Calibration.state == "running"
+    )
+    return (FleetRequestVehicle.state == "queued") & or_(
+        FleetRequestVehicle.calibration_id.in_(worked_on), begun.exists()
+    )
+
+
+def in_state(statement: Select[Any], state: VehicleState) -> Select[Any]:
+    """The vehicles of a statement that are in this state."""
+    if state == "running":
+        return statement.where(is_running())
+    statement = statement.where(FleetRequestVehicle.state == state)
+    return statement.where(~is_running()) if state == "queued" else statement
+
+
+def request_views(session: Session, rows: Sequence[FleetRequest]) -> list[FleetRequestView]:
+    """Fleet requests with their counts."""
+    running = _running(session, [row.id for row in rows if row.remaining])
+    return [_request_view(row, running.get(row.id, 0)) for row in rows]
+
+
+def _running(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:
+    if not ids:
+        return {}
+    of = FleetRequestVehicle.fleet_request_id
+    rows = session.execute(select(of, func.count()).where(of.in_(ids), is_running()).group_by(of))
+    return {row[0]: row[1] for row in rows}
+
+
+def _request_view(row: FleetRequest, running: int) -> FleetRequestView:
+    running = min(running, row.remaining)
+    ended = row.matched - row.remaining
+    message = f"{ended} of {row.matched} vehicles have ended"
+    if row.failed:
+        message += f", {row.failed} of them failed"
+    return FleetRequestView(
+        id=row.id,
+        fleet_id=row.fleet_id,
+        state=row.state,  # pyright: ignore[reportArgumentType] - only states
+        asked=row.asked,
+        counts=Counts(
+            matched=row.matched,
+            queued=row.remaining - running,
+            running=running,
+            done=row.done,
+            failed=row.failed,
+            cancelled=row.cancelled,
+            skipped=row.skipped,
+        ),
+        progress=ProgressView(fraction=round(ended / row.matched, 4), message=message),
+        seconds_left=_seconds_left(row),
+        cancel_requested=row.cancel_requested,
+        created_at=row.created_at,
+        finished_at=row.finished_at,
+    )
+
+
+def _seconds_left(row: FleetRequest) -> int | None:
+    """By the pace since the newest start, to the second; None where that is not known."""
+    ended = row.wave - row.remaining
+    if not row.remaining or ended < _LEAST_ENDED:
+        return None
+    return round((utc_now() - row.started_at).total_seconds() * row.remaining / ended)
+
+
+def vehicles_of(request_id: UUID) -> Select[Any]:
+    """A query for (vehicle of the request, its name, whether it is running, its calibration's summary)."""
+    return (
+        select(FleetRequestVehicle, Vehicle.name, is_running().label("running"), Calibration.summary)
+        .join(Vehicle, Vehicle.id == FleetRequestVehicle.vehicle_id)
+        .outerjoin(Calibration, Calibration.id == FleetRequestVehicle.calibration_id)
+        .where(FleetRequestVehicle.fleet_request_id == request_id)
+    )
+
+
+def vehicle_view(row: FleetRequestVehicle, name: str, running: bool, summary: Json | None) -> RequestVehicleView:
+    """One row of :func:`vehicles_of`."""
+    return RequestVehicleView(
+        vehicle_id=row.vehicle_id,
+        vehicle=name,
+        state="running" if running else row.state,  # pyright: ignore[reportArgumentType] - only states
+        calibration_id=row.calibration_id,
+        problem=row.problem,
+        cameras={camera: _outcome(found) for camera, found in (summary or {}).get("cameras", {}).items()},
+        finished_at=row.finished_at,
+    )
+
+
+def _outcome(found: Json) -> CameraOutcome:
+    model = found["recommended"]
+    summary: Json = found["models"].get(model, {})
+    return CameraOutcome(
+        model=model,
+        mean_px=summary.get("polished", {}).get("mean_px"),
+        heldout_mean_px=summary.get("heldout_mean_px"),
+    )

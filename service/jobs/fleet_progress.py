@@ -1,0 +1,81 @@
+"""How a fleet request moves: each calibration that ends is counted in the transaction that ends it.
+
+Locks are taken in one order: job, run, calibration, vehicle of the fleet request, fleet request.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from uuid import UUID
+
+from sqlalchemy import ColumnElement, case, literal, update
+from sqlalchemy.orm import Session
+
+from service.db.base import Json
+from service.db.calibrations import Calibration
+from service.db.clock import utc_now
+from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.events.hints import hint
+
+
+def tell_fleet_request(session: Session, calibration: Calibration) -> None:
+    """Count a calibration that just ended as done, failed or cancelled, where a fleet request asked for it."""
+    session.flush()
+    _end_vehicles(session, [calibration.id], calibration.state, calibration.problem)
+
+
+def drop_calibrations(session: Session, calibration_ids: Iterable[UUID]) -> None:
+    """Count calibrations that are about to be deleted with their recording, as cancelled where they had not ended."""
+    _end_vehicles(session, list(calibration_ids), "cancelled", _DELETED)
+
+
+def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) -> None:
+    """Take vehicles off the request's remaining ones; the last one ends it. One statement.
+
+    ``ended``: how many came to each of done, failed, cancelled. A cancelled request that has nothing cancelled is
+    one whose vehicles were all done before the cancel reached them.
+    """
+    counts = {name: getattr(FleetRequest, name) + ended.get(name, 0) for name in ("done", "failed", "cancelled")}
+    left = FleetRequest.remaining - sum(ended.values())
+    fleet_id = session.execute(
+        update(FleetRequest)
+        .where(FleetRequest.id == request_id)
+        .values(
+            **counts,
+            remaining=left,
+            state=case((left > 0, "running"), else_=_end_state(counts["failed"], counts["cancelled"])),
+            finished_at=case((left > 0, None), else_=literal(utc_now(), FleetRequest.finished_at.type)),
+        )
+        .returning(FleetRequest.fleet_id)
+        .execution_options(synchronize_session=False)
+    ).scalar_one()
+    hint(session, fleet_id, "fleet_request", request_id)
+
+
+def _end_state(failed: ColumnElement[int], cancelled: ColumnElement[int]) -> ColumnElement[str]:
+    return case(
+        (FleetRequest.cancel_requested & (cancelled > 0), "cancelled"),
+        (failed + cancelled > 0, "done_with_failures"),
+        else_="done",
+    )
+
+
+def _end_vehicles(session: Session, calibration_ids: list[UUID], state: str, problem: Json | None) -> None:
+    """End the vehicles that wait for these calibrations; each once, whoever comes second finds it ended."""
+    ended = session.execute(
+        update(FleetRequestVehicle)
+        .where(FleetRequestVehicle.calibration_id.in_(calibration_ids), FleetRequestVehicle.state == "queued")
+        .values(state=state, problem=problem, finished_at=utc_now())
+        .returning(FleetRequestVehicle.fleet_request_id)
+        .execution_options(synchronize_session=False)
+    ).scalars()
+    for request_id, count in sorted(Counter(ended).items()):
+        count_ended(session, request_id, {state: count})
+
+
+_DELETED: Json = {
+    "code": "recording_deleted",
+    "detail": "The recording that this vehicle's pairs came from was deleted meanwhile.",
+    "hint": "Ask again when the vehicle has other pairs.",
+}
