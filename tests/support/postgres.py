@@ -14,7 +14,9 @@ from psycopg import sql
 
 from tests.support.processes import start, stop, wait_until
 
-_SPEED_OVER_SAFETY = ("fsync=off", "synchronous_commit=off", "full_page_writes=off", "max_connections=100")
+_SPEED_OVER_SAFETY = ("fsync=off", "full_page_writes=off", "max_connections=100")
+# What a commit wrote is lost with a killed server, though not the database's consistency.
+_FORGETFUL = ("synchronous_commit=off",)
 _QUICK = ("--no-sync", "--locale=C", "--no-instructions")
 _NOBODY = 65534
 
@@ -29,14 +31,20 @@ def binaries() -> Path:
 
 
 class Postgres:
-    """A server in a folder of its own under /tmp: PostgreSQL refuses root, and another user must get in."""
+    """A server in a folder of its own under /tmp: PostgreSQL refuses root, and another user must get in.
 
-    def __init__(self) -> None:
+    A ``durable`` one keeps what was committed when it is killed; only a crash of the machine would be noticed.
+    """
+
+    def __init__(self, *, durable: bool = False) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="apexcal-pg-"))
         self._as_user: dict[str, Any] = {}
         if os.geteuid() == 0:
             self._as_user = {"user": _NOBODY, "group": _NOBODY, "extra_groups": []}
             os.chown(self.folder, _NOBODY, _NOBODY)
+            # The data inside stays private; its users need no more than the way to the socket.
+            self.folder.chmod(0o711)
+        self._options = _SPEED_OVER_SAFETY + (() if durable else _FORGETFUL)
         data = self.folder / "data"
         subprocess.run(
             [binaries() / "initdb", "-D", data, "-U", "postgres", "-A", "trust", "-E", "UTF8", *_QUICK],
@@ -45,14 +53,28 @@ class Postgres:
             cwd="/",
             **self._as_user,
         )
-        options = [word for option in _SPEED_OVER_SAFETY for word in ("-c", option)]
-        self._child = start(
-            [str(binaries() / "postgres"), "-D", str(data), "-k", str(self.folder), "-h", "", *options],
+        self.launch()
+        wait_until(self._answers, "the start of PostgreSQL")
+
+    def launch(self) -> subprocess.Popen[bytes]:
+        """Start the server on the data that is there, without waiting until it answers."""
+        options = [word for option in self._options for word in ("-c", option)]
+        self.child = start(
+            [
+                str(binaries() / "postgres"),
+                "-D",
+                str(self.folder / "data"),
+                "-k",
+                str(self.folder),
+                "-h",
+                "",
+                *options,
+            ],
             self.folder / "log",
             cwd="/",
             **self._as_user,
         )
-        wait_until(self._answers, "the start of PostgreSQL")
+        return self.child
 
     def url(self, database: str) -> str:
         """SQLAlchemy URL of one of its databases."""
@@ -78,7 +100,7 @@ class Postgres:
 
     def close(self) -> None:
         """Stop the server and remove its folder."""
-        stop(self._child, signal.SIGINT)
+        stop(self.child, signal.SIGINT)
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _run(self, statement: sql.Composable) -> None:
@@ -86,7 +108,7 @@ class Postgres:
             connection.execute(statement)
 
     def _answers(self) -> bool:
-        assert self._child.poll() is None, (self.folder / "log").read_text()
+        assert self.child.poll() is None, (self.folder / "log").read_text()
         try:
             self._run(sql.SQL("SELECT 1"))
         except psycopg.OperationalError:

@@ -1,0 +1,240 @@
+"""The campaign itself: a calm phase that says what is right, the storm, the quiet after it, and the check."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import func, select, text, update
+from sqlalchemy.exc import OperationalError
+
+from service.auth.secrets import new_secret, secret_hash
+from service.db.ids import new_id
+from service.db.models import ApiToken, Blob, Calibration, Detection, Job, Membership, Person, Recording
+from service.storage.store import Store
+from tests.faults.campaign.clients import Annotator, Engineer, GaveUpError
+from tests.faults.campaign.invariants import Findings, check
+from tests.faults.campaign.kinds import KINDS
+from tests.faults.campaign.ledger import Ledger
+from tests.faults.campaign.objects import listed
+from tests.faults.campaign.plant import CLOCKS_APART_S, Plant
+from tests.faults.campaign.requests import CALIBRATIONS, Expected, record, sensors, vertices
+from tests.faults.campaign.schedule import Injector, draw
+from tests.faults.results import documents
+
+_TICK_S = 0.05
+_CALM_S = 120.0
+_LONGER_THAN_ANY_UPLOAD_US = 3 * 3600 * 1_000_000
+# Clients begin their last request when this share of the time is over.
+_ASKED_UNTIL = 0.85
+# How many clients work at once, by what they do.
+_CLIENTS = {"calibrations": 4, "uploads": 4, "marks": 4}
+
+
+@dataclass(frozen=True)
+class Size:
+    """How long it takes and how much is under way. ``calibrations`` counts those of the storm."""
+
+    seconds: float
+    fault_every_s: float
+    calibrations: int
+    uploads: int
+    marks: int
+    walks: int
+
+    @property
+    def quiet_s(self) -> float:
+        """How long everything may take to end after the last fault."""
+        return max(120.0, self.seconds / 2)
+
+
+class Campaign:
+    """One run. The thread that makes it must run and close it: the processes end with that thread."""
+
+    def __init__(self, data: Path, logs: Path, random: Random, size: Size, *, own_disk: bool) -> None:
+        self._random = random
+        self._size = size
+        # A disk that belongs to others as well is not filled.
+        self._kinds = [kind for kind in KINDS if own_disk or kind != "disk_full"]
+        self._walks = record(logs, size.walks)
+        self._ledger = Ledger()
+        self._expected = Expected()
+        self._plant = Plant(data, logs, random)
+        self._store = Store((data / "blobs").as_uri())
+        self._injected: dict[str, int] = {}
+
+    def run(self) -> Findings:
+        """Everything from the first process to the last check."""
+        token = self._plant.begin()
+        self._plant.wait_ready()
+        until = time.monotonic() + _CALM_S + self._size.seconds + self._size.quiet_s
+        engineer = Engineer(self._plant.url, token, self._ledger, until)
+        recordings = self._calm(engineer)
+        self._storm(engineer, self._annotators(engineer, until), recordings)
+        self._quiet()
+        return self._check()
+
+    def facts(self) -> dict[str, Any]:
+        """What was done, for the line of JSON."""
+        return {
+            "faults_injected": sum(self._injected.values()),
+            "faults": dict(sorted(self._injected.items())),
+            "kinds_left_out": sorted(set(KINDS) - set(self._kinds)),
+            "clocks_apart_s": CLOCKS_APART_S,
+            "calibrations": len(self._ledger.calibrations),
+            "uploads": len(self._ledger.completed),
+            "detections": len(self._ledger.detections),
+            "marks": len(self._ledger.marks),
+            "answers": dict(sorted(self._ledger.answers.items())),
+        }
+
+    def close(self) -> None:
+        """Stop every process."""
+        self._plant.close()
+
+    def _calm(self, engineer: Engineer) -> dict[UUID, int]:
+        """Do each distinct request once, undisturbed. Returns the recordings with their numbers of frames."""
+        with ThreadPoolExecutor(1) as pool:
+            asked = {kind: pool.submit(engineer.calibrate, kind, 0) for kind in CALIBRATIONS}
+            sent = {name: pool.submit(engineer.upload, name, walk, 0) for name, walk in self._walks.items()}
+            self._watch_until(lambda: all(one.done() for one in (*asked.values(), *sent.values())), _CALM_S)
+        assert self._watch_until(lambda: not self._unended(), _CALM_S), "undisturbed work did not end"
+        with self._plant.database.reading() as session:
+            for kind, one in asked.items():
+                self._expected.calibrations[kind] = documents(session, one.result())
+            for name, one in sent.items():
+                row = session.get_one(Recording, one.result())
+                self._expected.recordings[name] = sensors(session, self._store, row)
+            for detection_id, name in self._ledger.detections.items():
+                self._expected.detections[name] = vertices(session, session.get_one(Detection, detection_id))
+        assert all(self._expected.calibrations.values()), "undisturbed calibrations found nothing"
+        return {one.result(): engineer.frames(one.result()) for one in sent.values()}
+
+    def _annotators(self, engineer: Engineer, until: float) -> list[Annotator]:
+        """As many people as wanted, each of whom marks frame after frame."""
+        made: list[Annotator] = []
+        for number in range(8):
+            secret, person = new_secret("apx_"), Person(id=new_id(), name=f"annotator {number}")
+            with self._plant.database.writing() as session:
+                session.add(person)
+                session.flush()
+                session.add(ApiToken(secret_hash=secret_hash(secret), name="campaign", person_id=person.id))
+                for fleet in engineer.fleets:
+                    session.add(Membership(person_id=person.id, fleet_id=UUID(fleet), role="annotator"))
+            made.append(Annotator(person.id, self._plant.url, secret, self._ledger, until))
+        return made
+
+    def _storm(self, engineer: Engineer, annotators: list[Annotator], recordings: dict[UUID, int]) -> None:
+        """Clients ask for everything while the schedule strikes; it ends when both have ended."""
+        planned = draw(self._random, self._size.seconds, self._size.fault_every_s, self._kinds)
+        work = {
+            "calibrations": [self._calibration(engineer, number) for number in range(1, self._size.calibrations + 1)],
+            "uploads": [self._upload(engineer, number) for number in range(1, self._size.uploads + 1)],
+            "marks": self._marks(annotators, recordings),
+        }
+        pools = {name: ThreadPoolExecutor(clients) for name, clients in _CLIENTS.items()}
+        began = time.monotonic()
+        under_way: list[Future[None]] = []
+        for name, tasks in work.items():
+            for number, task in enumerate(tasks):
+                begin = began + self._size.seconds * _ASKED_UNTIL * number / len(tasks)
+                under_way.append(pools[name].submit(self._at, begin, task))
+        injector = Injector(self._plant, planned, self._random)
+        while not injector.finished:
+            injector.step()
+            time.sleep(_TICK_S)
+        self._injected = dict(injector.injected)
+        self._watch_until(lambda: all(one.done() for one in under_way), self._size.quiet_s + _CALM_S)
+        for pool in pools.values():
+            pool.shutdown(cancel_futures=True)
+        for one in under_way:
+            one.result()
+
+    def _at(self, begin: float, task: Callable[[], object]) -> None:
+        time.sleep(max(0.0, begin - time.monotonic()))
+        try:
+            task()
+        except GaveUpError as error:
+            with self._ledger.lock:
+                self._ledger.never_answered.append(str(error))
+        except Exception as error:
+            with self._ledger.lock:
+                self._ledger.never_answered.append(f"refused: {error!r}")
+
+    def _calibration(self, engineer: Engineer, number: int) -> Callable[[], object]:
+        kind = self._random.choice(list(CALIBRATIONS))
+        return lambda: engineer.calibrate(kind, number)
+
+    def _upload(self, engineer: Engineer, number: int) -> Callable[[], object]:
+        name = self._random.choice(list(self._walks))
+        return lambda: engineer.upload(name, self._walks[name], number)
+
+    def _marks(self, annotators: list[Annotator], recordings: dict[UUID, int]) -> list[Callable[[], object]]:
+        """Marks of different people in different frames, as many as wanted."""
+        places = [
+            (person, recording, frame)
+            for person in annotators
+            for recording, frames in recordings.items()
+            for frame in range(frames)
+        ]
+        assert len(places) >= self._size.marks, f"only {len(places)} marks can be made"
+        chosen = self._random.sample(places, self._size.marks)
+        return [self._mark(person, recording, frame) for person, recording, frame in chosen]
+
+    def _mark(self, person: Annotator, recording: UUID, frame: int) -> Callable[[], object]:
+        u, v = round(self._random.uniform(0, 950), 2), round(self._random.uniform(0, 590), 2)
+        corrected = self._random.random() < 0.25
+        return lambda: person.mark(recording, frame, u, v, corrected)
+
+    def _quiet(self) -> None:
+        """Wait until nothing is left to do. What clients left of broken uploads is as old as if hours had passed."""
+        with self._plant.database.writing() as session:
+            left = (Blob.state == "reserved") & Blob.job_id.is_(None)
+            older = Blob.created_at - text(str(_LONGER_THAN_ANY_UPLOAD_US))
+            session.execute(update(Blob).where(left).values(created_at=older))
+        self._watch_until(lambda: not self._unended() and not self._to_remove(), self._size.quiet_s)
+
+    def _check(self) -> Findings:
+        self._plant.stop_service()
+        keys = listed(self._plant.data / "blobs")
+        with self._plant.database.reading() as session:
+            found = check(session, self._store, keys, self._ledger, self._expected)
+        found.orphans += [f"left in the scratch folder: {name}" for name in self._scratch()]
+        return found
+
+    def _unended(self) -> int:
+        """Rows that something has still to happen to."""
+        waiting = ("queued", "running", "ingesting")
+        with self._plant.database.reading() as session:
+            return sum(
+                session.scalar(select(func.count()).where(table.state.in_(waiting))) or 0
+                for table in (Job, Calibration, Recording, Detection)
+            )
+
+    def _to_remove(self) -> int:
+        with self._plant.database.reading() as session:
+            rows = session.scalar(select(func.count()).where(Blob.state != "stored")) or 0
+        return rows + len(self._scratch())
+
+    def _scratch(self) -> list[str]:
+        folder = self._plant.data / "scratch"
+        return [path.name for path in folder.iterdir()] if folder.is_dir() else []
+
+    def _watch_until(self, true: Callable[[], bool], seconds: float) -> bool:
+        """Keep the plant running until it is true. Returns whether it became true in time."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._plant.watch()
+            try:
+                if true():
+                    return True
+            except OperationalError:
+                pass  # the database is starting again
+            time.sleep(_TICK_S * 4)
+        return False

@@ -1,0 +1,43 @@
+"""The store beside its rows: every object has a row that uses it, and every row that is in use has its object."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.models import Blob, Sensor, UploadPart
+
+
+def listed(folder: Path) -> set[str]:
+    """Every file of a store that is a folder, those of writes that broke off too."""
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def used_keys(session: Session) -> set[str]:
+    """The keys that parts and sensors name."""
+    return {*session.scalars(select(UploadPart.blob_key)), *session.scalars(select(Sensor.blob_key))}
+
+
+def check_objects(session: Session, present: set[str]) -> list[str]:
+    """Objects that no row uses, and rows that nothing uses and nothing will ever remove."""
+    blobs = {row.key: row for row in session.scalars(select(Blob))}
+    used = used_keys(session)
+    found = [f"the object {key} has no row" for key in sorted(present - set(blobs))]
+    for key, row in sorted(blobs.items()):
+        if row.state != "stored":
+            found.append(f"the blob {key} is left {row.state} (job {row.job_id}, attempt {row.attempt})")
+        elif key not in used:
+            found.append(f"the blob {key} is stored, and nothing uses it")
+    return found
+
+
+def missing_objects(session: Session, present: set[str]) -> list[str]:
+    """Rows in use whose object is gone, or that the sweep is about to remove."""
+    states = dict(session.execute(select(Blob.key, Blob.state)).tuples().all())
+    used = used_keys(session)
+    found = [f"the object {key} is in use and not there" for key in sorted(used - present)]
+    return found + [
+        f"the blob {key} is in use and {states.get(key)}" for key in sorted(used) if states.get(key) != "stored"
+    ]

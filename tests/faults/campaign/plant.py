@@ -1,0 +1,178 @@
+"""The fleet under test: every process by name, started again a moment after its death as a supervisor would."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from random import Random
+
+from apexcal.embedded import plans
+from apexcal.embedded.folder import DataFolder
+from service.db.migrate import upgrade
+from service.db.session import Database
+from tests.faults.farm import QUICK, free_port
+from tests.support.broker import Broker
+from tests.support.postgres import Postgres
+from tests.support.processes import start, stop, wait_until
+
+# A pause before a dead process is started again, in seconds.
+_PAUSE_S = (0.2, 1.0)
+CLOCKS_APART_S = 300
+WORKERS = ("worker-a", "worker-b")
+POOL = 2
+
+
+class Part:
+    """A process that is kept running."""
+
+    def __init__(
+        self, launch: Callable[[], subprocess.Popen[bytes]], child: subprocess.Popen[bytes] | None = None
+    ) -> None:
+        self._launch = launch
+        self.child = child or launch()
+        self._due: float | None = None
+
+    def watch(self, random: Random) -> None:
+        """Start it again where it is dead and its pause is over."""
+        if self.child.poll() is None:
+            return
+        now = time.monotonic()
+        if self._due is None:
+            self._due = now + random.uniform(*_PAUSE_S)
+        elif now >= self._due:
+            self._due = None
+            self.child = self._launch()
+
+
+class Plant:
+    """PostgreSQL, broker, API, two workers of two pool processes, sweeper and beat on one data folder.
+
+    One worker and the sweeper believe that it is five minutes later. Processes die with the thread that started
+    them, so one thread makes, watches and closes the plant.
+    """
+
+    def __init__(self, data: Path, logs: Path, random: Random) -> None:
+        self.data = data
+        self.logs = logs
+        self._random = random
+        self.postgres = Postgres(durable=True)
+        self.broker = Broker()
+        self.database_url = self.postgres.create("campaign")
+        upgrade(self.database_url)
+        self.database = Database(self.database_url)
+        self.url = f"http://127.0.0.1:{free_port()}"
+        self._folder = DataFolder(data)
+        self.environment = self._environment()
+        self.parts: dict[str, Part] = {}
+
+    def begin(self) -> str:
+        """Start every process, wait until it is ready, and return the owner's token."""
+        token = self.logs / "owner.token"
+        bootstrap = [sys.executable, "-m", "service.auth.bootstrap", "--no-link", "--token-file", str(token)]
+        subprocess.run(bootstrap, env=self.environment, check=True)
+        for name, command in self._commands().items():
+            self.parts[name] = Part(self._launcher(name, command))
+        self.parts["broker"] = Part(self.broker.launch, self.broker.child)
+        self.parts["postgres"] = Part(self.postgres.launch, self.postgres.child)
+        return token.read_text().strip()
+
+    def wait_ready(self) -> None:
+        """Wait until the service says that it works, and every worker has its pool."""
+        wait_until(self._ready, "the start of the plant", 90)
+        wait_until(lambda: all(len(self.pool_of(name)) >= POOL for name in WORKERS), "the workers' start", 90)
+
+    def watch(self) -> None:
+        """Start again what is dead."""
+        for part in self.parts.values():
+            part.watch(self._random)
+
+    def pid(self, name: str) -> int:
+        """The process id of a part."""
+        return self.parts[name].child.pid
+
+    def pool_of(self, worker: str) -> list[int]:
+        """The pool processes of a worker."""
+        return children(self.pid(worker))
+
+    def readers(self) -> list[int]:
+        """The processes that read an upload at this moment."""
+        return [pid for worker in WORKERS for child in self.pool_of(worker) for pid in children(child)]
+
+    def second_beat(self) -> subprocess.Popen[bytes]:
+        """Start another beat, as happens by mistake."""
+        return self._launcher("second-beat", self._commands()["beat"])()
+
+    def stop_service(self) -> None:
+        """Stop what could still write; the database goes on."""
+        for name in (*self._commands(), "broker"):
+            stop(self.parts.pop(name).child)
+
+    def close(self) -> None:
+        """Stop everything."""
+        for part in self.parts.values():
+            stop(part.child)
+        self.database.close()
+        self.broker.close()
+        self.postgres.close()
+
+    def _environment(self) -> dict[str, str]:
+        chosen = plans.environment(self._folder, public_url=self.url, workers=POOL * len(WORKERS))
+        del chosen["APEXCAL_SUPERVISOR_STATUS"]
+        return {
+            **chosen,
+            "APEXCAL_DATABASE_URL": self.database_url,
+            "APEXCAL_BROKER_URL": self.broker.url,
+            "APEXCAL_PART_BYTES": str(1024 * 1024),
+            **{f"APEXCAL_{name}": value for name, value in QUICK.items()},
+        }
+
+    def _commands(self) -> dict[str, list[str]]:
+        port = int(self.url.rpartition(":")[2])
+        ahead = [sys.executable, "-m", "tests.faults.campaign.shifted", str(CLOCKS_APART_S)]
+        sweeper = plans.sweeper(self._folder, self.environment).command
+        workers = {name: plans.worker_command(plans.QUEUES, POOL, name) for name in WORKERS}
+        return {
+            "api": list(plans.api(self._folder, self.environment, "127.0.0.1", port).command),
+            "worker-a": list(workers["worker-a"]),
+            "worker-b": [*ahead, *_after_python(workers["worker-b"])],
+            "sweeper": [*ahead, *_after_python(sweeper)],
+            "beat": list(plans.beat(self._folder, self.environment).command),
+        }
+
+    def _launcher(self, name: str, command: list[str]) -> Callable[[], subprocess.Popen[bytes]]:
+        return lambda: start(command, self.logs / f"{name}.log", env=self.environment)
+
+    def _ready(self) -> bool:
+        self.watch()
+        try:
+            with urllib.request.urlopen(f"{self.url}/readyz", timeout=2) as answer:
+                return answer.status == 200
+        except OSError:
+            return False
+
+
+def children(pid: int) -> list[int]:
+    """The children of a process."""
+    found: list[int] = []
+    for listed in Path("/proc").glob(f"{pid}/task/*/children"):
+        with contextlib.suppress(OSError):
+            found += [int(word) for word in listed.read_text().split()]
+    return found
+
+
+def send(pids: Sequence[int], signal_number: int) -> None:
+    """Send a signal to processes, some of which may be gone."""
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal_number)
+
+
+def _after_python(command: Sequence[str]) -> Sequence[str]:
+    """``[python, -m, MODULE, ...]`` without its first two words."""
+    return command[2:]
