@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from importlib.metadata import version
 
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
@@ -22,9 +23,11 @@ from service.events.hints import COURIER as HINTS
 from service.events.hints import Publisher
 from service.fleet_requests import routes as fleet_requests
 from service.fleets import routes as fleets
-from service.http import etags, headers, health, idempotency, jobs, problems, web
+from service.http import draining, etags, headers, health, idempotency, jobs, metrics, problems, watching, web
 from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
+from service.jobs.retention import forget_jobs
+from service.observability import logs
 from service.recordings import frame_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue
@@ -61,7 +64,7 @@ async def _keep_house(database: Database) -> None:
     """Remove what has ended, every ten minutes. Several services doing it at once do no harm."""
     while True:
         await asyncio.sleep(_UPKEEP_S)
-        for task in (delete_overdue, remove_ended):
+        for task in (delete_overdue, remove_ended, forget_jobs):
             try:
                 await run_in_threadpool(task, database)
             except Exception:
@@ -69,13 +72,17 @@ async def _keep_house(database: Database) -> None:
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
-    """The application of these settings; by default of the environment's."""
-    settings = settings or get_settings()
+    """The application of these settings; by default of the environment's, in a process of its own."""
+    if settings is None:
+        settings = get_settings()
+        logs.configure(settings.log_form)
+    drain = draining.Drain(settings.drain_s)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         upkeep = asyncio.create_task(_keep_house(app.state.database))
-        yield
+        with drain.before_stopping():
+            yield
         upkeep.cancel()
         app.state.sender.close()
         app.state.publisher.close()
@@ -91,6 +98,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         redoc_url=None,
     )
     app.state.settings = settings
+    app.state.drain = drain
     app.state.database = Database(settings.database)
     app.state.store = Store(settings.blobs)
     app.state.sender = Sender(settings.broker)
@@ -100,6 +108,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     for room in (problems, etags, idempotency):
         room.install(app)
     app.add_middleware(headers.SafeHeaders)
+    app.add_middleware(draining.PoliteClosing, drain=drain)
+    app.add_middleware(watching.Watched, figures=metrics.install(app, version("apexcal")))
     app.include_router(health.router)
     for router in ROUTERS:
         app.include_router(router, prefix="/v1", max_body_size=_MAX_BODY_BYTES)

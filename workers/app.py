@@ -6,10 +6,21 @@ workers.sweeper`` is the clock's side.
 
 from __future__ import annotations
 
+import logging
+from typing import Any
+
 from celery import Celery
+from celery.signals import setup_logging
 
 from service.jobs.queue import QUEUES
+from service.observability import logs
 from service.settings import get_settings
+
+
+@setup_logging.connect
+def start_logging(loglevel: Any = logging.INFO, **_: object) -> None:
+    """Log as the API does; Celery leaves logging alone where somebody answers this signal."""
+    logs.configure(get_settings().log_form, loglevel if isinstance(loglevel, int) else logging.INFO)
 
 
 def make_app(tasks: str) -> Celery:

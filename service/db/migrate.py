@@ -1,22 +1,41 @@
 """Bring the settings' database to the newest schema: ``python -m service.db.migrate``.
 
+It may run while an older version serves, and beside another of its kind: two at once wait for each other. On
+PostgreSQL each revision is a transaction of its own that waits for a lock two seconds at most, then steps aside and
+tries again: a statement that waits for a table makes everybody after it wait too.
+
 ``python -m service.db.migrate --revise "what changes"`` writes the migration from the newest revision to the models.
 """
 
 from __future__ import annotations
 
 import argparse
+import logging
+import sys
 import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
 from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, Engine, text
 from sqlalchemy.engine import make_url
+from sqlalchemy.exc import OperationalError
 
 from service.db.session import open_engine
+from service.observability import logs
 from service.settings import get_settings
+
+# Any number: who migrates holds this lock of the database.
+_LOCK = 4_711_001
+_LOCK_TIMEOUT_S = 2
+_PATIENCE_S = 300.0
+
+log = logging.getLogger(__name__)
 
 
 def config(url: str) -> Config:
@@ -28,24 +47,75 @@ def config(url: str) -> Config:
 
 
 @cache
-def newest() -> str | None:
+def revisions() -> tuple[str, ...]:
+    """The revisions that this code has, the newest first."""
+    return tuple(script.revision for script in ScriptDirectory.from_config(config("")).walk_revisions())
+
+
+def newest() -> str:
     """The newest revision that this code has."""
-    return ScriptDirectory.from_config(config("")).get_current_head()
+    return revisions()[0]
 
 
-def upgrade(url: str) -> None:
-    """Create or migrate the schema of ``url``. A second call, or one beside it, changes nothing."""
+def is_older(revision: str) -> bool:
+    """Whether a schema lacks what this code needs. One that this code does not know is newer."""
+    return revision in revisions()[1:]
+
+
+def upgrade(url: str, to: str = "head", *, patience_s: float = _PATIENCE_S) -> None:
+    """Create or migrate the schema of ``url``. A second call, or one beside it, changes nothing.
+
+    Raises :class:`sqlalchemy.exc.OperationalError` where the locks that it needs are not free within ``patience_s``.
+    """
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite" and parsed.database:
         Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
-    settings = config(url)
     engine = open_engine(url)
     try:
-        with engine.execution_options(apexcal_writes=True).begin() as connection:
-            settings.attributes["connection"] = connection
-            command.upgrade(settings, "head")
+        _with_patience(engine, url, to, time.monotonic() + patience_s)
     finally:
         engine.dispose()
+
+
+def _with_patience(engine: Engine, url: str, to: str, deadline: float) -> None:
+    nap_s = 0.5
+    while True:
+        try:
+            with _alone(engine) as connection:
+                settings = config(url)
+                settings.attributes["connection"] = connection
+                command.upgrade(settings, to)
+            return
+        except OperationalError as error:
+            if not _is_of_a_lock(error) or time.monotonic() + nap_s > deadline:
+                raise
+            log.warning("a long transaction holds a table that the migration changes; trying again in %g s", nap_s)
+        time.sleep(nap_s)
+        nap_s = min(2 * nap_s, 8.0)
+
+
+@contextmanager
+def _alone(engine: Engine) -> Iterator[Connection]:
+    """A connection that migrates while no other does."""
+    if engine.dialect.name == "sqlite":
+        # Everything in one transaction, which has the database's only write lock from its first moment.
+        with engine.execution_options(apexcal_writes=True).begin() as connection:
+            yield connection
+        return
+    with engine.connect() as connection:
+        connection.execute(text("SELECT pg_advisory_lock(:lock)"), {"lock": _LOCK})
+        connection.execute(text(f"SET lock_timeout = '{_LOCK_TIMEOUT_S}s'"))
+        connection.commit()
+        try:
+            yield connection
+        finally:
+            # The lock is the connection's: it ends with it, also when this process is killed.
+            connection.rollback()
+            connection.invalidate()
+
+
+def _is_of_a_lock(error: OperationalError) -> bool:
+    return type(error.orig).__name__ == "LockNotAvailable" or "database is locked" in str(error.orig)
 
 
 def revise(message: str) -> None:
@@ -54,8 +124,11 @@ def revise(message: str) -> None:
         url = f"sqlite:///{folder}/scratch.db"
         upgrade(url)
         settings = config(url)
-        number = len(list((Path(__file__).parent / "migrations/versions").glob("[0-9]*.py"))) + 1
-        command.revision(settings, message=message, autogenerate=True, rev_id=f"{number:04d}")
+        engine = open_engine(url)
+        with _alone(engine) as connection:
+            settings.attributes["connection"] = connection
+            command.revision(settings, message=message, autogenerate=True, rev_id=f"{len(revisions()) + 1:04d}")
+        engine.dispose()
 
 
 def main() -> None:
@@ -65,8 +138,13 @@ def main() -> None:
     chosen = parser.parse_args()
     if chosen.revise:
         revise(chosen.revise)
-    else:
-        upgrade(get_settings().database)
+        return
+    settings = get_settings()
+    logs.configure(settings.log_form)
+    try:
+        upgrade(settings.database)
+    except OperationalError as error:
+        sys.exit(f"The schema was not changed completely: {error.orig}. Every step is whole or absent; run it again.")
 
 
 if __name__ == "__main__":

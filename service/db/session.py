@@ -40,7 +40,10 @@ def open_engine(url: str) -> Engine:
     writers queue up instead of failing on an upgrade of their locks.
     """
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, json_serializer=_to_json, pool_pre_ping=True, pool_size=5, max_overflow=20)
+        # A host that does not even refuse would be waited for as long as TCP likes.
+        patience = {"connect_timeout": 5}
+        pooled = {"pool_pre_ping": True, "pool_size": 5, "max_overflow": 20}
+        return create_engine(url, json_serializer=_to_json, connect_args=patience, **pooled)
     engine = create_engine(url, json_serializer=_to_json, connect_args={"timeout": 30, "check_same_thread": False})
 
     @event.listens_for(engine, "connect")

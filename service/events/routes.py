@@ -18,6 +18,7 @@ from redis.exceptions import RedisError
 from service.auth.access import ReadAccess
 from service.db.fleets import Fleet
 from service.events.hints import channel
+from service.http.draining import Drain
 from service.settings import Settings
 
 router = APIRouter(tags=["events"])
@@ -25,6 +26,8 @@ router = APIRouter(tags=["events"])
 # Then the browser connects anew, and what the person may see is looked at again.
 _LONGEST_S = 600.0
 _RECONNECT_S = 1.0
+# A process that is asked to stop ends its streams within this time.
+_LOOK_UP_S = 0.5
 
 
 def _followed(id: UUID, access: ReadAccess) -> UUID:
@@ -37,12 +40,13 @@ async def get_events(
 ) -> AsyncIterable[ServerSentEvent]:
     """Events ``changed`` with {"kind", "id"}. They may be lost: on every connection, read the state again."""
     settings: Settings = request.app.state.settings
+    drain: Drain = request.app.state.drain
     end = time.monotonic() + _LONGEST_S
     # At once, so that the client knows it is connected; kind `fleet` says that anything may have changed.
     yield _changed("fleet", str(fleet_id))
-    while time.monotonic() < end:
+    while time.monotonic() < end and not drain.over.is_set():
         try:
-            async with aclosing(_hints(settings.events, fleet_id, end)) as found:
+            async with aclosing(_hints(settings.events, fleet_id, end, drain)) as found:
                 async for one in found:
                     yield _changed(one["kind"], one["id"])
         except RedisError:
@@ -50,12 +54,12 @@ async def get_events(
             yield _changed("fleet", str(fleet_id))
 
 
-async def _hints(url: str, fleet_id: UUID, end: float) -> AsyncGenerator[dict[str, Any], None]:
+async def _hints(url: str, fleet_id: UUID, end: float, drain: Drain) -> AsyncGenerator[dict[str, Any], None]:
     client: Any = redis.asyncio.Redis.from_url(url, socket_connect_timeout=2)
     async with client, client.pubsub(ignore_subscribe_messages=True) as subscription:
         await subscription.subscribe(channel(fleet_id))
-        while (left := end - time.monotonic()) > 0:
-            message = await subscription.get_message(timeout=min(left, 30.0))
+        while (left := end - time.monotonic()) > 0 and not drain.over.is_set():
+            message = await subscription.get_message(timeout=min(left, _LOOK_UP_S))
             if message is not None:
                 yield json.loads(message["data"])
 

@@ -13,9 +13,10 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select, text
 
 from service.db.clock import now
-from service.db.jobs import Heartbeat
-from service.db.migrate import newest
+from service.db.jobs import Heartbeat, Worker
+from service.db.migrate import is_older, newest
 from service.db.session import Database
+from service.observability.job_figures import WORKER_SILENT_S
 from service.settings import Settings
 from service.storage.store import Store
 
@@ -34,7 +35,10 @@ def healthz() -> dict[str, str]:
 
 @router.get("/readyz")
 def readyz(request: Request) -> JSONResponse:
-    """200 where every part that the service needs works, else 503; the parts are in the body."""
+    """200 where every part that the service needs works, else 503; the parts are in the body.
+
+    `workers` alone does not turn it: what is asked for while none is warm waits in the table, and is done later.
+    """
     settings: Settings = request.app.state.settings
     parts = {
         "database": _tried(lambda: _database(request.app.state.database)),
@@ -45,7 +49,11 @@ def readyz(request: Request) -> JSONResponse:
     if settings.supervisor_status is not None:
         parts["children"] = _tried(lambda: _children(settings))
     ready = all(part["ok"] for part in parts.values())
-    return JSONResponse({"status": "ok" if ready else "not_ready", "parts": parts}, 200 if ready else 503)
+    parts["workers"] = _tried(lambda: _workers(request.app.state.database))
+    if request.app.state.drain.asked:
+        return JSONResponse({"status": "draining", "parts": parts}, 503)
+    status = "not_ready" if not ready else "ok" if parts["workers"]["ok"] else "degraded"
+    return JSONResponse({"status": status, "parts": parts}, 200 if ready else 503)
 
 
 def _tried(look: Callable[[], dict[str, Any]]) -> dict[str, Any]:
@@ -60,10 +68,12 @@ def _tried(look: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 def _database(database: Database) -> dict[str, Any]:
     with database.reading() as session:
         has, wants = session.scalar(text("SELECT version_num FROM alembic_version")), newest()
-    if has != wants:
+    if has is None or is_older(has):
         detail = f"schema_mismatch: the schema is {has}, the code's {wants}; run python -m service.db.migrate"
-        return {"ok": False, "detail": detail}
-    return {"ok": True}
+        return {"ok": False, "detail": detail, "schema": has}
+    if has != wants:
+        return {"ok": True, "detail": f"the schema is {has}, newer than this code's {wants}", "schema": has}
+    return {"ok": True, "schema": has}
 
 
 def _broker(settings: Settings) -> dict[str, Any]:
@@ -90,6 +100,16 @@ def _sweep(database: Database, settings: Settings) -> dict[str, Any]:
         return {"ok": False, "detail": "the sweep has never run: is there a beat and a worker?"}
     age = (found[1] - found[0]).total_seconds()
     return {"ok": age < max(_SILENT_SWEEPS * settings.sweep_s, settings.lease_s), "age_s": round(age, 1)}
+
+
+def _workers(database: Database) -> dict[str, Any]:
+    """Who answers, and who still compiles: the first start of a version takes about half a minute."""
+    with database.reading() as session:
+        rows = session.scalars(select(Worker).where(Worker.at > now(-WORKER_SILENT_S)).order_by(Worker.name)).all()
+    found = [{"name": row.name, "queues": row.queues, "processes": row.processes, "warm": row.warm} for row in rows]
+    warm = sum(row.warm for row in rows)
+    missing = "no worker answers" if not rows else "every worker is still compiling its kernels"
+    return {"ok": warm > 0, **({} if warm else {"detail": missing}), "warm": warm, "workers": found}
 
 
 def _children(settings: Settings) -> dict[str, Any]:

@@ -14,10 +14,6 @@ _NOT_BUILT = """<!doctype html><title>apexcal</title><p>The service runs. Its pa
 run <code>make frontend</code>, or install a wheel. The API is at <a href="/v1/openapi.json">/v1</a>."""
 
 
-# A scraper must see that there are no metrics, not a page.
-_NO_PAGE = frozenset(("v1", "metrics"))
-
-
 class Pages:
     """What the router asks when no route matches, so that the pages never hide a route or its methods."""
 
@@ -29,7 +25,7 @@ class Pages:
         if scope["type"] != "http":
             return
         path: str = scope["path"].lstrip("/")
-        if scope["method"] not in ("GET", "HEAD") or path in _NO_PAGE or path.startswith("v1/"):
+        if scope["method"] not in ("GET", "HEAD") or path == "v1" or path.startswith("v1/"):
             raise HTTPException(404)
         await self._response(path)(scope, receive, send)
 

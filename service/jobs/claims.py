@@ -6,7 +6,9 @@ import logging
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import copy_context
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 from uuid import UUID
 
@@ -83,7 +85,9 @@ class Lease:
         self._progress: Json | None = None
         self._ended = threading.Event()
         self._broken: type[Exception] | None = None
-        self._thread = threading.Thread(target=self._renew, name=f"lease-{held.job_id}", daemon=True)
+        # In a copy of this context, so that what the thread logs carries the request's id.
+        renewing = partial(copy_context().run, self._renew)
+        self._thread = threading.Thread(target=renewing, name=f"lease-{held.job_id}", daemon=True)
 
     def __enter__(self) -> Lease:
         self._thread.start()

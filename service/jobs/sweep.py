@@ -21,6 +21,8 @@ from service.db.session import Database, post
 from service.jobs.losses import end, lose
 from service.jobs.messages import COURIER, Message
 from service.jobs.queue import release
+from service.jobs.retention import forget_workers
+from service.jobs.totals import tally
 from service.settings import get_settings
 from service.storage.blobs import condemn_lost, condemned, forget
 from service.storage.store import Store
@@ -33,6 +35,8 @@ def sweep(database: Database, store: Store) -> None:
     """One pass over everything that may need help."""
     with database.writing() as session:
         _beat(session)
+        tally(session)
+        forget_workers(session)
         _spread_cancels(session)
     _each(database, (Job.state == "running") & (Job.lease_until < now()), _recover)
     _each(database, (Job.state == "queued") & Job.cancel_requested, _end_cancelled)

@@ -8,24 +8,34 @@ from __future__ import annotations
 from collections.abc import Iterable
 from datetime import timedelta
 
-from sqlalchemy import and_, delete, or_, select, update
+from sqlalchemy import and_, delete, exists, or_, select, update
 from sqlalchemy.orm import Session
 
-from service.db.clock import utc_now
+from service.db.clock import now, utc_now
 from service.db.ids import new_id
 from service.db.jobs import Job
-from service.db.recordings import Blob
+from service.db.recordings import Blob, BlobHold
 
 # A reservation without a job is an upload part on its way; no part takes this long.
 _ABANDONED = timedelta(hours=2)
 
 
 def reserve(
-    session: Session, prefix: str, *, suffix: str = "", job_id: int | None = None, attempt: int | None = None
+    session: Session,
+    prefix: str,
+    *,
+    suffix: str = "",
+    job_id: int | None = None,
+    attempt: int | None = None,
+    size: int = 0,
+    sha256: str | None = None,
 ) -> str:
-    """Reserve a fresh key under ``prefix``. Commit before writing the object's first byte."""
+    """Reserve a fresh key under ``prefix``. Commit before writing the object's first byte.
+
+    ``size`` and ``sha256`` are what its writer announces, where that is known.
+    """
     key = f"{prefix}/{new_id().hex}{suffix}"
-    session.add(Blob(key=key, job_id=job_id, attempt=attempt))
+    session.add(Blob(key=key, job_id=job_id, attempt=attempt, size=size, sha256=sha256))
     return key
 
 
@@ -62,8 +72,10 @@ def condemn_lost(session: Session) -> None:
 
 
 def condemned(session: Session, limit: int = 200) -> list[str]:
-    """Keys whose objects are to be removed."""
-    return list(session.scalars(select(Blob.key).where(Blob.state == "condemned").limit(limit)))
+    """Keys whose objects are to be removed; none while a backup holds the store."""
+    # In one statement with the list: what is condemned after a backup's hold is never on a list made before it.
+    held = exists().where(BlobHold.until > now())
+    return list(session.scalars(select(Blob.key).where(Blob.state == "condemned", ~held).limit(limit)))
 
 
 def forget(session: Session, keys: Iterable[str]) -> None:

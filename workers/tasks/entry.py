@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import ctypes
-import logging
 import os
 import signal
 import sys
+from typing import Any
 
 from billiard.process import active_children
-from celery.signals import worker_init, worker_process_init, worker_shutting_down
+from celery.signals import (
+    worker_init,
+    worker_process_init,
+    worker_ready,
+    worker_shutdown,
+    worker_shutting_down,
+)
 
 from service.jobs.messages import RUN_JOB
 from service.settings import get_settings
@@ -17,6 +23,7 @@ from workers.app import app
 from workers.tasks.context import get_context
 from workers.tasks.drain import DRAIN_SIGNAL, listen_for_drain
 from workers.tasks.leftovers import remove_leftovers
+from workers.tasks.presence import Presence
 from workers.tasks.running import run_job
 from workers.tasks.warming import warm_up
 
@@ -30,11 +37,24 @@ def look_at_job(job_id: int) -> None:
 
 
 @worker_init.connect
-def prepare_parent(**_: object) -> None:
+def prepare_parent(sender: Any, **_: object) -> None:
     """Compile in the parent, so that every forked child has the machine code already."""
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s %(message)s")
     remove_leftovers(get_settings().scratch)
+    presence = Presence.of(sender)
+    presence.say(warm=False)
     warm_up()
+    sender.apexcal_presence = presence
+
+
+@worker_ready.connect
+def show_presence(sender: Any, **_: object) -> None:
+    """Say every few seconds that this worker answers: from Celery's own loop, so that it is true.
+
+    Not from a thread: a pool process that is forked meanwhile would inherit half a connection. Celery gets ready anew
+    whenever the broker comes back.
+    """
+    presence: Presence = sender.controller.apexcal_presence
+    presence.keep_saying(sender.timer)
 
 
 @worker_shutting_down.connect
@@ -43,6 +63,12 @@ def drain_children(**_: object) -> None:
     for child in active_children():
         if child.pid:
             os.kill(child.pid, DRAIN_SIGNAL)
+
+
+@worker_shutdown.connect
+def end_presence(sender: Any, **_: object) -> None:
+    """Leave no row behind that somebody could take for a worker."""
+    sender.apexcal_presence.end()
 
 
 @worker_process_init.connect

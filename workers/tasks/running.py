@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 
 from sqlalchemy.exc import OperationalError
@@ -10,8 +11,11 @@ from sqlalchemy.orm import Session
 
 from service.db.base import Json
 from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finishing, give_back, stumble
+from service.observability.logs import about
+from service.observability.request_ids import working_for
 from workers.geometry.errors import InputError
 from workers.readers.recording import ReadError
+from workers.tasks.comparing import consistency
 from workers.tasks.context import Context
 from workers.tasks.detecting import detect
 from workers.tasks.drain import DrainedError, interruptible, is_draining
@@ -31,6 +35,7 @@ WORK: dict[str, Work] = {
     "detect": detect,
     "clock_offset": clock_offset,
     "solve": solve,
+    "consistency": consistency,
 }
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
@@ -43,6 +48,14 @@ def run_job(context: Context, job_id: int) -> None:
     held = None if is_draining() else claim(context.database, job_id, context.worker)
     if held is None:
         return
+    with working_for(held.request_id), about(job=held.job_id, kind=held.kind, attempt=held.attempt):
+        log.info("job %d begins", held.job_id)
+        began = time.monotonic()
+        _do(context, held)
+        log.info("job %d: attempt %d took %.2f s", held.job_id, held.attempt, time.monotonic() - began)
+
+
+def _do(context: Context, held: Claim) -> None:
     try:
         with Lease(context.database, held) as lease, interruptible():
             write = WORK[held.kind](context, held, lease)
@@ -52,6 +65,7 @@ def run_job(context: Context, job_id: int) -> None:
     except LostLeaseError:
         log.warning("job %d attempt %d lost its lease; its work is dropped", held.job_id, held.attempt)
     except CancelledError:
+        log.info("job %d was cancelled", held.job_id)
         _end(context, held, "cancelled", None)
     except (ReadError, InputError) as error:
         # Notes are for the operator: what a reading process said before it died.
@@ -62,6 +76,7 @@ def run_job(context: Context, job_id: int) -> None:
         log.exception("job %d stumbled; it is tried again", held.job_id)
         stumble(context.database, held, _surroundings(error), _TRY_AGAIN_S)
     except DrainedError:
+        log.info("job %d is given back: this worker was asked to stop", held.job_id)
         give_back(context.database, held)
     except Exception:
         log.exception("job %d failed", held.job_id)

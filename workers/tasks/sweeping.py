@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-
-from celery.signals import worker_init
-
 from service.jobs.messages import SWEEP
 from service.jobs.sweep import sweep
 from workers.sweeper import app
@@ -19,9 +15,3 @@ def sweep_once() -> None:
     context = get_context()
     sweep(context.database, context.store)
     remove_leftovers(context.settings.scratch)
-
-
-@worker_init.connect
-def start_logging(**_: object) -> None:
-    """Log as the other workers do."""
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s %(message)s")

@@ -109,8 +109,8 @@ def test_pages_are_served_and_nothing_beside_them(api: Api, tmp_path) -> None:
     assert api.client.get("/v1/none").json()["code"] == "no_such_route"
 
 
-def test_there_are_no_metrics_and_that_is_said(api: Api) -> None:
-    check_document(api.client.get("/metrics"), 404, "no_such_route")
+def test_the_metrics_are_closed_to_the_world_and_that_is_said(api: Api) -> None:
+    check_document(api.client.get("/metrics"), 403, "metrics_closed")
 
 
 def test_a_schema_of_another_version_is_said(api: Api) -> None:

@@ -1,0 +1,71 @@
+"""Every request gets an id, a line in the log and a place in the figures."""
+
+from __future__ import annotations
+
+import logging
+import time
+from urllib.parse import quote
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.observability import request_ids
+from service.observability.http_figures import HttpFigures
+
+# Asked every few seconds by machines: figures yes, lines no.
+_UNLOGGED = frozenset(("/healthz", "/readyz", "/metrics"))
+_API = "/v1/"
+# nginx's number for a client that left before its answer began.
+_CLIENT_LEFT = 499
+
+log = logging.getLogger(__name__)
+
+
+class Watched:
+    """Pure ASGI middleware, the outermost, so that streams pass untouched and every answer carries its id."""
+
+    def __init__(self, app: ASGIApp, figures: HttpFigures) -> None:
+        self._app = app
+        self._figures = figures
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one connection."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        began = time.perf_counter()
+        status = _CLIENT_LEFT
+        request_id = request_ids.accepted(Headers(scope=scope).get(request_ids.HEADER))
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)[request_ids.HEADER] = request_id
+            await send(message)
+
+        with request_ids.working_for(request_id), self._figures.in_flight.track_inprogress():
+            try:
+                await self._app(scope, receive, send_with_id)
+            except Exception:
+                status = 500
+                raise
+            finally:
+                self._note(scope, status, time.perf_counter() - began)
+
+    def _note(self, scope: Scope, status: int, seconds: float) -> None:
+        self._figures.answered(scope["method"], route_of(scope), status, seconds)
+        if scope["path"] not in _UNLOGGED:
+            what = {"method": scope["method"], "path": quote(scope["path"]), "status": status}
+            text = "%s %s %d in %.0f ms"
+            log.info(text, *what.values(), seconds * 1000, extra={**what, "ms": round(seconds * 1000, 1)})
+
+
+def route_of(scope: Scope) -> str:
+    """The template of the route that answered, `pages` for what belongs to none."""
+    path: str | None = getattr(scope.get("route"), "path", None)
+    if not path:
+        return "pages"
+    # FastAPI keeps a router's own route; where it was mounted is not in its path.
+    mounted = scope["path"].startswith(_API) and not path.startswith(_API)
+    return _API.rstrip("/") + path if mounted else path

@@ -1,0 +1,54 @@
+"""Ended jobs go after a while, with their history; the totals keep counting them."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+from sqlalchemy import delete, exists, func, select
+from sqlalchemy.orm import Session
+
+from service.db.clock import now
+from service.db.jobs import Job, JobEvent, Worker
+from service.db.recordings import Recording
+from service.db.session import Database
+from service.db.studies import Study
+from service.settings import get_settings
+
+_ENDED = ("done", "failed", "cancelled")
+_BATCH = 1000
+# A worker that has been silent for so long is not coming back under its name.
+_GONE = timedelta(hours=1)
+
+
+def forget_jobs(database: Database) -> int:
+    """Remove the jobs that ended over ``job_days`` ago, and return how many.
+
+    What a recording or a study still shows as its job stays, and so does what the totals do not hold yet.
+    """
+    removed = 0
+    while True:
+        with database.writing() as session:
+            ids = session.scalars(_overdue().limit(_BATCH)).all()
+            session.execute(delete(Job).where(Job.id.in_(ids)).execution_options(synchronize_session=False))
+        removed += len(ids)
+        if len(ids) < _BATCH:
+            return removed
+
+
+def overdue_jobs(session: Session) -> int:
+    """How many jobs :func:`forget_jobs` would remove."""
+    return session.scalar(select(func.count()).select_from(_overdue().subquery())) or 0
+
+
+def _overdue():  # noqa: ANN202 - a statement
+    shown = exists().where(Recording.job_id == Job.id) | exists().where(Study.job_id == Job.id)
+    untallied = exists().where(JobEvent.job_id == Job.id, ~JobEvent.tallied)
+    ended = now(-86400.0 * get_settings().job_days)
+    return select(Job.id).where(Job.state.in_(_ENDED), Job.finished_at < ended, ~shown, ~untallied).order_by(Job.id)
+
+
+def forget_workers(session: Session) -> None:
+    """Remove workers that have been silent for an hour."""
+    session.execute(
+        delete(Worker).where(Worker.at < now(-_GONE.total_seconds())).execution_options(synchronize_session=False)
+    )

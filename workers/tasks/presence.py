@@ -1,0 +1,76 @@
+"""A worker's row while it lives: that it answers, which queues it takes, whether its kernels are compiled."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+from importlib.metadata import version
+from typing import Any
+
+from sqlalchemy import delete, update
+from sqlalchemy.exc import SQLAlchemyError
+
+from service.db.clock import now
+from service.db.jobs import Worker
+from service.db.session import Database
+from service.settings import get_settings
+
+BEAT_S = 5.0
+
+log = logging.getLogger(__name__)
+
+
+class Presence:
+    """Written by the worker's parent. Each time it connects anew and closes: no connection may live across a fork."""
+
+    def __init__(self, name: str, queues: str, processes: int) -> None:
+        self._row = {
+            "name": name[:200],
+            "queues": queues[:200],
+            "processes": processes,
+            "version": version("apexcal"),
+        }
+        self._timer: Any = None
+
+    @classmethod
+    def of(cls, worker: Any) -> Presence:
+        """The presence of a Celery worker; its process id too, for two on one host may share a name for a while."""
+        queues = ",".join(sorted(worker.app.amqp.queues.consume_from))
+        return cls(f"{worker.hostname}:{os.getpid()}", queues, worker.concurrency or 1)
+
+    def say(self, *, warm: bool) -> None:
+        """That it lives. Where the database does not answer at once, the next time is soon enough."""
+        with self._writing() as session:
+            beaten = session.execute(
+                update(Worker)
+                .where(Worker.name == self._row["name"])
+                .values(at=now(), warm=warm)
+                .returning(Worker.name)
+                .execution_options(synchronize_session=False)
+            ).first()
+            if beaten is None:
+                session.add(Worker(**self._row, warm=warm, started_at=now(), at=now()))
+
+    def keep_saying(self, timer: Any) -> None:
+        """Say it every few seconds from Celery's timer, which stands still while the broker is away."""
+        if self._timer is not None:
+            self._timer.cancel()
+        self.say(warm=True)
+        self._timer = timer.call_repeatedly(BEAT_S, self.say, kwargs={"warm": True})
+
+    def end(self) -> None:
+        """Take the row away."""
+        with self._writing() as session:
+            session.execute(delete(Worker).where(Worker.name == self._row["name"]))
+
+    @contextlib.contextmanager
+    def _writing(self) -> Any:
+        database = Database(get_settings().database)
+        try:
+            with database.writing() as session:
+                yield session
+        except SQLAlchemyError as error:
+            log.warning("could not say that this worker lives: %s", type(error).__name__)
+        finally:
+            database.close()
