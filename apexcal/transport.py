@@ -18,7 +18,7 @@ from apexcal.errors import ApiError, TokenError, UnreachableError
 Document = dict[str, Any]
 
 # A part of 16 MiB over a slow line takes minutes; everything else answers at once.
-_TIMEOUT = httpx.Timeout(60.0, connect=5.0, write=300.0)
+TIMEOUT = httpx.Timeout(60.0, connect=5.0, write=300.0)
 _PAUSES_S = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 8.0)
 _BUSY = (429, 502, 503, 504)
 # What a header can carry behind "Bearer ": visible ASCII.
@@ -39,7 +39,7 @@ class Transport:
             if not _TOKEN.fullmatch(token):
                 raise TokenError("the given text")
             headers["Authorization"] = f"Bearer {token}"
-        self._http = httpx.Client(base_url=self.base_url + "/v1", headers=headers, timeout=_TIMEOUT)
+        self._http = httpx.Client(base_url=self.base_url + "/v1", headers=headers, timeout=TIMEOUT)
 
     def close(self) -> None:
         """Close the connections."""

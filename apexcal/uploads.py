@@ -1,4 +1,7 @@
-"""Sends a source in numbered parts, a few at a time, leaving out the parts that the service has already."""
+"""Sends a source in numbered parts, a few at a time, leaving out the parts that the service has already.
+
+Parts go to the service or straight into its store, whichever the service says.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,9 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 
+from apexcal.direct import Direct
 from apexcal.errors import ApiError, ClientError
 from apexcal.sources import Source
 from apexcal.transport import Document, Transport, at
@@ -18,6 +23,7 @@ MIB = 1024 * 1024
 _DAMAGED_TRIES = 3
 
 Progress = Callable[[int, int], None]
+PutPart = Callable[[str, int, bytes, bytes], None]
 
 
 @dataclass(frozen=True)
@@ -38,12 +44,14 @@ def send_parts(
     several threads, one at a time. Raises :class:`ClientError` ``part_differs`` (an :class:`ApiError` where the
     service says it) when the recording holds parts of something else.
     """
-    held = {part["number"]: part for part in http.items(at("recordings", recording["id"], "parts"))}
-    part_bytes = part_size(recording, held)
+    begun = http.get(at("recordings", recording["id"], "parts"))
+    held = {part["number"]: part for part in begun["items"]}
+    part_bytes = part_size(begun["upload"], held)
     parts = math.ceil(source.size / part_bytes)
     counter = _Counter(source.size, on_progress)
     whole = hashlib.sha256()
-    with ThreadPoolExecutor(connections, thread_name_prefix="upload") as pool:
+    with Direct(http) as direct, ThreadPoolExecutor(connections, thread_name_prefix="upload") as pool:
+        put = direct.put_part if begun["upload"].get("parts") == "presigned" else partial(_put_part, http)
         running: set[Future[None]] = set()
         for number in range(1, parts + 1):
             data = source.read((number - 1) * part_bytes, part_bytes)
@@ -55,20 +63,26 @@ def send_parts(
                 continue
             if len(running) > connections:
                 running = _settle(running)
-            running.add(pool.submit(_send, http, recording["id"], number, data, digest.digest(), counter))
+            running.add(pool.submit(_send, put, recording["id"], number, data, digest.digest(), counter))
         while running:
             running = _settle(running)
     return Sent(parts, source.size, whole.hexdigest())
 
 
-def part_size(recording: Document, held: dict[int, Document]) -> int:
+def part_size(upload: Document, held: dict[int, Document]) -> int:
     """Bytes in every part but the last: what the upload began with, else what the service says."""
     if 1 in held or len(held) > 1:
         return max(int(part["size"]) for part in held.values())
-    return int((recording.get("upload") or {}).get("part_bytes") or 16 * MIB)
+    return int(upload["part_bytes"])
 
 
-def _send(http: Transport, recording_id: str, number: int, data: bytes, digest: bytes, counter: _Counter) -> None:
+def _send(put: PutPart, recording_id: str, number: int, data: bytes, digest: bytes, counter: _Counter) -> None:
+    put(recording_id, number, data, digest)
+    counter.add(len(data))
+
+
+def _put_part(http: Transport, recording_id: str, number: int, data: bytes, digest: bytes) -> None:
+    """Send a part to the service, which stores it."""
     headers = {
         "Content-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:",
         "Content-Type": "application/octet-stream",
@@ -76,12 +90,10 @@ def _send(http: Transport, recording_id: str, number: int, data: bytes, digest: 
     for tried in range(1, _DAMAGED_TRIES + 1):
         try:
             http.send("PUT", at("recordings", recording_id, "parts", number), content=data, headers=headers)
+            return
         except ApiError as error:
             if error.code != "checksum_mismatch" or tried == _DAMAGED_TRIES:
                 raise
-        else:
-            break
-    counter.add(len(data))
 
 
 def _settle(running: set[Future[None]]) -> set[Future[None]]:

@@ -28,11 +28,12 @@ from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
 from service.jobs.retention import forget_jobs
 from service.observability import logs
-from service.recordings import frame_routes, upload_routes
+from service.recordings import direct_routes, frame_routes, original_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue
 from service.settings import MIB, Settings, get_settings
-from service.storage.store import Store
+from service.storage import problems as store_problems
+from service.storage.store import open_store
 from service.studies import routes as studies
 
 # JSON bodies; the largest are imported correspondences. Upload parts have their own limit.
@@ -45,6 +46,8 @@ ROUTERS: tuple[APIRouter, ...] = (
     fleets.router,
     recordings.router,
     upload_routes.router,
+    direct_routes.router,
+    original_routes.router,
     frame_routes.router,
     jobs.router,
     events.router,
@@ -100,14 +103,14 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.settings = settings
     app.state.drain = drain
     app.state.database = Database(settings.database)
-    app.state.store = Store(settings.blobs)
+    app.state.store = open_store(settings)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)
     app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})
 
-    for room in (problems, etags, idempotency):
+    for room in (problems, store_problems, etags, idempotency):
         room.install(app)
-    app.add_middleware(headers.SafeHeaders)
+    app.add_middleware(headers.SafeHeaders, stores=[app.state.store.origin] if app.state.store.signs else [])
     app.add_middleware(draining.PoliteClosing, drain=drain)
     app.add_middleware(watching.Watched, figures=metrics.install(app, version("apexcal")))
     app.include_router(health.router)

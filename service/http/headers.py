@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -10,7 +12,6 @@ CONTENT_SECURITY_POLICY = (
     "frame-ancestors 'none'"
 )
 _ALWAYS = {
-    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
@@ -19,10 +20,15 @@ _ALWAYS = {
 
 
 class SafeHeaders:
-    """Pure ASGI middleware, so that streams pass through it untouched."""
+    """Pure ASGI middleware, so that streams pass through it untouched.
 
-    def __init__(self, app: ASGIApp) -> None:
+    ``stores`` are the origins that pages may send parts to and fetch frames from beside the service's own.
+    """
+
+    def __init__(self, app: ASGIApp, stores: Sequence[str] = ()) -> None:
         self._app = app
+        connect = " ".join(("; connect-src 'self'", *stores)) if stores else ""
+        self._headers = {"Content-Security-Policy": CONTENT_SECURITY_POLICY + connect, **_ALWAYS}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one connection."""
@@ -33,7 +39,7 @@ class SafeHeaders:
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
-                for name, value in _ALWAYS.items():
+                for name, value in self._headers.items():
                     headers.setdefault(name, value)
                 if scope["path"].startswith("/v1/"):
                     headers.setdefault("Cache-Control", "private, no-cache")

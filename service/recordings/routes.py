@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from datetime import timedelta
 from typing import Annotated
-from urllib.parse import quote
 from uuid import UUID
 
 from fastapi import APIRouter, Query, Request
-from fastapi.responses import JSONResponse, StreamingResponse
+from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import ReadAccess, WriteAccess
@@ -22,7 +20,7 @@ from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found
 from service.recordings.deletion import delete_recording
-from service.recordings.queries import parts_of, reading_document, summaries, view
+from service.recordings.queries import reading_document, summaries, view
 from service.recordings.schemas import (
     CreatedRecording,
     NewRecording,
@@ -30,10 +28,8 @@ from service.recordings.schemas import (
     RecordingState,
     RecordingSummary,
     RecordingView,
-    Upload,
 )
-from service.settings import Settings
-from service.storage.store import Store
+from service.recordings.uploads import how_to_upload
 
 router = APIRouter(tags=["recordings"])
 
@@ -41,7 +37,6 @@ router = APIRouter(tags=["recordings"])
 @router.post("/vehicles/{id}/recordings", status_code=201, response_model=CreatedRecording)
 def post_recording(id: UUID, body: NewRecording, request: Request, access: WriteAccess) -> JSONResponse:
     """Announce a recording; its file follows in parts."""
-    settings: Settings = request.app.state.settings
     vehicle = access.find(Vehicle, id, "engineer")
     rig = access.session.get(Rig, body.rig_id)
     if rig is None or rig.vehicle_id != vehicle.id:
@@ -61,8 +56,8 @@ def post_recording(id: UUID, body: NewRecording, request: Request, access: Write
     access.session.add(row)
     access.session.flush()
     hint(access.session, row.fleet_id, "recording", row.id)
-    upload = Upload(part_bytes=settings.part_bytes, max_part_bytes=settings.max_part_bytes)
-    return access.answer(CreatedRecording(**view(access.session, row).model_dump(), upload=upload))
+    document = view(access.session, row).model_dump()
+    return access.answer(CreatedRecording(**document, upload=how_to_upload(request)))
 
 
 @router.get("/recordings")
@@ -132,27 +127,3 @@ def remove_recording(id: UUID, access: WriteAccess, with_published: bool = False
     access.session.expunge(row)
     delete_recording(access.session, id, with_published=with_published)
     hint(access.session, fleet_id, "recording", id)
-
-
-@router.get("/recordings/{id}/original", response_class=StreamingResponse)
-def get_original(id: UUID, request: Request, access: ReadAccess) -> StreamingResponse:
-    """The uploaded file, byte for byte."""
-    row = access.find(Recording, id, "engineer")
-    if row.state == "uploading":
-        raise Problem(
-            409, "upload_open", "The upload is not complete, so there is no file yet.", "Complete it first."
-        )
-    keys = [part.blob_key for part in parts_of(access.session, row)]
-    return StreamingResponse(
-        _bytes_of(request.app.state.store, keys),
-        media_type="application/octet-stream",
-        headers={
-            "Content-Length": str(row.size),
-            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(row.file_name, safe='')}",
-        },
-    )
-
-
-def _bytes_of(store: Store, keys: Sequence[str]) -> Iterator[bytes]:
-    for key in keys:
-        yield from store.stream(key)

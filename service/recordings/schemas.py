@@ -71,11 +71,15 @@ class RecordingEdit(Received):
     marks_per_vertex: MarksPerVertex | None = None
 
 
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
 class Upload(Sent):
-    """How to send the parts."""
+    """How to send the parts: with ``api`` each is put here, with ``presigned`` at an address that is asked for."""
 
     part_bytes: int
     max_part_bytes: int
+    parts: Literal["api", "presigned"]
 
 
 class PartView(Sent):
@@ -90,6 +94,60 @@ class Parts(Sent):
     """All acknowledged parts."""
 
     items: list[PartView]
+    upload: Upload
+
+
+class NewPart(Received):
+    """A part that will be put straight into the store."""
+
+    size: Annotated[int, Field(ge=1)]
+    sha256: Sha256
+
+
+class PartAddress(Sent):
+    """Where to PUT a part's bytes until ``expires_at``; or ``part``, where these bytes are acknowledged already.
+
+    ``reservation`` is told back once they are put.
+    """
+
+    part: PartView | None = None
+    url: str | None = None
+    expires_at: datetime | None = None
+    reservation: str | None = None
+
+
+class PutPart(Received):
+    """The bytes of this reservation have been put."""
+
+    reservation: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
+
+
+class BlobAddress(Sent):
+    """Where bytes are read straight from the store until ``expires_at``: the range of ``length`` from ``offset``.
+
+    ``url`` is null where they go through the API.
+    """
+
+    url: str | None = None
+    expires_at: datetime | None = None
+    offset: int = 0
+    length: int
+    media_type: str
+
+
+class OriginalPart(PartView):
+    """A part of the original; ``url`` is null where its bytes go through the API."""
+
+    url: str | None
+
+
+class Original(Sent):
+    """The uploaded file: its parts in order, one after the other, are its bytes."""
+
+    file_name: str
+    size: int
+    expires_at: datetime | None
+    parts: list[OriginalPart]
 
 
 class Completion(Received):
@@ -97,7 +155,7 @@ class Completion(Received):
 
     parts: Annotated[int, Field(ge=1, le=MAX_PARTS)]
     size: Annotated[int, Field(ge=1, lt=2**63)]
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
+    sha256: Sha256 | None = None
 
 
 class SensorView(Sent):

@@ -26,9 +26,11 @@ from service.recordings.uploads import (
     declared_sha256,
     finish_part,
     forget_part,
+    how_to_upload,
     part_too_large,
 )
 from service.settings import Settings
+from service.storage.problems import disk_full
 from service.storage.store import Store
 
 router = APIRouter(tags=["recordings"])
@@ -67,10 +69,11 @@ async def put_part(
 
 
 @router.get("/recordings/{id}/parts")
-def get_parts(id: UUID, access: ReadAccess) -> Parts:
-    """Which parts have arrived, so that an interrupted upload goes on where it stopped."""
+def get_parts(id: UUID, request: Request, access: ReadAccess) -> Parts:
+    """Which parts have arrived and how the others go, so that an interrupted upload goes on where it stopped."""
     row = access.find(Recording, id, "engineer")
-    return Parts(items=[PartView.model_validate(part) for part in parts_of(access.session, row)])
+    items = [PartView.model_validate(part) for part in parts_of(access.session, row)]
+    return Parts(items=items, upload=how_to_upload(request))
 
 
 @router.post("/recordings/{id}/complete", status_code=202, response_model=AcceptedRecording)
@@ -117,23 +120,8 @@ def _accepted(access: Access, row: Recording) -> JSONResponse:
 async def _store(store: Store, key: str, body: Body, length: int, settings: Settings) -> None:
     free = store.free_bytes()
     if free is not None and free - length < settings.min_free_bytes:
-        raise _disk_full(free)
-    try:
-        await store.put_stream(key, aiter(body))
-    except Exception:
-        free = store.free_bytes()
-        if free is not None and free < settings.min_free_bytes:
-            raise _disk_full(free) from None
-        raise
-
-
-def _disk_full(free: int) -> Problem:
-    return Problem(
-        507,
-        "disk_full",
-        f"The service's disk has only {free} bytes left, so it takes no uploads. What was acknowledged is kept.",
-        "Ask whoever runs the service for space, then send the missing parts.",
-    )
+        raise disk_full(free)
+    await store.put_stream(key, aiter(body))
 
 
 def _declared_length(request: Request) -> int:

@@ -17,16 +17,34 @@ from service.auth.access import Access, Identity
 from service.db.recordings import Blob, Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
+from service.recordings.presigning import Presigner
+from service.recordings.schemas import Upload
 from service.storage.blobs import give_up, keep, reserve
 
 
 @dataclass(frozen=True)
 class Announced:
-    """A part as its request announces it."""
+    """A part as its request announces it; ``size`` where the bytes go straight to the store."""
 
     recording_id: UUID
     number: int
     sha256: str
+    size: int = 0
+
+    @property
+    def prefix(self) -> str:
+        """What the part's keys begin with."""
+        return f"recordings/{self.recording_id}/parts/{self.number}"
+
+
+def how_to_upload(request: Request) -> Upload:
+    """Which way parts go, and how large they are."""
+    presigner = Presigner.of(request)
+    return Upload(
+        part_bytes=presigner.settings.part_bytes,
+        max_part_bytes=presigner.settings.max_part_bytes,
+        parts="presigned" if presigner.uploads else "api",
+    )
 
 
 class Body:
@@ -116,7 +134,7 @@ def begin_part(database: Database, identity: Identity, announced: Announced) -> 
         if known is not None:
             # Its object is lost, whatever lost it: these bytes take its place.
             session.execute(delete(UploadPart).where(UploadPart.blob_key == known.blob_key))
-        return reserve(session, f"recordings/{recording.id}/parts")
+        return reserve(session, announced.prefix, size=announced.size, sha256=announced.sha256)
 
 
 def finish_part(database: Database, identity: Identity, announced: Announced, key: str, size: int) -> UploadPart:

@@ -8,8 +8,10 @@ import socket
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import httpx
+from pydantic import SecretStr
 
 from service.storage.opening import S3Options
 from service.storage.prepare import prepare
@@ -39,14 +41,19 @@ class S3Server:
         given = {"endpoint": self.endpoint, "access_key_id": "apexcal", "secret_access_key": "secret"}
         return S3Options(**(given | changed))
 
-    def environment(self, bucket: str) -> dict[str, str]:
+    def settings(self, bucket: str) -> dict[str, Any]:
         """Settings of a service that keeps its blobs in this bucket."""
         return {
-            "APEXCAL_BLOB_URL": f"s3://{bucket}/blobs",
-            "APEXCAL_S3_ENDPOINT": self.endpoint,
-            "APEXCAL_S3_ACCESS_KEY_ID": "apexcal",
-            "APEXCAL_S3_SECRET_ACCESS_KEY": "secret",
+            "blob_url": f"s3://{bucket}/blobs",
+            "s3_endpoint": self.endpoint,
+            "s3_access_key_id": "apexcal",
+            "s3_secret_access_key": SecretStr("secret"),
         }
+
+    def environment(self, bucket: str) -> dict[str, str]:
+        """The same as environment variables."""
+        plain = self.settings(bucket) | {"s3_secret_access_key": "secret"}
+        return {f"APEXCAL_{name.upper()}": value for name, value in plain.items()}
 
     def make_bucket(self) -> str:
         """A fresh bucket's name."""

@@ -51,6 +51,8 @@ BODIES = {
     "/detections": {"region": {"quantity": "x", "op": ">", "value": 0}},
     "/region-previews": {"region": {"quantity": "x", "op": ">", "value": 0}},
     "/region-suggestions": {},
+    "/address": {"size": 1, "sha256": "0" * 64},
+    "/arrival": {"reservation": "0" * 32},
 }
 NOWHERE = {"jobs": "999999"}
 
@@ -260,6 +262,7 @@ def test_a_low_role_is_told_so_only_within_its_own_fleet(api: Api) -> None:
     for role, member in members.items():
         refused = refused_reads(api, member, rows)
         for_engineers = {"/v1/fleets/{id}/members", "/v1/fleets/{id}/tokens", "/v1/recordings/{id}/original"}
+        for_engineers |= {"/v1/recordings/{id}/original/parts", "/v1/recordings/{id}/parts"}
         assert for_engineers <= refused if role in ("viewer", "annotator", "reviewer") else not refused
 
 

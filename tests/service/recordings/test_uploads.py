@@ -70,7 +70,7 @@ def test_a_wrong_checksum_stores_nothing(api: Api, engineer, recording) -> None:
     answer = put_part(engineer, recording["id"], 1, b"right", **{"Content-Digest": digest(b"wrong")})
     assert (answer.status_code, answer.json()["code"]) == (400, "checksum_mismatch")
     assert answer.headers["content-type"] == "application/problem+json"
-    assert engineer.get(f"/recordings/{recording['id']}/parts").json() == {"items": []}
+    assert engineer.get(f"/recordings/{recording['id']}/parts").json()["items"] == []
     assert blobs(api) == {"condemned": 1}
 
 
@@ -191,7 +191,7 @@ def test_a_connection_that_breaks_leaves_nothing(served, engineer, recording) ->
         connection.sendall("\r\n".join([*head, "", ""]).encode() + b"x" * 50_000)
         wait_until(lambda: blobs(api) == {"reserved": 1}, "the reservation")
     wait_until(lambda: blobs(api) == {"condemned": 1}, "the end of the broken upload")
-    assert engineer.get(f"/recordings/{recording['id']}/parts").json() == {"items": []}
+    assert engineer.get(f"/recordings/{recording['id']}/parts").json()["items"] == []
     assert put_part(engineer, recording["id"], 1, b"x" * 100_000).status_code == 200
 
 

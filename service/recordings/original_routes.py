@@ -1,0 +1,84 @@
+"""Routes that give the uploaded file back: as one stream, or part by part straight from the store."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Sequence
+from typing import Annotated
+from urllib.parse import quote
+from uuid import UUID
+
+from fastapi import APIRouter, Depends, Request
+from fastapi.responses import StreamingResponse
+
+from service.auth.access import Access, CurrentIdentity
+from service.db.recordings import Recording, UploadPart
+from service.db.session import Database
+from service.http.problems import Problem
+from service.recordings.presigning import Presigner
+from service.recordings.queries import parts_of
+from service.recordings.schemas import Original, OriginalPart
+from service.storage.store import Store
+
+router = APIRouter(tags=["recordings"])
+
+
+def _complete(id: UUID, request: Request, identity: CurrentIdentity) -> tuple[Recording, Sequence[UploadPart]]:
+    """A recording whose upload is complete, and its parts. The session ends here, before any byte is read."""
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        row = Access(session, identity).find(Recording, id, "engineer")
+        if row.state == "uploading":
+            raise Problem(
+                409, "upload_open", "The upload is not complete, so there is no file yet.", "Complete it first."
+            )
+        return row, parts_of(session, row)
+
+
+Complete = Annotated[tuple[Recording, Sequence[UploadPart]], Depends(_complete)]
+
+
+@router.get("/recordings/{id}/original", response_class=StreamingResponse)
+async def get_original(request: Request, complete: Complete) -> StreamingResponse:
+    """The uploaded file, byte for byte."""
+    row, parts = complete
+    pieces = _bytes_of(request.app.state.store, [part.blob_key for part in parts])
+    # The first piece is fetched before the answer begins, so that a store that fails is answered with a problem.
+    first = await anext(pieces, b"")
+    return StreamingResponse(
+        _after(first, pieces),
+        media_type="application/octet-stream",
+        headers={
+            "Content-Length": str(row.size),
+            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(row.file_name, safe='')}",
+        },
+    )
+
+
+@router.get("/recordings/{id}/original/parts")
+def get_original_parts(request: Request, complete: Complete) -> Original:
+    """The uploaded file's parts in order, each with the address where it is read straight from the store."""
+    row, parts = complete
+    presigner = Presigner.of(request)
+    return Original(
+        file_name=row.file_name,
+        size=row.size,
+        expires_at=presigner.expires_at if presigner.downloads else None,
+        parts=[
+            OriginalPart(
+                number=part.number, size=part.size, sha256=part.sha256, url=presigner.download(part.blob_key)
+            )
+            for part in parts
+        ],
+    )
+
+
+async def _bytes_of(store: Store, keys: Sequence[str]) -> AsyncIterator[bytes]:
+    for key in keys:
+        async for piece in store.read_all(key):
+            yield piece
+
+
+async def _after(first: bytes, rest: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    yield first
+    async for piece in rest:
+        yield piece
