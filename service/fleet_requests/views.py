@@ -7,7 +7,7 @@ from typing import Any
 from uuid import UUID
 
 from sqlalchemy import ColumnElement, Select, func, or_, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, aliased
 
 from service.calibrations.schemas import ProgressView
 from service.db.base import Json
@@ -38,8 +38,11 @@ def is_running() -> ColumnElement[bool]:
         .join(Job, Job.subject_id == CalibrationRun.id)
         .where(Job.state == "running", Job.queue == "solve")
     )
-    begun = select(Calibration.id).where(
-        Calibration.id == FleetRequestVehicle.calibration_id, Calibration.state == "running"
+    theirs = aliased(Calibration)
+    begun = (
+        select(theirs.id)
+        .where(theirs.id == FleetRequestVehicle.calibration_id, theirs.state == "running")
+        .correlate(FleetRequestVehicle)
     )
     return (FleetRequestVehicle.state == "queued") & or_(
         FleetRequestVehicle.calibration_id.in_(worked_on), begun.exists()

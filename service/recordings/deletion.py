@@ -13,6 +13,7 @@ from service.db.detections import Detection
 from service.db.recordings import Recording, Sensor, UploadPart
 from service.db.studies import Study
 from service.http.problems import Problem
+from service.jobs.fleet_progress import drop_calibrations
 from service.jobs.queue import abandon
 from service.storage.blobs import condemn
 
@@ -39,6 +40,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
         *session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)),
     ]
     condemn(session, keys)
+    drop_calibrations(session, calibrations)
     session.execute(delete(Calibration).where(Calibration.id.in_(calibrations)))
     session.execute(delete(Recording).where(Recording.id == recording_id))
 

@@ -1,0 +1,168 @@
+"""What a filter names, which pairs are taken, and what one request comes to for many vehicles."""
+
+from datetime import UTC, datetime, timedelta
+from uuid import UUID, uuid4
+
+import pytest
+from sqlalchemy import select
+
+from service.db.models import Calibration, CalibrationRun, CorrespondenceSet, FleetRequest, Job
+from service.db.session import Database
+
+from tests.support.work import work
+
+from .conftest import QUICK, Vans
+
+
+def sets_of(database: Database, vehicle_id: str) -> list[str]:
+    """The sets of a vehicle's newest calibration."""
+    with database.reading() as session:
+        newest = session.scalars(
+            select(Calibration.id).where(Calibration.vehicle_id == UUID(vehicle_id)).order_by(Calibration.id.desc())
+        ).first()
+        found = session.scalars(select(CalibrationRun.set_id).where(CalibrationRun.calibration_id == newest))
+        return [str(one) for one in found]
+
+
+def test_every_vehicle_that_has_enough_pairs_is_calibrated_as_if_asked_alone(api, vans: Vans):
+    good, few, none = vans.add("b good"), vans.add("c few", 5), vans.add("a none", None)
+    answer = vans.ask()
+    assert answer.status_code == 202, answer.text
+    asked = answer.json()
+    assert asked["counts"] == {
+        "matched": 3, "queued": 1, "running": 0, "done": 0, "failed": 0, "cancelled": 0, "skipped": 2,
+    }  # fmt: skip
+    assert (asked["state"], asked["asked"]["calibration"]["models"]) == ("running", ["pinhole"])
+    items = vans.engineer.get(f"/fleet-requests/{asked['id']}/vehicles").json()["items"]
+    assert [item["vehicle"] for item in items] == ["a none", "b good", "c few"]
+    assert [item["problem"] and item["problem"]["code"] for item in items] == ["no_pairs", None, "too_few_pairs"]
+    assert [item["state"] for item in items] == ["skipped", "queued", "skipped"]
+    assert {items[0]["vehicle_id"], items[2]["vehicle_id"]} == {none["vehicle"], few["vehicle"]}
+    of_fleet = vans.engineer.get(f"/calibrations/{items[1]['calibration_id']}").json()
+    body = {"correspondence_set_ids": [good["set"]], **QUICK}
+    alone = vans.engineer.post(f"/vehicles/{good['vehicle']}/calibrations", body).json()
+    assert of_fleet["request"] == alone["request"], "with the same seed, so with the same bits"
+
+
+def test_the_newest_pairs_of_the_rig_with_the_newest_pairs_are_taken(api, vans: Vans):
+    van = vans.add("van")
+    second = vans.add_rig(van, "second")
+    on_second = vans.mark(second, 40, seed=2)
+    vans.ask()
+    assert sets_of(api.database, van["vehicle"]) == [on_second]
+    newest = vans.mark(van["rig"], 40, seed=3)
+    vans.ask()
+    assert sets_of(api.database, van["vehicle"]) == [newest]
+    vans.ask({"rig": "sec*"})
+    assert sets_of(api.database, van["vehicle"]) == [on_second]
+
+
+def test_filters_name_vehicles_by_id_name_and_rig(vans: Vans):
+    made = {name: vans.add(name) for name in ("van 1", "van 2", "bus [x] 1", "Van 3")}
+    vans.add_rig(made["van 2"], "rear")
+
+    def matched(**vehicles):
+        answer = vans.ask(vehicles, dry_run=True)
+        return answer.json().get("code") or answer.json()["matched"]
+
+    assert matched() == 4
+    assert matched(name="van *") == 2
+    assert matched(name="*[x]*") == 1
+    assert matched(name="van ?", rig="rear") == 1
+    assert matched(vehicle_ids=[made["van 1"]["vehicle"]]) == 1
+    assert matched(name="none") == "no_vehicle_matches"
+    assert matched(vehicle_ids=[str(uuid4())]) == "unknown_vehicle"
+
+
+def test_filters_know_what_was_calibrated_and_what_is_published(api, vans: Vans, context):
+    first, second = vans.add("first"), vans.add("second")
+    vans.ask({"name": "first"}, calibration=QUICK | {"publish": "recommended", "folds": 2})
+    work(context)
+
+    def names(**vehicles):
+        answer = vans.ask(vehicles, dry_run=True)
+        return answer.json().get("code") or answer.json()["matched"]
+
+    day = timedelta(days=1)
+    assert names(not_calibrated_since=(datetime.now(UTC) - day).isoformat()) == 1
+    assert names(not_calibrated_since=(datetime.now(UTC) + day).isoformat()) == 2
+    assert names(new_pairs=True) == 1, "the second, of which nothing is published"
+    vans.mark(first["rig"], 40, seed=9)
+    assert names(new_pairs=True) == 2
+    assert names(new_pairs=True, vehicle_ids=[second["vehicle"]]) == 1
+
+
+def test_what_is_wrong_with_the_template_refuses_the_whole_and_makes_nothing(api, vans: Vans):
+    vans.add("van")
+    for calibration, code in (
+        ({"models": ["fisheye"]}, "unknown_model"),
+        ({"locked": {"nonsense": 1.0}}, "unknown_parameter"),
+        ({"bounds": {"f_x": [900.0, 300.0]}}, "bounds_inside_out"),
+        ({"correspondence_set_ids": [str(uuid4())]}, "invalid_request"),
+    ):
+        answer = vans.ask(calibration=calibration)
+        assert (answer.status_code, answer.json()["code"]) == (422, code)
+    with api.database.reading() as session:
+        assert session.scalars(select(FleetRequest.id)).all() == []
+        assert session.scalars(select(Job.id)).all() == []
+
+
+def test_a_request_sent_twice_under_one_key_is_made_once(api, vans: Vans):
+    vans.add("van")
+    key = {"Idempotency-Key": "again"}
+    first, second = vans.ask(headers=key), vans.ask(headers=key)
+    assert first.json() == second.json() and second.headers["Idempotency-Replayed"] == "true"
+    with api.database.reading() as session:
+        assert len(session.scalars(select(Calibration.id)).all()) == 1
+
+
+def test_a_dry_run_says_who_would_be_skipped_and_makes_nothing(api, vans: Vans):
+    vans.add("good")
+    vans.add("none", None)
+    answer = vans.ask(dry_run=True, calibration=QUICK | {"folds": 2})
+    assert answer.status_code == 200
+    found = answer.json()
+    assert (found["matched"], found["calibrations"], found["runs"], found["skipped"]) == (2, 1, 3, 1)
+    assert [one["vehicle"] for one in found["skipped_vehicles"]] == ["none"]
+    with api.database.reading() as session:
+        assert session.scalars(select(FleetRequest.id)).all() == []
+
+
+def test_a_request_for_nobody_with_pairs_has_ended_when_it_is_made(vans: Vans):
+    vans.add("none", None)
+    asked = vans.ask().json()
+    assert (asked["state"], asked["counts"]["skipped"], asked["progress"]["fraction"]) == ("done", 1, 1.0)
+    assert asked["finished_at"] is not None
+
+
+def test_a_fleet_request_is_its_fleets_and_an_engineers(api, vans: Vans):
+    vans.add("van")
+    asked = vans.ask().json()
+    viewer = api.member(vans.fleet_id, "viewer")
+    stranger = api.member(api.fleet(), "admin")
+    assert viewer.get(f"/fleet-requests/{asked['id']}").status_code == 200
+    assert viewer.post(f"/fleets/{vans.fleet_id}/fleet-requests", {"vehicles": {}}).status_code == 403
+    for verb in ("cancel", "retry"):
+        assert viewer.post(f"/fleet-requests/{asked['id']}/{verb}").status_code == 403
+        assert stranger.post(f"/fleet-requests/{asked['id']}/{verb}").status_code == 404
+    assert stranger.get(f"/fleet-requests/{asked['id']}/vehicles").status_code == 404
+    listed = viewer.get(f"/fleets/{vans.fleet_id}/fleet-requests").json()["items"]
+    assert [one["id"] for one in listed] == [asked["id"]]
+
+
+@pytest.mark.parametrize("limit", [1, 2])
+def test_vehicles_come_in_pages_and_by_state(vans: Vans, limit: int):
+    for name in ("c", "a", "b"):
+        vans.add(name, 40 if name != "b" else None)
+    asked = vans.ask().json()
+    path, names, after = f"/fleet-requests/{asked['id']}/vehicles", [], None
+    while True:
+        page = vans.engineer.get(path, params={"limit": limit, **({"after": after} if after else {})}).json()
+        names += [item["vehicle"] for item in page["items"]]
+        after = page["next"]
+        if after is None:
+            break
+    assert names == ["a", "b", "c"]
+    assert vans.states(asked, state="skipped") == {"b": "skipped"}
+    assert vans.states(asked, state="queued") == {"a": "queued", "c": "queued"}
+    assert vans.engineer.get(path, params={"state": "nonsense"}).status_code == 422

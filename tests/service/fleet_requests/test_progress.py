@@ -1,0 +1,148 @@
+"""A fleet request from its first job to its end: failures, cancel, retry, and finishes at the same moment."""
+
+import threading
+from uuid import UUID
+
+from sqlalchemy import select, update
+
+from service.db.clock import now
+from service.db.models import Calibration, CalibrationRun, FleetRequest, FleetRequestVehicle, Job
+from service.jobs.claims import claim, finishing
+from service.jobs.fleet_progress import drop_calibrations
+from service.jobs.messages import COURIER
+from service.jobs.solving import end_run
+from service.jobs.sweep import sweep
+from service.settings import get_settings
+from tests.support.work import work
+from workers.tasks.running import run_job
+
+from .conftest import Vans
+
+
+def job_of(context, van) -> int:
+    with context.database.reading() as session:
+        return session.scalars(
+            select(Job.id)
+            .join(CalibrationRun, CalibrationRun.id == Job.subject_id)
+            .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
+            .where(Calibration.vehicle_id == UUID(van["vehicle"]))
+            .order_by(Job.id.desc())
+        ).first()
+
+
+def lose_every_worker(context, job_id: int) -> None:
+    """As if each worker that tried the job had died."""
+    held = claim(context.database, job_id, "dying")
+    assert held is not None
+    with context.database.writing() as session:
+        losses = {"lost": get_settings().max_lost_leases - 1, "lease_until": now(-1)}
+        session.execute(update(Job).where(Job.id == job_id).values(losses))
+    sweep(context.database, context.store)
+
+
+def counts(request) -> dict[str, int]:
+    return {name: count for name, count in request["counts"].items() if count}
+
+
+def test_one_vehicle_may_fail_be_skipped_or_be_retried_and_the_rest_is_done(vans: Vans, context):
+    made = {f"van {n}": vans.add(f"van {n}") for n in range(5)} | {"none": vans.add("none", None)}
+    asked = vans.ask().json()
+    etag = vans.engineer.get(f"/fleet-requests/{asked['id']}").headers["ETag"]
+    same = vans.engineer.get(f"/fleet-requests/{asked['id']}", headers={"If-None-Match": etag})
+    assert same.status_code == 304
+    held = claim(context.database, job_of(context, made["van 1"]), "somebody")
+    assert counts(vans.read(asked)) == {"matched": 6, "queued": 4, "running": 1, "skipped": 1}
+    assert vans.states(asked, state="running") == {"van 1": "running"}
+    with context.database.writing() as session:
+        session.execute(update(Job).where(Job.id == held.job_id).values(state="queued"))
+    lose_every_worker(context, job_of(context, made["van 3"]))
+    seen = vans.read(asked)
+    assert counts(seen) == {"matched": 6, "queued": 4, "failed": 1, "skipped": 1} and seen["state"] == "running"
+    work(context)
+    ended = vans.read(asked)
+    assert counts(ended) == {"matched": 6, "done": 4, "failed": 1, "skipped": 1}
+    assert (ended["state"], ended["progress"]["fraction"]) == ("done_with_failures", 1.0)
+    assert ended["finished_at"] is not None and ended["seconds_left"] is None
+    failed = vans.engineer.get(f"/fleet-requests/{asked['id']}/vehicles", params={"state": "failed"}).json()["items"]
+    assert [(item["vehicle"], item["problem"]["code"]) for item in failed] == [("van 3", "worker_lost")]
+    again = vans.engineer.post(f"/fleet-requests/{asked['id']}/retry")
+    assert again.status_code == 202 and counts(again.json()) == {"matched": 6, "queued": 1, "done": 4, "skipped": 1}
+    twice = vans.engineer.post(f"/fleet-requests/{asked['id']}/retry").json()
+    assert counts(twice) == counts(again.json()), "a second retry finds nothing failed"
+    work(context)
+    healed = vans.read(asked)
+    assert (healed["state"], counts(healed)) == ("done", {"matched": 6, "done": 5, "skipped": 1})
+    items = vans.engineer.get(f"/fleet-requests/{asked['id']}/vehicles", params={"state": "done"}).json()["items"]
+    assert {item["vehicle"]: item["cameras"]["front"]["model"] for item in items} == dict.fromkeys(
+        [f"van {n}" for n in range(5)], "pinhole"
+    )
+
+
+def test_a_cancelled_request_keeps_what_is_done_and_ends_the_rest(vans: Vans, context):
+    made = [vans.add(f"van {n}") for n in range(4)]
+    asked = vans.ask().json()
+    run_job(context, job_of(context, made[0]))
+    running = claim(context.database, job_of(context, made[1]), "somebody")
+    answer = vans.engineer.post(f"/fleet-requests/{asked['id']}/cancel")
+    assert answer.status_code == 202 and answer.json()["cancel_requested"]
+    sweep(context.database, context.store)
+    assert counts(vans.read(asked)) == {"matched": 4, "running": 1, "done": 1, "cancelled": 2}
+    with finishing(context.database, running, "cancelled"):
+        pass
+    ended = vans.read(asked)
+    assert (ended["state"], counts(ended)) == ("cancelled", {"matched": 4, "done": 1, "cancelled": 3})
+    before = vans.engineer.post(f"/fleet-requests/{asked['id']}/cancel").json()
+    assert (before["state"], counts(before)) == ("cancelled", counts(ended)), "what has ended stays as it is"
+    unmoved = vans.engineer.post(f"/fleet-requests/{asked['id']}/retry").json()
+    assert counts(unmoved) == counts(ended), "cancelled vehicles did not fail"
+
+
+def test_vehicles_that_end_at_the_same_moment_are_each_counted_once(vans: Vans, context):
+    made = [vans.add(f"van {n}", 12) for n in range(6)]
+    asked = vans.ask().json()
+    held = [claim(context.database, job_of(context, van), f"w{n}") for n, van in enumerate(made)]
+    barrier = threading.Barrier(len(held) + 1)
+
+    def finish(mine) -> None:
+        barrier.wait()
+        with finishing(context.database, mine) as session:
+            end_run(session, session.get_one(CalibrationRun, mine.subject_id), "failed", {"code": "x"})
+
+    threads = [threading.Thread(target=finish, args=(mine,)) for mine in held]
+    for thread in threads:
+        thread.start()
+    barrier.wait()
+    vans.engineer.post(f"/fleet-requests/{asked['id']}/cancel")
+    for thread in threads:
+        thread.join()
+    ended = vans.read(asked)
+    assert (ended["state"], counts(ended)) == ("done_with_failures", {"matched": 6, "failed": 6})
+    with context.database.reading() as session:
+        assert session.get_one(FleetRequest, UUID(asked["id"])).remaining == 0
+
+
+def test_a_vehicle_whose_recording_is_deleted_waits_for_nothing(vans: Vans, context):
+    vans.add("van")
+    asked = vans.ask().json()
+    with context.database.writing() as session:
+        drop_calibrations(session, session.scalars(select(Calibration.id)).all())
+        session.delete(session.scalars(select(Calibration)).one())
+    ended = vans.read(asked)
+    assert (ended["state"], counts(ended)) == ("done_with_failures", {"matched": 1, "cancelled": 1})
+    with context.database.reading() as session:
+        row = session.scalars(select(FleetRequestVehicle)).one()
+        assert (row.problem["code"], row.calibration_id) == ("recording_deleted", None)
+
+
+def test_another_fleets_request_gets_through_while_many_wait(api, vans: Vans, context):
+    for n in range(8):
+        vans.add(f"van {n}", 12)
+    sent: list[int] = []
+    api.database.couriers[COURIER] = lambda messages: sent.extend(one.job_id for one in messages)
+    vans.ask()
+    window = len(sent)
+    assert window == get_settings().workers + 1 < 8
+    other = Vans(api.member(other_fleet := api.fleet(), "engineer"), other_fleet)
+    van = other.add("theirs", 12)
+    other.ask()
+    assert sent[window:] == [job_of(context, van)]
