@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 from uuid import UUID
 
 from sqlalchemy import Select, func, select, update
@@ -60,12 +61,13 @@ def create_all(
     return calibrations
 
 
-def ask_to_end(session: Session, calibrations: Select[UUID]) -> None:
+def ask_to_end(session: Session, calibrations: Select[Any]) -> None:
     """Cancel what has not ended of these calibrations. Jobs before runs: the order in which everybody locks them."""
     runs = select(CalibrationRun.id).where(
         CalibrationRun.calibration_id.in_(calibrations), CalibrationRun.state.in_(UNENDED)
     )
     cancel(session, runs)
+    cancel(session, calibrations)  # the comparison of their cameras
     session.execute(
         update(CalibrationRun)
         .where(CalibrationRun.id.in_(runs))

@@ -49,7 +49,7 @@ def is_running() -> ColumnElement[bool]:
     )
 
 
-def in_state(statement: Select[Any], state: VehicleState) -> Select[Any]:
+def in_state(statement: Select[*tuple[Any, ...]], state: VehicleState) -> Select[*tuple[Any, ...]]:
     """The vehicles of a statement that are in this state."""
     if state == "running":
         return statement.where(is_running())
@@ -107,7 +107,7 @@ def _seconds_left(row: FleetRequest) -> int | None:
     return round((utc_now() - row.started_at).total_seconds() * row.remaining / ended)
 
 
-def vehicles_of(request_id: UUID) -> Select[Any]:
+def vehicles_of(request_id: UUID) -> Select[*tuple[Any, ...]]:
     """A query for (vehicle of the request, its name, whether it is running, its calibration's summary)."""
     return (
         select(FleetRequestVehicle, Vehicle.name, is_running().label("running"), Calibration.summary)

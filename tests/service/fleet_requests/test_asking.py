@@ -6,9 +6,8 @@ from uuid import UUID, uuid4
 import pytest
 from sqlalchemy import select
 
-from service.db.models import Calibration, CalibrationRun, CorrespondenceSet, FleetRequest, Job
+from service.db.models import Calibration, CalibrationRun, FleetRequest, Job
 from service.db.session import Database
-
 from tests.support.work import work
 
 from .conftest import QUICK, Vans
