@@ -44,7 +44,7 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun]) -> Calibrati
         request=row.request,
         notes=row.notes,
         problem=row.problem,
-        progress=_progress(runs),
+        progress=_progress(row, runs),
         runs=[
             RunView(
                 camera=run.camera,
@@ -63,12 +63,14 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun]) -> Calibrati
     )
 
 
-def _progress(runs: Sequence[CalibrationRun]) -> ProgressView:
+def _progress(row: Calibration, runs: Sequence[CalibrationRun]) -> ProgressView:
     """Ended fits count whole; a running one approaches a whole, for nobody knows when its narrowing stops."""
     ended = sum(run.state not in UNENDED for run in runs)
     begun = sum(run.iteration / (run.iteration + 10.0) for run in runs if run.state in UNENDED)
     fraction = (ended + begun) / len(runs) if runs else 1.0
-    return ProgressView(fraction=round(fraction, 4), message=f"{ended} of {len(runs)} fits have ended")
+    comparing = row.state in UNENDED and ended == len(runs)
+    message = "the cameras are compared" if comparing else f"{ended} of {len(runs)} fits have ended"
+    return ProgressView(fraction=round(fraction, 4), message=message)
 
 
 def result_document(row: Result, run: CalibrationRun, calibration: Calibration) -> Json:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from math import sqrt
 from uuid import UUID
 
@@ -14,37 +14,101 @@ from sqlalchemy.orm import Session
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Publication, Result, Slot
 from service.db.clock import utc_now
+from service.jobs.model_choice import Candidate, Choice, choose
 
 FULL = -1
 
 
-def conclude(session: Session, calibration: Calibration) -> None:
-    """Give the calibration its final state, its summary and, where asked for, its publications."""
+def conclude(session: Session, calibration: Calibration, *, rig: Json | None = None, cancelled: bool = False) -> None:
+    """Give the calibration its final state, its summary and, where asked for, its publications.
+
+    ``rig``: what the comparison of its cameras found; ``cancelled`` where that was cancelled.
+    """
     of_calibration = select(CalibrationRun).where(CalibrationRun.calibration_id == calibration.id)
     # The end of the last run was an UPDATE that this session's objects have not seen.
     runs = session.scalars(of_calibration.execution_options(populate_existing=True)).all()
-    results = session.scalars(select(Result).where(Result.calibration_id == calibration.id)).all()
+    results = results_of(session, calibration.id)
     fitted = [result for result in results if result.fold == FULL]
     calibration.finished_at = utc_now()
-    calibration.state = _state(runs, fitted)
+    calibration.state = "cancelled" if cancelled else _state(runs, fitted)
     calibration.problem = next((run.failure for run in runs if run.failure), None)
     if not fitted:
         return
     work = _work(session, calibration.id)
     cameras: dict[str, Json] = {}
-    for camera in sorted({result.camera for result in fitted}):
+    for camera, choice in choices(results).items():
         of_camera = [result for result in results if result.camera == camera]
-        models = {r.model: _model_summary(r, of_camera, work[r.run_id]) for r in of_camera if r.fold == FULL}
-        recommended, why = _recommend(models)
-        cameras[camera] = {"recommended": recommended, "why": why, "models": models}
-        if calibration.publish == "recommended" and recommended and _proven(runs, models[recommended]):
-            _publish(session, calibration, camera, UUID(models[recommended]["result_id"]))
-    calibration.summary = {"cameras": cameras}
+        found = cameras[camera] = _camera_summary(choice, of_camera, work)
+        if calibration.publish == "recommended":
+            reasons = _against_publishing(camera, found, runs, rig, cancelled=cancelled)
+            found |= {"published": not reasons, "not_published": reasons}
+            if not reasons:
+                _publish(session, calibration, camera, UUID(found["models"][choice.recommended]["result_id"]))
+    calibration.summary = {"cameras": cameras} if rig is None else {"cameras": cameras, "rig": rig}
 
 
-def _proven(runs: Sequence[CalibrationRun], recommended: Json) -> bool:
-    """A vehicle is given by itself only what was judged on pairs that it was not fitted to, with every run done."""
-    return recommended["heldout_pairs"] > 0 and all(run.state == "done" for run in runs)
+def _camera_summary(choice: Choice, of_camera: Sequence[Result], work: Mapping[UUID, Json]) -> Json:
+    models = {r.model: _model_summary(r, of_camera, work[r.run_id]) for r in of_camera if r.fold == FULL}
+    for model, difference in choice.behind.items():
+        models[model]["behind"] = asdict(difference)
+    return {"recommended": choice.recommended, "why": choice.why, "models": models}
+
+
+def results_of(session: Session, calibration_id: UUID) -> Sequence[Result]:
+    """Everything that the calibration's runs found."""
+    return session.scalars(select(Result).where(Result.calibration_id == calibration_id)).all()
+
+
+def choices(results: Sequence[Result]) -> dict[str, Choice]:
+    """For each camera that has a fit to all its pairs, which model to take; in the order of their names."""
+    candidates: dict[str, dict[str, Candidate]] = defaultdict(dict)
+    for full in sorted(results, key=lambda result: (result.camera, result.model)):
+        if full.fold == FULL:
+            document = full.document
+            candidates[full.camera][full.model] = Candidate(
+                document["free_parameters"], document["polished"]["mean_px"], _heldout(full, results)
+            )
+    return {camera: choose(models) for camera, models in candidates.items()}
+
+
+def _heldout(full: Result, results: Sequence[Result]) -> dict[int, Mapping[int, float]]:
+    """The errors of each held-out block of a model by the pairs' indices."""
+    blocks: dict[int, Mapping[int, float]] = {}
+    for result in results:
+        block = result.document.get("heldout")
+        if block and result.fold != FULL and (result.camera, result.model) == (full.camera, full.model):
+            blocks[result.fold] = dict(zip(block["indices"], block["errors_px"], strict=True))
+    return blocks
+
+
+def _against_publishing(
+    camera: str, found: Json, runs: Sequence[CalibrationRun], rig: Json | None, *, cancelled: bool
+) -> list[str]:
+    """Why the recommended result does not become the vehicle's current one by itself, in sentences; none: it does.
+
+    A vehicle is given by itself only what was judged on pairs that it was not fitted to, with every run done, and
+    with nothing that a person should look at first.
+    """
+    if not found["recommended"]:
+        return ["No model is recommended."]
+    name, model = found["recommended"], found["models"][found["recommended"]]
+    reasons: list[str] = []
+    if cancelled or any(run.state != "done" for run in runs):
+        reasons.append("Not every fit ended well.")
+    if not model["heldout_pairs"]:
+        reasons.append("No pairs were held out to judge it by.")
+    if model["status"] != "ok":
+        reasons.append(f"The status of {name} is {model['status']}: {model['message']}")
+    if model["at_bounds"]:
+        listed = ", ".join(model["at_bounds"])
+        reasons.append(f"{name} lies on the edge of its bounds ({listed}): widen them, or lock what is known.")
+    reasons += model["several_optima"]
+    if rig and rig.get("problem"):
+        reasons.append(f"The cameras could not be compared: {rig['problem']['detail']}")
+    for pair in rig["pairs"] if rig else []:
+        if camera in pair["cameras"]:
+            reasons += pair["alarms"]
+    return reasons
 
 
 def _state(runs: Sequence[CalibrationRun], fitted: Sequence[Result]) -> str:
@@ -79,10 +143,16 @@ def _model_summary(full: Result, of_camera: Sequence[Result], work: Json) -> Jso
         if result.model == full.model and result.fold != FULL
         for error in result.document.get("heldout", {}).get("errors_px", [])
     ]
-    summary: Json = {stage: _stage(document[stage]) for stage in ("ga", "polished", "baseline")}
+    stages = ("ga", "polished", "baseline", "linear_baseline")
+    summary: Json = {stage: _stage(document.get(stage)) for stage in stages}
     return summary | {
         "result_id": str(full.id),
         "status": document["status"],
+        "message": document["message"],
+        "free_parameters": document["free_parameters"],
+        "at_bounds": document["at_bounds"],
+        # A worker of the version before does not say it.
+        "several_optima": document.get("several_optima", []),
         "pairs": document["pairs"],
         "iterations": document["iterations"],
         "stopped": document["stopped"],
@@ -95,28 +165,8 @@ def _model_summary(full: Result, of_camera: Sequence[Result], work: Json) -> Jso
     }
 
 
-def _stage(stage: Json) -> Json:
-    return {"mean_px": stage["mean_px"], "rms_px": stage["rms_px"]}
-
-
-def _recommend(models: dict[str, Json]) -> tuple[str | None, str]:
-    """The model with the lowest mean error on held-out pairs, or on all pairs where none were held out of any."""
-    held = {model["heldout_pairs"] for model in models.values()}
-    if len(held) > 1:
-        return None, (
-            "The models cannot be compared: not the same pairs were held out of each (too few pairs for the larger "
-            "models, or a run that failed). Ask again with more pairs, fewer folds or fewer models."
-        )
-    which, key = (
-        ("the fitted pairs themselves, for none were held out", lambda model: model["polished"]["mean_px"])
-        if held == {0}
-        else ("held-out pairs", lambda model: model["heldout_mean_px"])
-    )
-    errors: dict[str, float] = {name: key(model) for name, model in models.items()}
-    ranked = sorted(errors, key=lambda name: (errors[name], name))
-    why = f"{ranked[0]} has the lowest mean error on {which}: {errors[ranked[0]]:.2f} px"
-    others = [f"{b} is {errors[b] - errors[a]:.2f} px behind {a}" for a, b in pairwise(ranked)]
-    return ranked[0], "; ".join([why, *others]) + "."
+def _stage(stage: Json | None) -> Json | None:
+    return stage and {"mean_px": stage["mean_px"], "rms_px": stage["rms_px"]}
 
 
 def _publish(session: Session, calibration: Calibration, camera: str, result_id: UUID) -> None:

@@ -12,13 +12,13 @@ from sqlalchemy import update
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
-from service.db.calibrations import CalibrationRun
+from service.db.calibrations import Calibration, CalibrationRun
 from service.db.clock import utc_now
 from service.db.detections import Detection
 from service.db.recordings import Recording
 from service.db.studies import Study
 from service.events.hints import hint
-from service.jobs.solving import end_run
+from service.jobs.solving import end_calibration, end_run
 
 
 def tell_parent(session: Session, kind: str, subject_id: UUID, state: str, problem: Json | None) -> None:
@@ -74,6 +74,14 @@ def _run(session: Session, subject_id: UUID, state: str, problem: Json | None) -
         end_run(session, run, state, problem)
 
 
+def _calibration(session: Session, subject_id: UUID, state: str, problem: Json | None) -> None:
+    """A comparison of cameras that failed or was cancelled ends its calibration; a done one has ended it already."""
+    calibration = session.get(Calibration, subject_id) if state != "done" else None
+    if calibration and calibration.state in ("queued", "running"):
+        rig: Json = {"pairs": [], "alarms": [], "problem": problem}
+        end_calibration(session, calibration, rig=rig, cancelled=state == "cancelled")
+
+
 _CANCELLED: Json = {
     "code": "cancelled",
     "detail": "The work was cancelled.",
@@ -87,4 +95,5 @@ _PARENTS: dict[str, Callable[[Session, UUID, str, Json | None], None]] = {
     "clock_offset": _study,
     "detect": _detection,
     "solve": _run,
+    "consistency": _calibration,
 }

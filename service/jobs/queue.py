@@ -23,6 +23,8 @@ QUEUE_OF_KIND = {
     "detect": "detect",
     "clock_offset": "solve",
     "solve": "solve",
+    # Not behind a fleet's waiting runs: it is a moment's work, and a calibration ends with it.
+    "consistency": "report",
 }
 QUEUES = ("ingest", "detect", "solve", "report")
 _UNENDED = ("queued", "running")

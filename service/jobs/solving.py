@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from uuid import UUID
 
-from sqlalchemy import update
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
@@ -17,7 +17,7 @@ from service.db.calibrations import Calibration, CalibrationRun
 from service.db.clock import utc_now
 from service.events.hints import hint
 from service.jobs.bundles import cut
-from service.jobs.conclusion import conclude
+from service.jobs.conclusion import FULL, conclude
 from service.jobs.fleet_progress import tell_fleet_request
 from service.jobs.queue import enqueue, enqueue_all, enqueue_each
 
@@ -70,7 +70,7 @@ def count_down(session: Session, run_id: UUID) -> CalibrationRun | None:
 
 
 def end_run(session: Session, run: CalibrationRun, state: str, failure: Json | None = None) -> None:
-    """End a run once; the calibration's last one ends the calibration too."""
+    """End a run once; the calibration's last one ends the calibration too, or has its cameras compared first."""
     ended = session.execute(
         update(CalibrationRun)
         .where(CalibrationRun.id == run.id, CalibrationRun.state.in_(_UNENDED))
@@ -89,6 +89,26 @@ def end_run(session: Session, run: CalibrationRun, state: str, failure: Json | N
     ).scalar_one_or_none()
     if left == 0:
         calibration = session.get_one(Calibration, run.calibration_id, populate_existing=True)
-        conclude(session, calibration)
-        tell_fleet_request(session, calibration)
+        if _has_cameras_to_compare(session, calibration.id):
+            enqueue(session, kind="consistency", fleet_id=run.fleet_id, subject_id=calibration.id)
+        else:
+            end_calibration(session, calibration)
     hint(session, run.fleet_id, "calibration", run.calibration_id)
+
+
+def end_calibration(
+    session: Session, calibration: Calibration, *, rig: Json | None = None, cancelled: bool = False
+) -> None:
+    """End a calibration whose runs have all ended; ``rig`` is what the comparison of its cameras found."""
+    conclude(session, calibration, rig=rig, cancelled=cancelled)
+    tell_fleet_request(session, calibration)
+    hint(session, calibration.fleet_id, "calibration", calibration.id)
+
+
+def _has_cameras_to_compare(session: Session, calibration_id: UUID) -> bool:
+    """Whether two cameras have a result, and nobody asked for the end."""
+    fitted = select(CalibrationRun.camera, CalibrationRun.cancel_requested).where(
+        CalibrationRun.calibration_id == calibration_id, CalibrationRun.fold == FULL, CalibrationRun.state == "done"
+    )
+    rows = session.execute(fitted).all()
+    return len({row.camera for row in rows}) > 1 and not any(row.cancel_requested for row in rows)

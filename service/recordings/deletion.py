@@ -55,11 +55,13 @@ def _calibrations(session: Session, recording_id: UUID) -> Sequence[UUID]:
 
 
 def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
-    runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(_calibrations(session, recording_id)))
+    calibrations = _calibrations(session, recording_id)
+    runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(calibrations))
     return [
         recording_id,
         *session.scalars(select(Study.id).where(Study.recording_id == recording_id)),
         *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
+        *calibrations,
         *session.scalars(runs),
     ]
 

@@ -18,6 +18,7 @@ from service.jobs.claims import CancelledError, Claim, Lease
 from service.jobs.solving import count_down, end_run, start_finish, start_iteration
 from workers.solver.folds import folds
 from workers.solver.problem import FitProblem, problem_from_document
+from workers.solver.provenance import pairs_sha256, sources_sha256
 from workers.solver.schedule import (
     State,
     advance,
@@ -40,6 +41,7 @@ class Fit:
 
     run: CalibrationRun
     problem: FitProblem
+    pairs: Json
     heldout: NDArray[np.int64]
     points: NDArray[np.float64]
     pixels: NDArray[np.float64]
@@ -66,6 +68,11 @@ def solve(context: Context, held: Claim, lease: Lease) -> Write:
     return _whole(context, fit, lease)
 
 
+def fit_problem(run: CalibrationRun, pairs: Json) -> FitProblem:
+    """What a run fits: the pairs of its set, without those that its fold holds out."""
+    return _fit(run, pairs).problem
+
+
 def _fit(run: CalibrationRun, pairs: Json) -> Fit:
     points = np.column_stack([pairs["x"], pairs["y"], pairs["z"]]).astype(np.float64)
     pixels = np.column_stack([pairs["u"], pairs["v"]]).astype(np.float64)
@@ -74,7 +81,7 @@ def _fit(run: CalibrationRun, pairs: Json) -> Fit:
     heldout = _blocks(pairs, count)[run.fold] if run.fold >= 0 else np.array([], np.int64)
     fitted = np.setdiff1d(np.arange(len(points)), heldout)
     problem = problem_from_document(document, points[fitted], pixels[fitted])
-    return Fit(run, problem, heldout, points, pixels)
+    return Fit(run, problem, pairs, heldout, points, pixels)
 
 
 def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
@@ -158,6 +165,11 @@ def _finish(fit: Fit, state: State) -> Write:
             document["intrinsics"], document["transform"], fit.points[fit.heldout], fit.pixels[fit.heldout]
         )
         document["heldout"] = outside | {"indices": fit.heldout.tolist()}
+    document["provenance"] = {
+        "request": fit.run.problem,
+        "pairs_sha256": pairs_sha256(fit.pairs),
+        "sources_sha256": sources_sha256(),
+    }
     document["finish_seconds"] = time.perf_counter() - began
 
     def write(session: Session) -> None:

@@ -4,23 +4,31 @@ import pytest
 from sqlalchemy import select, update
 
 from service.db.models import Calibration, CalibrationRun, Publication, Result
+from service.jobs.conclusion import conclude
 from service.jobs.solving import end_run
 
 from .support import make_calibration
 
+FREE = {"pinhole": 10, "brown_conrady": 16, "kannala_brandt": 14}
 
-def document(mean_px, heldout=()):
+
+def document(mean_px, heldout=(), model="pinhole", **more):
     stage = {"mean_px": mean_px, "rms_px": mean_px}
     return {
         "ga": stage,
         "polished": stage,
         "baseline": stage,
         "status": "ok",
+        "message": "Stopped.",
+        "free_parameters": FREE[model],
+        "at_bounds": [],
+        "several_optima": [],
         "pairs": 20,
         "iterations": 1,
         "stopped": "converged",
         "alarms": [],
-        "heldout": {"errors_px": list(heldout)},
+        "heldout": {"errors_px": list(heldout), "indices": list(range(len(heldout)))},
+        **more,
     }
 
 
@@ -61,7 +69,7 @@ def ended(database, calibration_id):
 def test_a_cancelled_calibration_keeps_what_it_found_and_publishes_nothing(database, three_runs):
     calibration_id, (pinhole, brown, fold) = three_runs
     end(database, pinhole, found=document(5.0))
-    end(database, brown, found=document(1.0))
+    end(database, brown, found=document(1.0, model="brown_conrady"))
     end(database, fold, "cancelled")
     state, summary, published = ended(database, calibration_id)
     assert state == "cancelled"
@@ -72,7 +80,7 @@ def test_a_cancelled_calibration_keeps_what_it_found_and_publishes_nothing(datab
 def test_models_of_which_not_the_same_pairs_were_held_out_are_not_ranked(database, three_runs):
     calibration_id, (pinhole, brown, fold) = three_runs
     end(database, pinhole, found=document(5.0))
-    end(database, brown, found=document(1.0))
+    end(database, brown, found=document(1.0, model="brown_conrady"))
     end(database, fold, found=document(5.0, [5.0, 6.0]))
     state, summary, published = ended(database, calibration_id)
     assert state == "done"
@@ -81,15 +89,75 @@ def test_models_of_which_not_the_same_pairs_were_held_out_are_not_ranked(databas
     assert published == []
 
 
-@pytest.mark.parametrize(("folds", "given"), [(True, 1), (False, 0)])
-def test_the_lowest_error_is_recommended_and_published_where_pairs_were_held_out(database, folds, given):
-    calibration_id, runs = make_calibration(database, models=("pinhole", "brown_conrady", "a", "b"))
+def two_models(database, *, folds=2):
+    """Full fits of two models and their folds, to be published where recommended: (calibration, run ids by model)."""
+    names = ["pinhole", "brown_conrady"]
+    calibration_id, runs = make_calibration(database, models=[*names, *(f"{i}" for i in range(2 * folds))])
+    by_model = {name: [run] for name, run in zip(names, runs, strict=False)}
     with database.writing() as session:
         session.get_one(Calibration, calibration_id).publish = "recommended"
-        for run_id, model in zip(runs[2:], ("pinhole", "brown_conrady"), strict=True):
-            session.execute(update(CalibrationRun).where(CalibrationRun.id == run_id).values(model=model, fold=0))
-    for run_id, mean_px in zip(runs, (5.0, 1.0, 5.0, 1.0), strict=True):
-        end(database, run_id, found=document(mean_px, [mean_px] if folds else []))
+        for place, run_id in enumerate(runs[2:]):
+            model, fold = names[place % 2], place // 2
+            session.execute(update(CalibrationRun).where(CalibrationRun.id == run_id).values(model=model, fold=fold))
+            by_model[model].append(run_id)
+    return calibration_id, by_model
+
+
+def end_model(database, runs, mean_px, model, **more):
+    """Its fit to all pairs, and in each fold 10 pairs whose errors lie a little about the mean."""
+    end(database, runs[0], found=document(mean_px, model=model, **more))
+    for fold, run_id in enumerate(runs[1:]):
+        errors = [mean_px + 0.01 * (pair % 2) + 0.01 * fold for pair in range(10)]
+        found = document(mean_px, model=model)
+        end(database, run_id, found=found | {"heldout": {"errors_px": errors, "indices": range_of(fold)}})
+
+
+def range_of(fold):
+    return list(range(10 * fold, 10 * fold + 10))
+
+
+@pytest.mark.parametrize(("folds", "given"), [(2, 1), (0, 0)])
+def test_the_lowest_error_is_recommended_and_published_where_pairs_were_held_out(database, folds, given):
+    calibration_id, runs = two_models(database, folds=folds)
+    end_model(database, runs["pinhole"], 5.0, "pinhole")
+    end_model(database, runs["brown_conrady"], 1.0, "brown_conrady")
     state, summary, published = ended(database, calibration_id)
-    assert (state, summary["cameras"]["front"]["recommended"]) == ("done", "brown_conrady")
+    front = summary["cameras"]["front"]
+    assert (state, front["recommended"]) == ("done", "brown_conrady")
     assert len(published) == given
+    assert front["published"] is bool(given)
+    assert front["not_published"] == ([] if given else ["No pairs were held out to judge it by."])
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ({"at_bounds": ["f_x", "k1"]}, "edge of its bounds (f_x, k1)"),
+        ({"status": "not_determined", "message": "The points lie in one plane."}, "not_determined: The points lie"),
+        ({"several_optima": ["The slots of the last iteration disagree."]}, "slots of the last iteration disagree"),
+    ],
+)
+def test_what_a_person_should_look_at_first_does_not_publish_itself(database, more, says):
+    calibration_id, runs = two_models(database)
+    end_model(database, runs["pinhole"], 5.0, "pinhole", **({} if "status" in more else {"at_bounds": ["c_x"]}))
+    end_model(database, runs["brown_conrady"], 1.0, "brown_conrady", **more)
+    _, summary, published = ended(database, calibration_id)
+    front = summary["cameras"]["front"]
+    assert published == [] and front["published"] is False
+    assert len(front["not_published"]) == 1 and says in front["not_published"][0]
+
+
+def test_the_alarm_of_a_rig_keeps_back_the_cameras_that_it_names(database):
+    calibration_id, runs = two_models(database)
+    rig = {"pairs": [{"cameras": ["front", "left"], "alarms": ["T_front_left lies 3 degrees off."]}]}
+    end_model(database, runs["pinhole"][:-1], 1.0, "pinhole")
+    end_model(database, runs["brown_conrady"], 5.0, "brown_conrady")
+    last = runs["pinhole"][-1]
+    end(database, last, found=document(1.0) | {"heldout": {"errors_px": [1.0] * 10, "indices": range_of(1)}})
+    with database.writing() as session:
+        session.query(Publication).delete()
+        conclude(session, session.get_one(Calibration, calibration_id), rig=rig)
+    _, summary, published = ended(database, calibration_id)
+    assert published == []
+    assert summary["cameras"]["front"]["not_published"] == rig["pairs"][0]["alarms"]
+    assert summary["rig"] == rig

@@ -1,0 +1,36 @@
+"""What a result was computed from and by: enough to compute it again, and to see what changed where bits differ."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+_ROOMS: Final = ("geometry", "solver")
+_NUMBERS: Final = frozenset("xyzuv")
+
+
+@cache
+def sources_sha256() -> str:
+    """SHA-256 over names and texts of every module of `workers.geometry` and `workers.solver`, hexadecimal.
+
+    A version number does not tell an edited checkout from the release; this does, in a wheel as well.
+    """
+    digest = hashlib.sha256()
+    home = Path(__file__).parents[1]
+    for path in sorted(path for room in _ROOMS for path in (home / room).glob("*.py")):
+        text = path.read_text(encoding="utf-8").encode()  # line ends of the platform become \n
+        digest.update(f"{path.parent.name}/{path.name} {len(text)}\n".encode())
+        digest.update(text)
+    return digest.hexdigest()
+
+
+def pairs_sha256(pairs: Mapping[str, Sequence[Any]]) -> str:
+    """SHA-256 of a correspondence set's columns as compact JSON with sorted names, hexadecimal."""
+    columns = {
+        name: [float(value) for value in values] if name in _NUMBERS else list(values)
+        for name, values in pairs.items()
+    }
+    text = json.dumps(columns, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,73 @@
+"""The last work of a calibration of several cameras: hold their recommended results against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.fleets import RigCamera
+from service.jobs.claims import Claim, Lease
+from service.jobs.conclusion import FULL, choices, results_of
+from service.jobs.solving import end_calibration
+from workers.geometry.transforms import from_document
+from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
+from workers.tasks.context import Context
+from workers.tasks.solving import fit_problem
+
+
+def consistency(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Compare every two cameras of a calibration, and end it with what that says."""
+    with context.database.reading() as session:
+        calibration = session.get_one(Calibration, held.subject_id)
+        cameras, left_out = _cameras(session, calibration)
+        stated = _stated(session, calibration.rig_id)
+    lease.report(0.0, "comparing the cameras")
+    found = rig_consistency(cameras, stated)
+    found["left_out"] = left_out
+
+    def write(session: Session) -> None:
+        calibration = session.get_one(Calibration, held.subject_id, with_for_update=True)
+        end_calibration(session, calibration, rig=found)
+
+    return write
+
+
+def _cameras(session: Session, calibration: Calibration) -> tuple[list[SolvedCamera], list[str]]:
+    """Each camera's recommended result, and sentences about cameras that have none."""
+    results = results_of(session, calibration.id)
+    recommended = {camera: choice.recommended for camera, choice in choices(results).items()}
+    runs = {
+        (run.camera, run.model): (run, pairs)
+        for run, pairs in session.execute(
+            select(CalibrationRun, CorrespondenceSet)
+            .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+            .where(CalibrationRun.calibration_id == calibration.id, CalibrationRun.fold == FULL)
+        ).tuples()
+    }
+    of_result = {(one.camera, one.model): one for one in results if one.fold == FULL}
+    solved = [
+        _solved(*runs[camera, model], of_result[camera, model]) for camera, model in recommended.items() if model
+    ]
+    left_out = [
+        f"{camera} is not compared with the others: no model is recommended for it."
+        for camera, model in recommended.items()
+        if model is None
+    ]
+    return solved, left_out
+
+
+def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result) -> SolvedCamera:
+    detection = str(pairs.detection_id) if pairs.detection_id else None
+    return SolvedCamera(run.camera, fit_problem(run, pairs.pairs), result.document, pairs.pairs, detection)
+
+
+def _stated(session: Session, rig_id: object) -> Sequence[StatedTransform]:
+    """T_cameraA_cameraB by the nominal mounts of every two cameras."""
+    cameras = session.scalars(select(RigCamera).where(RigCamera.rig_id == rig_id).order_by(RigCamera.position)).all()
+    mounts = [from_document(camera.nominal) for camera in cameras]
+    return [
+        StatedTransform(a @ b.inverse(), "nominal") for place, a in enumerate(mounts) for b in mounts[place + 1 :]
+    ]
