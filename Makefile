@@ -10,7 +10,7 @@ NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund 
 FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o -type f -print 2>/dev/null)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -46,6 +46,9 @@ bench-accuracy: setup  ## how often the solver ends on the optimum, and whether 
 
 bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the bare evaluation of as many individuals
 	$(BIN)/python -m benchmarks.solver
+
+bench-worth: $(STAMPS)/bench  ## where the genetic algorithm helps and where not, as curves; RIGS=6 for a short form
+	$(BIN)/python -m benchmarks.worth
 
 check: setup $(STAMPS)/node_modules  ## style, types, import rules
 	$(BIN)/ruff check .

@@ -1,0 +1,1 @@
+"""Where a genetic algorithm is worth having, and where plain least squares or a linear start do as well."""
