@@ -33,10 +33,11 @@ def binaries() -> Path:
 class Postgres:
     """A server in a folder of its own under /tmp: PostgreSQL refuses root, and another user must get in.
 
-    A ``durable`` one keeps what was committed when it is killed; only a crash of the machine would be noticed.
+    A ``durable`` one keeps what was committed when it is killed; only a crash of the machine would be noticed. A
+    ``synced`` one is as PostgreSQL is by itself, for measurements.
     """
 
-    def __init__(self, *, durable: bool = False) -> None:
+    def __init__(self, *, durable: bool = False, synced: bool = False) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="apexcal-pg-"))
         self._as_user: dict[str, Any] = {}
         if os.geteuid() == 0:
@@ -44,7 +45,7 @@ class Postgres:
             os.chown(self.folder, _NOBODY, _NOBODY)
             # The data inside stays private; its users need no more than the way to the socket.
             self.folder.chmod(0o711)
-        self._options = _SPEED_OVER_SAFETY + (() if durable else _FORGETFUL)
+        self._options = () if synced else _SPEED_OVER_SAFETY + (() if durable else _FORGETFUL)
         data = self.folder / "data"
         subprocess.run(
             [binaries() / "initdb", "-D", data, "-U", "postgres", "-A", "trust", "-E", "UTF8", *_QUICK],
