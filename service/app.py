@@ -33,7 +33,8 @@ from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue
 from service.settings import MIB, Settings, get_settings
 from service.storage import problems as store_problems
-from service.storage.store import open_store
+from service.storage.audit import audit_if_due
+from service.storage.store import Store, open_store
 from service.studies import routes as studies
 
 # JSON bodies; the largest are imported correspondences. Upload parts have their own limit.
@@ -63,11 +64,15 @@ _UPKEEP_S = 600.0
 log = logging.getLogger(__name__)
 
 
-async def _keep_house(database: Database) -> None:
+async def _keep_house(database: Database, store: Store, settings: Settings) -> None:
     """Remove what has ended, every ten minutes. Several services doing it at once do no harm."""
+
+    def audit_store(database: Database) -> None:
+        audit_if_due(database, store, settings)
+
     while True:
         await asyncio.sleep(_UPKEEP_S)
-        for task in (delete_overdue, remove_ended, forget_jobs):
+        for task in (delete_overdue, remove_ended, forget_jobs, audit_store):
             try:
                 await run_in_threadpool(task, database)
             except Exception:
@@ -83,7 +88,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        upkeep = asyncio.create_task(_keep_house(app.state.database))
+        upkeep = asyncio.create_task(_keep_house(app.state.database, app.state.store, settings))
         with drain.before_stopping():
             yield
         upkeep.cancel()

@@ -25,6 +25,7 @@ from service.jobs.retention import forget_workers
 from service.jobs.totals import tally
 from service.settings import get_settings
 from service.storage.blobs import condemn_lost, condemned, forget
+from service.storage.errors import StoreUnavailableError
 from service.storage.store import Store
 
 log = logging.getLogger(__name__)
@@ -133,8 +134,12 @@ def _remove_blobs(database: Database, store: Store) -> None:
     with database.writing() as session:
         condemn_lost(session)
         keys = condemned(session)
-    for key in keys:
-        store.delete(key)
+    try:
+        for key in keys:
+            store.delete(key)
+    except StoreUnavailableError:
+        # The store's own log line says why; the keys stay condemned for the next sweep.
+        return
     if keys:
         with database.writing() as session:
             forget(session, keys)

@@ -41,7 +41,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
         image_sizes = {camera.name: (camera.image_width, camera.image_height) for camera in cameras}
         request = _request(recording, rig, cameras)
     with context.scratch() as folder:
-        source = _join(context, recording, [part.blob_key for part in parts], folder, lease)
+        source = _join(context, recording, parts, folder, lease)
         out = folder / "normalised"
         manifest = ingest_limited(
             source,
@@ -103,26 +103,36 @@ def _check_sizes(camera: str, size: tuple[int, int], frames: list[Json]) -> None
             )
 
 
-def _join(context: Context, recording: Recording, keys: list[str], folder: Path, lease: Lease) -> Path:
-    """The original as one file, its checksum compared with what the uploader said of the whole."""
+def _join(context: Context, recording: Recording, parts: Sequence[UploadPart], folder: Path, lease: Lease) -> Path:
+    """The original as one file; every part's checksum compared with what was acknowledged, and the whole's too."""
     source = folder / "original" / _plain_name(recording.file_name)
     source.parent.mkdir()
-    digest = hashlib.sha256()
+    whole = hashlib.sha256()
     done = 0
     with source.open("wb") as file:
-        for key in keys:
-            for chunk in context.store.stream(key):
+        for part in parts:
+            digest = hashlib.sha256()
+            for chunk in context.store.stream(part.blob_key):
                 file.write(chunk)
+                whole.update(chunk)
                 digest.update(chunk)
                 done += len(chunk)
                 lease.report(0.1 * done / max(recording.size, 1), "joining the parts")
-    if recording.sha256 and digest.hexdigest() != recording.sha256:
+            _require_same(f"Part {part.number}", digest.hexdigest(), part.sha256)
+    if recording.sha256:
+        _require_same("All parts together", whole.hexdigest(), recording.sha256)
+    return source
+
+
+def _require_same(what: str, found: str, announced: str) -> None:
+    """Parts may come straight into the store, where nothing of ours looks at their bytes before this."""
+    if found != announced:
         raise ReadError(
             "checksum_mismatch",
-            f"The joined parts have the SHA-256 {digest.hexdigest()}, announced was {recording.sha256}.",
-            "A part was made from another file or another version of it. Upload the recording again.",
+            f"{what} has the SHA-256 {found}, announced was {announced}.",
+            "A part was made from another file or another version of it, or damaged on its way. Upload the recording "
+            "again.",
         )
-    return source
 
 
 def _plain_name(file_name: str) -> str:

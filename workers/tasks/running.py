@@ -13,6 +13,7 @@ from service.db.base import Json
 from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finishing, give_back, stumble
 from service.observability.logs import about
 from service.observability.request_ids import working_for
+from service.storage.errors import MissingBlobError
 from workers.geometry.errors import InputError
 from workers.readers.recording import ReadError
 from workers.tasks.comparing import consistency
@@ -67,7 +68,7 @@ def _do(context: Context, held: Claim) -> None:
     except CancelledError:
         log.info("job %d was cancelled", held.job_id)
         _end(context, held, "cancelled", None)
-    except (ReadError, InputError) as error:
+    except (ReadError, InputError, MissingBlobError) as error:
         # Notes are for the operator: what a reading process said before it died.
         said = [error.code, *getattr(error, "__notes__", [])]
         log.info("job %d refused its input: %s", held.job_id, "\n".join(said))
@@ -90,7 +91,7 @@ _INTERNAL: Json = {
 }
 
 
-def _refusal(error: ReadError | InputError) -> Json:
+def _refusal(error: ReadError | InputError | MissingBlobError) -> Json:
     """A refusal as a problem; what a program can answer with, such as `candidates`, stands beside the sentences."""
     more = error.fields if isinstance(error, ReadError) else {}
     return {**more, "code": error.code, "detail": error.message, "hint": error.hint}

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import lru_cache
+
 from service.jobs.messages import SWEEP
 from service.jobs.sweep import sweep
+from service.storage.store import Store
 from workers.sweeper import app
 from workers.tasks.context import get_context
 from workers.tasks.leftovers import remove_leftovers
+
+# Removing objects is the least urgent thing that a sweep does: a store that hangs must not hold up the next sweep.
+_PATIENCE_S = 2.0
+
+
+@lru_cache(maxsize=1)
+def _store() -> Store:
+    settings = get_context().settings
+    return Store(settings.blobs, replace(settings.s3, timeout_s=min(_PATIENCE_S, settings.store_timeout_s)))
 
 
 @app.task(name=SWEEP)
 def sweep_once() -> None:
     """See :mod:`service.jobs.sweep`."""
     context = get_context()
-    sweep(context.database, context.store)
+    sweep(context.database, _store())
     remove_leftovers(context.settings.scratch)
