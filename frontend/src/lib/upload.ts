@@ -1,6 +1,7 @@
 /** Uploading a recording's original file in numbered parts, each with its checksum; resumable. */
 
 import { completeUpload, putPart, uploadedParts } from "./api/recordings.ts";
+import { putIntoStore } from "./api/blobs.ts";
 import { ApiProblem } from "./api/http.ts";
 import { base64, hex, sha256 } from "./sha256.ts";
 
@@ -27,19 +28,23 @@ export function partsOf(size: number, partBytes: number): Part[] {
 export async function uploadFile(
   recordingId: string,
   file: File,
-  partBytes: number,
   onProgress: (sentBytes: number) => void,
   signal: AbortSignal,
 ): Promise<void> {
-  const known = new Map((await uploadedParts(recordingId)).map((part) => [part.number, part]));
-  const size = known.get(1)?.size ?? partBytes;
-  const parts = partsOf(file.size, known.size > 1 ? size : partBytes);
+  const { items, upload } = await uploadedParts(recordingId);
+  const known = new Map(items.map((part) => [part.number, part]));
+  const size = known.get(1)?.size ?? upload.part_bytes;
+  const parts = partsOf(file.size, known.size > 1 ? size : upload.part_bytes);
   let sent = 0;
   for (const part of parts) {
     const bytes = await file.slice(part.start, part.end).arrayBuffer();
     const digest = await sha256(bytes);
     if (known.get(part.number)?.sha256 !== hex(digest)) {
-      await putWithRetry(recordingId, part.number, bytes, base64(digest), signal);
+      await withRetry(signal, () =>
+        upload.parts === "presigned"
+          ? putIntoStore(recordingId, part.number, bytes, hex(digest), signal)
+          : putPart(recordingId, part.number, bytes, base64(digest), signal),
+      );
     }
     sent += bytes.byteLength;
     onProgress(sent);
@@ -47,10 +52,10 @@ export async function uploadFile(
   await completeUpload(recordingId, parts.length, file.size);
 }
 
-async function putWithRetry(id: string, number: number, bytes: ArrayBuffer, digest: string, signal: AbortSignal) {
+async function withRetry(signal: AbortSignal, put: () => Promise<unknown>): Promise<void> {
   for (let attempt = 0; ; attempt += 1) {
     try {
-      await putPart(id, number, bytes, digest, signal);
+      await put();
       return;
     } catch (error) {
       const passing = error instanceof ApiProblem && (error.status === 0 || error.status >= 500) && error.status !== 507;

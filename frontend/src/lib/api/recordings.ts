@@ -1,5 +1,6 @@
 /** Recordings, their upload in parts, and their camera frames. */
 
+import type { UploadWay } from "./blobs.ts";
 import { all, create, get, post, query, request, type Page } from "./http.ts";
 import type { Frame, Reading, Recording, UploadedPart } from "./types.ts";
 
@@ -18,8 +19,9 @@ export interface NewRecording {
 export const createRecording = (vehicleId: string, body: NewRecording): Promise<Recording> =>
   create<Recording>(`/vehicles/${vehicleId}/recordings`, body);
 
-export const uploadedParts = async (id: string): Promise<UploadedPart[]> =>
-  (await get<{ items: UploadedPart[] }>(`/recordings/${id}/parts`)).items;
+/** Which parts the service holds, and how the others go. */
+export const uploadedParts = (id: string): Promise<{ items: UploadedPart[]; upload: UploadWay }> =>
+  get(`/recordings/${id}/parts`);
 
 /** Puts one part; `digest` is its SHA-256 in base64. */
 export const putPart = (id: string, number: number, bytes: ArrayBuffer, digest: string, signal: AbortSignal) =>
