@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import Any
 from uuid import UUID
 
 from sqlalchemy import UniqueConstraint
@@ -35,7 +36,10 @@ class Vehicle(Base):
 
 
 class Rig(Base):
-    """One LiDAR and one or more cameras on a vehicle. ``T_vehicle_lidar`` is a transform document or absent."""
+    """One LiDAR and one or more cameras on a vehicle. ``T_vehicle_lidar`` is a transform document or absent.
+
+    ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations.
+    """
 
     __tablename__ = "rig"
     __table_args__ = (UniqueConstraint("vehicle_id", "name"),)
@@ -47,6 +51,7 @@ class Rig(Base):
     lidar_frame: Mapped[Name]
     lidar_topic: Mapped[str | None]
     T_vehicle_lidar: Mapped[Json | None]
+    camera_transforms: Mapped[list[Any] | None]
     version: Mapped[Version]
     created_at: Mapped[Created]
     cameras: Mapped[list[RigCamera]] = relationship(order_by="RigCamera.position", passive_deletes=True)

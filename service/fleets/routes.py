@@ -119,6 +119,7 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
         lidar_frame=body.lidar.frame,
         lidar_topic=body.lidar.topic,
         T_vehicle_lidar=body.T_vehicle_lidar and body.T_vehicle_lidar.model_dump(mode="json"),
+        camera_transforms=[one.model_dump(mode="json") for one in body.camera_transforms],
         version=1,
         created_at=utc_now(),
         cameras=[

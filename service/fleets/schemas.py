@@ -77,6 +77,14 @@ class Camera(Received):
         return bounds
 
 
+class CameraTransform(Received):
+    """``T_cameraA_cameraB`` as known otherwise, with the standard deviation of each axis."""
+
+    transform: Transform
+    std_deg: Annotated[float, Field(gt=0, le=180, allow_inf_nan=False)]
+    std_mm: Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
+
+
 class NewRig(Received):
     """A rig to make."""
 
@@ -84,6 +92,7 @@ class NewRig(Received):
     lidar: Lidar
     T_vehicle_lidar: Transform | None = None
     cameras: Annotated[list[Camera], Field(min_length=1, max_length=16)]
+    camera_transforms: Annotated[list[CameraTransform], Field(default_factory=list, max_length=240)]
 
     @model_validator(mode="after")
     def _frames_meet(self) -> Self:
@@ -98,6 +107,13 @@ class NewRig(Received):
         if self.T_vehicle_lidar is not None:
             vehicle = self.T_vehicle_lidar
             check_frames(vehicle, "T_vehicle_lidar", vehicle.to_frame, self.lidar.frame)
+        for place, known in enumerate(self.camera_transforms):
+            named = known.transform
+            if named.to_frame == named.from_frame or not {named.to_frame, named.from_frame} <= set(frames):
+                raise ValueError(
+                    f"camera_transforms[{place}] leads from {named.from_frame!r} to {named.to_frame!r}; it takes the "
+                    f"frames of two of the rig's cameras: {', '.join(frames)}"
+                )
         return self
 
 
@@ -111,6 +127,7 @@ class RigOut(Sent):
     lidar: dict[str, Any]
     T_vehicle_lidar: dict[str, Any] | None
     cameras: list[dict[str, Any]]
+    camera_transforms: list[dict[str, Any]]
     version: int
     created_at: datetime
 
@@ -135,6 +152,7 @@ class RigOut(Sent):
                 }
                 for camera in rig.cameras
             ],
+            camera_transforms=rig.camera_transforms or [],
             version=rig.version,
             created_at=rig.created_at,
         )

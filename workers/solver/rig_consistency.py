@@ -16,9 +16,10 @@ from workers.solver.problem import FitProblem
 from workers.solver.shared_vertices import Agreement, View, agreement, shared_rows, vertex_keys
 
 Floats = NDArray[np.float64]
-# A nominal mount is a rough figure: as good as a tape measure and a protractor.
-NOMINAL_STD_DEG: Final = 5.0
-NOMINAL_STD_M: Final = 0.1
+# A nominal mount is a rough figure, asked for within 30 degrees and searched within 1 m: those are three sigmas. What
+# is further off is another camera.
+NOMINAL_STD_DEG: Final = 10.0
+NOMINAL_STD_M: Final = 0.33
 # Deviations that noise alone gives once in some 16,000 comparisons are an alarm.
 ALARM_SIGMAS: Final = 4.0
 # Marks of one vertex that lie further apart than the noise of both cameras explains.

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from itertools import combinations
+from uuid import UUID
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
-from service.db.fleets import RigCamera
+from service.db.fleets import Rig
 from service.jobs.claims import Claim, Lease
 from service.jobs.conclusion import FULL, choices, results_of
 from service.jobs.solving import end_calibration
@@ -45,7 +47,7 @@ def _cameras(session: Session, calibration: Calibration) -> tuple[list[SolvedCam
             select(CalibrationRun, CorrespondenceSet)
             .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
             .where(CalibrationRun.calibration_id == calibration.id, CalibrationRun.fold == FULL)
-        ).tuples()
+        )
     }
     of_result = {(one.camera, one.model): one for one in results if one.fold == FULL}
     solved = [
@@ -64,10 +66,11 @@ def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result) -> So
     return SolvedCamera(run.camera, fit_problem(run, pairs.pairs), result.document, pairs.pairs, detection)
 
 
-def _stated(session: Session, rig_id: object) -> Sequence[StatedTransform]:
-    """T_cameraA_cameraB by the nominal mounts of every two cameras."""
-    cameras = session.scalars(select(RigCamera).where(RigCamera.rig_id == rig_id).order_by(RigCamera.position)).all()
-    mounts = [from_document(camera.nominal) for camera in cameras]
-    return [
-        StatedTransform(a @ b.inverse(), "nominal") for place, a in enumerate(mounts) for b in mounts[place + 1 :]
+def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:
+    """T_cameraA_cameraB by the nominal mounts of every two cameras, and as the rig knows it otherwise."""
+    rig = session.get_one(Rig, rig_id)
+    nominal = combinations((from_document(camera.nominal) for camera in rig.cameras), 2)
+    return [StatedTransform(a @ b.inverse(), "nominal") for a, b in nominal] + [
+        StatedTransform(from_document(one["transform"]), "rig", one["std_deg"], 1e-3 * one["std_mm"])
+        for one in rig.camera_transforms or []
     ]

@@ -107,7 +107,7 @@ def test_stated_transforms_are_matched_by_their_frames_in_either_direction(inver
     nominal = StatedTransform(turned.inverse() if inverse else turned, "nominal")
     found = compared(cameras, nominal, StatedTransform(other, "rig"))
     (stated,) = found["stated"]
-    assert (stated["source"], stated["std_deg"], stated["std_mm"]) == ("nominal", 5.0, 100.0)
+    assert (stated["source"], stated["std_deg"], stated["std_mm"]) == ("nominal", 10.0, 330.0)
     assert stated["rotation_deg"] == pytest.approx(3.0, abs=0.6)
     assert stated["sigmas"] < 1.0 and found["alarms"] == []
     tight = compared(cameras, StatedTransform(turned, "rig", 0.1, 0.002))

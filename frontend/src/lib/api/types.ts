@@ -58,11 +58,19 @@ export interface RigCamera {
   bounds: Record<string, [number, number]>;
 }
 
+/** T_cameraA_cameraB as known otherwise. */
+export interface CameraTransform {
+  transform: Transform;
+  std_deg: number;
+  std_mm: number;
+}
+
 export interface RigRequest {
   name: string;
   lidar: { frame: string; topic: string | null };
   T_vehicle_lidar: Transform | null;
   cameras: RigCamera[];
+  camera_transforms?: CameraTransform[];
 }
 
 export interface Rig extends RigRequest {
@@ -134,7 +142,6 @@ export interface Recording {
   sensors?: Sensor[];
   created_at: string;
   version: number;
-  upload?: { part_bytes: number };
 }
 
 export interface UploadedPart {
