@@ -15,7 +15,9 @@ _NONE: Final = 2.0
 _SHORTEST: Final = 1e-12
 
 
-@njit(nogil=True, error_model="numpy")
+# Said to be exact in so many words: numba lets a callee inherit its caller's liberties, so that its bits would depend
+# on who was compiled first.
+@njit(nogil=True, error_model="numpy", fastmath=False)
 def brown_conrady_fold(k1: float, k2: float, k5: float) -> float:
     """r^2 at which the radial distortion r d(r^2) stops growing, infinity where it never does."""
     # r^2 = x / (1 - x) maps all radii onto (0, 1); times (1 - x)^3 the derivative is this cubic.
@@ -30,7 +32,7 @@ def brown_conrady_fold(k1: float, k2: float, k5: float) -> float:
     return s - step if abs(step) < 1e-6 * s else s
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", fastmath=False)
 def kannala_brandt_fold(k1: float, k2: float, k3: float, k4: float) -> float:
     """theta in radians at which theta_d stops growing, pi where it never does."""
     S = np.pi * np.pi
@@ -38,7 +40,7 @@ def kannala_brandt_fold(k1: float, k2: float, k3: float, k4: float) -> float:
     return np.pi * sqrt(x) if x < 1.0 else np.pi
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", fastmath=False)
 def first_zero(p1: float, p2: float, p3: float, p4: float) -> float:
     """The least x in (0, 1] at which g(x) = 1 + p1 x + p2 x^2 + p3 x^3 + p4 x^4 is no longer positive; 2 if none."""
     # Bernstein coefficients of g on what is left, (start, 1].
@@ -75,7 +77,7 @@ def first_zero(p1: float, p2: float, p3: float, p4: float) -> float:
         share *= 0.5
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", fastmath=False)
 def _one_change(c1: float, c2: float, c3: float, c4: float) -> bool:
     # Whether the signs of 1, c1, .., c4 change once: from some coefficient on none is positive.
     if c1 <= 0.0:
@@ -85,7 +87,7 @@ def _one_change(c1: float, c2: float, c3: float, c4: float) -> bool:
     return c4 <= 0.0
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", fastmath=False)
 def _zero_between(p1: float, p2: float, p3: float, p4: float, low: float, high: float) -> float:
     # Newton from where a line through the ends crosses, kept inside the bracket by bisection.
     at_low = 1.0 + low * (p1 + low * (p2 + low * (p3 + low * p4)))

@@ -121,7 +121,9 @@ def _vector(values: ArrayLike) -> NDArray[np.float64]:
     return vector
 
 
-@njit(nogil=True, error_model="numpy")
+# Said to be exact in so many words: numba lets a callee inherit its caller's liberties, so that its bits would depend
+# on who was compiled first.
+@njit(nogil=True, error_model="numpy", fastmath=False)
 def rows_from_vector(x: float, y: float, z: float) -> Rows:
     """exp((x, y, z)) as nine numbers, row by row (Rodrigues)."""
     square = x * x + y * y + z * z
@@ -146,7 +148,7 @@ def rows_from_vector(x: float, y: float, z: float) -> Rows:
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", fastmath=False)
 def rows_from_euler(alpha: float, beta: float, gamma: float) -> Rows:
     """Rz(alpha) Ry(beta) Rx(gamma) as nine numbers, row by row."""
     ca, sa = cos(alpha), sin(alpha)
@@ -165,7 +167,7 @@ def rows_from_euler(alpha: float, beta: float, gamma: float) -> Rows:
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", fastmath=False)
 def axes_of_vector(x: float, y: float, z: float) -> Rows:
     """Left Jacobian of exp at (x, y, z), row by row: column i is the axis about which parameter i turns.
 
@@ -193,7 +195,7 @@ def axes_of_vector(x: float, y: float, z: float) -> Rows:
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", fastmath=False)
 def axes_of_euler(alpha: float, beta: float) -> Rows:
     """As `axes_of_vector` for zyx angles: the columns are e_z, Rz e_y and Rz Ry e_x."""
     ca, sa = cos(alpha), sin(alpha)

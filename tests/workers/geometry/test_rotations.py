@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 
 from workers.geometry.errors import GeometryError
 from workers.geometry.rotations import (
@@ -126,3 +127,17 @@ def test_unknown_order_is_refused():
 def test_a_camera_tilted_down_reads_as_in_the_papers_box():
     R = rotation_from_euler(np.radians([90.0, -105.0, 0.0]))
     np.testing.assert_allclose(np.degrees(euler_from_rotation(R)), [90.0, -105.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("shared", [rows_from_vector, rows_from_euler])
+def test_bits_do_not_depend_on_who_was_compiled_first(shared):
+    def nine(inner):
+        return lambda v: inner(v[0], v[1], v[2])
+
+    vectors = np.random.default_rng(0).normal(size=(300, 3))
+    said = {name: shared.targetoptions[name] for name in ("nogil", "error_model", "fastmath")}
+    afresh = [njit(**said)(shared.py_func) for _ in range(2)]
+    hasty = njit(fastmath=True)(nine(afresh[0]))
+    hasty(vectors[0])
+    plain = [njit(nine(one)) for one in afresh]
+    assert [plain[0](v) for v in vectors] == [plain[1](v) for v in vectors]
