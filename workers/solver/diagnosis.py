@@ -18,6 +18,8 @@ _STAGES_DIFFER: Final = 0.25
 _BASELINE_BETTER: Final = 1e-3
 _LISTED: Final = 5
 _MANY: Final = 0.4
+# Scale of the stated covariances from which they, or the model, are wrong; what a few pairs show by chance is below.
+_UNDERSTATED: Final = 1.5
 
 
 def at_bounds(problem: FitProblem, p: NDArray[np.float64]) -> list[str]:
@@ -49,6 +51,11 @@ def alarms(
     if edge:
         found.append(
             f"The optimum lies on the edge of the bounds of {', '.join(edge)}: widen them, or lock what is known."
+        )
+    if spread.noise_scale is not None and spread.noise_scale > _UNDERSTATED:
+        found.append(
+            f"The residuals are {spread.noise_scale:.1f} times what vertices and marks state of their errors, and "
+            "the standard deviations are scaled by that: marks or times are worse than stated, or the model is wrong."
         )
     found += _outlier_alarms(problem, outliers, excluded)
     return found + several_optima(state, polished, plain) + _search_alarms(ga_px, polished)

@@ -7,9 +7,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.solver.polish import distances, polish, robust_sigma_px, weighted_residuals
+from workers.solver.polish import distances, polish, robust_sigma_px, standard_distances, weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
+from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
 FALSE_ALARMS: Final = 0.01
@@ -58,8 +59,9 @@ def judge(problem: FitProblem, start: Floats) -> list[Outlier]:
     one left out has more.
     """
     robust = np.array(polish(replace(problem, loss="saturating"), start).parameters)
-    sigma = robust_sigma_px(problem, robust)
-    scores = np.where(problem.weights > 0.0, distances(problem, robust) * np.sqrt(problem.weights) / sigma, 0.0)
+    here = whitened(problem, robust)
+    sigma = robust_sigma_px(here, robust)
+    scores = np.where(problem.weights > 0.0, standard_distances(here, robust) / sigma, 0.0)
     limit = threshold_of(int(np.count_nonzero(problem.weights)))
     out, p = scores > limit, robust
     plain = replace(problem, loss="mean")
@@ -69,7 +71,8 @@ def judge(problem: FitProblem, start: Floats) -> list[Outlier]:
             return []
         reduced = replace(plain, weights=kept)
         p = np.array(polish(reduced, p).parameters)
-        scores = _scores(plain, reduced, p)
+        here = whitened(plain, p)
+        scores = _scores(here, replace(here, weights=kept), p)
         again = scores > limit
         if np.array_equal(again, out):
             break

@@ -14,6 +14,7 @@ from workers.geometry.projection import distances_px
 from workers.geometry.rotations import shortest_vector
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian
+from workers.solver.weighting import REWEIGHTED, roughly_whitened, whitened
 
 Floats = NDArray[np.float64]
 # scipy publishes no types.
@@ -34,7 +35,8 @@ class Fit:
     """Parameters (D,) in the order of `problem.names`; mean and RMS distance in px; what was minimised.
 
     `converged` is false where the iterations ran out; `message` is the solver's own sentence. `cost` is the minimum
-    itself in px^2, priors and weights included; `scale_px` the distance at which the robust loss is half saturated.
+    itself in px^2, priors and weights included, so that only fits of one problem under one whitening compare by it;
+    `scale_px` the distance at which the robust loss is half saturated.
     """
 
     parameters: tuple[float, ...]
@@ -56,18 +58,26 @@ def polish(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
     d^2 / (1 + d^2 / c^2) of the same distances (Geman and McClure 1987), c following from the median distance.
 
     It descends twice and keeps the lower end: straight on, and over the continued formulas first, in which
-    forbidden projections are no walls (from a far start walls would stop it at once).
+    forbidden projections are no walls (from a far start walls would stop it at once). With covariances this is done
+    under rough weights, and then again from its end under those found there (iteratively reweighted).
     """
     p = np.clip(np.asarray(start, dtype=np.float64), *_walls_of(problem))
     if len(problem.free) == 0:
         return _fit(problem, p, None, True, "Nothing is free to move.", 0)
-    return _plain(problem, p) if problem.loss == "mean" else _robust(problem, p)
+    robust = problem.loss == "saturating"
+    rough = roughly_whitened(problem)
+    fit = _robust(rough, p) if robust else _plain(rough, p)
+    for _ in range(REWEIGHTED if problem.covariances is not None else 0):
+        again = whitened(problem, np.array(fit.parameters))
+        near = _descend(again, np.array(fit.parameters), _scale_at(again, fit) if robust else None)
+        fit = replace(_follow_scale(again, near) if robust else near, evaluations=fit.evaluations + near.evaluations)
+    return fit
 
 
 def robust_sigma_px(problem: FitProblem, p: Floats) -> float:
-    """The marks' noise per coordinate that the median distance shows, corrected for the parameters fitted."""
+    """The typical noise per coordinate that the median distance shows, corrected for the parameters fitted."""
     used = problem.weights > 0.0
-    d = distances(problem, p)[used] * np.sqrt(problem.weights[used])
+    d = standard_distances(problem, p)[used]
     count = 2 * len(d)
     correction = sqrt(count / max(count - len(problem.free), 1))
     return max(_SCALE_FLOOR_PX, correction * float(np.median(d)) / MEDIAN_DISTANCE)
@@ -87,6 +97,15 @@ def distances(problem: FitProblem, p: Sequence[float] | Floats) -> Floats:
     return distances_px(pixels, violation, problem.pixels, problem.diagonal_px)
 
 
+def standard_distances(problem: FitProblem, p: Sequence[float] | Floats) -> Floats:
+    """`distances` (N,) as they count in the fit: weighted, or whitened; in px of a typical pair."""
+    if problem.whitening is None:
+        return distances(problem, p) * np.sqrt(problem.weights)
+    residuals = weighted_residuals(problem, np.asarray(p, dtype=np.float64))[0]
+    pairs = residuals[: 2 * len(problem.points)].reshape(-1, 2)
+    return np.hypot(pairs[:, 0], pairs[:, 1])
+
+
 def mean_and_rms(problem: FitProblem, p: Sequence[float] | Floats) -> tuple[float, float]:
     """Weighted mean and root mean square of `distances`, in px."""
     d = distances(problem, p)
@@ -97,12 +116,16 @@ def mean_and_rms(problem: FitProblem, p: Sequence[float] | Floats) -> tuple[floa
 def weighted_residuals(
     problem: FitProblem, p: Floats, local: bool = False, walls: bool = True
 ) -> tuple[Floats, Floats]:
-    """Residuals and their Jacobian in the free parameters, rows weighted, one row more for each prior.
+    """Residuals and their Jacobian in the free parameters, rows weighted or whitened, one row more for each prior.
 
     Shapes (2 N + priors,) and (2 N + priors, free). The unit is the pixel: a prior's row is its standard score
     times the marks' sigma.
     """
     residuals, jacobian = residuals_and_jacobian(problem, p, local, walls)
+    if problem.whitening is not None:
+        residuals = np.einsum("nij,nj->ni", problem.whitening, residuals.reshape(-1, 2)).ravel()
+        rows_of_pairs = np.matmul(problem.whitening, jacobian.reshape(-1, 2, len(p)))
+        jacobian = rows_of_pairs.reshape(-1, len(p))
     root = np.sqrt(np.repeat(problem.weights, 2))
     rows, derivatives = [root * residuals], [root[:, None] * jacobian]
     for name, (mean, sigma) in problem.priors.items():
@@ -124,15 +147,22 @@ def _plain(problem: FitProblem, p: Floats) -> Fit:
 
 def _robust(problem: FitProblem, p: Floats) -> Fit:
     # The scale follows the fit down; from a far start it begins wide, and so sees every pair.
-    fit = _plain_or_robust(problem, p, SATURATION_SIGMAS * robust_sigma_px(problem, p))
+    return _follow_scale(problem, _plain_or_robust(problem, p, SATURATION_SIGMAS * robust_sigma_px(problem, p)))
+
+
+def _follow_scale(problem: FitProblem, fit: Fit) -> Fit:
     evaluations = fit.evaluations
     for _ in range(_SCALE_ROUNDS):
-        scale = SATURATION_SIGMAS * robust_sigma_px(problem, np.array(fit.parameters))
+        scale = _scale_at(problem, fit)
         if fit.scale_px is not None and abs(scale - fit.scale_px) <= 1e-3 * scale:
             break
         fit = _descend(problem, np.array(fit.parameters), scale)
         evaluations += fit.evaluations
     return replace(fit, evaluations=evaluations)
+
+
+def _scale_at(problem: FitProblem, fit: Fit) -> float:
+    return SATURATION_SIGMAS * robust_sigma_px(problem, np.array(fit.parameters))
 
 
 def _plain_or_robust(problem: FitProblem, p: Floats, scale: float) -> Fit:

@@ -26,28 +26,21 @@ from workers.solver.bounds import (
     parse_bounds_preset,
     preset_bounds,
 )
+from workers.solver.covariances import Covariances
 from workers.solver.errors import SolveError
 from workers.solver.presets import Schedule, check_schedule, schedule_of
 
 Loss = Literal["mean", "saturating"]
 LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
 OutlierRule = Literal["keep", "exclude"]
+WeightRule = Literal["equal", "covariances"]
 ANGLES: Final = frozenset({"rotation_x", "rotation_y", "rotation_z", "alpha", "beta", "gamma"})
 
 _KEYS: Final = frozenset(
     {
         *("model", "camera", "fold", "seed", "search", "rotation_range_deg", "bounds_preset", "bounds", "locked"),
-        *(
-            "priors",
-            "loss",
-            "saturation_px",
-            "mark_sigma_px",
-            "outliers",
-            "preset",
-            "schedule",
-            "image_size",
-            "nominal",
-        ),
+        *("priors", "loss", "saturation_px", "mark_sigma_px", "outliers", "weights", "preset", "schedule"),
+        *("image_size", "nominal"),
     }
 )
 
@@ -61,6 +54,8 @@ class FitProblem:
     both ends at their value. `loss` is what the genetic algorithm minimises: the weighted mean distance in pixels,
     or the mean of d / (1 + d / saturation_px). A prior (mean, sigma) weighs against marks of `mark_sigma_px`.
     `outliers`: whether the polish keeps the pairs that are judged not to belong, or leaves them out.
+    `covariances`: of the pairs' errors, by which they then weigh (`weighting` makes `whitening` (N, 2, 2) of them and
+    sets `mark_sigma_px` to the typical pair's); without them all pairs weigh as `weights` says.
     Raises SolveError where the parts do not make a problem that can be fitted.
     """
 
@@ -82,6 +77,8 @@ class FitProblem:
     saturation_px: float = 20.0
     mark_sigma_px: float = 1.0
     outliers: OutlierRule = "keep"
+    covariances: Covariances | None = field(default=None, repr=False)
+    whitening: NDArray[np.float64] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         _check_pairs(self.points, self.pixels, self.weights)
@@ -91,6 +88,8 @@ class FitProblem:
         object.__setattr__(self, "bounds", bounds | {name: (v, v) for name, v in self.locked.items()})
         _check_numbers(self)
         check_schedule(self.schedule)
+        if self.covariances is not None and len(self.covariances.marks) != len(self.points):
+            raise SolveError("bad_covariances", "There is not one covariance for each pair.", "")
         pairs, free = int(np.count_nonzero(self.weights)), len(self.free)
         if pairs < max(free, 1):
             raise SolveError(
@@ -136,18 +135,23 @@ class FitProblem:
 
 
 def problem_from_document(
-    document: Mapping[str, Any], points: ArrayLike, pixels: ArrayLike, weights: ArrayLike | None = None
+    document: Mapping[str, Any],
+    points: ArrayLike,
+    pixels: ArrayLike,
+    weights: ArrayLike | None = None,
+    covariances: Covariances | None = None,
 ) -> FitProblem:
     """The problem of a stored request (plain JSON, merged with its rig) and its pairs.
 
     Keys: model, image_size, nominal (a transform document T_camera_lidar); and with defaults camera, fold (-1: all
     pairs), seed, search, rotation_range_deg, bounds_preset, bounds {name: [lower, upper]}, locked {name: value},
-    priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, outliers (keep or exclude), preset,
-    schedule {...}. Angles are in radians, or in degrees where their name ends in `_deg`. Preset `paper` implies the
-    Euler form and Table I's bounds unless the request names others. Raises SolveError.
+    priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, outliers (keep or exclude), weights (equal,
+    or covariances: those given), preset, schedule {...}. Angles are in radians, or in degrees where their name ends
+    in `_deg`. Preset `paper` implies the Euler form and Table I's bounds unless the request names others. Raises
+    SolveError.
     """
     try:
-        return _read(document, points, pixels, weights)
+        return _read(document, points, pixels, weights, covariances)
     except SolveError:
         raise
     except GeometryError as error:
@@ -160,7 +164,13 @@ def problem_from_document(
         ) from error
 
 
-def _read(document: Mapping[str, Any], points: ArrayLike, pixels: ArrayLike, weights: ArrayLike | None) -> FitProblem:
+def _read(
+    document: Mapping[str, Any],
+    points: ArrayLike,
+    pixels: ArrayLike,
+    weights: ArrayLike | None,
+    covariances: Covariances | None,
+) -> FitProblem:
     unknown = [key for key in document if key not in _KEYS]
     if unknown:
         raise SolveError(
@@ -203,6 +213,7 @@ def _read(document: Mapping[str, Any], points: ArrayLike, pixels: ArrayLike, wei
         saturation_px=float(document.get("saturation_px") or 0.01 * image_diagonal_px((width, height))),
         mark_sigma_px=float(document.get("mark_sigma_px") or 1.0),
         outliers=_parse_outlier_rule(document.get("outliers") or "keep"),
+        covariances=_weighed_by(document.get("weights") or "equal", covariances),
     )
 
 
@@ -247,6 +258,14 @@ def _parse_outlier_rule(name: object) -> OutlierRule:
         if name == rule:
             return rule
     raise SolveError("bad_document", f"`outliers` is {name!r}.", "It is keep or exclude.")
+
+
+def _weighed_by(name: object, covariances: Covariances | None) -> Covariances | None:
+    if name not in get_args(WeightRule):
+        raise SolveError("bad_document", f"`weights` is {name!r}.", "It is equal or covariances.")
+    if name == "covariances" and covariances is None:
+        raise SolveError("no_covariances", "No covariances came with the pairs.", "Ask for equal weights.")
+    return covariances if name == "covariances" else None
 
 
 def _check_pairs(points: NDArray[np.float64], pixels: NDArray[np.float64], weights: NDArray[np.float64]) -> None:

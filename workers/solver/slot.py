@@ -18,6 +18,7 @@ from workers.solver.presets import Schedule
 from workers.solver.problem import FitProblem
 from workers.solver.random_streams import stream_key
 from workers.solver.residuals import predict, residuals_and_jacobian, turned_points
+from workers.solver.weighting import search_weights
 
 LANES = 32
 """The pairs are padded to full vectors: 32 covers two of the widest that are about."""
@@ -88,7 +89,8 @@ def loss_px(problem: FitProblem, parameters: Sequence[float] | NDArray[np.float6
     prior = prior_rows(problem)
     off = (p - prior[0]) * prior[1]
     # Sums in index order whatever the BLAS, so that the bits are the same everywhere.
-    return float(np.sum(problem.weights * d) * scales_of(problem)[2] + scales_of(problem)[3] * np.sum(off * off))
+    weights, scales = search_weights(problem)[0], scales_of(problem)
+    return float(np.sum(weights * d) * scales[2] + scales[3] * np.sum(off * off))
 
 
 def pack_pairs(problem: FitProblem) -> NDArray[np.float32]:
@@ -97,7 +99,7 @@ def pack_pairs(problem: FitProblem) -> NDArray[np.float32]:
     pack = np.empty((6, (n + LANES - 1) // LANES * LANES), dtype=np.float32)
     pack[:3, :n] = turned_points(problem).T
     pack[3:5, :n] = problem.pixels.T
-    pack[5, :n] = problem.weights
+    pack[5, :n] = search_weights(problem)[0]
     pack[:5, n:] = pack[:5, n - 1 : n]
     pack[5, n:] = 0.0
     return pack
@@ -106,10 +108,11 @@ def pack_pairs(problem: FitProblem) -> NDArray[np.float32]:
 def scales_of(problem: FitProblem) -> NDArray[np.float64]:
     """(4,): image diagonal px, 1 / saturation (0: mean distance), 1 / sum of weights, the priors' share."""
     bend = 1.0 / problem.saturation_px if problem.loss == "saturating" else 0.0
-    total = float(np.sum(problem.weights))
+    weights, sigma_px = search_weights(problem)
+    total = float(np.sum(weights))
     # The mean distance is a Laplacian's log-likelihood per pair; a Gaussian prior adds z^2 / 2 in the same units,
-    # for marks whose mean distance is sqrt(pi / 2) mark_sigma_px.
-    prior = 0.5 * sqrt(np.pi / 2.0) * problem.mark_sigma_px / total if problem.priors else 0.0
+    # for marks whose mean distance is sqrt(pi / 2) sigma_px.
+    prior = 0.5 * sqrt(np.pi / 2.0) * sigma_px / total if problem.priors else 0.0
     return np.array([problem.diagonal_px, bend, 1.0 / total, prior])
 
 

@@ -26,6 +26,7 @@ from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import State
 from workers.solver.uncertainty import Uncertainty, uncertainty
+from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
 # llvmlite publishes no types.
@@ -43,8 +44,10 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     with mean and RMS distance in px, what it minimised and its parameters (search form: radians, metres, pixels).
     `parameters` and `std` are in people's units (degrees, metres, pixels). `outliers` names the pairs that the
     others speak against; where the problem says `exclude` the polish leaves them out, and `kept` has its errors on
-    the rest. `status` is `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the polish ran
-    out) or `not_determined` (the pairs do not hold every free parameter).
+    the rest. `weights` says whether the pairs weighed equally or by stated covariances; then `noise_scale` says how
+    many times larger the errors are than stated (the deviations here are scaled by it), and `sigma_px` is the noise
+    of a typical pair. `status` is `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the
+    polish ran out) or `not_determined` (the pairs do not hold every free parameter).
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:
@@ -53,7 +56,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     p = np.array(polished.parameters)
     spread = uncertainty(kept, p)
     plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
-    compared = _compared(kept, polished, plain)
+    compared = _compared(whitened(kept, p), polished, plain)
     transform = transform_of(problem, p)
     status, message = _status(kept, state, polished, spread)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
@@ -64,6 +67,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "status": status,
         "message": message,
         "loss": problem.loss,
+        "weights": "equal" if problem.covariances is None else "covariances",
         "pairs": int(np.count_nonzero(problem.weights)),
         "free_parameters": len(problem.free),
         "iterations": state.iteration,

@@ -12,6 +12,7 @@ from scipy import special
 from workers.solver.polish import weighted_residuals
 from workers.solver.problem import ANGLES, FitProblem
 from workers.solver.residuals import predict
+from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
 # scipy publishes no types.
@@ -31,7 +32,8 @@ class Uncertainty:
     only where one of the search's rotation parameters is locked or has a prior are they the search's own.
     rank and condition are those of the Jacobian with columns of unit length (infinite where the rank is not full);
     sigma_px the noise per pixel coordinate that the residuals show (or that was planned), by `freedom` degrees of
-    freedom. undetermined: for each direction that the data leaves open, its largest parts {name: share}.
+    freedom; noise_scale that relative to what the pairs' covariances state, where they state any. undetermined: for
+    each direction that the data leaves open, its largest parts {name: share}.
     """
 
     names: tuple[str, ...]
@@ -43,6 +45,7 @@ class Uncertainty:
     condition: float = 1.0
     freedom: int | None = None
     undetermined: tuple[dict[str, float], ...] = ()
+    noise_scale: float | None = None
 
     @property
     def correlation(self) -> Floats:
@@ -80,6 +83,7 @@ class Uncertainty:
             "correlation": self.correlation.tolist(),
             "worst_correlation": None if worst is None else {"pair": [worst[0], worst[1]], "value": worst[2]},
             "sigma_px": self.sigma_px,
+            "noise_scale": self.noise_scale,
             "rank": self.rank,
             "condition": self.condition if np.isfinite(self.condition) else None,
             "undetermined": list(self.undetermined),
@@ -92,9 +96,11 @@ class Uncertainty:
 def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:
     """Covariance sigma^2 (J^T J)^-1 of the free parameters at p (D,), sigma^2 from the residuals.
 
-    With the priors' rows in J. Holds for marks with independent errors of one size, and says nothing about a
-    systematic error of the marks or the vertices.
+    With the priors' rows in J, all rows whitened where the pairs state covariances, so that sigma only scales those.
+    Holds for independent errors, of one size or of the sizes stated, and says nothing about a systematic error of
+    the marks or the vertices.
     """
+    problem = whitened(problem, p)
     residuals, J = weighted_residuals(problem, p, turns_are_free(problem))
     freedom = 2 * int(np.count_nonzero(problem.weights)) + len(problem.priors) - len(problem.free)
     if freedom <= 0:
@@ -107,9 +113,10 @@ def plan_uncertainty(problem: FitProblem, p: Floats, sigma_px: float | None = No
 
     problem: points (N, 3) m as planned, with the model, bounds, locks and priors of the fit to come (its pixels may
     be anything finite); p (D,): the parameters as far as they are known. sigma_px: noise expected of the marks, by
-    default the problem's `mark_sigma_px`. Points that the camera would not see under p, behind it, past the
-    lens model's range or outside the image, count for nothing.
+    default the problem's `mark_sigma_px`, or what its covariances state. Points that the camera would not see under
+    p, behind it, past the lens model's range or outside the image, count for nothing.
     """
+    problem = whitened(problem, p)
     pixels, violation = predict(problem, p)
     edge = np.array(problem.image_size) - 0.5
     seen = (violation == 0.0) & np.all((pixels >= -0.5) & (pixels <= edge), axis=1)
@@ -119,7 +126,7 @@ def plan_uncertainty(problem: FitProblem, p: Floats, sigma_px: float | None = No
 
 
 def turns_are_free(problem: FitProblem) -> bool:
-    """Whether the rotations' deviations are of small turns about the camera's axes, not of the search's parameters."""
+    """Whether the rotations' deviations are of turns about the camera's axes, not of the search's parameters."""
     return not any(name in problem.priors or name in problem.locked for name in problem.names[:3]) and bool(
         np.all(np.isin((0, 1, 2), problem.free))
     )
@@ -150,6 +157,7 @@ def _spread(problem: FitProblem, J: Floats, sigma: float, freedom: int | None) -
         condition=(float(s[0] / s[-1]) if whole else np.inf) if s.size else 1.0,
         freedom=freedom,
         undetermined=tuple(_parts(names, direction) for direction in Vt[~kept]),
+        noise_scale=None if problem.covariances is None else sigma / problem.mark_sigma_px,
     )
 
 

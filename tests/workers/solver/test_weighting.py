@@ -1,0 +1,194 @@
+"""Pairs that state covariances weigh by them, in search, polish, error bars and the naming of outliers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
+from workers.geometry.models import MODELS
+from workers.geometry.spherical import axes
+from workers.solver.covariances import SIGMAS, Covariances, covariances_of
+from workers.solver.errors import SolveError
+from workers.solver.outliers import judge
+from workers.solver.polish import polish, weighted_residuals
+from workers.solver.problem import problem_from_document
+from workers.solver.residuals import predict
+from workers.solver.schedule import run_schedule
+from workers.solver.slot import loss_px, pack_pairs, run_slot, scales_of
+from workers.solver.solution import solve_finish
+from workers.solver.uncertainty import plan_uncertainty, uncertainty
+from workers.solver.weighting import search_weights, whitened
+
+
+def unequal(model, seed, pairs=222, best_deg=0.02, worst_deg=0.2, **request):
+    """(problem with covariances, truth, exact points): vertices whose angles are known ten times better or worse."""
+    exact, truth = simulated(model, seed, pairs=pairs, **request)
+    rng = np.random.default_rng(seed)
+    angle = np.radians(np.exp(rng.uniform(np.log(best_deg), np.log(worst_deg), pairs)))
+    sigmas = np.column_stack([angle, angle * rng.uniform(0.7, 1.4, pairs), rng.uniform(0.005, 0.02, pairs)])
+    columns = dict(zip(SIGMAS, sigmas.T.tolist(), strict=True))
+    seen = exact.points + np.einsum("nij,nj->ni", axes(exact.points), sigmas * rng.normal(size=(pairs, 3)))
+    return replace(exact, points=seen, covariances=covariances_of(columns, seen, 1.0)), truth, exact.points
+
+
+def scores(model, seeds):
+    """RMS error over Cramer-Rao sigma, and share inside the intervals: by covariances, and by equal weights."""
+    squares, held = [], []
+    for seed in seeds:
+        problem, truth, exact = unequal(model, seed)
+        known = whitened(replace(problem, points=exact), truth)
+        J = weighted_residuals(known, truth)[1] / known.mark_sigma_px
+        sigma = np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
+        for one in (problem, replace(problem, covariances=None)):
+            p = np.array(polish(one, truth).parameters)
+            squares.append(np.mean(((p - truth) / sigma) ** 2))
+            held.append(np.mean((np.abs(p - truth) <= uncertainty(one, p).half_width95)[3:]))
+    return np.sqrt(np.mean(np.reshape(squares, (-1, 2)), axis=0)), np.mean(np.reshape(held, (-1, 2)), axis=0)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_weights_reach_the_information_bound_where_equal_ones_do_not(model):
+    (weighted, equal), (held, _) = scores(model, range(24))
+    assert weighted < 1.2
+    assert equal > 1.12 * weighted
+    assert 0.9 < held < 0.99
+
+
+def test_the_covariance_in_the_image_is_what_noise_does_there():
+    problem, truth, exact = unequal("kannala_brandt", 3, pairs=40)
+    rng = np.random.default_rng(0)
+    roots = np.linalg.cholesky(problem.covariances.points)
+    drawn = [
+        predict(replace(problem, points=exact + np.einsum("nij,nj->ni", roots, rng.normal(size=(40, 3)))), truth)[0]
+        + rng.normal(size=(40, 2))
+        for _ in range(3000)
+    ]
+    away = np.stack(drawn) - predict(replace(problem, points=exact), truth)[0]
+    here = whitened(replace(problem, points=exact), truth)
+    white = np.einsum("nij,knj->nki", here.whitening, away) / here.mark_sigma_px
+    seen = np.einsum("nki,nkj->nij", white, white) / 3000
+    np.testing.assert_allclose(seen, np.tile(np.eye(2), (40, 1, 1)), atol=0.12)
+
+
+def test_one_size_for_all_is_the_same_as_no_covariances():
+    problem, truth = simulated("brown_conrady", 5)
+    n = len(problem.points)
+    same = replace(problem, covariances=Covariances(np.zeros((n, 3, 3)), np.tile(4.0 * np.eye(2), (n, 1, 1))))
+    with_them, without = (polish(one, truth).parameters for one in (same, problem))
+    np.testing.assert_allclose(with_them, without, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(search_weights(same)[0], 1.0)
+    plain, stated = (uncertainty(one, truth) for one in (problem, same))
+    np.testing.assert_allclose(stated.std, plain.std, rtol=1e-9)
+    assert stated.noise_scale == pytest.approx(0.5 * plain.sigma_px)
+    assert plain.noise_scale is None
+
+
+def test_without_covariances_the_search_is_what_it_was():
+    problem, truth = simulated("pinhole", 6)
+    assert search_weights(problem)[0] is problem.weights
+    assert whitened(problem, truth) is problem
+    assert pack_pairs(problem)[5, :222].tolist() == [1.0] * 222
+
+
+def test_the_search_weighs_by_the_vertices_angles_whatever_the_mount():
+    problem, truth, _ = unequal("pinhole", 7, rotation_range_deg=180.0)
+    weights, typical = search_weights(problem)
+    here = whitened(problem, truth)
+    true_sigma = here.mark_sigma_px / np.sqrt(np.linalg.det(here.whitening))
+    assert np.corrcoef(np.log(weights), np.log(true_sigma))[0, 1] < -0.97
+    assert typical == pytest.approx(here.mark_sigma_px, rel=0.6)
+    np.testing.assert_allclose(pack_pairs(problem)[5, :222], weights, rtol=1e-6)
+    assert scales_of(problem)[2] == pytest.approx(1.0 / weights.sum())
+    low, high = problem.lower.tolist(), problem.upper.tolist()
+    found = run_slot(problem, low, high, 0, 0)
+    assert found == run_slot(problem, low, high, 0, 0)
+    assert found.loss == loss_px(problem, found.parameters)
+
+
+def test_a_poor_vertex_is_no_outlier_and_a_good_one_is():
+    problem, truth, _ = unequal("pinhole", 8)
+    sigma = np.sqrt(problem.covariances.points.trace(axis1=1, axis2=2)) / np.linalg.norm(problem.points, axis=1)
+    assert judge(problem, truth) == []
+    good = int(np.argmin(sigma))
+    marks = problem.pixels.copy()
+    marks[good, 0] += 7.0
+    assert [one.index for one in judge(replace(problem, pixels=marks), truth)] == [good]
+    # Equal weights name a poor vertex, and overlook the mark that is far off for a good one.
+    assert [one.index for one in judge(replace(problem, covariances=None), truth)] == [146]
+    assert sigma[146] > 2.5 * np.median(sigma)
+
+
+@pytest.mark.parametrize("loss", ["mean", "saturating"])
+def test_a_whole_run_by_covariances(loss):
+    problem, truth, _ = unequal("pinhole", 9, loss=loss)
+    solution = solve_finish(problem, run_schedule(problem)[0])
+    assert (solution["status"], solution["weights"]) == ("ok", "covariances")
+    assert solution["noise_scale"] == pytest.approx(1.0, abs=0.15)
+    assert solution["interval95_half_width"]["f_x"] > abs(solution["intrinsics"]["f_x"] - truth[6]) * 0.5
+    assert not any("end" in alarm and "lower" in alarm for alarm in solution["alarms"])
+    understated = replace(
+        problem, covariances=Covariances(problem.covariances.points / 9, problem.covariances.marks / 9)
+    )
+    alarms = solve_finish(understated, run_schedule(understated)[0])["alarms"]
+    assert any("times what vertices and marks state" in alarm for alarm in alarms)
+
+
+def test_a_plan_counts_better_vertices_more():
+    problem, truth, _ = unequal("pinhole", 10)
+    better = replace(problem, covariances=Covariances(0.01 * problem.covariances.points, problem.covariances.marks))
+    assert (plan_uncertainty(better, truth).std < plan_uncertainty(problem, truth).std).all()
+
+
+def test_columns_become_covariances():
+    points = np.array([[10.0, 0.0, 0.0], [0.0, 5.0, 0.0]])
+    sigmas = {"sigma_azimuth_rad": [1e-3, 2e-3], "sigma_elevation_rad": [3e-3, 4e-3], "sigma_range_m": [0.02, 0.03]}
+    made = covariances_of(sigmas, points, 2.0)
+    np.testing.assert_allclose(made.points[0], np.diag([0.02**2, 0.01**2, 0.03**2]), atol=1e-15)
+    np.testing.assert_allclose(made.points[1], np.diag([0.01**2, 0.03**2, 0.02**2]), atol=1e-15)
+    np.testing.assert_allclose(made.marks, [4 * np.eye(2)] * 2)
+    np.testing.assert_allclose(covariances_of({"sigma_px": [0.5, 2]}, points, 1.0).marks[:, 0, 0], [0.25, 4.0])
+    assert covariances_of({"sigma_px": [0.5, 2]}, points, 1.0).points.max() == 0.0
+
+
+def test_the_spread_of_several_marks_tells_how_well_people_mark():
+    rng, n = np.random.default_rng(0), 400
+    marks = rng.integers(1, 5, n)
+    spread = [
+        float(np.sqrt(np.mean(np.sum((m - m.mean(axis=0)) ** 2, axis=1))))
+        for m in (rng.normal(size=(count, 2)) * 1.7 for count in marks)
+    ]
+    spread[5] = 300.0  # somebody marked something else
+    columns = {name: np.full(n, 1e-3).tolist() for name in SIGMAS}
+    points = rng.uniform(3, 9, (n, 3))
+    made = covariances_of(columns | {"marks": marks.tolist(), "spread_px": spread}, points, 1.0)
+    np.testing.assert_allclose(made.marks[:, 0, 0] * marks, 1.7**2, rtol=0.15)
+    few = covariances_of({name: values[:8] for name, values in columns.items()} | {"marks": [2] * 8}, points[:8], 1.0)
+    np.testing.assert_allclose(few.marks[:, 1, 1], 0.5)
+
+
+def test_covariances_that_are_none_are_refused():
+    problem, _ = simulated("pinhole", 1, pairs=20)
+    good = np.tile(np.eye(3), (20, 1, 1)), np.tile(np.eye(2), (20, 1, 1))
+    for place, value in (((4, 0, 0), np.nan), ((4, 0, 1), 0.5), ((4, 1, 1), -1.0)):
+        for which in (0, 1):
+            bad = [one.copy() for one in good]
+            bad[which][place] = value
+            with pytest.raises(SolveError, match="pair 4") as caught:
+                Covariances(*bad)
+            assert caught.value.code == "bad_covariances"
+    with pytest.raises(SolveError) as caught:
+        replace(problem, covariances=Covariances(good[0][:9], good[1][:9]))
+    assert caught.value.code == "bad_covariances"
+    with pytest.raises(SolveError) as caught:
+        covariances_of({"sigma_azimuth_rad": [1e-3]}, [[1, 2, 3]], 1.0)
+    assert caught.value.code == "no_covariances"
+    document = {"model": "pinhole", "image_size": SIZE, "nominal": NOMINAL}
+    stated = Covariances(*good)
+    for asked, code in (("covariances", "no_covariances"), ("vertices", "bad_document")):
+        with pytest.raises(SolveError) as caught:
+            problem_from_document(document | {"weights": asked}, problem.points, problem.pixels)
+        assert caught.value.code == code
+    for asked, used in (({}, None), ({"weights": "equal"}, None), ({"weights": "covariances"}, stated)):
+        made = problem_from_document(document | asked, problem.points, problem.pixels, covariances=stated)
+        assert made.covariances is used
