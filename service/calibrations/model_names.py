@@ -15,6 +15,7 @@ SearchForm = Literal["rotation_vector", "euler"]
 BoundsPreset = Literal["image-size", "paper-table-1"]
 Loss = Literal["mean", "saturating"]
 OutlierRule = Literal["keep", "exclude"]
+WeightRule = Literal["auto", "equal", "covariances"]
 PresetName = Literal["default", "paper", "toolbox"]
 
 INTRINSICS: dict[str, tuple[str, ...]] = {

@@ -15,7 +15,9 @@ from service.http.problems import Problem
 REQUIRED = ("x", "y", "z", "u", "v")
 # Standard deviations of the vertex as the LiDAR sees it.
 SIGMAS = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
-_OPTIONAL = ("stamp_ns", "group", *SIGMAS)
+# And of the mark, pixels per coordinate.
+MARK_SIGMA = "sigma_px"
+_OPTIONAL = ("stamp_ns", "group", *SIGMAS, MARK_SIGMA)
 Columns = dict[str, list[Any]]
 
 MAX_PAIRS = 100_000
@@ -23,8 +25,8 @@ _INT64 = 2**63
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _HINT = (
     "A CSV file has a header with x,y,z (metres, LiDAR frame), u,v (pixels; (0, 0) is the centre of the top-left "
-    "one) and perhaps stamp_ns (integer nanoseconds), group, and the vertex's standard deviations sigma_azimuth_rad, "
-    "sigma_elevation_rad, sigma_range_m; JSON has the same names in each of its pairs."
+    "one) and perhaps stamp_ns (integer nanoseconds), group, the vertex's standard deviations sigma_azimuth_rad, "
+    "sigma_elevation_rad, sigma_range_m, and the mark's sigma_px; JSON has the same names in each of its pairs."
 )
 
 
@@ -170,7 +172,9 @@ def _sigma(value: Any) -> float:
     return number
 
 
-_READ: dict[str, Callable[[Any], Any]] = {"stamp_ns": _stamp, "group": _group} | dict.fromkeys(SIGMAS, _sigma)
+_READ: dict[str, Callable[[Any], Any]] = {"stamp_ns": _stamp, "group": _group} | dict.fromkeys(
+    (*SIGMAS, MARK_SIGMA), _sigma
+)
 
 
 def _plain_groups(columns: Columns) -> Columns:

@@ -22,6 +22,7 @@ from service.calibrations.model_names import (
 )
 from service.calibrations.schemas import CalibrationTemplate
 from service.calibrations.stated import near_stated
+from service.calibrations.weighing import weighing, weighing_note
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import RigCamera
@@ -74,7 +75,14 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
     common = _common(wanted, models)
     bounds = _by_name(wanted.bounds, "bounds", models, common["search"])
     _check_order(bounds)
-    documents = [(source, _document(source, model, common, bounds)) for source in sources for model in models]
+    weights = {
+        source.camera.name: weighing(source.camera.name, source.pairs.pairs, wanted.weights) for source in sources
+    }
+    documents = [
+        (source, _document(source, model, common, bounds) | weights[source.camera.name])
+        for source in sources
+        for model in models
+    ]
     digest = content_hash(
         {
             "folds": wanted.folds,
@@ -87,6 +95,7 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
     notes = [note for source in sources for note in _notes(source, {*bounds, *common["locked"]})]
     fits: list[Fit] = []
     for source, document in documents:
+        notes += weighing_note(source.camera.name, document)
         folds, sentence = _folds(source, document, wanted.folds)
         notes += [sentence] if sentence else []
         fits.append(Fit(source, document["model"], folds, document | {"seed": seed, "folds": folds}))

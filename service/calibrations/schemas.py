@@ -8,7 +8,15 @@ from uuid import UUID
 
 from pydantic import Field
 
-from service.calibrations.model_names import MODELS, BoundsPreset, Loss, OutlierRule, PresetName, SearchForm
+from service.calibrations.model_names import (
+    MODELS,
+    BoundsPreset,
+    Loss,
+    OutlierRule,
+    PresetName,
+    SearchForm,
+    WeightRule,
+)
 from service.http.schemas import Magnitude, Received, Sent
 
 Json = dict[str, Any]
@@ -91,6 +99,10 @@ class CalibrationTemplate(Received):
     outliers: Annotated[
         OutlierRule, Field(description="whether pairs that are judged not to belong stay in the polished fit")
     ] = "keep"
+    weights: Annotated[
+        WeightRule,
+        Field(description="auto: by the standard deviations of vertices and marks where all pairs state them"),
+    ] = "auto"
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
     folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5
     farm: Literal["auto", "slots", "runs"] = "auto"

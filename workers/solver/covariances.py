@@ -17,6 +17,7 @@ SIGMAS: Final = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
 # scipy publishes no types.
 _chi_square_beyond: Callable[[Floats, float], Floats] = special.chdtri
 MARK_SIGMA: Final = "sigma_px"
+COLUMNS: Final = (*SIGMAS, MARK_SIGMA, "marks", "spread_px")
 # Fewer pairs with several marks than this do not tell how well people mark.
 _ENOUGH_PAIRS: Final = 10
 _FLOOR_PX: Final = 0.1

@@ -16,6 +16,8 @@ from service.db.base import Json
 from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result, Slot
 from service.jobs.claims import CancelledError, Claim, Lease
 from service.jobs.solving import count_down, end_run, start_finish, start_iteration
+from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
+from workers.solver.covariances import covariances_of
 from workers.solver.folds import folds
 from workers.solver.problem import FitProblem, problem_from_document
 from workers.solver.provenance import pairs_sha256, sources_sha256
@@ -80,7 +82,11 @@ def _fit(run: CalibrationRun, pairs: Json) -> Fit:
     count = document.pop("folds", 0)
     heldout = _blocks(pairs, count)[run.fold] if run.fold >= 0 else np.array([], np.int64)
     fitted = np.setdiff1d(np.arange(len(points)), heldout)
-    problem = problem_from_document(document, points[fitted], pixels[fitted])
+    covariances = None
+    if document.get("weights") == "covariances":
+        known = {name: np.asarray(pairs[name])[fitted] for name in COVARIANCE_COLUMNS if name in pairs}
+        covariances = covariances_of(known, points[fitted], float(document.get("mark_sigma_px") or 1.0))
+    problem = problem_from_document(document, points[fitted], pixels[fitted], covariances=covariances)
     return Fit(run, problem, pairs, heldout, points, pixels)
 
 
