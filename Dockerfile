@@ -1,5 +1,5 @@
 # One image for every part of a fleet: the API, the workers, the sweep. What a container does is its command.
-FROM python:3.11-slim-bookworm AS build
+FROM python:3.11.14-slim-bookworm AS build
 RUN apt-get update && apt-get install --yes --no-install-recommends make && rm -rf /var/lib/apt/lists/*
 WORKDIR /src
 COPY requirements requirements
@@ -11,20 +11,23 @@ COPY frontend frontend
 # The wheel holds the built pages; node comes out of the locked development requirements.
 RUN make frontend && .venv/bin/uv build --wheel --no-build-isolation --python .venv/bin/python --out-dir /wheels
 
-FROM python:3.11-slim-bookworm
+FROM python:3.11.14-slim-bookworm
 COPY requirements/bootstrap.lock requirements/app.lock /tmp/requirements/
+# Compiled here, for containers run on a file system that they cannot write.
 RUN python -m pip install --no-cache-dir --require-hashes -r /tmp/requirements/bootstrap.lock \
- && uv pip install --system --no-cache --require-hashes -r /tmp/requirements/app.lock
+ && uv pip install --system --no-cache --compile-bytecode --require-hashes -r /tmp/requirements/app.lock
 COPY --from=build /wheels /tmp/wheels
-RUN uv pip install --system --no-cache --no-deps /tmp/wheels/*.whl && rm -rf /tmp/wheels /tmp/requirements
+RUN uv pip install --system --no-cache --compile-bytecode --no-deps /tmp/wheels/*.whl \
+ && rm -rf /tmp/wheels /tmp/requirements
+# A volume that is first mounted on these folders takes over their owner.
 RUN useradd --uid 1000 --create-home apexcal \
- && install --directory --owner apexcal --group apexcal --mode 700 \
-      /var/lib/apexcal /var/lib/apexcal/blobs /var/cache/apexcal
-USER apexcal
+ && install --directory --owner apexcal --group apexcal --mode 700 /var/lib/apexcal /var/cache/apexcal
+USER 1000:1000
 ENV APEXCAL_DATA_DIR=/var/lib/apexcal \
     NUMBA_CACHE_DIR=/var/cache/apexcal \
     OPENBLAS_NUM_THREADS=1 \
     OMP_NUM_THREADS=1 \
+    PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1
 EXPOSE 8000
-CMD ["python", "-m", "uvicorn", "service.app:create_app", "--factory", "--host", "0.0.0.0", "--port", "8000"]
+CMD ["python", "-m", "uvicorn", "service.app:create_app", "--factory", "--host=0.0.0.0", "--port=8000"]

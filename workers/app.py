@@ -15,6 +15,7 @@ from celery.signals import setup_logging
 from service.jobs.queue import QUEUES
 from service.observability import logs
 from service.settings import get_settings
+from workers import alive
 
 
 @setup_logging.connect
@@ -44,6 +45,7 @@ def make_app(tasks: str) -> Celery:
         broker_transport_options={"socket_connect_timeout": 5, "socket_keepalive": True},
         enable_utc=True,
     )
+    alive.install(app)
     return app
 
 

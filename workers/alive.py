@@ -1,0 +1,61 @@
+"""A file whose age says whether a worker or beat still turns: what the health checks of containers look at.
+
+Asking through the broker (``celery inspect ping``) would start a Python of a second for every answer.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from celery import Celery, bootsteps
+from celery.beat import Scheduler
+
+from service.settings import get_settings
+
+_EVERY_S = 5.0
+
+
+class Alive(bootsteps.StartStopStep):
+    """Touches the file from the worker's own event loop, which is what hangs when a worker hangs."""
+
+    requires = frozenset(("celery.worker.components:Timer",))
+
+    def __init__(self, parent: Any, **options: Any) -> None:
+        super().__init__(parent, **options)
+        self._file = get_settings().alive_file
+        self._timer: Any = None
+
+    def start(self, parent: Any) -> None:
+        """Begin, when the worker begins."""
+        if self._file:
+            touch(self._file)
+            self._timer = parent.timer.call_repeatedly(_EVERY_S, touch, (self._file,))
+
+    def stop(self, parent: Any) -> None:
+        """End, when the worker ends."""
+        if self._timer:
+            self._timer.cancel()
+
+
+class AliveScheduler(Scheduler):
+    """Beat's schedule in memory, touching the file with every tick: ``--scheduler workers.alive:AliveScheduler``."""
+
+    def tick(self, *given: Any, **named: Any) -> float:
+        """Send what is due; the seconds until it is to be called again."""
+        file = get_settings().alive_file
+        if file:
+            touch(file)
+        # Never longer than the health check waits, whatever the schedule.
+        return min(float(super().tick(*given, **named)), _EVERY_S)
+
+
+def install(app: Celery) -> None:
+    """Let the application's workers touch the file, where the settings name one."""
+    steps: Any = app.steps
+    steps["worker"].add(Alive)
+
+
+def touch(file: Path) -> None:
+    """Make the file young, and make it where it is missing."""
+    file.touch()
