@@ -83,6 +83,7 @@ class Settings(BaseSettings):
     session_days: int = Field(default=30, description="a browser session ends after this many days")
     invitation_hours: int = Field(default=72, description="an unused sign-in link ends after this many hours")
 
+    alive_file: Path | None = Field(default=None, description="touched by workers and beat, for health checks")
     supervisor_status: Path | None = Field(default=None, description="where `apexcal serve` notes its children")
 
     @property
