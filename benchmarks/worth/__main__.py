@@ -22,6 +22,7 @@ from benchmarks.worth.figures import draw  # noqa: E402
 from benchmarks.worth.methods import RIGHT_PX  # noqa: E402
 from benchmarks.worth.questions import QUESTIONS, Place, answer  # noqa: E402
 from benchmarks.worth.summary import curve  # noqa: E402
+from workers.geometry.models import MODELS  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
 
@@ -29,8 +30,10 @@ def main() -> None:
     rigs, seed = int(os.environ.get("RIGS", "24")), int(os.environ.get("SEED") or secrets.randbits(31))
     names = os.environ.get("QUESTIONS", ",".join(QUESTIONS)).split(",")
     unknown = [name for name in names if name not in QUESTIONS]
-    if unknown or rigs < 1:
-        sys.exit(f"RIGS is at least 1, and QUESTIONS are of {', '.join(QUESTIONS)}, not {', '.join(unknown)}")
+    if unknown:
+        sys.exit(f"There is no question {', '.join(unknown)}; QUESTIONS are of {', '.join(QUESTIONS)}")
+    if rigs < len(MODELS):
+        sys.exit(f"RIGS is {rigs}; each point needs {len(MODELS)} or more, one for each camera model")
     began = time.perf_counter()
     warm_up()
     asked = [(name, at, n) for name in names for at in range(len(QUESTIONS[name].values)) for n in range(rigs)]
