@@ -8,6 +8,7 @@ from math import radians
 from typing import Any
 
 from service.calibrations.holding_out import fold_count
+from service.calibrations.known_lens import Known, UseAs, known_lens
 from service.calibrations.model_names import (
     ANGLES,
     EXTRINSICS,
@@ -21,27 +22,14 @@ from service.calibrations.model_names import (
     parameter_names,
 )
 from service.calibrations.schemas import CalibrationTemplate
-from service.calibrations.stated import near_stated
+from service.calibrations.sources import CameraPairs, lens_notes, models_of, with_given_lenses
 from service.calibrations.weighing import weighing, weighing_note
 from service.db.base import Json
-from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import RigCamera
 from service.detections.digests import content_hash
 from service.http.problems import Problem
 
 Interval = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class CameraPairs:
-    """A camera of the rig and the set that it is calibrated from.
-
-    ``stated`` is what the recording says of the camera's intrinsics, where the request starts from that.
-    """
-
-    camera: RigCamera
-    pairs: CorrespondenceSet
-    stated: Json | None = None
 
 
 @dataclass(frozen=True)
@@ -69,19 +57,23 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
     """Check a request against its rig and pairs, and write out what the solver is to do.
 
     Raises:
-        Problem: 422 ``unknown_model``, ``unknown_parameter``, ``bounds_inside_out``, ``too_few_pairs``.
+        Problem: 422 ``unknown_model``, ``unknown_parameter``, ``bounds_inside_out``, ``too_few_pairs``; of the lenses
+            ``unknown_camera``, ``intrinsics_of_another_size``, ``intrinsics_of_another_model`` and those of
+            :func:`~service.calibrations.known_lens.as_stated`.
     """
     models = list(dict.fromkeys(check_model(name) for name in wanted.models))
     common = _common(wanted, models)
     bounds = _by_name(wanted.bounds, "bounds", models, common["search"])
     _check_order(bounds)
+    sources = with_given_lenses(sources, wanted.intrinsics)
+    use_as = wanted.intrinsics_as
     weights = {
         source.camera.name: weighing(source.camera.name, source.pairs.pairs, wanted.weights) for source in sources
     }
     documents = [
-        (source, _document(source, model, common, bounds) | weights[source.camera.name])
+        (source, _document(source, model, common, bounds, use_as) | weights[source.camera.name])
         for source in sources
-        for model in models
+        for model in models_of(source, models, use_as)
     ]
     digest = content_hash(
         {
@@ -92,7 +84,8 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
         }
     )
     seed = wanted.seed if wanted.seed is not None else int(digest[:13], 16)  # 52 bits
-    notes = [note for source in sources for note in _notes(source, {*bounds, *common["locked"]})]
+    settled = {*bounds, *common["locked"]}
+    notes = [note for source in sources for note in [*_notes(source), *lens_notes(source, models, use_as, settled)]]
     fits: list[Fit] = []
     for source, document in documents:
         notes += weighing_note(source.camera.name, document)
@@ -131,20 +124,29 @@ def _size(wanted: CalibrationTemplate) -> PresetSize:
     )
 
 
-def _document(source: CameraPairs, model: str, common: Json, asked_bounds: Mapping[str, Interval]) -> Json:
-    """The solver's document of one model on one camera, with only the parameters that this model has."""
+def _document(
+    source: CameraPairs, model: str, common: Json, asked_bounds: Mapping[str, Interval], use_as: UseAs
+) -> Json:
+    """The solver's document of one model on one camera, with only the parameters that this model has.
+
+    What the request says of a parameter goes before what is known of the lens; the rig's bounds go before its bounds.
+    """
     names = parameter_names(model, common["search"])
     described = describe_camera(source.camera, model, common["search"])
-    stated = near_stated(source.stated) if source.stated else {}
+    known = known_lens(source.stated, model, use_as) if source.stated else None
+    known = known or Known()
+    asked = {name for part in (asked_bounds, common["locked"], common["priors"]) for name in part}
     return (
         common
         | described
         | {
-            "bounds": stated
+            "bounds": known.bounds
             | described["bounds"]
             | {name: list(value) for name, value in asked_bounds.items() if name in names},
-            "locked": {name: value for name, value in common["locked"].items() if name in names},
-            "priors": {name: value for name, value in common["priors"].items() if name in names},
+            "locked": {name: value for name, value in known.locked.items() if name not in asked}
+            | {name: value for name, value in common["locked"].items() if name in names},
+            "priors": {name: value for name, value in known.priors.items() if name not in asked}
+            | {name: value for name, value in common["priors"].items() if name in names},
         }
     )
 
@@ -177,30 +179,13 @@ def _folds(source: CameraPairs, document: Json, wanted: int) -> tuple[int, str |
     return fold_count(source.pairs.pairs, wanted, free, f"{model} on {source.camera.name}")
 
 
-def _notes(source: CameraPairs, settled: set[str]) -> list[str]:
-    """What the set says of itself, what the recording's intrinsics bound, and what of the rig's bounds is of no use.
-
-    ``settled`` are the parameters that the request itself bounds or locks.
-    """
+def _notes(source: CameraPairs) -> list[str]:
+    """What the set says of itself, and what of the rig's bounds is of no use."""
     known = {name for form in EXTRINSICS for name in all_names(MODELS, form)}
     unused = [name for name in source.camera.bounds if _plain(name) not in known]
-    notes = [f"{source.camera.name}: {note}" for note in source.pairs.notes]
-    if source.stated:
-        notes.append(f"{source.camera.name}: {_near_stated_note(source, settled)}")
-    return notes + [
+    return [f"{source.camera.name}: {note}" for note in source.pairs.notes] + [
         f"The rig's bounds of {source.camera.name} name {n!r}, which no model has; unused." for n in unused
     ]
-
-
-def _near_stated_note(source: CameraPairs, settled: set[str]) -> str:
-    """Which parameters are looked for near what the recording states; the rig and the request go first."""
-    names = [
-        name for name in near_stated(source.stated or {}) if name not in settled | set(_bare(source.camera.bounds))
-    ]
-    if not names:
-        return "what the recording states bounds nothing, because the rig or the request settles it all."
-    listed = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
-    return f"{listed} {'is' if len(names) == 1 else 'are'} looked for near what the recording states."
 
 
 def _by_name(given: Mapping[str, Any], where: str, models: Iterable[str], search: SearchForm) -> dict[str, Any]:

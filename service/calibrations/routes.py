@@ -39,7 +39,12 @@ def ask_calibration(
     vehicle = access.find(Vehicle, vehicle_id, "engineer")
     rig, sources = _sources(access, vehicle, wanted.correspondence_set_ids)
     if wanted.intrinsics_from == "recording":
-        sources = [replace(one, stated=stated_intrinsics(access.session, one.camera, one.pairs)) for one in sources]
+        sources = [
+            one
+            if one.camera.name in wanted.intrinsics
+            else replace(one, stated=stated_intrinsics(access.session, one.camera, one.pairs))
+            for one in sources
+        ]
     asked = plan_request(wanted, sources)
     calibration = create(
         access.session,

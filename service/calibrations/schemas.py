@@ -8,6 +8,7 @@ from uuid import UUID
 
 from pydantic import Field
 
+from service.calibrations.known_lens import UseAs
 from service.calibrations.model_names import (
     MODELS,
     BoundsPreset,
@@ -62,6 +63,16 @@ class Prior(Received):
     sigma: Annotated[float, Field(ge=1e-9, le=1e6, allow_inf_nan=False)]
 
 
+class GivenLens(Received):
+    """A camera's intrinsics as a CameraInfo says them: ``K`` by rows, ``D`` in the order of its distortion model."""
+
+    width: Annotated[int, Field(ge=1, le=32768)]
+    height: Annotated[int, Field(ge=1, le=32768)]
+    distortion_model: Annotated[str, Field(max_length=64)]
+    K: Annotated[list[Magnitude], Field(min_length=9, max_length=9)]
+    D: Annotated[list[Magnitude], Field(max_length=14)]
+
+
 class ScheduleOverrides(Received):
     """Single numbers of the preset's schedule, replaced."""
 
@@ -80,9 +91,11 @@ class CalibrationTemplate(Received):
 
     Angles are in radians, or in degrees with ``_deg`` behind the name. ``search`` and ``bounds_preset`` default to
     what the preset means: ``paper`` to the Euler form and Table I, the others to the rotation vector and the image
-    size. ``intrinsics_from: recording`` looks for focal lengths and principal point near those that the recording
-    states (CameraInfo), where neither rig nor request bounds them. ``seed`` defaults to one derived from the request
-    and the pairs: the same request gives the same bits.
+    size. ``intrinsics`` gives lenses by camera, ``intrinsics_from: recording`` takes those that the recording states
+    (CameraInfo) for the other cameras. ``intrinsics_as``: ``bounds`` looks for focal lengths and principal point near
+    them, where neither rig nor request bounds them; ``prior`` and ``locked`` take the distortion too, for the models
+    that can be that lens. ``seed`` defaults to one derived from the request and the pairs: the same request gives the
+    same bits.
     """
 
     models: Annotated[list[str], Field(default_factory=lambda: list(MODELS), min_length=1, max_length=8)]
@@ -92,6 +105,8 @@ class CalibrationTemplate(Received):
     rotation_range_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
     bounds_preset: BoundsPreset | None = None
     intrinsics_from: Literal["bounds", "recording"] = "bounds"
+    intrinsics: Annotated[dict[str, GivenLens], Field(default_factory=dict, max_length=16)]
+    intrinsics_as: UseAs = "bounds"
     bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]

@@ -1,4 +1,4 @@
-"""The intrinsics that a recording states of its cameras, as bounds to look within."""
+"""The intrinsics that a recording states of its cameras."""
 
 from __future__ import annotations
 
@@ -10,10 +10,6 @@ from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import RigCamera
 from service.db.recordings import Sensor
 from service.http.problems import Problem
-
-# How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
-_FOCAL_SHARE = 0.10
-_CENTRE_SHARE = 0.05
 
 
 def stated_intrinsics(session: Session, camera: RigCamera, pairs: CorrespondenceSet) -> Json:
@@ -33,24 +29,17 @@ def stated_intrinsics(session: Session, camera: RigCamera, pairs: Correspondence
             f"The pairs of {camera.name} come from no recording that states its intrinsics.",
             "Leave intrinsics_from out, or give bounds.",
         )
+    check_size(stated, camera, f"The recording states intrinsics of {camera.name}")
+    return stated
+
+
+def check_size(stated: Json, camera: RigCamera, what: str) -> None:
+    """Refuse intrinsics of other images than the camera's: 422 ``intrinsics_of_another_size``."""
     if (stated["width"], stated["height"]) != (camera.image_width, camera.image_height):
         raise Problem(
             422,
             "intrinsics_of_another_size",
-            f"The recording states intrinsics of {camera.name} for {stated['width']} x {stated['height']} pixels, "
+            f"{what} for {stated['width']} x {stated['height']} pixels, "
             f"and its images have {camera.image_width} x {camera.image_height}.",
-            "Leave intrinsics_from out, or give bounds.",
+            "Leave them out, scale them to the images' size, or give bounds.",
         )
-    return stated
-
-
-def near_stated(stated: Json) -> dict[str, list[float]]:
-    """Bounds about the stated focal lengths and principal point, pixels."""
-    f_x, _, c_x, _, f_y, c_y = stated["K"][:6]
-    across, down = _CENTRE_SHARE * stated["width"], _CENTRE_SHARE * stated["height"]
-    return {
-        "f_x": [f_x * (1.0 - _FOCAL_SHARE), f_x * (1.0 + _FOCAL_SHARE)],
-        "f_y": [f_y * (1.0 - _FOCAL_SHARE), f_y * (1.0 + _FOCAL_SHARE)],
-        "c_x": [c_x - across, c_x + across],
-        "c_y": [c_y - down, c_y + down],
-    }

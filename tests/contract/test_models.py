@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from service.calibrations import model_names, transforms
+from service.calibrations import known_lens, model_names, transforms
 from service.calibrations.holding_out import fold_count
 from service.calibrations.schemas import CalibrationRequest, ScheduleOverrides
 from service.fleets.transforms import Transform
@@ -17,6 +17,7 @@ from workers.geometry import models as worker_models
 from workers.geometry import transforms as worker_transforms
 from workers.geometry.errors import GeometryError
 from workers.geometry.transforms import RigidTransform
+from workers.readers.ros import camera_info
 from workers.solver import bounds as worker_bounds
 from workers.solver import presets as worker_presets
 from workers.solver import problem as worker_problem
@@ -32,6 +33,11 @@ def test_models_and_parameters_have_the_same_names_in_the_same_order():
     for model in worker_models.MODELS:
         for form in worker_models.SEARCH_FORMS:
             assert model_names.parameter_names(model, form) == worker_models.parameter_names(model, form)
+
+
+def test_lenses_are_read_by_the_same_names():
+    assert known_lens.MODEL_OF == camera_info.MODELS
+    assert known_lens.COEFFICIENTS == camera_info.COEFFICIENTS
 
 
 def test_choices_are_the_same():

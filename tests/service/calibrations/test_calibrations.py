@@ -70,10 +70,90 @@ def test_intrinsics_that_the_recording_states_bound_the_search(api, fleet, engin
     bounds = documents(api, answer.json()["id"])["pinhole", -1]["bounds"]
     assert bounds["f_x"] == pytest.approx([450.0, 550.0]) and bounds["c_x"] == pytest.approx([288.0, 352.0])
     assert bounds["c_y"] == [230.0, 250.0], "what is asked for goes first"
-    assert "front: f_x, f_y and c_x are looked for near what the recording states." in answer.json()["notes"]
+    assert "front: f_x, f_y and c_x are looked for near what is stated." in answer.json()["notes"]
     request["bounds"] |= {"f_x": [400.0, 600.0], "f_y": [400.0, 600.0]}
     request["locked"] = {"c_x": 320.0}
-    assert any("bounds nothing" in note for note in ask_it().json()["notes"])
+    assert any("bound nothing" in note for note in ask_it().json()["notes"])
+
+
+PLUMB_BOB = {
+    "width": 640,
+    "height": 480,
+    "distortion_model": "plumb_bob",
+    "K": [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0],
+    "D": [0.1, -0.2, 0.001, -0.002, 0.05],
+}
+
+
+def given(api, engineer, rig, use_as, models=("pinhole", "brown_conrady", "kannala_brandt"), **changed):
+    """The answer to a request with a given lens, and the documents by model where it was accepted."""
+    request = {"models": list(models), "folds": 0, "intrinsics_as": use_as}
+    lens = {name: value for name, value in changed.items() if name in PLUMB_BOB}
+    rest = {name: value for name, value in changed.items() if name not in PLUMB_BOB}
+    answer = ask(engineer, rig, add_set(engineer, rig), **request, **rest, intrinsics={"front": PLUMB_BOB | lens})
+    made = documents(api, answer.json()["id"]) if answer.status_code == 202 else {}
+    return answer.json(), {model: document for (model, _), document in made.items()}
+
+
+def test_a_given_lens_is_locked_for_the_models_that_can_be_it(api, engineer, rig):
+    answer, made = given(api, engineer, rig, "locked", locked={"c_x": 321.0})
+    assert set(made) == {"brown_conrady"}
+    assert made["brown_conrady"]["locked"] == {
+        "f_x": 500.0,
+        "f_y": 510.0,
+        "c_x": 321.0,
+        "c_y": 240.0,
+        "skew": 0.0,
+        "k1": 0.1,
+        "k2": -0.2,
+        "k3": 0.001,
+        "k4": -0.002,
+        "k5": 0.05,
+    }
+    assert "front: pinhole and kannala_brandt are left out, for the stated lens is brown_conrady." in answer["notes"]
+    _, plain = given(api, engineer, rig, "locked", D=[0.0] * 5)
+    assert set(plain) == {"brown_conrady", "pinhole"}
+    assert plain["pinhole"]["locked"] == {"f_x": 500.0, "f_y": 510.0, "c_x": 320.0, "c_y": 240.0}
+    _, skewed = given(api, engineer, rig, "locked", D=[], K=[500.0, 5.0, 320.0, 0, 510.0, 240.0, 0, 0, 1.0])
+    assert set(skewed) == {"brown_conrady"} and skewed["brown_conrady"]["locked"]["skew"] == 0.01
+
+
+def test_a_given_lens_as_priors_and_as_bounds(api, engineer, rig):
+    fisheye = {"distortion_model": "equidistant", "D": [0.1, 0.2, 0.3, 0.4]}
+    _, made = given(api, engineer, rig, "prior", priors={"f_y": {"mean": 505.0, "sigma": 9.0}}, **fisheye)
+    priors = made["kannala_brandt"]["priors"]
+    assert priors["f_x"] == {"mean": 500.0, "sigma": 2.5} and priors["f_y"] == {"mean": 505.0, "sigma": 9.0}
+    assert [priors[f"k{n}"]["mean"] for n in (1, 2, 3, 4)] == [0.1, 0.2, 0.3, 0.4]
+    assert "locked" not in priors and made["kannala_brandt"]["locked"] == {}
+    _, near = given(api, engineer, rig, "bounds")
+    assert set(near) == {"pinhole", "brown_conrady", "kannala_brandt"}
+    assert near["pinhole"]["bounds"]["f_x"] == [300.0, 900.0], "the rig's go first"
+    assert near["pinhole"]["bounds"]["f_y"] == pytest.approx([459.0, 561.0])
+
+
+@pytest.mark.parametrize(
+    ("changed", "code", "says"),
+    [
+        ({"width": 1280}, "intrinsics_of_another_size", "1280 x 480 pixels, and its images have 640 x 480"),
+        ({"distortion_model": "rational_polynomial", "D": [0.1] * 8}, "distortion_without_equal", "8 coefficients"),
+        ({"distortion_model": "double_sphere"}, "unknown_distortion_model", "'double_sphere', which is none here"),
+        ({"K": [0.0] * 9}, "invalid_intrinsics", "no camera matrix"),
+        ({"models": ["kannala_brandt"]}, "intrinsics_of_another_model", "are of brown_conrady"),
+        ({"K": [1.0]}, "invalid_request", "intrinsics.front.K"),
+    ],
+)
+def test_a_lens_that_cannot_be_taken_over_is_refused(api, engineer, rig, changed, code, says):
+    answer, made = given(api, engineer, rig, "locked", **changed)
+    assert answer.get("code") == code and says in answer["detail"], answer
+    assert made == {}
+
+
+def test_rational_coefficients_that_are_zero_are_those_of_plumb_bob(api, engineer, rig):
+    rational = {"distortion_model": "rational_polynomial", "D": [0.1, -0.2, 0.001, -0.002, 0.05, 0, 0, 0]}
+    _, made = given(api, engineer, rig, "locked", **rational)
+    assert made["brown_conrady"]["locked"]["k5"] == 0.05
+    stranger = ask(engineer, rig, add_set(engineer, rig), intrinsics={"rear": PLUMB_BOB})
+    assert (stranger.status_code, stranger.json()["code"]) == (422, "unknown_camera")
 
 
 def test_outliers_are_left_out_on_request_only(api, engineer, rig):

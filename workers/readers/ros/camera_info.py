@@ -10,7 +10,7 @@ from typing import Any, Final
 from workers.readers.ros.topic_messages import CameraInfo
 
 # Names in sensor_msgs/CameraInfo and foxglove.CameraCalibration; some drivers write `fisheye` for OpenCV's.
-_MODELS: Final = {
+MODELS: Final = {
     "plumb_bob": "brown_conrady",
     "rational_polynomial": "brown_conrady",
     "radtan": "brown_conrady",
@@ -22,7 +22,7 @@ _MODELS: Final = {
     "kannala_brandt": "kannala_brandt",
     "kannala_brandt4": "kannala_brandt",
 }
-_COEFFICIENTS: Final = {"brown_conrady": 5, "kannala_brandt": 4}
+COEFFICIENTS: Final = {"brown_conrady": 5, "kannala_brandt": 4}
 _IMAGE_SUFFIXES: Final = ("/compressed", "/raw")
 
 
@@ -44,10 +44,10 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
         return None
     if info.k[0] <= 0 or info.k[4] <= 0:
         return None
-    model = _MODELS.get(info.distortion_model.strip().lower())
+    model = MODELS.get(info.distortion_model.strip().lower())
     d = list(info.d)
     if model is not None:
-        size = _COEFFICIENTS[model]
+        size = COEFFICIENTS[model]
         if any(d[size:]):
             model = None
         else:

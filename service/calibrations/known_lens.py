@@ -1,0 +1,144 @@
+"""What is known of a camera's lens before its calibration, as bounds, priors or locks of the solver's parameters.
+
+A stated lens is ``{"model", "K" (9 numbers, rows), "D", "width", "height"}`` with the model by our name: the form in
+which a recording's CameraInfo is kept. Coefficients have OpenCV's order, which is that of our parameters:
+``brown_conrady`` k1 k2 p1 p2 k3, ``kannala_brandt`` k1 k2 k3 k4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from service.calibrations.model_names import INTRINSICS
+from service.db.base import Json
+from service.http.problems import Problem
+
+UseAs = Literal["bounds", "prior", "locked"]
+
+# Names of sensor_msgs/CameraInfo, camera_calibration and Kalibr. The workers read recordings by the same ones; a
+# contract test holds the two together.
+MODEL_OF = {
+    "plumb_bob": "brown_conrady",
+    "rational_polynomial": "brown_conrady",
+    "radtan": "brown_conrady",
+    "brown_conrady": "brown_conrady",
+    "": "brown_conrady",
+    "none": "brown_conrady",
+    "equidistant": "kannala_brandt",
+    "fisheye": "kannala_brandt",
+    "kannala_brandt": "kannala_brandt",
+    "kannala_brandt4": "kannala_brandt",
+}
+COEFFICIENTS = {"brown_conrady": 5, "kannala_brandt": 4}
+
+# How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
+_FOCAL_SHARE = 0.10
+_CENTRE_SHARE = 0.05
+# Standard deviations of a careful calibration that was made elsewhere: focal lengths and centre as shares, and of a
+# coefficient so much and a tenth of itself.
+_FOCAL_SIGMA = 0.005
+_CENTRE_SIGMA = 0.005
+_COEFFICIENT_SIGMA = 0.02
+_TANGENTIAL_SIGMA = 0.002
+_TANGENTIAL = ("k3", "k4")  # of brown_conrady: OpenCV's p1 and p2
+
+
+@dataclass(frozen=True)
+class Known:
+    """The part of a solver's document that a stated lens gives one model, in pixels."""
+
+    bounds: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
+    priors: dict[str, Json] = field(default_factory=dict[str, Json])
+    locked: dict[str, float] = field(default_factory=dict[str, float])
+
+
+def as_stated(camera: str, given: Json) -> Json:
+    """A lens as people send it, under our model's name.
+
+    Raises:
+        Problem: 422 ``unknown_distortion_model``, ``distortion_without_equal``, ``invalid_intrinsics``.
+    """
+    name = str(given["distortion_model"])
+    model = MODEL_OF.get(name.strip().lower())
+    if model is None:
+        raise Problem(
+            422,
+            "unknown_distortion_model",
+            f"The intrinsics of {camera} are of the distortion model {name!r}, which is none here.",
+            f"Known are {', '.join(sorted(one for one in MODEL_OF if one))}. Leave the intrinsics out, or give their "
+            "focal lengths and centre as `bounds`.",
+        )
+    size, D = COEFFICIENTS[model], [float(value) for value in given["D"]]
+    if any(D[size:]):
+        raise Problem(
+            422,
+            "distortion_without_equal",
+            f"The intrinsics of {camera} have {len(D)} coefficients ({name}), and {model} has {size}: the further "
+            "ones are not zero, and no model here has them.",
+            "Calibrate the lens as plumb_bob (k1 k2 p1 p2 k3) or equidistant (k1 k2 k3 k4), or give focal lengths "
+            "and centre as `bounds` or `locked`.",
+        )
+    K = [float(value) for value in given["K"]]
+    if K[0] <= 0.0 or K[4] <= 0.0 or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
+        raise Problem(
+            422,
+            "invalid_intrinsics",
+            f"K of {camera} is no camera matrix: it is [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows.",
+            "A CameraInfo without a calibration has zeros there.",
+        )
+    D = (D + [0.0] * size)[:size]
+    return {"model": model, "K": K, "D": D, "width": given["width"], "height": given["height"]}
+
+
+def known_lens(stated: Json, model: str, use_as: UseAs) -> Known | None:
+    """What a stated lens says of a model's parameters; None where the model cannot be that lens.
+
+    As bounds only focal lengths and centre count, which every model has. As priors and locks the distortion counts
+    too: a lens without any is a pinhole's as well as ``brown_conrady``'s.
+    """
+    if use_as == "bounds":
+        return Known(bounds=near_stated(stated))
+    values = _values(stated, model)
+    if values is None:
+        return None
+    if use_as == "locked":
+        return Known(locked=values)
+    priors: dict[str, Json] = {
+        name: {"mean": value, "sigma": _sigma(name, value, stated)} for name, value in values.items()
+    }
+    return Known(priors=priors)
+
+
+def near_stated(stated: Json) -> dict[str, list[float]]:
+    """Bounds about the stated focal lengths and principal point, pixels."""
+    f_x, _, c_x, _, f_y, c_y = stated["K"][:6]
+    across, down = _CENTRE_SHARE * stated["width"], _CENTRE_SHARE * stated["height"]
+    return {
+        "f_x": [f_x * (1.0 - _FOCAL_SHARE), f_x * (1.0 + _FOCAL_SHARE)],
+        "f_y": [f_y * (1.0 - _FOCAL_SHARE), f_y * (1.0 + _FOCAL_SHARE)],
+        "c_x": [c_x - across, c_x + across],
+        "c_y": [c_y - down, c_y + down],
+    }
+
+
+def _values(stated: Json, model: str) -> dict[str, float] | None:
+    """Every intrinsic parameter of a model as stated, or None where it has not that distortion."""
+    f_x, s, c_x, _, f_y, c_y = stated["K"][:6]
+    coefficients = {f"k{place}": value for place, value in enumerate(stated["D"], 1)}
+    plain = model == "pinhole" and stated["model"] == "brown_conrady" and not any(stated["D"])
+    if not plain and model != stated["model"]:
+        return None
+    values: dict[str, float] = {"f_x": f_x, "f_y": f_y, "c_x": c_x, "c_y": c_y, "skew": s / f_x, **coefficients}
+    if s and "skew" not in INTRINSICS[model]:
+        return None
+    return {name: float(values[name]) for name in INTRINSICS[model]}
+
+
+def _sigma(name: str, value: float, stated: Json) -> float:
+    if name in ("f_x", "f_y"):
+        return _FOCAL_SIGMA * value
+    if name in ("c_x", "c_y"):
+        return _CENTRE_SIGMA * float(stated["width" if name == "c_x" else "height"])
+    small = name == "skew" or (stated["model"] == "brown_conrady" and name in _TANGENTIAL)
+    return (_TANGENTIAL_SIGMA if small else _COEFFICIENT_SIGMA) + 0.1 * abs(value)
