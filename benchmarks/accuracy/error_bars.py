@@ -1,0 +1,96 @@
+"""Errors over Cramer-Rao sigmas, and whether the reported intervals hold them: weighed equally and by covariances."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.accuracy.rigs import Rig
+from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
+from workers.geometry.spherical import axes
+from workers.solver.covariances import SIGMAS, covariances_of
+from workers.solver.polish import Fit, polish, weighted_residuals
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import predict
+from workers.solver.uncertainty import uncertainty
+from workers.solver.weighting import whitened
+
+Floats = NDArray[np.float64]
+DRAWS = 8
+"""Draws of the marks' noise per rig: a rig's parameters err together, so that one draw of each tells little."""
+INSIDE_SIGMAS = 4.0
+
+
+def error_bars(rig: Rig, problem: FitProblem, fit: Fit, rng: np.random.Generator) -> dict[str, Any]:
+    """Of the marks that were searched, whose fit is given, and of fresh ones of 1 px, polished from the truth."""
+    sigma = crb_sigma(problem, rig.truth)
+    exact = predict(problem, rig.truth)[0]
+    scores, held = [_squares(rig, fit, sigma)], [_held(rig, problem, fit)]
+    for _ in range(DRAWS - 1):
+        again = replace(problem, pixels=exact + rng.normal(size=exact.shape))
+        refitted = polish(again, rig.truth)
+        scores.append(_squares(rig, refitted, sigma))
+        held.append(_held(rig, again, refitted))
+    return {
+        "inside": _inside(problem, rig.truth, sigma),
+        "squared_scores": scores,
+        "held": held,
+        "turn_crb_deg": float(np.degrees(np.linalg.norm(sigma[:3]))),
+    }
+
+
+def weighted_error_bars(rig: Rig, rng: np.random.Generator) -> dict[str, Any]:
+    """The same with vertices of unequal sigma (0.02 to 0.2 degrees, 5 to 20 mm), weighed by them and equally.
+
+    Both in sigmas of the weighted Cramer-Rao bound. Empty lists where its ellipsoid leaves the bounds.
+    """
+    n = len(rig.points)
+    angle = np.radians(np.exp(rng.uniform(np.log(0.02), np.log(0.2), (n, 2))))
+    sigmas = np.column_stack([angle, rng.uniform(0.005, 0.02, n)])
+    columns = dict(zip(SIGMAS, sigmas.T.tolist(), strict=True))
+    seen = rig.points + np.einsum("nij,nj->ni", axes(rig.points), sigmas * rng.normal(size=(n, 3)))
+    equal = replace(rig.problem(), points=seen)
+    weighted = replace(equal, covariances=covariances_of(columns, seen, 1.0))
+    known = replace(weighted, points=rig.points, covariances=covariances_of(columns, rig.points, 1.0))
+    sigma = crb_sigma(known, rig.truth)
+    if not _inside(equal, rig.truth, sigma):
+        return {"weighted_scores": [], "weighted_held": [], "equal_scores": []}
+    fit = polish(weighted, rig.truth)
+    return {
+        "weighted_scores": [_squares(rig, fit, sigma)],
+        "weighted_held": [_held(rig, weighted, fit)],
+        "equal_scores": [_squares(rig, polish(equal, rig.truth), sigma)],
+    }
+
+
+def crb_sigma(problem: FitProblem, truth: Floats) -> Floats:
+    """Cramer-Rao sigmas (D,) at the truth, of marks of `mark_sigma_px` or of the problem's covariances."""
+    here = whitened(problem, truth)
+    J = weighted_residuals(here, truth, local=False)[1] / here.mark_sigma_px
+    return np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
+
+
+def root_mean_square(scores: list[Any], seed: int) -> tuple[float, float]:
+    """Of nested scores, a list for each rig; and its standard error by bootstrap over the rigs."""
+    means = np.array([np.mean(one) for one in scores])
+    rng = np.random.default_rng(seed)
+    drawn = means[rng.integers(len(means), size=(1000, len(means)))].mean(axis=1)
+    return float(np.sqrt(means.mean())), float(np.std(np.sqrt(drawn)))
+
+
+def _squares(rig: Rig, fit: Fit, sigma: Floats) -> list[float]:
+    return (((np.array(fit.parameters) - rig.truth) / sigma) ** 2).tolist()
+
+
+def _held(rig: Rig, problem: FitProblem, fit: Fit) -> list[bool]:
+    # The reported rotations are small turns about the camera's axes.
+    p = np.array(fit.parameters)
+    turn = rotation_from_vector(p[:3]) @ rotation_from_vector(rig.truth[:3]).T
+    error = np.concatenate([np.degrees(vector_from_rotation(turn)), (p - rig.truth)[3:]])
+    return (np.abs(error) <= uncertainty(problem, p).half_width95).tolist()
+
+
+def _inside(problem: FitProblem, truth: Floats, sigma: Floats) -> bool:
+    room = np.minimum(truth - problem.lower, problem.upper - truth)
+    return bool((room > INSIDE_SIGMAS * sigma).all())
