@@ -45,6 +45,7 @@ def test_choices_are_the_same():
     assert get_args(model_names.BoundsPreset) == worker_bounds.BOUNDS_PRESETS
     assert get_args(model_names.Loss) == worker_problem.LOSSES
     assert get_args(model_names.OutlierRule) == get_args(worker_problem.OutlierRule)
+    assert get_args(model_names.WeightRule) == ("auto", *get_args(worker_problem.WeightRule))
     assert get_args(model_names.PresetName) == get_args(worker_presets.PresetName)
     default = CalibrationRequest(correspondence_set_ids=["00000000-0000-7000-8000-000000000000"])
     assert default.outliers == worker_problem.FitProblem.__dataclass_fields__["outliers"].default
