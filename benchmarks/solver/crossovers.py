@@ -52,6 +52,7 @@ def main() -> None:
         excess: dict[str, list[float]] = {name: [] for name in OPERATORS}
         spent: dict[str, list[float]] = {name: [] for name in OPERATORS}
         iterations: dict[str, list[int]] = {name: [] for name in OPERATORS}
+        one_slot: dict[str, list[float]] = {name: [] for name in OPERATORS}
         once = {**SCHEDULE, "max_iterations": 1, "slots": 1}
         warm = draw_rig(model, np.random.default_rng(0)).problem(schedule=once)
         for operator in range(len(OPERATORS)):
@@ -66,12 +67,14 @@ def main() -> None:
                 spent[name].append(time.process_time() - began)
                 excess[name].append(state.best_loss / lowest)
                 iterations[name].append(state.iteration)
+                one_slot[name].append(state.first_slot_losses[0] / lowest)
         result[model] = {
             name: {
                 "within_1_percent": round(float(np.mean(np.array(excess[name]) <= 1.01)), 3),
                 "median_over_optimum": round(float(np.median(excess[name])), 4),
                 "worst_over_optimum": round(max(excess[name]), 3),
                 "seconds": round(float(np.mean(spent[name])), 3),
+                "one_slot_median_over_optimum": round(float(np.median(one_slot[name])), 4),
                 "iterations": round(float(np.mean(iterations[name])), 1),
             }
             for name in OPERATORS

@@ -5,8 +5,9 @@
 2 simplex: SPX of n + 1 parents (Tsutsui, Yamamura and Higuchi 1999).
 3 parent-centric: PCX of three parents (Deb, Anand and Joshi 2002).
 4 unimodal normal: UNDX of three parents (Ono and Kobayashi 1997).
-5 covariance: what the product does (`workers.solver.genetic`), here for an equal footing.
-2 to 5 take their parents from the best 150 of 800, each with the same chance.
+5 covariance: mean and covariance of the best, all alike, about their own mean (docs/decisions/0014).
+6 moving covariance: what the product does (`workers.solver.genetic`), here for an equal footing.
+2 to 6 take their parents from the best 150 of 800, each with the same chance.
 """
 
 from math import log, sqrt
@@ -21,16 +22,17 @@ from workers.solver.genetic import (
     PARENT_FRACTION,
     PARENT_SHARE,
     SPREAD,
-    _cholesky_of_parents,
-    _gather_parents,
-    _mutate,
-    _recombine,
-    _reflect,
+    cholesky_of_parents,
+    gather_parents,
+    mutate,
+    rank_weights,
+    recombine,
     select_best,
+    weigh_by_rank,
 )
 from workers.solver.random_streams import draw, fill_normal, fill_uniform
 
-OPERATORS = ("textbook", "blend", "simplex", "parent_centric", "unimodal_normal", "covariance")
+OPERATORS = ("textbook", "blend", "simplex", "parent_centric", "unimodal_normal", "covariance", "moving_covariance")
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
@@ -132,10 +134,14 @@ def evolve_with(
     """As `workers.solver.genetic.evolve` in the rotation vector's form, with one of OPERATORS."""
     genes = free.shape[0]
     population, old = np.empty((genes, size), dtype=np.float32), np.empty((genes, size), dtype=np.float32)
-    losses, normals = np.empty(size, dtype=np.float32), np.empty((genes, size), dtype=np.float32)
+    rows, quarter = (genes + 3) // 4 * 4, (size + 3) // 4
+    quarters, losses = np.zeros((rows, 4, quarter), dtype=np.float32), np.empty(size, dtype=np.float32)
+    normals, factor = quarters.reshape(rows, 4 * quarter), np.zeros((rows, rows), dtype=np.float32)
     mu, keep = max(int(size * PARENT_FRACTION), genes + 2), max(1, int(size * ELITE_FRACTION))
     chosen, parents = np.empty(mu, dtype=np.int64), np.empty((genes, mu), dtype=np.float32)
-    mean, L = np.empty(genes, dtype=np.float32), np.zeros((genes, genes))
+    mean, shift = np.full(genes, np.float32(0.5)), np.empty(genes, dtype=np.float32)
+    by_rank, weights = rank_weights(mu), np.full(mu, np.float32(1.0 / mu))
+    L, spread = np.zeros((genes, genes)), SPREAD if operator == 6 else 1.0
     elite, elite_losses = np.empty((genes, keep), dtype=np.float32), np.empty(keep, dtype=np.float32)
     counter = 0
     for j in range(genes):
@@ -149,13 +155,18 @@ def evolve_with(
             for j in range(genes):
                 elite[j, i] = population[j, chosen[i]]
         for j in range(genes):
-            fill_normal(key, counter, normals[j])
+            fill_normal(key, counter, quarters[j])
             counter += size
         select_best(losses, mu, chosen)
-        if operator == 5:
-            _gather_parents(population, chosen, parents, mean)
-            _cholesky_of_parents(parents, L)
-            _recombine(parents, mean, L, normals, PARENT_SHARE, SPREAD, population, keep)
+        if operator >= 5:
+            if operator == 6:
+                weigh_by_rank(losses[chosen], by_rank, weights)
+            gather_parents(population, chosen, weights, parents, mean, shift)
+            if operator == 5:
+                shift[:] = 0.0
+            cholesky_of_parents(parents, weights, shift, L)
+            factor[:genes, :genes] = L * spread
+            recombine(parents, mean, factor, normals, PARENT_SHARE, population, keep)
         else:
             old[:] = population
             if operator < 2:
@@ -164,11 +175,20 @@ def evolve_with(
             else:
                 _many_parents(operator, key, counter, old, chosen, normals, population, keep)
             counter += size * (2 * genes + 4)
+            _reflect(population, keep)
         if operator != 0:
-            _mutate(key, counter, population, keep)
+            mutate(key, counter, population, keep)
         counter += size
-        _reflect(population, keep)
         population[:, :keep] = elite
         losses[:keep] = elite_losses
         evaluate_population(model_id, 0, pack, scales, base, free, lower, width, prior, population, losses, keep)
     best[:] = population[:, np.argmin(losses)]
+
+
+@njit(nogil=True, error_model="numpy", cache=True)
+def _reflect(population: Any, keep: int) -> None:
+    # At 0 and at 1, once each, as the product's crossover does for itself.
+    for j in range(population.shape[0]):
+        for i in range(keep, population.shape[1]):
+            value = abs(population[j, i])
+            population[j, i] = min(max(min(value, np.float32(2.0) - value), np.float32(0.0)), np.float32(1.0))

@@ -51,12 +51,21 @@ def fill_uniform(key: np.uint64, first: int, out: NDArray[np.float32]) -> None:
 
 @njit(nogil=True, error_model="numpy", cache=True)
 def fill_normal(key: np.uint64, first: int, out: NDArray[np.float32]) -> None:
-    """Fill out (n,) with nearly normal numbers (mean 0, variance 1), from draw number `first` on.
+    """Fill out (4, n) with nearly normal numbers (mean 0, variance 1), column i from draw number `first` + i.
 
-    The sum of four 16-bit uniform numbers (Irwin and Hall): no logarithm, no branch, tails that end at 3.5 sigma.
+    The four 16-bit uniform numbers of a draw, summed with the signs of a Hadamard matrix's rows (Rader 1969): each is
+    the sum of four uniform numbers (Irwin and Hall; tails that end at 3.5 sigma), and no two are correlated. No
+    logarithm, no branch, and a quarter of the draws.
     """
     start = np.uint64(first)
-    for i in range(out.shape[0]):
+    n = out.shape[1]
+    plus, across, along, round_ = out[0], out[1], out[2], out[3]
+    for i in range(n):
         bits = draw(key, start + np.uint64(i))
-        total = (bits & _LOW_16) + ((bits >> _S16) & _LOW_16) + ((bits >> _S32) & _LOW_16) + (bits >> _S48)
-        out[i] = np.float32(np.int32(total) - _CENTRE) * _TO_NORMAL
+        a, b = np.int32(bits & _LOW_16), np.int32((bits >> _S16) & _LOW_16)
+        c, d = np.int32((bits >> _S32) & _LOW_16), np.int32(bits >> _S48)
+        ab, a_b, cd, c_d = a + b, a - b, c + d, c - d
+        plus[i] = np.float32(ab + cd - _CENTRE) * _TO_NORMAL
+        across[i] = np.float32(ab - cd) * _TO_NORMAL
+        along[i] = np.float32(a_b + c_d) * _TO_NORMAL
+        round_[i] = np.float32(a_b - c_d) * _TO_NORMAL
