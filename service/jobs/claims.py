@@ -27,6 +27,9 @@ from service.settings import get_settings
 
 log = logging.getLogger(__name__)
 
+# How much longer a job waits after each stumble than after the one before.
+_LONGER = 4
+
 
 class LostLeaseError(Exception):
     """Somebody else holds the job now; whatever was computed is dropped."""
@@ -171,11 +174,14 @@ def give_back(database: Database, held: Claim) -> None:
 
 
 def stumble(database: Database, held: Claim, problem: Json, after_s: float) -> None:
-    """Put back a job whose surroundings failed, counted as a loss."""
+    """Put back a job whose surroundings failed, counted as a loss, for ``after_s`` seconds and longer each time.
+
+    A store or disk may be away for minutes: with five losses and 2 s at first a job outlasts nearly three of them.
+    """
     with database.writing() as session:
         job = session.scalars(select(Job).where(_mine(held)).with_for_update()).one_or_none()
         if job:
-            lose(session, job, "stumbled", problem, after_s)
+            lose(session, job, "stumbled", problem, after_s * _LONGER**job.lost)
 
 
 def require_mine(session: Session, held: Claim) -> None:

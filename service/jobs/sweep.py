@@ -47,6 +47,13 @@ def sweep(database: Database, store: Store) -> None:
     _remove_blobs(database, store)
 
 
+def swept_lately(database: Database) -> bool:
+    """Whether a sweep began within half a period: the messages of two beats, or of an hour without a sweeper."""
+    recent = select(Heartbeat.at > now(-get_settings().sweep_s / 2)).where(Heartbeat.name == "sweep")
+    with database.reading() as session:
+        return bool(session.scalar(recent))
+
+
 def _beat(session: Session) -> None:
     """Note that the sweep runs. The first of two that start together may find its row already there."""
     with contextlib.suppress(IntegrityError), session.begin_nested():

@@ -87,11 +87,12 @@ class Farm:
         """Whether it ended."""
         return self._children[name].poll() is not None
 
-    def restart_worker(self, processes: int) -> None:
-        """Another number of pool processes."""
+    def restart_worker(self, processes: int, queues: str = plans.QUEUES) -> None:
+        """Another number of pool processes, or other queues."""
         stop(self._children["worker"])
         command = self._commands["worker"]
         command[command.index("--concurrency") + 1] = str(processes)
+        command[command.index("-Q") + 1] = queues
         self.start("worker")
 
     def kill_who_works_on(self, kind: str, part: str | None = None) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -83,3 +84,21 @@ def ask(
     made = client.correspondence_sets.import_pairs(rig["id"], "front", pairs())
     request = {"models": list(models), "folds": folds, "farm": "slots", "schedule": SLOW, **request}
     return client.calibrations.create(vehicle["id"], [made["id"]], **request)
+
+
+def ask_two_cameras(client: Client, name: str, **request: Any) -> dict[str, Any]:
+    """The same for two cameras of one rig that saw the same vertices, with blocks held out, from one seed."""
+    cameras = [LEVEL_RIG["cameras"][0], copy.deepcopy(LEVEL_RIG["cameras"][0])]
+    cameras[1] |= {"name": "left", "frame": "camera_left_optical"}
+    cameras[1]["nominal"]["to_frame"] = "camera_left_optical"
+    vehicle, rig = new_rig(client, LEVEL_RIG | {"cameras": cameras}, name)
+    seen = pairs()
+    random = np.random.default_rng(2)
+    other = [pair | {"u": pair["u"] + random.normal(0, 1), "v": pair["v"] + random.normal(0, 1)} for pair in seen]
+    sets = [
+        client.correspondence_sets.import_pairs(rig["id"], camera, marked)["id"]
+        for camera, marked in (("front", seen), ("left", other))
+    ]
+    schedule = {"slots": 4, "population": 400, "generations": 20, "max_iterations": 8}
+    models = ["pinhole", "kannala_brandt"]
+    return client.calibrations.create(vehicle["id"], sets, models, **{"folds": 2, "schedule": schedule, **request})

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from itertools import count
+from itertools import count, pairwise
+from uuid import UUID
 
 import pytest
 from sqlalchemy import func, select
 
 from service.db.models import Blob, Job, Recording, Result, Slot
+from service.jobs.claims import claim
 from service.jobs.messages import Message, Sender
 from tests.faults.farm import LEASE_S, Farm, seconds_of
-from tests.faults.jobs import REGION, Walk, ask, new_rig
+from tests.faults.jobs import REGION, Walk, ask, ask_two_cameras, new_rig
+from tests.faults.results import slot_bests
+from tests.service.jobs.support import let_lease_expire
 from tests.support.processes import wait_until
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(300)]
@@ -66,6 +70,52 @@ def test_one_worker_and_four_give_the_same_bits_farmed_either_way(farm: Farm, un
     whole = farm.finished(ask(farm.client, next(_names), farm="runs"))
     assert farm.documents(whole) == undisturbed[0]
     farm.restart_worker(2)
+
+
+def test_two_cameras_on_one_worker_and_on_two_farmed_either_way_end_with_the_same_bits(farm: Farm):
+    """Every slot's best, every result and the comparison of the cameras, from the request and its seed alone."""
+    found = []
+    for processes, way in ((1, "runs"), (2, "slots"), (2, "runs")):
+        farm.restart_worker(processes)
+        calibration = farm.finished(ask_two_cameras(farm.client, next(_names), farm=way), 120)
+        assert (calibration["state"], calibration["problem"]) == ("done", None)
+        summary = calibration["summary"]
+        assert [pair["name"] for pair in summary["rig"]["pairs"]] == ["T_front_left"]
+        why = {camera: one["why"] for camera, one in summary["cameras"].items()}
+        documents = farm.documents(calibration)
+        assert len(documents) == 2 * 2 * 3
+        found.append((calibration["request"]["seed"], documents, bests_of(farm, calibration), summary["rig"], why))
+    for one, other in pairwise(found):
+        assert one == other
+    seed, documents, slots, *_ = found[0]
+    for document in documents.values():
+        assert document["provenance"]["request"]["seed"] == seed
+        assert document["cpu"]["target"] and len(document["provenance"]["sources_sha256"]) == 64
+    assert {(camera, model) for camera, model, *_ in slots} == {key[:2] for key in documents}
+
+
+def bests_of(farm: Farm, calibration):
+    with farm.database.reading() as session:
+        return slot_bests(session, UUID(calibration["id"]))
+
+
+def test_the_comparison_of_cameras_killed_at_work_ends_the_calibration_once(farm: Farm):
+    """As a worker that died between its claim and its finish: the sweep gives the job to another."""
+    farm.restart_worker(2, "solve")
+    calibration = ask_two_cameras(farm.client, next(_names), farm="runs", folds=0)
+
+    def waiting() -> list[int]:
+        with farm.database.reading() as session:
+            return list(session.scalars(select(Job.id).where(Job.kind == "consistency", Job.state == "queued")))
+
+    wait_until(waiting, "the comparison")
+    (job_id,) = waiting()
+    assert claim(farm.database, job_id, "a worker that dies")
+    let_lease_expire(farm.database, job_id)
+    farm.restart_worker(2)
+    ended = farm.finished(calibration)
+    assert ended["state"] == "done" and len(ended["summary"]["rig"]["pairs"]) == 1
+    assert (farm.job(job_id).lost, farm.job(job_id).attempt) == (1, 2)
 
 
 def test_the_api_killed_between_commit_and_send(farm: Farm, undisturbed):

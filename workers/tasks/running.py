@@ -41,6 +41,8 @@ WORK: dict[str, Work] = {
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError)
+# The same where a process that read an upload says it: the file has no part in it.
+_PASSING_CODES = ("ingest_disk_full", "ingest_killed")
 _TRY_AGAIN_S = 2.0
 
 
@@ -70,9 +72,13 @@ def _do(context: Context, held: Claim) -> None:
         _end(context, held, "cancelled", None)
     except (ReadError, InputError, MissingBlobError) as error:
         # Notes are for the operator: what a reading process said before it died.
-        said = [error.code, *getattr(error, "__notes__", [])]
-        log.info("job %d refused its input: %s", held.job_id, "\n".join(said))
-        _end(context, held, "failed", _refusal(error))
+        said = "\n".join([error.code, *getattr(error, "__notes__", [])])
+        if error.code in _PASSING_CODES:
+            log.warning("job %d stumbled; it is tried again: %s", held.job_id, said)
+            stumble(context.database, held, _refusal(error), _TRY_AGAIN_S)
+        else:
+            log.info("job %d refused its input: %s", held.job_id, said)
+            _end(context, held, "failed", _refusal(error))
     except _PASSING as error:
         log.exception("job %d stumbled; it is tried again", held.job_id)
         stumble(context.database, held, _surroundings(error), _TRY_AGAIN_S)

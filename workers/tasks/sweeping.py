@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from service.jobs.messages import SWEEP
-from service.jobs.sweep import sweep
+from service.jobs.sweep import sweep, swept_lately
 from service.storage.store import Store
 from workers.sweeper import app
 from workers.tasks.context import get_context
@@ -26,5 +26,7 @@ def _store() -> Store:
 def sweep_once() -> None:
     """See :mod:`service.jobs.sweep`."""
     context = get_context()
+    if swept_lately(context.database):
+        return
     sweep(context.database, _store())
     remove_leftovers(context.settings.scratch)

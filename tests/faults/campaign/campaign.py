@@ -25,7 +25,7 @@ from tests.faults.campaign.ledger import Ledger
 from tests.faults.campaign.objects import listed
 from tests.faults.campaign.plant import CLOCKS_APART_S, Plant
 from tests.faults.campaign.requests import CALIBRATIONS, Expected, record, sensors, vertices
-from tests.faults.campaign.schedule import Injector, draw
+from tests.faults.campaign.schedule import Injector, draw, say
 from tests.faults.results import documents
 
 _TICK_S = 0.05
@@ -71,13 +71,22 @@ class Campaign:
 
     def run(self) -> Findings:
         """Everything from the first process to the last check."""
+        began = time.monotonic()
+
+        def after(what: str) -> None:
+            say(f"{what} after {time.monotonic() - began:.0f} s")
+
         token = self._plant.begin()
         self._plant.wait_ready()
+        after("ready")
         until = time.monotonic() + _CALM_S + self._size.seconds + self._size.quiet_s
         engineer = Engineer(self._plant.url, token, self._ledger, until)
         recordings = self._calm(engineer)
+        after("undisturbed work done")
         self._storm(engineer, self._annotators(engineer, until), recordings)
+        after("all asked for, nothing strikes any more")
         self._quiet()
+        after("quiet")
         return self._check()
 
     def facts(self) -> dict[str, Any]:
@@ -101,8 +110,8 @@ class Campaign:
     def _calm(self, engineer: Engineer) -> dict[UUID, int]:
         """Do each distinct request once, undisturbed. Returns the recordings with their numbers of frames."""
         with ThreadPoolExecutor(1) as pool:
-            asked = {kind: pool.submit(engineer.calibrate, kind, 0) for kind in CALIBRATIONS}
-            sent = {name: pool.submit(engineer.upload, name, walk, 0) for name, walk in self._walks.items()}
+            asked = {kind: pool.submit(engineer.calibrate, kind) for kind in CALIBRATIONS}
+            sent = {name: pool.submit(engineer.upload, name, walk) for name, walk in self._walks.items()}
             self._watch_until(lambda: all(one.done() for one in (*asked.values(), *sent.values())), _CALM_S)
         assert self._watch_until(lambda: not self._unended(), _CALM_S), "undisturbed work did not end"
         with self._plant.database.reading() as session:
@@ -134,8 +143,8 @@ class Campaign:
         """Clients ask for everything while the schedule strikes; it ends when both have ended."""
         planned = draw(self._random, self._size.seconds, self._size.fault_every_s, self._kinds)
         work = {
-            "calibrations": [self._calibration(engineer, number) for number in range(1, self._size.calibrations + 1)],
-            "uploads": [self._upload(engineer, number) for number in range(1, self._size.uploads + 1)],
+            "calibrations": [self._calibration(engineer) for _ in range(self._size.calibrations)],
+            "uploads": [self._upload(engineer) for _ in range(self._size.uploads)],
             "marks": self._marks(annotators, recordings),
         }
         pools = {name: ThreadPoolExecutor(clients) for name, clients in _CLIENTS.items()}
@@ -167,13 +176,13 @@ class Campaign:
             with self._ledger.lock:
                 self._ledger.never_answered.append(f"refused: {error!r}")
 
-    def _calibration(self, engineer: Engineer, number: int) -> Callable[[], object]:
+    def _calibration(self, engineer: Engineer) -> Callable[[], object]:
         kind = self._random.choice(list(CALIBRATIONS))
-        return lambda: engineer.calibrate(kind, number)
+        return lambda: engineer.calibrate(kind)
 
-    def _upload(self, engineer: Engineer, number: int) -> Callable[[], object]:
+    def _upload(self, engineer: Engineer) -> Callable[[], object]:
         name = self._random.choice(list(self._walks))
-        return lambda: engineer.upload(name, self._walks[name], number)
+        return lambda: engineer.upload(name, self._walks[name])
 
     def _marks(self, annotators: list[Annotator], recordings: dict[UUID, int]) -> list[Callable[[], object]]:
         """Marks of different people in different frames, as many as wanted."""

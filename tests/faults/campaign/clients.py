@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from itertools import count
 from pathlib import Path
 from typing import Any
 from uuid import UUID
@@ -69,11 +70,12 @@ class Engineer:
         self._ledger = ledger
         self._until = until
         self._pairs = pairs()
+        self._numbers = count()
         self.fleets = [Fleets(self._http).create(f"fleet {number}")["id"] for number in range(3)]
 
-    def calibrate(self, kind: str, number: int) -> UUID:
+    def calibrate(self, kind: str) -> UUID:
         """Ask for one calibration of a new vehicle, from nothing."""
-        vehicle, rig = self._rig(LEVEL_RIG, f"vehicle {number}", number)
+        vehicle, rig = self._rig(LEVEL_RIG)
         made = CorrespondenceSets(self._http).import_pairs(rig, "front", self._pairs)
         with self._ledger.lock:
             self._ledger.sets.add(UUID(made["id"]))
@@ -82,11 +84,11 @@ class Engineer:
             self._ledger.calibrations[UUID(asked["id"])] = kind
         return UUID(asked["id"])
 
-    def upload(self, name: str, walk: Walk, number: int) -> UUID:
+    def upload(self, name: str, walk: Walk) -> UUID:
         """Upload a recording, wait until it is ready, and have its vertices detected."""
-        vehicle, rig = self._rig(walk.rig, f"walker {number}", number)
+        vehicle, rig = self._rig(walk.rig)
         recordings = Recordings(self._http)
-        row = recordings.create(vehicle, rig, f"{name} {number}", walk.bag.name)
+        row = recordings.create(vehicle, rig, name, walk.bag.name)
         recording_id = UUID(row["id"])
         with self._ledger.lock:
             self._ledger.recordings[recording_id] = name
@@ -108,8 +110,9 @@ class Engineer:
         """How many frames a recording's camera has."""
         return len(list(Recordings(self._http).frames(recording_id, "front")))
 
-    def _rig(self, rig: Document, name: str, number: int) -> tuple[str, str]:
-        vehicle = Vehicles(self._http).create(self.fleets[number % len(self.fleets)], name)
+    def _rig(self, rig: Document) -> tuple[str, str]:
+        number = next(self._numbers)
+        vehicle = Vehicles(self._http).create(self.fleets[number % len(self.fleets)], f"vehicle {number}")
         with self._ledger.lock:
             self._ledger.vehicles.add(UUID(vehicle["id"]))
         made = Vehicles(self._http).create_rig(vehicle["id"], rig)

@@ -82,12 +82,13 @@ class Injector:
 
     def _strike(self, fault: Planned, now_s: float) -> None:
         struck = KINDS[fault.kind].strike(self._plant, self._random)
-        _say(f"{now_s:7.1f} s  {fault.kind}  {struck.target or 'nothing there to hit'}  {fault.lasts_s or ''}")
+        say(f"{now_s:7.1f} s  {fault.kind}  {struck.target or 'nothing there to hit'}  {fault.lasts_s or ''}")
         if struck.target:
             self.injected[fault.kind] += 1
         if struck.undo:
             heapq.heappush(self._due, (now_s + fault.lasts_s, next(self._numbers), struck.undo))
 
 
-def _say(line: str) -> None:
+def say(line: str) -> None:
+    """A line for whoever watches, beside the line of JSON."""
     print(line.rstrip(), file=sys.stderr, flush=True)

@@ -8,6 +8,7 @@ import time
 import pytest
 from sqlalchemy import func, select
 
+from service.db.clock import now
 from service.db.models import Calibration, Fleet, Job
 from service.jobs.claims import CancelledError, Lease, LostLeaseError, claim, finishing, give_back, stumble
 from service.jobs.queue import cancel
@@ -127,6 +128,19 @@ def test_a_drained_worker_gives_back_without_a_loss(database):
     give_back(database, held)
     row = job(database, job_id)
     assert (row.state, row.lost, row.attempt) == ("queued", 0, 1)
+
+
+def test_a_job_waits_longer_after_each_stumble_so_that_it_outlasts_an_outage_of_minutes(database):
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    waits: list[float] = []
+    for _ in range(get_settings().max_lost_leases - 1):
+        held = claim(database, job_id, "w")
+        assert held
+        stumble(database, held, {"code": "surroundings_failed"}, 2.0)
+        with database.reading() as session:
+            send_after, at = session.execute(select(Job.send_after, now()).where(Job.id == job_id)).one()
+        waits.append((send_after - at).total_seconds())
+    assert waits == pytest.approx([2.0, 8.0, 32.0, 128.0], abs=1.0)
 
 
 def test_a_job_whose_surroundings_always_fail_ends_with_the_reason(database):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from datetime import timedelta
 
 import pytest
 from sqlalchemy import delete, select
@@ -12,7 +13,7 @@ from service.db.models import Blob, Calibration, CalibrationRun, Heartbeat
 from service.jobs import sweep as sweep_module
 from service.jobs.claims import claim
 from service.jobs.queue import cancel
-from service.jobs.sweep import sweep
+from service.jobs.sweep import sweep, swept_lately
 from service.settings import get_settings
 from service.storage.blobs import keep, reserve
 from service.storage.store import Store
@@ -162,6 +163,15 @@ def test_the_sweep_notes_its_heartbeat(database, store):
     sweep(database, store)
     with database.reading() as session:
         assert session.get_one(Heartbeat, "sweep").at > first
+
+
+def test_a_second_message_within_half_a_period_is_no_second_sweep(database, store):
+    assert not swept_lately(database)
+    sweep(database, store)
+    assert swept_lately(database)
+    with database.writing() as session:
+        session.get_one(Heartbeat, "sweep").at -= timedelta(seconds=get_settings().sweep_s)
+    assert not swept_lately(database)
 
 
 def test_a_job_whose_parent_is_gone_ends_and_keeps_nobody_waiting(database, store):
