@@ -28,6 +28,7 @@ COMMANDS = {
     "detect": "Find the board's vertices in a recording.",
     "clock-offset": "Estimate how far the camera's clock is from the LiDAR's.",
     "calibrate": "Calibrate a camera from marks or from a file of pairs.",
+    "admin": "Look after a service: backup and restore, people, jobs, retention.",
     "export": "Write a camera's current calibration, or one result.",
 }
 

@@ -1,0 +1,24 @@
+"""``apexcal admin``: the operator's commands, which work on the service's own database and store."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any
+
+import typer
+from typer.core import TyperCommand
+
+
+class COMMAND(TyperCommand):
+    """Hands everything on, `--help` too: the service knows its commands."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        kwargs["context_settings"] = {"ignore_unknown_options": True, "allow_extra_args": True}
+        super().__init__(*args, **{**kwargs, "add_help_option": False})
+
+
+def admin(context: typer.Context) -> None:
+    """Look after a service: back up and restore, people, jobs, retention."""
+    command = (sys.executable, "-m", "service.admin", *context.args)
+    os.execve(command[0], command, {**os.environ, "APEXCAL_ADMIN_NAME": "apexcal admin"})

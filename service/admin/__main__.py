@@ -1,0 +1,107 @@
+"""``apexcal admin``, or ``python -m service.admin``: an operator's commands, on the service's own settings."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from service.admin.backup import back_up
+from service.admin.errors import AdminError
+from service.admin.keeping import retention
+from service.admin.manifest import verify
+from service.admin.opening import opened, spoken
+from service.admin.people import tokens, users
+from service.admin.restore import restore as bring_back
+from service.admin.work import job, jobs, requeue
+from service.settings import get_settings
+from service.storage.store import open_store
+
+_HELP = """Look after a service: back up and restore, people, jobs, retention.
+
+It works on the service's own database and store: those of the folder that --data names, or those of the environment
+(APEXCAL_DATABASE_URL, APEXCAL_BLOB_URL and the rest, as the service has them). Exit codes: 0 done; 1 refused or
+failed; 2 wrong usage.
+"""
+
+app = typer.Typer(
+    help=_HELP, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
+)
+app.add_typer(users, name="users")
+app.add_typer(tokens, name="tokens")
+app.add_typer(retention, name="retention")
+for command in (jobs, job, requeue):
+    app.command(command.__name__)(command)
+
+
+@app.callback()
+def admin(
+    data: Annotated[Path | None, typer.Option(help="Data folder of an `apexcal serve` on this machine.")] = None,
+) -> None:
+    """See ``_HELP``."""
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s %(message)s")
+    if data is not None:
+        os.environ["APEXCAL_DATA_DIR"] = str(data.resolve())
+        for name in ("APEXCAL_DATABASE_URL", "APEXCAL_BLOB_URL", "APEXCAL_BROKER_URL"):
+            os.environ.pop(name, None)
+        get_settings.cache_clear()
+
+
+@app.command()
+@spoken
+def backup(
+    target: Annotated[Path, typer.Argument(help="A folder that does not exist yet.")],
+    quiet: Annotated[bool, typer.Option("--quiet", help="Say nothing but what is wrong.")] = False,
+) -> None:
+    """Back up database and objects while the service works.
+
+    What is written is of one moment: every row, and every object that a row names. Nothing is removed from the store
+    meanwhile. The folder is complete or not there: it appears in one step.
+    """
+    with opened() as service:
+        manifest = back_up(service.database, service.store, target.resolve(), report=_reporter(quiet))
+    if not quiet:
+        rows = sum(table.rows for table in manifest.tables)
+        print(f"{target}: {rows} rows, {manifest.blobs} objects, {manifest.blob_bytes} bytes.")
+
+
+@app.command()
+@spoken
+def restore(
+    source: Annotated[Path, typer.Argument(help="A folder that `backup` wrote.")],
+    check: Annotated[bool, typer.Option("--check", help="Only check that every file of it is whole.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Say nothing but what is wrong.")] = False,
+) -> None:
+    """Bring a backup back into an empty service.
+
+    The database and the store must be empty, and no service may run on them. They may be of another kind: a backup
+    of SQLite and a folder may go to PostgreSQL and S3, and the other way round.
+    """
+    if check:
+        manifest, blobs = verify(source.resolve())
+        print(f"{source} is whole: {len(manifest.tables)} tables, {len(blobs)} objects, made {manifest.made_at}.")
+        return
+    settings = get_settings()
+    if not settings.database_url:
+        settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _refuse_served(settings.data_dir)
+    manifest = bring_back(settings.database, open_store(settings), source.resolve(), report=_reporter(quiet))
+    if not quiet:
+        print(f"Restored what was backed up {manifest.made_at}. Start the service.")
+
+
+def _refuse_served(folder: Path) -> None:
+    if (folder / "supervisor.json").exists():
+        raise AdminError(f"a service runs on {folder}", "Stop it first, or restore into another folder.")
+
+
+def _reporter(quiet: bool):  # noqa: ANN202 - a function of one line
+    return (lambda line: None) if quiet else (lambda line: print(line, file=sys.stderr, flush=True))
+
+
+if __name__ == "__main__":
+    app(prog_name=os.environ.get("APEXCAL_ADMIN_NAME", "python -m service.admin"))

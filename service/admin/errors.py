@@ -1,0 +1,11 @@
+"""What an operator's command cannot do, in words."""
+
+from __future__ import annotations
+
+
+class AdminError(Exception):
+    """What is wrong, and ``hint``: what to do about it."""
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.hint = hint

@@ -1,0 +1,67 @@
+"""A hold on the store while a backup copies it: what its snapshot names is not removed before it was copied."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from sqlalchemy import delete, select, update
+from sqlalchemy.exc import SQLAlchemyError
+
+from service.admin.errors import AdminError
+from service.db.clock import now
+from service.db.ids import new_id
+from service.db.recordings import BlobHold
+from service.db.session import Database
+
+# A backup that was killed holds the store for this long and no longer.
+HOLD_S = 120.0
+_RENEW_S = 20.0
+
+log = logging.getLogger(__name__)
+
+
+@contextmanager
+def holding(database: Database, reason: str) -> Iterator[Callable[[], None]]:
+    """Hold every object for the block; call what is yielded to be sure that the hold was never interrupted."""
+    hold_id = new_id()
+    with database.writing() as session:
+        session.execute(delete(BlobHold).where(BlobHold.until < now()).execution_options(synchronize_session=False))
+        session.add(BlobHold(id=hold_id, reason=reason, until=now(HOLD_S)))
+    ended = threading.Event()
+
+    def renew() -> None:
+        while not ended.wait(_RENEW_S):
+            try:
+                with database.writing() as session:
+                    # Only while it is in force: one that had lapsed would prove nothing of what happened meanwhile.
+                    mine = (BlobHold.id == hold_id) & (BlobHold.until > now())
+                    session.execute(
+                        update(BlobHold)
+                        .where(mine)
+                        .values(until=now(HOLD_S))
+                        .execution_options(synchronize_session=False)
+                    )
+            except SQLAlchemyError as error:
+                log.warning("could not renew the hold on the store (%s); trying again", type(error).__name__)
+
+    def check() -> None:
+        with database.reading() as session:
+            held = session.scalar(select(BlobHold.id).where(BlobHold.id == hold_id, BlobHold.until > now()))
+        if held is None:
+            raise AdminError(
+                "the hold on the store lapsed, so objects may have been removed before they were copied",
+                "Was the database away for two minutes? Start the backup again.",
+            )
+
+    renewing = threading.Thread(target=renew, name="hold", daemon=True)
+    renewing.start()
+    try:
+        yield check
+    finally:
+        ended.set()
+        renewing.join()
+        with database.writing() as session:
+            session.execute(delete(BlobHold).where(BlobHold.id == hold_id))

@@ -1,0 +1,151 @@
+"""``apexcal admin users`` and ``tokens``: who may come in, and who no longer may."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from typing import Annotated, Any
+from uuid import UUID
+
+import typer
+from sqlalchemy import delete, select, update
+from sqlalchemy.orm import Session
+
+from service.admin.errors import AdminError
+from service.admin.opening import JsonOption, opened, spoken, table
+from service.auth.sessions import make_link
+from service.db.clock import utc_now
+from service.db.fleets import Fleet
+from service.db.people import ApiToken, BrowserSession, Membership, Person, SignInLink
+
+users = typer.Typer(no_args_is_help=True, help="List people, make sign-in links, shut somebody out.")
+tokens = typer.Typer(no_args_is_help=True, help="List and revoke the API tokens of programs.")
+
+
+@users.command("list")
+@spoken
+def list_users(as_json: JsonOption = False) -> None:
+    """List everybody with their roles."""
+    with opened() as service, service.database.reading() as session:
+        roles: dict[UUID, list[str]] = defaultdict(list)
+        asked = select(Membership.person_id, Fleet.name, Membership.role).join(Fleet, Fleet.id == Membership.fleet_id)
+        for person_id, fleet, role in session.execute(asked.order_by(Fleet.name)):
+            roles[person_id].append(f"{role} of {fleet}")
+        rows: list[dict[str, Any]] = [
+            {
+                "id": str(person.id),
+                "name": person.name,
+                "roles": ["owner", *roles[person.id]] if person.is_owner else roles[person.id],
+            }
+            for person in session.scalars(select(Person).order_by(Person.name, Person.id))
+        ]
+    if as_json:
+        print(json.dumps(rows, indent=2, ensure_ascii=False))
+    else:
+        print(table([{**row, "roles": ", ".join(row["roles"])} for row in rows], ("id", "name", "roles")))
+
+
+@users.command("link")
+@spoken
+def link(person: Annotated[str, typer.Argument(help="Name or id, as `users list` shows it.")]) -> None:
+    """Make a one-time sign-in link, also for an owner who lost every other way in."""
+    with opened() as service, service.database.writing() as session:
+        found = find_person(session, person)
+        made, until = make_link(session, found.id, service.settings.public_url, service.settings.invitation_hours)
+        name = found.name
+    print(f"{name} signs in with this link, which works once until {until:%Y-%m-%d %H:%M} UTC:\n{made}")
+
+
+@users.command("revoke")
+@spoken
+def shut_out(person: Annotated[str, typer.Argument(help="Name or id, as `users list` shows it.")]) -> None:
+    """End somebody's sessions, unused links and tokens. What they marked stays, under their name."""
+    with opened() as service, service.database.writing() as session:
+        found = find_person(session, person)
+        ended = [
+            session.execute(
+                delete(ways).where(ways.person_id == found.id).execution_options(synchronize_session=False)
+            ).rowcount  # pyright: ignore[reportAttributeAccessIssue]
+            for ways in (BrowserSession, SignInLink)
+        ]
+        ended.append(_revoke(session, ApiToken.person_id == found.id))
+        name = found.name
+    print(f"{name}: {ended[0]} sessions, {ended[1]} links and {ended[2]} tokens ended.")
+
+
+@tokens.command("list")
+@spoken
+def list_tokens(
+    everything: Annotated[bool, typer.Option("--all", help="Also revoked and expired ones.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """List tokens; none shows its secret, which is stored nowhere."""
+    moment = utc_now()
+    with opened() as service, service.database.reading() as session:
+        asked = (
+            select(ApiToken, Person.name, Fleet.name)
+            .join(Person, Person.id == ApiToken.person_id)
+            .outerjoin(Fleet, Fleet.id == ApiToken.fleet_id)
+        )
+        rows: list[dict[str, Any]] = [
+            {
+                "id": str(token.id),
+                "name": token.name,
+                "person": person,
+                "fleet": fleet,
+                "role": token.role,
+                "state": _state(token, moment),
+                "expires_at": token.expires_at.isoformat(timespec="seconds") if token.expires_at else None,
+            }
+            for token, person, fleet in session.execute(asked.order_by(ApiToken.created_at))
+        ]
+    rows = [row for row in rows if everything or row["state"] == "valid"]
+    columns = ("id", "name", "person", "fleet", "role", "state", "expires_at")
+    print(json.dumps(rows, indent=2, ensure_ascii=False) if as_json else table(rows, columns))
+
+
+@tokens.command("revoke")
+@spoken
+def revoke_token(token: Annotated[str, typer.Argument(help="Id, as `tokens list` shows it.")]) -> None:
+    """Revoke a token at once."""
+    with opened() as service, service.database.writing() as session:
+        if not _revoke(session, ApiToken.id == as_uuid(token)):
+            raise AdminError(f"there is no valid token {token}", "`apexcal admin tokens list` shows those that are.")
+    print("It is revoked.")
+
+
+def _state(token: ApiToken, moment: Any) -> str:
+    if token.revoked_at:
+        return "revoked"
+    return "expired" if token.expires_at and token.expires_at <= moment else "valid"
+
+
+def _revoke(session: Session, which: Any) -> int:
+    revoked = session.execute(
+        update(ApiToken)
+        .where(which, ApiToken.revoked_at.is_(None))
+        .values(revoked_at=utc_now())
+        .returning(ApiToken.id)
+        .execution_options(synchronize_session=False)
+    )
+    return len(revoked.all())
+
+
+def find_person(session: Session, asked: str) -> Person:
+    """A person by id or by a name that only one has. Raises :class:`AdminError`."""
+    found = session.scalars(select(Person).where((Person.name == asked) | (Person.id == as_uuid(asked)))).all()
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise AdminError(f"there is nobody called {asked!r}", "`apexcal admin users list` shows names and ids.")
+    raise AdminError(
+        f"{len(found)} people are called {asked!r}", "Say which one by its id: `apexcal admin users list`."
+    )
+
+
+def as_uuid(text: str) -> UUID:
+    """A UUID as people copy it; what is none names nothing."""
+    try:
+        return UUID(text)
+    except ValueError:
+        return UUID(int=0)

@@ -1,0 +1,201 @@
+"""`apexcal admin`, as an operator types it: help, outcomes, clear refusals, exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from sqlalchemy import select, update
+from typer.testing import CliRunner, Result
+
+from service.admin import __main__ as commands
+from service.db.clock import now, utc_now
+from service.db.models import ApiToken, BrowserSession, Calibration, CalibrationRun, Detection, Job, Recording, Slot
+from service.db.session import Database
+from service.jobs.claims import claim, finishing
+from service.jobs.queue import enqueue_all
+from service.jobs.totals import tally
+from tests.service.detections.seeding import seed_recording, seed_rig
+from tests.service.jobs.support import make_calibration, make_fleet, make_jobs
+from tests.support.people import Api
+
+FAILED = {"code": "worker_lost", "detail": "", "hint": ""}
+
+
+@pytest.fixture
+def run(settings) -> Any:
+    """Type a command; standard output and errors apart."""
+
+    def typed(*words: str) -> Result:
+        return CliRunner().invoke(commands.app, list(words), prog_name="apexcal admin")
+
+    return typed
+
+
+def said(result: Result) -> Any:
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def refused(result: Result, *words: str) -> None:
+    assert result.exit_code == 1, result.output
+    for word in words:
+        assert word in result.stderr, result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def fail(database: Database, job_id: int) -> None:
+    held = claim(database, job_id, "w")
+    assert held
+    with finishing(database, held, "failed", FAILED):
+        pass
+
+
+def test_the_command_hands_everything_on(tmp_path) -> None:
+    def typed(*words: str) -> subprocess.CompletedProcess[str]:
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("APEXCAL_")}
+        command = [sys.executable, "-m", "apexcal.cli", "admin", *words]
+        return subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
+
+    helped = typed("backup", "--help")
+    assert helped.returncode == 0 and "apexcal admin backup" in helped.stdout, helped.stderr
+    absent = typed("--data", str(tmp_path / "none"), "users", "list")
+    assert absent.returncode == 1 and "there is no service here" in absent.stderr and "--data" in absent.stderr
+
+
+def test_every_command_says_what_it_is_for(run) -> None:
+    names = ("jobs", "job", "requeue", "backup", "restore", "users link", "tokens revoke", "retention set")
+    for name in names:
+        helped = run(*name.split(), "--help")
+        assert helped.exit_code == 0 and len(helped.stdout.splitlines()) > 4, name
+    assert run("bogus").exit_code == 2 and run("job", "many").exit_code == 2
+
+
+def test_people_and_tokens(run, api: Api) -> None:
+    fleet = api.fleet("north")
+    ada = api.member(fleet, "engineer", "Ada")
+    for _ in range(2):
+        api.member(fleet, "viewer", "Bo")
+    with api.database.writing() as session:
+        ends = utc_now() + timedelta(days=1)
+        session.add(BrowserSession(secret_hash="0" * 64, person_id=ada.person_id, expires_at=ends))
+    assert {"id": str(ada.person_id), "name": "Ada", "roles": ["engineer of north"]} in said(
+        run("users", "list", "--json")
+    )
+    refused(run("users", "link", "Bo"), "2 people are called 'Bo'", "users list")
+    refused(run("users", "link", "Nobody"), "nobody called 'Nobody'")
+    link = run("users", "link", "Ada").stdout.split()[-1]
+    assert api.client.post("/v1/sign-in", json={"link": link}, headers={"Origin": "http://127.0.0.1:8000"}).is_success
+    api.client.cookies.clear()
+    (token,) = [one for one in said(run("tokens", "list", "--json")) if one["person"] == "Ada"]
+    assert ada.get("/fleets").status_code == 200
+    assert run("tokens", "revoke", token["id"]).exit_code == 0
+    assert ada.get("/fleets").status_code == 401
+    refused(run("tokens", "revoke", token["id"]), "no valid token")
+    ended = run("users", "revoke", str(ada.person_id))
+    assert "2 sessions, 1 links and 0 tokens" in ended.stdout
+    with api.database.reading() as session:
+        assert session.scalars(select(BrowserSession)).all() == []
+        assert session.scalar(select(ApiToken.revoked_at).where(ApiToken.person_id == ada.person_id))
+
+
+def test_a_jobs_history_is_shown(run, database: Database) -> None:
+    _, (run_id,) = make_calibration(database)
+    failed, running, waits = make_jobs(database, make_fleet(database, "other"), 3, run_id)
+    fail(database, failed)
+    assert claim(database, running, "host:7")
+    shown = said(run("job", str(failed), "--json"))
+    assert [(event["what"], event["worker"], event["reason"]) for event in shown["history"]] == [
+        ("failed", "w", "worker_lost")
+    ]
+    assert said(run("job", str(running), "--json"))["history"][-1]["what"] == "running"
+    assert "host:7" in run("job", str(running)).stdout
+    assert [row["id"] for row in said(run("jobs", "--json"))] == [waits, running, failed]
+    assert [row["id"] for row in said(run("jobs", "--state", "failed", "--json"))] == [failed]
+    refused(run("job", "4711"), "there is no job 4711")
+
+
+def test_a_failed_run_is_started_again_from_its_beginning(run, database: Database) -> None:
+    calibration_id, (run_id, other_id) = make_calibration(database, models=("pinhole", "brown_conrady"))
+    with database.writing() as session:
+        session.add(
+            Slot(run_id=run_id, iteration=0, slot=0, loss=1, parameters=[], evaluations=1, seconds=1, worker="w")
+        )
+    fleet_id = make_fleet(database, "other")
+    first, second = make_jobs(database, fleet_id, 2, run_id)
+    refused(run("requeue", str(first)), "is queued; only failed ones")
+    fail(database, first)
+    refused(run("requeue", str(first)), "other jobs of the same work are under way")
+    fail(database, second)
+    began = run("requeue", str(first))
+    assert began.exit_code == 0, began.output
+    with database.reading() as session:
+        again = session.get_one(CalibrationRun, run_id)
+        assert (again.state, again.failure, again.remaining, again.iteration) == ("queued", None, 2, 0)
+        calibration = session.get_one(Calibration, calibration_id)
+        assert (calibration.state, calibration.remaining) == ("running", 2)
+        assert session.scalars(select(Slot)).all() == []
+        fresh = session.scalars(select(Job.payload).where(Job.subject_id == run_id, Job.state == "queued")).all()
+    assert sorted((payload["first"], payload["stop"]) for payload in fresh) == [(0, 1), (1, 2)]
+    assert said(run("job", str(first), "--json"))["history"][-1]["what"] == "requeued"
+    refused(run("requeue", str(second)), "under way")
+    assert other_id
+
+
+def test_failed_recordings_and_detections_are_started_again(run, database: Database) -> None:
+    fleet_id = make_fleet(database)
+    recording_id, _ = seed_recording(database, seed_rig(database, fleet_id), 2)
+    with database.writing() as session:
+        asked = {"region": {}, "detector": "tolerant", "options": {}, "pairing": {}, "content_hash": "0"}
+        row = Detection(fleet_id=fleet_id, recording_id=recording_id, remaining=2, **asked)
+        session.add(row)
+        session.flush()
+        shards = [{"first": 0, "stop": 1}, {"first": 1, "stop": 2}]
+        jobs = enqueue_all(session, kind="detect", fleet_id=fleet_id, subject_id=row.id, payloads=shards)
+        ids, detection_id = [job.id for job in jobs], row.id
+        ingests = enqueue_all(session, kind="ingest", fleet_id=fleet_id, subject_id=recording_id, payloads=[{}])
+        ingest_id = ingests[0].id
+    for job_id in (*ids, ingest_id):
+        fail(database, job_id)
+    for job_id in (ids[0], ingest_id):
+        assert run("requeue", str(job_id)).exit_code == 0
+    with database.reading() as session:
+        detection = session.get_one(Detection, detection_id)
+        assert (detection.state, detection.remaining, detection.problem) == ("queued", 2, None)
+        asked_again = (
+            select(Job.payload).where(Job.subject_id == detection_id, Job.state == "queued").order_by(Job.id)
+        )
+        assert session.scalars(asked_again).all() == shards
+        recording = session.get_one(Recording, recording_id)
+        assert recording.state == "queued" and recording.job_id not in (None, ingest_id)
+
+
+def test_retention_is_shown_set_and_carried_out(run, database: Database) -> None:
+    fleet_id = make_fleet(database, "north")
+    rig = seed_rig(database, fleet_id)
+    recording_id, _ = seed_recording(database, rig, 1)
+    _, (run_id,) = make_calibration(database)
+    (old,) = make_jobs(database, fleet_id, 1, run_id)
+    fail(database, old)
+    with database.writing() as session:
+        session.execute(update(Job).values(finished_at=now(-400 * 86400)))
+        tally(session)
+    assert run("retention", "set", str(recording_id), "--days", "3").stdout.startswith(
+        "1 recordings are deleted after"
+    )
+    shown = said(run("retention", "show", "--json"))
+    assert shown["jobs"]["overdue"] == 1
+    assert [(row["fleet"], row["with_end"], row["overdue"]) for row in shown["fleets"] if row["recordings"]] == [
+        ("north", 1, 0)
+    ]
+    refused(run("retention", "set", "nowhere", "--fleet", "--days", "1"), "no recording in a fleet called 'nowhere'")
+    with database.writing() as session:
+        session.execute(update(Recording).values(retain_until=utc_now() - timedelta(seconds=1)))
+    assert run("retention", "run").stdout == "1 recordings and 1 jobs deleted.\n"
+    with database.reading() as session:
+        assert session.get(Recording, recording_id) is None and session.get(Job, old) is None

@@ -1,0 +1,266 @@
+"""The restore drill: back up while work runs, lose everything, restore elsewhere, serve, compare byte for byte."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+from sqlalchemy import func, select
+
+from service.admin.backup import TRANSIENT, back_up
+from service.admin.errors import AdminError
+from service.admin.manifest import BLOBS, verify
+from service.admin.restore import restore
+from service.admin.rows import kind_of
+from service.app import create_app
+from service.db.migrate import upgrade
+from service.db.models import Base, Blob, Job
+from service.db.session import Database
+from service.jobs.sweep import sweep
+from service.settings import Settings
+from service.storage.store import Store, open_store
+from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
+from tests.support.people import Actor, Api, TestClient
+from tests.support.postgres import Postgres
+from tests.support.uploads import put_part
+from tests.support.work import work
+from workers.tasks.context import Context
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short simulated recording and its rig."""
+    folder = tmp_path_factory.mktemp("walk")
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "1", "--json"]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
+class Site:
+    """A service with work in it, and what it answers about that work."""
+
+    def __init__(self, api: Api, store: Store, walk: Path) -> None:
+        self.api = api
+        self.store = store
+        self.fleet = api.fleet()
+        self.engineer = api.member(self.fleet, "engineer")
+        vehicle = self.engineer.post(f"/fleets/{self.fleet}/vehicles", {"name": "van"}).json()["id"]
+        rig = json.loads((walk / "rig.json").read_text())
+        rig = self.engineer.post(f"/vehicles/{vehicle}/rigs", {**rig, "name": "roof"})
+        assert rig.status_code == 201, rig.text
+        self.vehicle, self.rig = vehicle, rig.json()["id"]
+        self.camera = rig.json()["cameras"][0]["name"]
+
+    def upload(self, file: Path, *, complete: bool = True) -> str:
+        """Upload a recording in two parts; without the last word it stays on its way."""
+        body = {"rig_id": self.rig, "name": file.name, "file_name": file.name}
+        made = self.engineer.post(f"/vehicles/{self.vehicle}/recordings", body).json()["id"]
+        data = file.read_bytes()
+        half = len(data) // 2
+        for number, part in enumerate((data[:half], data[half:]), 1):
+            assert put_part(self.engineer, made, number, part).status_code == 200
+        if complete:
+            done = {"parts": 2, "size": len(data), "sha256": None}
+            assert self.engineer.post(f"/recordings/{made}/complete", done).status_code == 202
+        return made
+
+    def calibrate(self) -> str:
+        """Ask for a calibration of imported pairs."""
+        sets = f"/rigs/{self.rig}/correspondence-sets?camera={self.camera}"
+        made = self.engineer.post(sets, {"pairs": pairs_of_a_pinhole()}).json()["id"]
+        body = {"correspondence_set_ids": [made], "models": ["pinhole"], "folds": 2, "schedule": SCHEDULE}
+        asked = self.engineer.post(f"/vehicles/{self.vehicle}/calibrations", body)
+        assert asked.status_code == 202, asked.text
+        return asked.json()["id"]
+
+    def publish(self, calibration: str) -> None:
+        """Give the vehicle what the finished calibration found."""
+        done = self.engineer.get(f"/calibrations/{calibration}").json()
+        found = done["summary"]["cameras"][self.camera]["models"]["pinhole"]
+        answer = self.engineer.post(f"/results/{found['result_id']}/publication")
+        assert answer.status_code == 201, answer.text
+
+    def answers(self, engineer: Actor, recording: str) -> dict[str, bytes]:
+        """What a client reads: the published calibration, the marks, frames, the recording."""
+        addresses = [
+            f"/vehicles/{self.vehicle}/cameras/{self.camera}/calibration",
+            f"/recordings/{recording}/cameras/{self.camera}/frames/0/mark",
+            *(f"/recordings/{recording}/cameras/{self.camera}/frames/{index}" for index in (0, 3)),
+            f"/recordings/{recording}",
+            f"/recordings/{recording}/cameras/{self.camera}/frames",
+        ]
+        found: dict[str, bytes] = {}
+        for address in addresses:
+            answer = engineer.get(address)
+            assert answer.status_code == 200, f"{address}: {answer.text}"
+            found[address] = answer.content
+        return found
+
+
+@pytest.fixture
+def site(api: Api, walk: Path) -> Site:
+    return Site(api, api.app.state.store, walk)
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, postgres: Postgres) -> Iterator[Callable[[str], Settings]]:
+    """Settings of a new, empty place of each kind."""
+
+    def make(kind: str) -> Settings:
+        folder = tmp_path / f"elsewhere-{kind}-{uuid4().hex[:6]}"
+        url = f"sqlite:///{folder / 'apexcal.db'}" if kind == "sqlite" else postgres.create(f"drill_{uuid4().hex}")
+        folder.mkdir()
+        return Settings(data_dir=folder, database_url=url, broker_url="redis+socket:///nowhere", min_free_bytes=0)
+
+    yield make
+
+
+def test_what_was_published_marked_and_recorded_is_served_again_with_the_same_bytes(
+    site: Site, walk: Path, settings: Settings, tmp_path: Path, elsewhere: Callable[[str], Settings]
+) -> None:
+    context = Context(settings)
+    bag = next(walk.glob("*.bag"))
+    recording, doomed, on_its_way = site.upload(bag), site.upload(bag), site.upload(bag, complete=False)
+    calibration = site.calibrate()
+    work(context)
+    site.publish(calibration)
+    mark = f"/recordings/{recording}/cameras/{site.camera}/frames/0/mark"
+    marked = site.engineer.put(mark, json={"u": 100.25, "v": 50.75}, headers={"If-None-Match": "*"})
+    assert marked.status_code == 200, marked.text
+    before = site.answers(site.engineer, recording)
+    frame = site.engineer.get(f"/recordings/{doomed}/cameras/{site.camera}/frames/0").content
+
+    disturbed: list[str] = []
+
+    def while_it_runs(line: str) -> None:
+        """After the snapshot: a recording is deleted and swept, another arrives, a calibration is asked for."""
+        if not disturbed:
+            disturbed.append(line)
+            assert site.engineer.delete(f"/recordings/{doomed}").status_code == 204
+            sweep(context.database, context.store)
+            site.calibrate()
+            work(context)
+            site.upload(bag)
+
+    manifest = back_up(context.database, context.store, tmp_path / "backup", report=while_it_runs)
+    assert disturbed and manifest.blobs > 6
+    sweep(context.database, context.store)
+    with context.database.reading() as session:
+        assert session.scalar(select(func.count()).where(Blob.state == "condemned")) == 0, "the hold has ended"
+    _wreck(context)
+    context.database.close()
+
+    for kind in ("sqlite", "postgresql"):
+        there = elsewhere(kind)
+        restore(there.database, open_store(there), tmp_path / "backup")
+        app = create_app(there)
+        with TestClient(app, base_url="http://127.0.0.1:8000") as client:
+            engineer = Actor(site.engineer.person_id, site.engineer.token, client)
+            assert site.answers(engineer, recording) == before
+            # Deleted after the snapshot, so it is there, and whole; what was asked for later is not.
+            assert engineer.get(f"/recordings/{doomed}/cameras/{site.camera}/frames/0").content == frame
+            assert len(engineer.get(f"/vehicles/{site.vehicle}/calibrations").json()["items"]) == 1
+            _goes_on(Api(app, client), there, engineer, on_its_way, bag)
+
+
+def _goes_on(api: Api, there: Settings, engineer: Actor, on_its_way: str, bag: Path) -> None:
+    """An upload that was on its way is completed, and new rows get numbers that are not taken."""
+    done = {"parts": 2, "size": bag.stat().st_size, "sha256": None}
+    assert engineer.post(f"/recordings/{on_its_way}/complete", done).status_code == 202
+    context = Context(there)
+    work(context)
+    context.database.close()
+    assert engineer.get(f"/recordings/{on_its_way}").json()["state"] == "ready"
+    sweep(api.database, open_store(there))
+    with api.database.reading() as session:
+        states = set(session.scalars(select(Job.state)))
+    assert states == {"done"}
+
+
+def _wreck(context: Context) -> None:
+    with context.database.writing() as session:
+        for table in reversed(Base.metadata.sorted_tables):
+            session.execute(table.delete())
+    assert context.store.folder
+    shutil.rmtree(context.store.folder)
+
+
+def _small_backup(settings: Settings, target: Path) -> tuple[Database, Store, str]:
+    database, store = Database(settings.database), open_store(settings)
+    key = "recordings/x/parts/y"
+    store.put_bytes(key, b"frames")
+    with database.writing() as session:
+        session.add(Blob(key=key, state="stored", size=6))
+    back_up(database, store, target)
+    return database, store, key
+
+
+def test_a_backup_is_refused_where_the_store_lost_something(settings: Settings, tmp_path: Path) -> None:
+    database, store, key = _small_backup(settings, tmp_path / "one")
+    with pytest.raises(AdminError, match="exists already"):
+        back_up(database, store, tmp_path / "one")
+    store.delete(key)
+    with pytest.raises(AdminError, match=r"1 objects that rows name are missing or cut, .* recordings/x"):
+        back_up(database, store, tmp_path / "two")
+    assert not (tmp_path / "two").exists()
+    database.close()
+
+
+def test_a_damaged_backup_restores_nothing(
+    settings: Settings, tmp_path: Path, elsewhere: Callable[[str], Settings]
+) -> None:
+    folder = tmp_path / "backup"
+    database, _, key = _small_backup(settings, folder)
+    database.close()
+    there = elsewhere("sqlite")
+    for damaged in (folder / BLOBS / key, folder / "tables" / "blob.jsonl.gz", folder / "blobs.jsonl"):
+        whole = damaged.read_bytes()
+        damaged.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+        with pytest.raises(AdminError, match="SHA-256 differs"):
+            restore(there.database, open_store(there), folder)
+        damaged.write_bytes(whole)
+    verify(folder)
+    listed = (folder / "manifest.json").read_text()
+    (folder / "manifest.json").write_text(listed.replace('"schema": "', '"schema": "9'))
+    with pytest.raises(AdminError, match="newer than this version"):
+        restore(there.database, open_store(there), folder)
+    (folder / "manifest.json").unlink()
+    with pytest.raises(AdminError, match="no finished backup"):
+        restore(there.database, open_store(there), folder)
+    assert not Path(there.database.removeprefix("sqlite:///")).exists()
+    assert list(open_store(there).list()) == []
+
+
+def test_a_restore_never_mixes_two_histories(
+    settings: Settings, tmp_path: Path, elsewhere: Callable[[str], Settings]
+) -> None:
+    folder = tmp_path / "backup"
+    database, store, _ = _small_backup(settings, folder)
+    with pytest.raises(AdminError, match="the database is not empty: blob has rows"):
+        restore(settings.database, store, folder)
+    database.close()
+    there = elsewhere("sqlite")
+    open_store(there).put_bytes("recordings/other", b"somebody else's")
+    with pytest.raises(AdminError, match="the store is not empty: it holds 'recordings/other'"):
+        restore(there.database, open_store(there), folder)
+    open_store(there).delete("recordings/other")
+    # A schema that is there and empty is what a fleet's migrations leave before its first start.
+    upgrade(there.database)
+    restore(there.database, open_store(there), folder)
+    opened = Database(there.database)
+    with opened.reading() as session:
+        assert session.scalars(select(Blob.key)).all() == ["recordings/x/parts/y"]
+    opened.close()
+
+
+def test_every_column_can_be_backed_up() -> None:
+    kept = [table for table in Base.metadata.sorted_tables if table.name not in TRANSIENT]
+    assert {kind_of(column) for table in kept for column in table.columns} == {
+        *("uuid", "instant", "json", "bool", "int", "float", "text")
+    }
