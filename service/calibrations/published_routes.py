@@ -12,10 +12,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.auth.access import ReadAccess, WriteAccess
+from service.auth.roles import rank
 from service.calibrations.runs import FULL
 from service.calibrations.schemas import PublicationView
 from service.calibrations.views import current_document, publication_view, result_document
-from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig, Vehicle
 from service.detections.digests import content_hash
 from service.events.hints import hint
@@ -30,8 +31,15 @@ router = APIRouter()
 def read_result(result_id: UUID, access: ReadAccess) -> dict[str, Any]:
     """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids."""
     result = access.find(Result, result_id)
-    run = access.session.get_one(CalibrationRun, result.run_id)
-    return result_document(result, run, access.session.get_one(Calibration, result.calibration_id))
+    run, calibration, pairs = access.session.execute(
+        select(CalibrationRun, Calibration, CorrespondenceSet)
+        .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .where(CalibrationRun.id == result.run_id)
+    ).one()
+    # Who marks sees nothing of what others marked.
+    with_marks = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
+    return result_document(result, run, calibration, pairs, with_marks=with_marks)
 
 
 @router.post("/results/{result_id}/publication", status_code=201, response_model=PublicationView)

@@ -11,11 +11,11 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.calibrations.runs import UNENDED
+from service.calibrations.runs import FULL, UNENDED
 from service.calibrations.schemas import CalibrationView, ProgressView, PublicationView, RunView
 from service.calibrations.transforms import T_vehicle_camera
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig
 
 
@@ -73,9 +73,21 @@ def _progress(row: Calibration, runs: Sequence[CalibrationRun]) -> ProgressView:
     return ProgressView(fraction=round(fraction, 4), message=message)
 
 
-def result_document(row: Result, run: CalibrationRun, calibration: Calibration) -> Json:
-    """The solver's whole document, and which rows it belongs to."""
+def result_document(
+    row: Result, run: CalibrationRun, calibration: Calibration, pairs: CorrespondenceSet, *, with_marks: bool
+) -> Json:
+    """The solver's whole document, which rows it belongs to, and where its outliers come from.
+
+    ``with_marks``: whether the reader may see where people clicked.
+    """
+    outliers: list[Json] = row.document.get("outliers", [])
+    # Of a fit without a block the indices are into what was left.
+    if row.fold == FULL:
+        outliers = [one | {"pair": _origin(pairs, one["index"], with_marks=with_marks)} for one in outliers]
     return row.document | {
+        "outliers": outliers,
+        "recording_id": str(pairs.recording_id) if pairs.recording_id else None,
+        "detection_id": str(pairs.detection_id) if pairs.detection_id else None,
         "id": str(row.id),
         "fleet_id": str(row.fleet_id),
         "vehicle_id": str(calibration.vehicle_id),
@@ -89,6 +101,12 @@ def result_document(row: Result, run: CalibrationRun, calibration: Calibration) 
         "seed": run.problem.get("seed"),
         "created_at": row.created_at,
     }
+
+
+def _origin(pairs: CorrespondenceSet, index: int, *, with_marks: bool) -> Json:
+    """What a set knows of one of its pairs: its stamp, sweep, camera frame or pose, and the mark."""
+    known = ("stamp_ns", "sweep_index", "frame_index", "group", *(("u", "v") if with_marks else ()))
+    return {name: pairs.pairs[name][index] for name in known if name in pairs.pairs}
 
 
 def publication_view(row: Publication) -> PublicationView:
