@@ -17,6 +17,7 @@ from uuid import UUID
 from apexcal.errors import ApiError, ClientError, FailedError, TokenError, TooSlowError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import Detections
+from apexcal.resources.fleet_requests import FleetRequests
 from apexcal.resources.fleets import Fleets, Vehicles
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
@@ -26,7 +27,8 @@ __all__ = ["ApiError", "Client", "ClientError", "FailedError", "TokenError", "To
 
 Listener = Callable[[float, str], None]
 
-_ENDED_WELL = ("ready", "done")
+# A fleet request in which some vehicles failed ended as it may: its counts say how many.
+_ENDED_WELL = ("ready", "done", "done_with_failures")
 _ENDED_BADLY = ("failed", "cancelled")
 
 
@@ -43,6 +45,7 @@ class Client:
         self.marking = Marking(self._http)
         self.correspondence_sets = CorrespondenceSets(self._http)
         self.calibrations = Calibrations(self._http)
+        self.fleet_requests = FleetRequests(self._http)
 
     @classmethod
     def sign_in(cls, link: str, base_url: str | None = None) -> Client:
@@ -81,7 +84,7 @@ class Client:
     def wait(
         self, work: Document, *, on_progress: Listener | None = None, timeout_s: float | None = None
     ) -> Document:
-        """Follow a recording, study, detection, calibration or job to its end, and return it as it is then.
+        """Follow a recording, study, detection, calibration, fleet request or job to its end; it as it is then.
 
         ``on_progress(fraction, message)`` hears of every change. Raises :class:`FailedError` where the work failed
         or was cancelled, :class:`TooSlowError` after ``timeout_s`` seconds (the work goes on).
@@ -144,6 +147,8 @@ def _address(work: Document) -> tuple[str, str]:
     """The path of a resource and what to call it, told from its own fields."""
     if "file_name" in work:
         return at("recordings", work["id"]), f"the recording {work['name']!r}"
+    if "counts" in work:
+        return at("fleet-requests", work["id"]), "the fleet request"
     if "runs" in work:
         return at("calibrations", work["id"]), "the calibration"
     if "detector" in work:

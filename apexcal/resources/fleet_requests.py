@@ -1,0 +1,59 @@
+"""One calibration asked for of many vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+from uuid import UUID
+
+from apexcal.transport import Document, Transport, at
+
+
+class FleetRequests:
+    """``client.fleet_requests``: calibrations of all vehicles that a filter names, in one call."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._http = transport
+
+    def create(
+        self,
+        fleet_id: UUID | str,
+        vehicles: Mapping[str, Any] | None = None,
+        *,
+        key: str | None = None,
+        **calibration: Any,
+    ) -> Document:
+        """Calibrate every vehicle that the filter names (all, without one) from its newest pairs.
+
+        ``vehicles`` holds any of ``vehicle_ids``, ``name``, ``rig``, ``not_calibrated_since``, ``new_pairs``;
+        ``calibration`` what ``client.calibrations.create`` takes besides the pairs. ``key``: an idempotency key.
+        """
+        body = {"vehicles": dict(vehicles or {}), "calibration": calibration}
+        return self._http.post(at("fleets", fleet_id, "fleet-requests"), body, key=key)
+
+    def preview(
+        self, fleet_id: UUID | str, vehicles: Mapping[str, Any] | None = None, **calibration: Any
+    ) -> Document:
+        """What :meth:`create` would come to: how many vehicles match, and which would be skipped and why."""
+        body = {"vehicles": dict(vehicles or {}), "calibration": calibration, "dry_run": True}
+        return self._http.post(at("fleets", fleet_id, "fleet-requests"), body)
+
+    def get(self, request_id: UUID | str) -> Document:
+        """One fleet request with its counts."""
+        return self._http.get(at("fleet-requests", request_id))
+
+    def list(self, fleet_id: UUID | str) -> Iterator[Document]:
+        """The requests of a fleet, newest first."""
+        return self._http.items(at("fleets", fleet_id, "fleet-requests"))
+
+    def vehicles(self, request_id: UUID | str, state: str | None = None) -> Iterator[Document]:
+        """The request's vehicles by name, or those in one state (queued, running, done, failed, ...)."""
+        return self._http.items(at("fleet-requests", request_id, "vehicles"), state=state)
+
+    def cancel(self, request_id: UUID | str) -> Document:
+        """End every vehicle that has not ended."""
+        return self._http.post(at("fleet-requests", request_id, "cancel"))
+
+    def retry(self, request_id: UUID | str) -> Document:
+        """Calibrate the failed vehicles again, each from its newest pairs."""
+        return self._http.post(at("fleet-requests", request_id, "retry"))

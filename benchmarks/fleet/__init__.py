@@ -1,0 +1,1 @@
+"""A fleet request of a thousand vehicles through the real service, beside the bare solver."""

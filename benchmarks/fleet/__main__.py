@@ -1,0 +1,193 @@
+"""`python -m benchmarks.fleet`: 1,000 vehicles (VEHICLES makes it shorter) in one request, beside the bare solver.
+
+222 pairs each, `pinhole`, the default schedule, nothing held out. The service (API, PostgreSQL that syncs, broker, two
+pool processes, beat and sweeper) and two bare processes do the same runs on the same two cores, taking turns of 2.5 s:
+while one works the other is stopped. The service's time begins when the request is sent, and holds everything until
+the last vehicle has ended; the bare processes have their documents in memory and keep their results there. The results
+must be the same bits. Meanwhile a second fleet asks for single calibrations, which are timed beside the idle machine's.
+The last line is JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import func, select
+
+from benchmarks.fleet.bare import Bare, Run
+from benchmarks.fleet.bystander import Bystander
+from benchmarks.fleet.house import House, cpu_s, resident_mib
+from benchmarks.fleet.turns import Contender
+from benchmarks.fleet.vehicles import bring, draw
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.db.session import Database
+
+_CALIBRATION: dict[str, Any] = {"models": ["pinhole"], "folds": 0, "farm": "auto"}
+_IDLE_ROUNDS = 5
+# What a worker adds to what was found: how long it took, and what it was made of.
+_ADDED = ("finish_seconds", "provenance")
+# A process is flat that grows by less than this share, or this much, from a quarter of the vehicles to the last.
+_FLAT_SHARE, _FLAT_MIB = 0.05, 8.0
+
+
+def measure(vehicles: int, seed: int) -> dict[str, Any]:
+    """The figures of a request for that many vehicles."""
+    with tempfile.TemporaryDirectory(prefix="apexcal-fleet-") as folder:
+        house = House(Path(folder) / "data")
+        try:
+            return _measure(house, Path(folder), vehicles, seed)
+        finally:
+            house.close()
+
+
+def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, Any]:
+    rigs = draw(vehicles + 1, seed)
+    fleet = house.client.fleets.create("fleet")
+    bring(house.client, fleet["id"], rigs[:-1])
+    bystander = Bystander(house.client, rigs[-1], _CALIBRATION)
+    idle = [bystander.ask() for _ in range(_IDLE_ROUNDS)]
+    memory = {"start": _memory(house)}
+    pids = house.pids()
+    cpu = {name: cpu_s(pid) for name, pid in pids.items()}
+
+    began = time.perf_counter()
+    request = house.client.fleet_requests.create(fleet["id"], **_CALIBRATION)
+    request_s = time.perf_counter() - began
+    service = Contender(house.worker_pids, lambda: _left(house.database, request["id"]) == 0)
+    service.go()
+    service.halt()
+    service.seconds += request_s
+    bare = Bare(_runs(house.database, request["id"]), folder)
+    bare.wait_until_ready()
+    contender = Contender(bare.pids, lambda: bare.is_done)
+    contender.go()
+    contender.halt()
+    disturbed = _take_turns(house, request["id"], vehicles, service, contender, bystander, memory)
+    memory["end"] = _memory(house)
+    cpu = {name: cpu_s(pid) - cpu[name] for name, pid in pids.items()}
+    contender.go()
+    _assert_same_bits(house.database, request["id"], bare.results())
+    service.go()
+    idle += [bystander.ask() for _ in range(_IDLE_ROUNDS)]
+    for name in memory["start"]:
+        figures = " -> ".join(f"{memory[when][name]:.0f}" for when in ("start", "quarter", "end"))
+        print(f"{name:14} {figures} MiB, {cpu.get(name, 0.0):.1f} s of a processor", file=sys.stderr)
+    done = vehicles + disturbed
+    return {
+        "vehicles": vehicles,
+        "request_s": request_s,
+        "vehicles_per_s": done / service.seconds,
+        "bare_vehicles_per_s": vehicles / contender.seconds,
+        "ratio_to_bare": (vehicles / contender.seconds) / (done / service.seconds),
+        "bystander_idle_s": statistics.median(idle),
+        "bystander_s": statistics.median(bystander.seconds),
+        "bystander_worst_s": max(bystander.seconds),
+        "bystander_ratio": statistics.median(bystander.seconds) / statistics.median(idle),
+        "memory_mib": {when: {name: round(mib, 1) for name, mib in memory[when].items()} for when in memory},
+        "memory_flat": _is_flat(memory),
+        "same_bits": True,
+        "seed": seed,
+    }
+
+
+def _take_turns(
+    house: House,
+    request_id: str,
+    vehicles: int,
+    service: Contender,
+    bare: Contender,
+    bystander: Bystander,
+    memory: dict[str, dict[str, float]],
+) -> int:
+    """Until both have done everything; how many bystanders' vehicles the service did besides."""
+    every = max(1, vehicles // 10)
+    asked = 0
+    while not (service.is_done() and bare.is_done()):
+        left = _left(house.database, request_id)
+        if "quarter" not in memory and left <= 0.75 * vehicles:
+            memory["quarter"] = _memory(house)
+        # Not at the very end, where nobody is in the way any more.
+        if vehicles - left >= every * (asked + 1) and left > every:
+            asked += 1
+            bystander.begin()
+        if left:
+            service.turn(stay=lambda: bystander.is_waiting)
+        if not bare.is_done():
+            bare.turn()
+    memory.setdefault("quarter", _memory(house))
+    return asked
+
+
+def _left(database: Database, request_id: str) -> int:
+    with database.reading() as session:
+        return session.scalars(select(FleetRequest.remaining).where(FleetRequest.id == UUID(request_id))).one()
+
+
+def _runs(database: Database, request_id: str) -> list[Run]:
+    with database.reading() as session:
+        rows = session.execute(
+            select(CalibrationRun.id, CalibrationRun.problem, CorrespondenceSet.pairs)
+            .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+            .join(
+                FleetRequestVehicle,
+                (FleetRequestVehicle.calibration_id == CalibrationRun.calibration_id)
+                & (FleetRequestVehicle.fleet_request_id == UUID(request_id)),
+            )
+            .order_by(CalibrationRun.id)
+        ).all()
+    return [Run(str(id), problem, pairs) for id, problem, pairs in rows]
+
+
+def _assert_same_bits(database: Database, request_id: str, bare: dict[str, dict[str, Any]]) -> None:
+    """Every vehicle is done, and what the service stored of it is what the bare process found."""
+    with database.reading() as session:
+        states = session.execute(
+            select(FleetRequestVehicle.state, func.count())
+            .where(FleetRequestVehicle.fleet_request_id == UUID(request_id))
+            .group_by(FleetRequestVehicle.state)
+        ).all()
+        assert [tuple(row) for row in states] == [("done", len(bare))], states
+        rows = session.execute(
+            select(Result.run_id, Result.document)
+            .join(Calibration, Calibration.id == Result.calibration_id)
+            .join(FleetRequestVehicle, FleetRequestVehicle.calibration_id == Calibration.id)
+        ).all()
+    found = {str(run_id): document for run_id, document in rows}
+    for run_id, document in bare.items():
+        stored = {name: value for name, value in found[run_id].items() if name not in _ADDED}
+        other = sorted(name for name in {*stored, *document} if stored.get(name) != document.get(name))
+        assert not other, f"run {run_id} came to other bits: {other}"
+
+
+def _memory(house: House) -> dict[str, float]:
+    return {name: resident_mib(pid) for name, pid in house.pids().items()}
+
+
+def _is_flat(memory: dict[str, dict[str, float]]) -> bool:
+    """Whether no process grew between a quarter of the vehicles and the last."""
+    return all(
+        memory["end"][name] - mib <= max(_FLAT_MIB, _FLAT_SHARE * mib) for name, mib in memory["quarter"].items()
+    )
+
+
+def _rounded(value: Any) -> Any:
+    return round(value, 4) if isinstance(value, float) else value
+
+
+def main() -> None:
+    figures = measure(int(os.environ.get("VEHICLES", "1000")), int(os.environ.get("SEED") or secrets.randbits(31)))
+    print(json.dumps({name: _rounded(value) for name, value in figures.items()}))
+
+
+if __name__ == "__main__":
+    main()

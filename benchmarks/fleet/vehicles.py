@@ -1,0 +1,51 @@
+"""Vehicles with made pairs, brought in as any client does: a rig, and a correspondence set of 222 pairs."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from apexcal.client import Client
+from benchmarks.accuracy.rigs import NOMINAL, Rig, draw_rig
+from workers.geometry.transforms import to_document
+
+_THREADS = 4
+
+
+def draw(count: int, seed: int) -> list[Rig]:
+    """Rigs of cameras without distortion, each with its own lens, mount and walk."""
+    return [draw_rig("pinhole", np.random.default_rng([seed, number])) for number in range(count)]
+
+
+def bring(client: Client, fleet_id: str, rigs: list[Rig]) -> list[str]:
+    """Make a vehicle of each rig; ids of the vehicles in the order of the rigs."""
+
+    def make(numbered: tuple[int, Rig]) -> str:
+        number, rig = numbered
+        vehicle = client.vehicles.create(fleet_id, f"vehicle {number:05d}")
+        described = client.vehicles.create_rig(vehicle["id"], _description(rig))
+        client.correspondence_sets.import_pairs(described["id"], "camera", _pairs(rig))
+        return str(vehicle["id"])
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        return list(pool.map(make, enumerate(rigs)))
+
+
+def _description(rig: Rig) -> dict[str, Any]:
+    camera = {
+        "name": "camera",
+        "frame": NOMINAL.to_frame,
+        "image_size": list(rig.image_size),
+        "nominal": to_document(NOMINAL),
+    }
+    return {"name": "roof", "lidar": {"frame": NOMINAL.from_frame}, "cameras": [camera]}
+
+
+def _pairs(rig: Rig) -> list[dict[str, float]]:
+    """Points in metres in the LiDAR's frame, marks in pixels; stamps 0.1 s apart."""
+    rows = np.column_stack([rig.points, rig.marks]).tolist()
+    return [
+        dict(zip("xyzuv", row, strict=True)) | {"stamp_ns": number * 100_000_000} for number, row in enumerate(rows)
+    ]
