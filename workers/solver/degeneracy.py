@@ -18,11 +18,24 @@ _COINCIDENT_M: Final = 1e-3
 _CONFUSED: Final = 0.98
 # Standard deviations above which a parameter is as good as unknown. Those of f and c count in image widths.
 _VAGUE: Final = {"deg": 1.0, "m": 0.1, "px": 0.02, "1": 0.1}
+# And those above which the value found is arbitrary, unless the bounds alone say more.
+_ARBITRARY: Final = {"deg": 10.0, "m": 1.0, "px": 0.2}
 
 
 def is_determined(problem: FitProblem, p: Floats, spread: Uncertainty) -> bool:
     """Whether the pairs hold every free parameter, with at least one that the camera can see."""
-    return spread.rank == len(spread.names) and bool(np.any(_seen(problem, p)))
+    return not arbitrary(problem, spread) and bool(np.any(_seen(problem, p)))
+
+
+def arbitrary(problem: FitProblem, spread: Uncertainty) -> dict[str, float]:
+    """The free parameters that the pairs leave open, with their deviations in people's units (or infinite)."""
+    width = (problem.upper - problem.lower)[problem.free]
+    found: dict[str, float] = {}
+    for name, unit, std, room in zip(spread.names, spread.units, spread.std.tolist(), width.tolist(), strict=True):
+        limit = _ARBITRARY.get(unit, np.inf) * (problem.image_size[0] if unit == "px" else 1.0)
+        if not np.isfinite(std) or min(std, np.degrees(room) if unit == "deg" else room) > limit:
+            found[name] = std
+    return found
 
 
 def point_alarms(problem: FitProblem, p: Floats) -> list[str]:
@@ -39,6 +52,12 @@ def point_alarms(problem: FitProblem, p: Floats) -> list[str]:
         found.append(
             f"{unseen} pairs lie behind the camera or past the lens model's range, or an image away: "
             "check those marks, the nominal rotation and the model."
+        )
+    different = len(np.unique(problem.points[used], axis=0))
+    if 1 < different < 0.5 * len(problem.free):
+        found.append(
+            f"The pairs are of {different} different vertices only, with {len(problem.free)} free parameters: mark "
+            "vertices at more places, or lock what is known."
         )
     shape = _shape(problem.points[used])
     if shape:

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.solver.degeneracy import parameter_alarms, point_alarms
+from workers.solver.degeneracy import is_determined, parameter_alarms, point_alarms
 from workers.solver.outliers import Outlier
 from workers.solver.polish import Fit
 from workers.solver.problem import FitProblem
@@ -16,6 +16,7 @@ from workers.solver.uncertainty import Uncertainty
 _SLOTS_DIFFER: Final = 0.02
 _STAGES_DIFFER: Final = 0.25
 _BASELINE_BETTER: Final = 1e-3
+_EXACT_PX: Final = 1e-4
 _LISTED: Final = 5
 _MANY: Final = 0.4
 # Scale of the stated covariances from which they, or the model, are wrong; what a few pairs show by chance is below.
@@ -57,7 +58,9 @@ def alarms(
             f"The residuals are {spread.noise_scale:.1f} times what vertices and marks state of their errors, and "
             "the standard deviations are scaled by that: marks or times are worse than stated, or the model is wrong."
         )
-    found += _outlier_alarms(problem, outliers, excluded)
+    if is_determined(problem, p, spread):
+        # Of a fit that can be anything the pairs' residuals say nothing.
+        found += _outlier_alarms(problem, outliers, excluded)
     return found + several_optima(state, polished, plain) + _search_alarms(ga_px, polished)
 
 
@@ -86,7 +89,7 @@ def several_optima(state: State, polished: Fit, plain: dict[str, tuple[Fit, floa
             "There may be several optima; more iterations or generations, or narrower bounds, help."
         )
     for words, (fit, relative_cost) in plain.items():
-        if relative_cost < 1.0 - _BASELINE_BETTER:
+        if relative_cost < 1.0 - _BASELINE_BETTER and fit.rms_px < polished.rms_px - _EXACT_PX:
             found.append(
                 f"{words} ends lower ({fit.rms_px:.3f} px RMS) than the search and its polish "
                 f"({polished.rms_px:.3f} px): run it again with more slots."

@@ -17,7 +17,7 @@ from workers.geometry.projection import distances_px, image_diagonal_px, project
 from workers.geometry.rotations import euler_from_rotation, vector_from_rotation
 from workers.geometry.transforms import RigidTransform, from_document, to_document
 from workers.solver.baselines import baseline, linear_baseline
-from workers.solver.degeneracy import is_determined, point_alarms
+from workers.solver.degeneracy import arbitrary, is_determined, point_alarms
 from workers.solver.diagnosis import alarms, at_bounds, several_optima
 from workers.solver.errors import SolveError
 from workers.solver.outliers import Outlier, judge, without
@@ -204,7 +204,7 @@ def _status(problem: FitProblem, state: State, polished: Fit, spread: Uncertaint
     if not is_determined(problem, p, spread):
         reasons = point_alarms(problem, p)
         return "not_determined", reasons[0] if reasons else (
-            f"The pairs hold only {spread.rank} of {len(spread.names)} free parameters: the values are arbitrary."
+            f"The pairs do not hold {', '.join(arbitrary(problem, spread))}: these values are arbitrary."
         )
     if state.stopped is None:
         return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."
