@@ -147,12 +147,12 @@ def _address(work: Document) -> tuple[str, str]:
     """The path of a resource and what to call it, told from its own fields."""
     if "file_name" in work:
         return at("recordings", work["id"]), f"the recording {work['name']!r}"
+    if "detector" in work:
+        return at("detections", work["id"]), "the detection"
     if "counts" in work:
         return at("fleet-requests", work["id"]), "the fleet request"
     if "runs" in work:
         return at("calibrations", work["id"]), "the calibration"
-    if "detector" in work:
-        return at("detections", work["id"]), "the detection"
     if "attempt" in work:
         return at("jobs", work["id"]), f"job {work['id']} ({work.get('kind', 'of unknown kind')})"
     if "detection_id" in work:
