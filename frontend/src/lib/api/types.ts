@@ -322,7 +322,12 @@ export interface ModelSummary {
   result_id: string | null;
   ga?: Errors | null;
   polished?: Errors | null;
+  /** Least squares from the centre of the bounds. */
   baseline?: Errors | null;
+  /** A direct linear transformation with RANSAC, then least squares; null where no linear camera fits. */
+  linear_baseline?: Errors | null;
+  /** How much higher the held-out error is than that of the model with the lowest one. */
+  behind?: { px: number; standard_error_px: number; within_noise: boolean };
   heldout_mean_px?: number | null;
   heldout_rms_px?: number | null;
   seconds?: number | null;
@@ -331,8 +336,48 @@ export interface ModelSummary {
   alarms?: unknown[];
 }
 
+export interface CameraSummary {
+  recommended: string | null;
+  why: string;
+  models: Record<string, ModelSummary>;
+  /** Only where a publication was asked for: why the recommended result did not publish itself. */
+  not_published?: string[];
+}
+
+/** Two cameras of a rig, each calibrated on its own, held against each other. */
+export interface CameraPair {
+  cameras: [string, string];
+  models: [string, string];
+  name: string;
+  transform: Transform | null;
+  std: Record<string, number> | null;
+  interval95_half_width: Record<string, number> | null;
+  stated: {
+    source: "nominal" | "rig";
+    rotation_deg: number;
+    translation_mm: number;
+    sigmas: number;
+    std_deg: number;
+    std_mm: number;
+  }[];
+  shared: {
+    vertices: number;
+    odd: { indices: [number, number]; stamp_ns: number | null; distance_px: number; sigmas: number }[];
+  } | null;
+  sentences: string[];
+  alarms: string[];
+}
+
+export interface RigConsistency {
+  pairs: CameraPair[];
+  alarms: string[];
+  left_out?: string[];
+  problem?: ProblemDocument | null;
+}
+
 export interface CalibrationSummary {
-  cameras: Record<string, { recommended: string | null; why: string; models: Record<string, ModelSummary> }>;
+  cameras: Record<string, CameraSummary>;
+  rig?: RigConsistency;
 }
 
 export interface Calibration {
@@ -351,6 +396,16 @@ export interface Calibration {
   finished_at: string | null;
 }
 
+/** A pair that the others speak against, and where it comes from. */
+export interface Outlier {
+  index: number;
+  residual_px: number;
+  score: number;
+  reason: string;
+  excluded: boolean;
+  pair?: { stamp_ns?: number; frame_index?: number; sweep_index?: number; group?: number | string; u?: number; v?: number };
+}
+
 /** A run's solution; `parameters` and `std` are in degrees, metres and pixels. */
 export interface Result {
   id: string;
@@ -364,6 +419,11 @@ export interface Result {
   free_parameters?: number;
   parameters?: Record<string, number>;
   std?: Record<string, number | null>;
+  interval95_half_width?: Record<string, number | null>;
+  covariance?: { names: string[]; units: string[] };
+  correlation?: number[][];
+  outliers?: Outlier[];
+  recording_id?: string | null;
   intrinsics?: Record<string, unknown>;
   /** T_camera_lidar. */
   transform?: Transform;

@@ -1,0 +1,21 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { askedFrame } from "./asked.ts";
+
+const front = { name: "front", count: 100 };
+const asked = (query: string) => askedFrame(new URLSearchParams(query), front);
+
+test("a frame of this camera, with its mark", () => {
+  assert.deepEqual(asked("camera=front&frame=12&u=3.5&v=4"), { index: 12, mark: { u: 3.5, v: 4 } });
+  assert.deepEqual(asked("camera=front&frame=0"), { index: 0, mark: null });
+});
+
+test("past the end is the last one", () => {
+  assert.equal(asked("camera=front&frame=400")?.index, 99);
+});
+
+test("another camera, or no frame", () => {
+  for (const query of ["", "camera=left&frame=1", "camera=front", "camera=front&frame=-1", "camera=front&frame=x"]) {
+    assert.equal(asked(query), null);
+  }
+});
