@@ -10,7 +10,7 @@ import logging
 from typing import Any
 
 from celery import Celery
-from celery.signals import setup_logging
+from celery.signals import celeryd_init, setup_logging
 
 from service.jobs.queue import QUEUES
 from service.observability import logs
@@ -18,9 +18,13 @@ from service.settings import get_settings
 from workers import alive
 
 
+@celeryd_init.connect
 @setup_logging.connect
 def start_logging(loglevel: Any = logging.INFO, **_: object) -> None:
-    """Log as the API does; Celery leaves logging alone where somebody answers this signal."""
+    """Log as the API does; Celery leaves logging alone where somebody answers the second of these signals.
+
+    The first comes before a worker says anything.
+    """
     logs.configure(get_settings().log_form, loglevel if isinstance(loglevel, int) else logging.INFO)
 
 

@@ -60,7 +60,7 @@ def worker(folder: DataFolder, settings: Mapping[str, str], processes: int, queu
 def beat(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
     """The clock of the sweep. Its schedule lives in memory: there is nothing to remember, nothing to corrupt."""
     command = (
-        *(sys.executable, "-m", "celery", "-A", "workers.sweeper", "beat"),
+        *(sys.executable, "-m", "celery", "--quiet", "-A", "workers.sweeper", "beat"),
         *("--scheduler", "celery.beat:Scheduler", "--loglevel", "WARNING"),
     )
     return ChildPlan("beat", command, settings, folder.logs / "beat.log", grace_s=5.0)
@@ -69,7 +69,8 @@ def beat(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
 def sweeper(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
     """The small worker that sweeps when beat says so, whatever the others are busy with."""
     command = (
-        *(sys.executable, "-m", "celery", "-A", "workers.sweeper", "worker", "--pool", "solo", "-Q", "sweep"),
+        *(sys.executable, "-m", "celery", "--quiet", "-A", "workers.sweeper"),
+        *("worker", "--pool", "solo", "-Q", "sweep"),
         *("--hostname", "sweeper@%h", "--without-gossip", "--without-mingle", "--without-heartbeat"),
         *("--loglevel", "WARNING"),
     )
@@ -79,7 +80,7 @@ def sweeper(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
 def worker_command(queues: str, processes: int, name: str = "") -> tuple[str, ...]:
     """The command that starts a worker; also ``apexcal worker`` on any host of a fleet."""
     return (
-        *(sys.executable, "-m", "celery", "-A", "workers.app", "worker", "--pool", "prefork"),
+        *(sys.executable, "-m", "celery", "--quiet", "-A", "workers.app", "worker", "--pool", "prefork"),
         *("-Q", queues, "--concurrency", str(processes), "--hostname", f"{name or 'apexcal'}@%h"),
         *("--without-gossip", "--without-mingle", "--without-heartbeat", "--loglevel", "INFO"),
     )

@@ -1,0 +1,76 @@
+"""A load balancer of forty lines: new connections go to who says /readyz, existing ones are left alone."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import threading
+import urllib.request
+from collections.abc import Sequence
+
+_LOOK_S = 0.2
+
+
+class Balancer:
+    """TCP on a port of its own, from a thread of its own."""
+
+    def __init__(self, backends: Sequence[int]) -> None:
+        self.ready: set[int] = set()
+        self.port = 0
+        self._backends = backends
+        self._turn = itertools.count()
+        self._loop = asyncio.new_event_loop()
+        self._started = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        self._started.wait(10)
+
+    def close(self) -> None:
+        """End every connection and the thread."""
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(10)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        server = self._loop.run_until_complete(asyncio.start_server(self._serve, "127.0.0.1", 0))
+        self.port = server.sockets[0].getsockname()[1]
+        looks = [self._loop.create_task(self._look(port)) for port in self._backends]
+        self._started.set()
+        self._loop.run_forever()
+        server.close()
+        for task in (*looks, *asyncio.all_tasks(self._loop)):
+            task.cancel()
+        self._loop.run_until_complete(asyncio.gather(*looks, return_exceptions=True))
+        self._loop.run_until_complete(asyncio.sleep(0))
+        self._loop.close()
+
+    async def _look(self, port: int) -> None:
+        while True:
+            healthy = await asyncio.to_thread(is_ready, port)
+            (self.ready.add if healthy else self.ready.discard)(port)
+            await asyncio.sleep(_LOOK_S)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        number = next(self._turn)
+        ready = sorted(self.ready) or list(self._backends)
+        backend_reader, backend_writer = await asyncio.open_connection("127.0.0.1", ready[number % len(ready)])
+        await asyncio.gather(_pipe(reader, backend_writer), _pipe(backend_reader, writer))
+
+
+async def _pipe(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    with contextlib.suppress(ConnectionError):
+        while data := await reader.read(65536):
+            writer.write(data)
+            await writer.drain()
+    with contextlib.suppress(ConnectionError, OSError):
+        writer.close()
+
+
+def is_ready(port: int) -> bool:
+    """Whether the API on this port says that it is ready."""
+    try:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/readyz", timeout=5) as answer:
+            return answer.status == 200
+    except OSError:
+        return False

@@ -1,0 +1,112 @@
+"""A small fleet of real processes on PostgreSQL: two API processes behind a balancer, two workers, sweeper, beat."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from apexcal.embedded import plans
+from apexcal.embedded.folder import DataFolder
+from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
+from service.db.models import ApiToken, Person
+from service.db.session import Database
+from tests.operations.balancer import Balancer
+from tests.support.broker import Broker
+from tests.support.processes import start, stop, wait_until
+
+DRAIN_S = 2.0
+_API = ("-m", "uvicorn", "service.app:create_app", "--factory", "--host", "127.0.0.1", "--no-access-log")
+
+
+class Fleet:
+    """``api-0``, ``api-1``, ``worker-0``, ``worker-1``, ``sweeper`` and ``beat``, started and stopped by name."""
+
+    def __init__(self, root: Path, database_url: str) -> None:
+        self.database = Database(database_url)
+        self.broker = Broker()
+        self.logs = root / "logs"
+        self.logs.mkdir(parents=True)
+        folder = DataFolder(root)
+        self.environment = {
+            **{name: value for name, value in os.environ.items() if not name.startswith("APEXCAL_")},
+            "APEXCAL_DATA_DIR": str(root),
+            "APEXCAL_DATABASE_URL": database_url,
+            "APEXCAL_BROKER_URL": self.broker.url,
+            "APEXCAL_WORKERS": "2",
+            "APEXCAL_MIN_FREE_BYTES": "0",
+            "APEXCAL_DRAIN_S": str(DRAIN_S),
+            "OPENBLAS_NUM_THREADS": "1",
+            "OMP_NUM_THREADS": "1",
+            "PYTHONUNBUFFERED": "1",
+        }
+        self.ports = [_free_port(), _free_port()]
+        worker = plans.worker_command(plans.QUEUES, 1)
+        self._commands: dict[str, list[str]] = {
+            **{f"api-{n}": [sys.executable, *_API, "--port", str(port)] for n, port in enumerate(self.ports)},
+            **{f"worker-{n}": [word.replace("apexcal@", f"w{n}@") for word in worker] for n in range(2)},
+            "sweeper": list(plans.sweeper(folder, {}).command),
+            "beat": list(plans.beat(folder, {}).command),
+        }
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self.balancer = Balancer(self.ports)
+        try:
+            for name in self._commands:
+                self.start(name)
+            wait_until(lambda: self.balancer.ready == set(self.ports), "both API processes' readiness", 90)
+            self.token = self._make_owner()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def url(self) -> str:
+        """Where clients find the fleet."""
+        return f"http://127.0.0.1:{self.balancer.port}"
+
+    def start(self, name: str) -> None:
+        """Start one process; its log goes on."""
+        self._children[name] = start(self._commands[name], self.logs / f"{name}.log", env=self.environment)
+
+    def ask_to_stop(self, name: str) -> None:
+        """SIGTERM."""
+        self._children[name].send_signal(signal.SIGTERM)
+
+    def wait_for_end(self, name: str, seconds: float) -> int:
+        """Its exit code. Raises subprocess.TimeoutExpired where it does not end."""
+        return self._children[name].wait(seconds)
+
+    def lines(self, kind: str) -> list[dict[str, Any]]:
+        """Every line that processes of a kind logged. Each is an object: nothing else may get in between."""
+        found: list[dict[str, Any]] = []
+        for log in sorted(self.logs.glob(f"{kind}*.log")):
+            found += [json.loads(line) for line in log.read_text().splitlines() if line.strip()]
+        return found
+
+    def close(self) -> None:
+        """Stop everything."""
+        self.balancer.close()
+        for child in reversed(self._children.values()):
+            stop(child, signal.SIGKILL)
+        self.database.close()
+        self.broker.close()
+
+    def _make_owner(self) -> str:
+        secret = new_secret(TOKEN_PREFIX)
+        with self.database.writing() as session:
+            person = Person(name="owner", is_owner=True)
+            session.add(person)
+            session.flush()
+            session.add(ApiToken(secret_hash=secret_hash(secret), name="test", person_id=person.id))
+        return secret
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
