@@ -277,7 +277,7 @@ def _check_pairs(points: NDArray[np.float64], pixels: NDArray[np.float64], weigh
             "Points are (N, 3), pixels (N, 2), weights (N,).",
         )
     for what, values in (("points", points), ("pixels", pixels), ("weights", weights)):
-        bad = np.flatnonzero(~np.isfinite(values.reshape(n, -1)).all(axis=1))
+        bad = np.flatnonzero(~np.isfinite(values.reshape(n, values.size // max(n, 1))).all(axis=1))
         if bad.size:
             raise SolveError(
                 "non_finite", f"The {what} of pair {bad[0]} are not finite.", f"{bad.size} pairs are affected."

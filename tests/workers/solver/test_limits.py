@@ -1,0 +1,113 @@
+"""What no fit can come out of: refused, or diagnosed in words; never `ok`, never a traceback."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
+from workers.geometry.models import MODELS
+from workers.solver.errors import SolveError
+from workers.solver.problem import problem_from_document
+from workers.solver.residuals import predict
+from workers.solver.schedule import run_schedule
+from workers.solver.solution import solve_finish
+
+SHORT = {"slots": 1, "population": 64, "generations": 6, "max_iterations": 2}
+PAIRS = 24
+
+
+def placed(model, points, marks=None):
+    """The problem of these points, seen by a true camera with 1 px noise where no marks are given."""
+    problem, truth = simulated(model, 92, pairs=PAIRS, schedule=SHORT)
+    moved = replace(problem, points=points(problem.points) if callable(points) else points)
+    if marks is None:
+        exact = predict(moved, truth)[0]
+        marks = exact + np.random.default_rng(1).normal(size=exact.shape)
+    return replace(moved, pixels=marks(problem.pixels) if callable(marks) else marks)
+
+
+def in_a_plane(points, thickness_m=0.0):
+    flat = points.copy()
+    flat[:, 0] = points[:, 0].mean() + thickness_m * np.random.default_rng(0).normal(size=len(points))
+    return flat
+
+
+def same(values):
+    return values
+
+
+def first(values):
+    return np.tile(values[:1], (len(values), 1))
+
+
+def four(values):
+    return values[np.arange(len(values)) % 4]
+
+
+CASES = {
+    "one place, marks all over": (lambda x: np.tile(x.mean(axis=0), (len(x), 1)), same, "one place"),
+    "one pair many times": (
+        lambda x: np.tile(x[:1], (len(x), 1)),
+        lambda m: np.tile(m[:1], (len(m), 1)),
+        "one place",
+    ),
+    "one line": (
+        lambda x: x.mean(axis=0) + np.linspace(-2, 2, len(x))[:, None] * [0.6, 0.8, 0.0],
+        None,
+        "one line",
+    ),
+    "one plane": (in_a_plane, None, "one plane"),
+    "one plane to a millimetre": (lambda x: in_a_plane(x, 1e-3), None, "one plane"),
+    "nearly one plane": (lambda x: in_a_plane(x, 0.02), None, "do not hold"),
+    "behind the camera": (lambda x: -x, same, "behind the camera"),
+    "one frame's vertices again and again": (four, four, "4 different vertices"),
+}
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("case", CASES)
+def test_a_fit_that_can_be_anything_says_so(model, case):
+    points, marks, words = CASES[case]
+    problem = placed(model, points, marks)
+    solution = json.loads(json.dumps(solve_finish(problem, run_schedule(problem)[0]), allow_nan=False))
+    assert solution["status"] == "not_determined"
+    assert words in solution["message"]
+    assert solution["alarms"]
+    assert not any("do not belong" in alarm for alarm in solution["alarms"]), "any pair would be named"
+    # Nowhere a confident number: what is not known at all, or to metres and tens of degrees, is shown as that.
+    std = solution["std"]
+    assert any(value is None for value in std.values()) or any(
+        std[name] > limit for name, limit in (("t_z", 1.0), ("t_x", 1.0), ("f_x", 0.2 * SIZE[0]))
+    )
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("what", ["points", "pixels", "weights"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_number_that_is_none_is_refused_by_its_pair(model, what, value):
+    rng = np.random.default_rng(0)
+    given = {"points": rng.uniform(2, 9, (40, 3)), "pixels": rng.uniform(0, 900, (40, 2)), "weights": np.ones(40)}
+    given[what][17] = value
+    with pytest.raises(SolveError, match="pair 17") as caught:
+        problem_from_document({"model": model, "image_size": SIZE, "nominal": NOMINAL}, **given)
+    assert caught.value.code == "non_finite"
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("pairs", [0, 1, 4, 9])
+def test_fewer_pairs_than_free_parameters_are_refused(model, pairs):
+    rng = np.random.default_rng(0)
+    document = {"model": model, "image_size": SIZE, "nominal": NOMINAL}
+    with pytest.raises(SolveError) as caught:
+        problem_from_document(document, rng.uniform(2, 9, (pairs, 3)), rng.uniform(0, 900, (pairs, 2)))
+    assert caught.value.code == "too_few_pairs"
+    assert f"{pairs} pairs" in caught.value.message
+    assert "smaller model" in caught.value.hint
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_walk_that_holds_everything_is_ok(model):
+    problem, _ = simulated(model, 41)
+    assert solve_finish(problem, run_schedule(problem)[0])["status"] == "ok"
