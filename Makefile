@@ -10,7 +10,7 @@ NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund 
 FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o -type f -print 2>/dev/null)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -49,6 +49,9 @@ bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the b
 
 bench-worth: $(STAMPS)/bench  ## where the genetic algorithm helps and where not, as curves; RIGS=6 for a short form
 	$(BIN)/python -m benchmarks.worth
+
+bench-fleet: setup  ## one request for a thousand vehicles beside the bare solver on the same cores; VEHICLES=50 for a short form
+	$(BIN)/python -m benchmarks.fleet
 
 check: setup $(STAMPS)/node_modules  ## style, types, import rules
 	$(BIN)/ruff check .

@@ -29,6 +29,7 @@ COMMANDS = {
     "clock-offset": "Estimate how far the camera's clock is from the LiDAR's.",
     "calibrate": "Calibrate a camera from marks or from a file of pairs.",
     "admin": "Look after a service: backup and restore, people, jobs, retention.",
+    "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
     "export": "Write a camera's current calibration, or one result.",
 }
 

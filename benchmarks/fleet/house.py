@@ -48,7 +48,7 @@ class House:
                 self._start(plan)
             token = root / "token"
             bootstrap = [sys.executable, "-m", "service.auth.bootstrap", "--token-file", str(token)]
-            subprocess.run(bootstrap, env=environment, check=True)
+            subprocess.run(bootstrap, env=environment, check=True, stdout=subprocess.DEVNULL)
             wait_until(self._is_ready, "the start of the service", 90)
             self.client = Client(self._address, token.read_text().strip())
         except BaseException:

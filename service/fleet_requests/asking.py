@@ -20,7 +20,7 @@ from service.fleet_requests.planning import Planned, plan_vehicles
 from service.fleet_requests.schemas import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
 from service.http.problems import Problem
 
-# More at once would hold the database for longer than a lease (docs/decisions/0016).
+# More at once would hold the database for longer than a lease (docs/decisions/0018).
 _MOST_VEHICLES = 5000
 _MOST_RUNS = 20_000
 _SHOWN = 100

@@ -18,6 +18,7 @@ from service.db.models import (
     CameraFrame,
     CorrespondenceSet,
     Detection,
+    FleetRequest,
     Job,
     MarkingTask,
     Person,
@@ -51,6 +52,7 @@ BODIES = {
     "/detections": {"region": {"quantity": "x", "op": ">", "value": 0}},
     "/region-previews": {"region": {"quantity": "x", "op": ">", "value": 0}},
     "/region-suggestions": {},
+    "/fleet-requests": {"vehicles": {}},
     "/address": {"size": 1, "sha256": "0" * 64},
     "/arrival": {"reservation": "0" * 32},
 }
@@ -149,7 +151,9 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         id=new_id(), detection_id=detection.id, vertex_id=vertex.id, sensor_id=sensor.id, person_id=person.id
     )
     task.leased_until = utc_now()
-    for row in (detection, preview, suggestion, offset, apex, vertex, pairs, calibration, run, result, token, task):
+    request = FleetRequest(id=new_id(), fleet_id=rig.fleet_id, asked={}, state="done", matched=1, remaining=0, wave=0)
+    own = (detection, preview, suggestion, offset, apex, vertex, pairs, calibration, run, result, token, task)
+    for row in (*own, request):
         session.add(row)
         session.flush()
     return {
@@ -163,6 +167,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         "results": result.id,
         "tokens": token.id,
         "tasks": task.id,
+        "fleet-requests": request.id,
     }
 
 
@@ -297,6 +302,9 @@ def test_low_roles_change_nothing_of_an_engineers(api: Api, role: str) -> None:
         ("patch", f"/recordings/{rows['recordings']}", {"name": "x"}),
         ("delete", f"/recordings/{rows['recordings']}", None),
         ("post", f"/recordings/{rows['recordings']}/retry", None),
+        ("post", f"/fleets/{fleet}/fleet-requests", {"vehicles": {}}),
+        ("post", f"/fleet-requests/{rows['fleet-requests']}/retry", None),
+        ("post", f"/fleet-requests/{rows['fleet-requests']}/cancel", None),
         ("post", f"/recordings/{rows['recordings']}/complete", {"parts": 1, "size": 1}),
         ("post", f"/vehicles/{rows['vehicles']}/recordings", {"rig_id": rows["rigs"], "name": "x", "file_name": "x"}),
     ]

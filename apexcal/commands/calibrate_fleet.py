@@ -1,0 +1,110 @@
+"""``apexcal calibrate-fleet``: one request for all vehicles that a filter names, followed to its end."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from apexcal.cli import FAILED
+from apexcal.client import Client
+from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
+from apexcal.commands.connect import check_id, connected, find_fleet
+from apexcal.embedded.folder import DEFAULT
+from apexcal.transport import Document
+
+_SHOWN = 20
+
+
+def calibrate_fleet(
+    fleet: Annotated[str, typer.Option(help="Fleet, by name or id; needed where there are several.")] = "",
+    name: Annotated[str | None, typer.Option(help="Only vehicles of such a name; * and ? are wild.")] = None,
+    rig: Annotated[str | None, typer.Option(help="Only rigs of such a name; * and ? are wild.")] = None,
+    since: Annotated[
+        str | None, typer.Option("--not-since", help="Only who was not calibrated since, as 2026-11-01T00:00:00Z.")
+    ] = None,
+    new_pairs: Annotated[
+        bool, typer.Option("--new-pairs", help="Only who has newer pairs than the published calibration is from.")
+    ] = False,
+    model: Annotated[list[str] | None, typer.Option(help="Camera model; several times. Otherwise all three.")] = None,
+    preset: Annotated[str | None, typer.Option(help="default, paper or toolbox; default.")] = None,
+    folds: Annotated[int | None, typer.Option(help="Held-out blocks, 0 for none; 5.", min=0)] = None,
+    publish: Annotated[bool, typer.Option(help="Make recommended results current, where they may be.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would come to.")] = False,
+    follow: Annotated[str, typer.Option(help="Follow this request instead of asking.", metavar="REQUEST")] = "",
+    retry: Annotated[str, typer.Option(help="Calibrate the failed of this request again.", metavar="REQUEST")] = "",
+    cancel: Annotated[str, typer.Option(help="End this request.", metavar="REQUEST")] = "",
+    url: UrlOption = "",
+    token: TokenOption = "",
+    data: DataOption = DEFAULT,
+    as_json: JsonOption = False,
+) -> None:
+    """Calibrate each vehicle from its newest pairs; a vehicle without fitting pairs is skipped.
+
+    Exit code 1 where one failed or was cancelled.
+    """
+    if sum(map(bool, (follow, retry, cancel))) > 1:
+        usage("--follow, --retry and --cancel are about one request each", "Give one of them")
+    given: dict[str, Any] = {"models": model or None, "preset": preset, "folds": folds}
+    calibration = {word: value for word, value in given.items() if value is not None}
+    calibration["publish"] = "recommended" if publish else "none"
+    wanted = {"name": name, "rig": rig, "not_calibrated_since": since, "new_pairs": new_pairs or None}
+    vehicles = {word: value for word, value in wanted.items() if value is not None}
+    with connected(url, token, data) as client:
+        if dry_run:
+            found = client.fleet_requests.preview(find_fleet(client, fleet)["id"], vehicles, **calibration)
+            say(found, as_json, _what_it_comes_to(found))
+            return
+        if follow or retry or cancel:
+            request = _known(client, follow, retry, cancel)
+        else:
+            request = client.fleet_requests.create(find_fleet(client, fleet)["id"], vehicles, **calibration)
+        if cancel:
+            say(request, as_json, f"The request {request['id']} is asked to end: {_counted(request['counts'])}.")
+            return
+        with bar("Calibrating", not as_json) as progress:
+            request = client.wait(request, on_progress=progress)
+        lines = [
+            f"The request {request['id']} is {request['state'].replace('_', ' ')}: {_counted(request['counts'])}."
+        ]
+        lines += [] if as_json else _reasons(client, request["id"])
+    say(request, as_json, "\n".join(lines))
+    if request["state"] != "done":
+        raise typer.Exit(FAILED)
+
+
+def _known(client: Client, follow: str, retry: str, cancel: str) -> Document:
+    printed_by = "`apexcal calibrate-fleet`"
+    if retry:
+        return client.fleet_requests.retry(check_id(retry, "fleet request", printed_by))
+    if cancel:
+        return client.fleet_requests.cancel(check_id(cancel, "fleet request", printed_by))
+    return client.fleet_requests.get(check_id(follow, "fleet request", printed_by))
+
+
+def _counted(counts: dict[str, int]) -> str:
+    named = [f"{count} {state}" for state, count in counts.items() if count and state != "matched"]
+    return f"{counts['matched']} vehicles, {', '.join(named)}"
+
+
+def _reasons(client: Client, request_id: str) -> list[str]:
+    """Why vehicles failed or were skipped, the first of each."""
+    lines: list[str] = []
+    for state in ("failed", "skipped"):
+        rows = list(client.fleet_requests.vehicles(request_id, state))
+        lines += [f"  {row['vehicle']} {state}: {(row['problem'] or {}).get('detail', '')}" for row in rows[:_SHOWN]]
+        if len(rows) > _SHOWN:
+            lines.append(f"  ... and {len(rows) - _SHOWN} more {state}")
+    return lines
+
+
+def _what_it_comes_to(found: Document) -> str:
+    first = found["skipped_vehicles"][:_SHOWN]
+    skipped = [f"  {one['vehicle']} skipped: {one['problem']['detail']}" for one in first]
+    if found["skipped"] > len(skipped):
+        skipped.append(f"  ... and {found['skipped'] - len(skipped)} more skipped")
+    sentence = (
+        f"{found['matched']} vehicles match: {found['calibrations']} would be calibrated in {found['runs']} runs, "
+        f"{found['skipped']} skipped."
+    )
+    return "\n".join([sentence, *skipped])
