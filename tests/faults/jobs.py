@@ -100,5 +100,6 @@ def ask_two_cameras(client: Client, name: str, **request: Any) -> dict[str, Any]
         for camera, marked in (("front", seen), ("left", other))
     ]
     schedule = {"slots": 4, "population": 400, "generations": 20, "max_iterations": 8}
-    models = ["pinhole", "kannala_brandt"]
-    return client.calibrations.create(vehicle["id"], sets, models, **{"folds": 2, "schedule": schedule, **request})
+    return client.calibrations.create(
+        vehicle["id"], sets, ["pinhole"], **{"folds": 2, "schedule": schedule, **request}
+    )

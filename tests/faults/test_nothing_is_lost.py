@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from itertools import count, pairwise
+from itertools import count
 from uuid import UUID
 
 import pytest
@@ -75,7 +75,7 @@ def test_one_worker_and_four_give_the_same_bits_farmed_either_way(farm: Farm, un
 def test_two_cameras_on_one_worker_and_on_two_farmed_either_way_end_with_the_same_bits(farm: Farm):
     """Every slot's best, every result and the comparison of the cameras, from the request and its seed alone."""
     found = []
-    for processes, way in ((1, "runs"), (2, "slots"), (2, "runs")):
+    for processes, way in ((1, "runs"), (2, "slots")):
         farm.restart_worker(processes)
         calibration = farm.finished(ask_two_cameras(farm.client, next(_names), farm=way), 120)
         assert (calibration["state"], calibration["problem"]) == ("done", None)
@@ -83,10 +83,9 @@ def test_two_cameras_on_one_worker_and_on_two_farmed_either_way_end_with_the_sam
         assert [pair["name"] for pair in summary["rig"]["pairs"]] == ["T_front_left"]
         why = {camera: one["why"] for camera, one in summary["cameras"].items()}
         documents = farm.documents(calibration)
-        assert len(documents) == 2 * 2 * 3
+        assert len(documents) == 2 * 3
         found.append((calibration["request"]["seed"], documents, bests_of(farm, calibration), summary["rig"], why))
-    for one, other in pairwise(found):
-        assert one == other
+    assert found[0] == found[1]
     seed, documents, slots, *_ = found[0]
     for document in documents.values():
         assert document["provenance"]["request"]["seed"] == seed
@@ -108,7 +107,7 @@ def test_the_comparison_of_cameras_killed_at_work_ends_the_calibration_once(farm
         with farm.database.reading() as session:
             return list(session.scalars(select(Job.id).where(Job.kind == "consistency", Job.state == "queued")))
 
-    wait_until(waiting, "the comparison")
+    wait_until(waiting, "the comparison", 60)
     (job_id,) = waiting()
     assert claim(farm.database, job_id, "a worker that dies")
     let_lease_expire(farm.database, job_id)

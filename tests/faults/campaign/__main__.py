@@ -31,7 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         logs.mkdir()
         own_disk = small_file_system(data, _DISK_BYTES)
         let_modes_bind_children()
-        campaign = Campaign(data, logs, Random(options.seed), size_of(options.seconds), own_disk=own_disk)
+        campaign = Campaign(
+            data, logs, Random(options.seed), size_of(options.seconds), own_disk=own_disk, s3=options.store == "s3"
+        )
         try:
             findings = campaign.run()
         finally:
@@ -64,6 +66,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.faults.campaign", description=__doc__)
     parser.add_argument("--seconds", type=float, default=_SCALE_S, help="how long faults strike")
     parser.add_argument("--seed", type=int, default=None, help="of the schedule; another one each time by default")
+    parser.add_argument("--store", choices=("folder", "s3"), default="folder", help="where blobs are")
     parser.add_argument("--keep-logs", type=Path, default=None, metavar="DIR", help="copy the processes' logs there")
     options = parser.parse_args(arguments)
     if options.seed is None:

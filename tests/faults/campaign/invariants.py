@@ -119,7 +119,9 @@ def _check_run(session: Session, run: CalibrationRun, found: Findings) -> None:
     results = session.scalar(select(func.count()).where(Result.run_id == run.id)) or 0
     if results != 1:
         (found.doubled if results else found.lost).append(f"{what} has {results} results")
-    slots = Counter(session.execute(select(Slot.iteration, Slot.slot).where(Slot.run_id == run.id)).tuples().all())
+    slots = Counter(
+        (i, s) for i, s in session.execute(select(Slot.iteration, Slot.slot).where(Slot.run_id == run.id))
+    )
     wanted = {(iteration, slot) for iteration in range(run.iteration) for slot in range(run.slots)}
     found.lost += [f"{what} has no slot {slot}" for slot in wanted - set(slots)]
     found.doubled += [f"{what} has slot {slot} {slots[slot]} times" for slot in slots if slots[slot] > 1]

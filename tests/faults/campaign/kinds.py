@@ -45,6 +45,16 @@ def _kill(names: Sequence[str], how: signal.Signals = signal.SIGKILL) -> Strike:
     return strike
 
 
+def _end_worker(how: signal.Signals) -> Strike:
+    """Kill a worker, or tell it to stop; one that has not started yet is left to start."""
+
+    def strike(plant: Plant, random: Random) -> Struck:
+        up = [name for name in WORKERS if plant.pool_of(name)]
+        return _kill(up, how)(plant, random) if up else Struck("")
+
+    return strike
+
+
 def _kill_pool_process(plant: Plant, random: Random) -> Struck:
     worker = random.choice(WORKERS)
     return _kill_one_of(plant.pool_of(worker), f"of {worker}", random)
@@ -108,7 +118,10 @@ def _cut_connections(plant: Plant, random: Random) -> Struck:
 
 
 def _store_away(plant: Plant, random: Random) -> Struck:
-    """Nobody may read or write the folder of the blobs."""
+    """S3 hangs, or nobody may read or write the folder of the blobs."""
+    if plant.s3:
+        plant.s3.pause()
+        return Struck("S3", plant.s3.resume)
     blobs = plant.data / "blobs"
     blobs.chmod(0)
     return Struck("blobs", lambda: blobs.chmod(0o700))
@@ -140,8 +153,8 @@ _FROZEN_S = (2.5, 5.0)
 
 KINDS: dict[str, Kind] = {
     "api_killed": Kind(_kill(["api"]), 2),
-    "worker_killed": Kind(_kill(WORKERS), 2),
-    "worker_told_to_stop": Kind(_kill(WORKERS, signal.SIGTERM)),
+    "worker_killed": Kind(_end_worker(signal.SIGKILL), 2),
+    "worker_told_to_stop": Kind(_end_worker(signal.SIGTERM)),
     "pool_process_killed": Kind(_kill_pool_process, 4),
     "reader_killed": Kind(_kill_reader),
     "beat_killed": Kind(_kill(["beat"])),

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.db.models import Blob, Sensor, UploadPart
-
-
-def listed(folder: Path) -> set[str]:
-    """Every file of a store that is a folder, those of writes that broke off too."""
-    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
 
 def used_keys(session: Session) -> set[str]:
@@ -35,7 +28,7 @@ def check_objects(session: Session, present: set[str]) -> list[str]:
 
 def missing_objects(session: Session, present: set[str]) -> list[str]:
     """Rows in use whose object is gone, or that the sweep is about to remove."""
-    states = dict(session.execute(select(Blob.key, Blob.state)).tuples().all())
+    states = dict(session.execute(select(Blob.key, Blob.state)).all())
     used = used_keys(session)
     found = [f"the object {key} is in use and not there" for key in sorted(used - present)]
     return found + [

@@ -16,13 +16,17 @@ from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
 from service.db.migrate import upgrade
 from service.db.session import Database
+from service.storage.store import Store
 from tests.faults.farm import QUICK, free_port
 from tests.support.broker import Broker
 from tests.support.postgres import Postgres
 from tests.support.processes import start, stop, wait_until
+from tests.support.s3 import S3Server
 
 # A pause before a dead process is started again, in seconds.
 _PAUSE_S = (0.2, 1.0)
+# Seconds on an idle machine; far longer beside other work.
+_START_S = 300.0
 CLOCKS_APART_S = 300
 WORKERS = ("worker-a", "worker-b")
 POOL = 2
@@ -51,13 +55,14 @@ class Part:
 
 
 class Plant:
-    """PostgreSQL, broker, API, two workers of two pool processes, sweeper and beat on one data folder.
+    """PostgreSQL, broker, API, two workers of two pool processes, sweeper and beat on a folder or on S3.
 
     One worker and the sweeper believe that it is five minutes later. Processes die with the thread that started
     them, so one thread makes, watches and closes the plant.
     """
 
-    def __init__(self, data: Path, logs: Path, random: Random) -> None:
+    def __init__(self, data: Path, logs: Path, random: Random, *, s3: bool = False) -> None:
+        self.s3 = S3Server() if s3 else None
         self.data = data
         self.logs = logs
         self._random = random
@@ -68,6 +73,7 @@ class Plant:
         self.database = Database(self.database_url)
         self.url = f"http://127.0.0.1:{free_port()}"
         self._folder = DataFolder(data)
+        self._bucket = self.s3.make_bucket() if self.s3 else ""
         self.environment = self._environment()
         self.parts: dict[str, Part] = {}
 
@@ -84,8 +90,15 @@ class Plant:
 
     def wait_ready(self) -> None:
         """Wait until the service says that it works, and every worker has its pool."""
-        wait_until(self._ready, "the start of the plant", 90)
-        wait_until(lambda: all(len(self.pool_of(name)) >= POOL for name in WORKERS), "the workers' start", 90)
+        wait_until(self._ready, "the start of the plant", _START_S)
+        pools = "the start of the workers' pools"
+        wait_until(lambda: all(len(self.pool_of(name)) >= POOL for name in WORKERS), pools, _START_S)
+
+    def store(self) -> Store:
+        """The store, for looking at it from outside."""
+        if self.s3:
+            return Store(self.environment["APEXCAL_BLOB_URL"], self.s3.options())
+        return Store((self.data / "blobs").as_uri())
 
     def watch(self) -> None:
         """Start again what is dead."""
@@ -120,6 +133,8 @@ class Plant:
         self.database.close()
         self.broker.close()
         self.postgres.close()
+        if self.s3:
+            self.s3.close()
 
     def _environment(self) -> dict[str, str]:
         chosen = plans.environment(self._folder, public_url=self.url, workers=POOL * len(WORKERS))
@@ -129,6 +144,9 @@ class Plant:
             "APEXCAL_DATABASE_URL": self.database_url,
             "APEXCAL_BROKER_URL": self.broker.url,
             "APEXCAL_PART_BYTES": str(1024 * 1024),
+            # So that a store that hangs is noticed within the time that it hangs for.
+            "APEXCAL_STORE_TIMEOUT_S": "2",
+            **(self.s3.environment(self._bucket) if self.s3 else {}),
             **{f"APEXCAL_{name}": value for name, value in QUICK.items()},
         }
 

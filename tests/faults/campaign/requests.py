@@ -26,13 +26,13 @@ CALIBRATIONS: dict[str, Json] = {
         "models": ["pinhole"],
         "folds": 0,
         "farm": "slots",
-        "schedule": {"slots": 4, "population": 1000, "generations": 400, "max_iterations": 3},
+        "schedule": {"slots": 4, "population": 1000, "generations": 200, "max_iterations": 3},
     },
     "pinhole whole": {
         "models": ["pinhole"],
         "folds": 2,
         "farm": "runs",
-        "schedule": {"slots": 3, "population": 800, "generations": 200, "max_iterations": 3},
+        "schedule": {"slots": 3, "population": 800, "generations": 150, "max_iterations": 3},
     },
     "kannala_brandt as it comes": {
         "models": ["kannala_brandt"],
