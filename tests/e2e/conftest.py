@@ -67,12 +67,12 @@ def served(simulated: Callable[[], Path], tmp_path_factory: pytest.TempPathFacto
     command = [sys.executable, "-m", "apexcal.cli", "serve", "--data", str(data), "--port", "0", "--workers", "1"]
     child = start([*command, "--json"], log)
     try:
-        yield _said(child, log)
+        yield said_by(child, log)
     finally:
         stop(child)
 
 
-def _said(child: subprocess.Popen[bytes], log: Path) -> dict[str, Any]:
+def said_by(child: subprocess.Popen[bytes], log: Path) -> dict[str, Any]:
     """The line of JSON with which the service says that it is up."""
     end = time.monotonic() + 90
     while child.poll() is None and time.monotonic() < end:

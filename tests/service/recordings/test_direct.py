@@ -16,6 +16,9 @@ from tests.support.people import Api
 from tests.support.s3 import S3Server
 from tests.support.uploads import new_recording, put_part, upload
 
+# A fleet's service: what differs between the databases is tested with the folder's parts.
+pytestmark = pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+
 PARTS = [b"first" * 1000, b"second" * 500, b"tail"]
 
 

@@ -1,0 +1,132 @@
+"""docker-compose.yml against what compose takes and what we promise of it; no engine runs here."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+
+import pytest
+import yaml
+
+from apexcal.embedded.plans import QUEUES
+from service.settings import Settings
+from tests.support.compose import FILE, ROOT, MissingVariableError, demanded, image_environment, load
+
+VARIABLES = {name: f"given-{name.lower().replace('_', '-')}" for name in demanded()}
+# What each service may say, out of the Compose Specification: a misspelt word would be ignored or refused.
+KEYS = {
+    *("image", "build", "user", "entrypoint", "command", "environment", "volumes", "networks", "ports", "depends_on"),
+    *("restart", "init", "read_only", "tmpfs", "cap_drop", "security_opt", "shm_size", "mem_limit"),
+    *("stop_grace_period", "healthcheck"),
+}
+HEALTH = {"test", "interval", "timeout", "retries", "start_period"}
+ONCE = {"migrations", "bucket", "durable"}
+
+
+@pytest.fixture(scope="module")
+def document() -> dict:
+    return load(VARIABLES)
+
+
+@pytest.fixture(scope="module")
+def services(document: dict) -> dict[str, dict]:
+    return document["services"]
+
+
+def ours(services: dict[str, dict]) -> dict[str, dict]:
+    return {name: service for name, service in services.items() if "build" in service}
+
+
+def test_it_refuses_to_start_without_secrets() -> None:
+    secrets = {"POSTGRES_PASSWORD", "VALKEY_PASSWORD", "S3_ACCESS_KEY", "S3_SECRET_KEY"}
+    assert demanded() == secrets | {"APEXCAL_PUBLIC_URL", "APEXCAL_S3_PUBLIC_ENDPOINT"}
+    for name in demanded():
+        with pytest.raises(MissingVariableError, match=name):
+            load(VARIABLES | {name: ""})
+    text = FILE.read_text()
+    for name in secrets:
+        assert not re.search(rf"\$\{{{name}(?!:\?)", text), f"{name} has a default somewhere"
+
+
+def test_every_word_is_one_that_compose_knows(document: dict, services: dict[str, dict]) -> None:
+    extensions = {key for key in document if key.startswith("x-")}
+    assert set(document) - extensions == {"services", "networks", "volumes"}
+    for name, service in services.items():
+        assert set(service) <= KEYS, (name, set(service) - KEYS)
+        assert set(service.get("healthcheck", {})) <= HEALTH, name
+        assert set(service["networks"]) <= set(document["networks"]), name
+        for volume in service.get("volumes", []):
+            source, _, target = volume.rpartition(":")
+            assert target.startswith("/") and (not source or source in document["volumes"]), (name, volume)
+        for other, wanted in service.get("depends_on", {}).items():
+            condition = wanted["condition"]
+            assert condition in ("service_healthy", "service_completed_successfully"), (name, other)
+            assert (condition == "service_healthy") == ("healthcheck" in services[other]), (name, other)
+            assert (condition == "service_completed_successfully") == (other in ONCE), (name, other)
+
+
+def test_containers_can_do_little(services: dict[str, dict]) -> None:
+    for name, service in services.items():
+        assert service["read_only"] is True and "/tmp" in service["tmpfs"], name
+        assert service["cap_drop"] == ["ALL"] and service["security_opt"] == ["no-new-privileges:true"], name
+        assert service["user"] not in ("root", "0", "0:0") and service["user"], name
+        assert re.fullmatch(r"\d+[mg]", service["mem_limit"]), name
+        assert re.search(r":\d+(\.\d+)+$", service["image"]), f"{name}: pin {service['image']} to a version"
+        assert service["restart"] == ("no" if name in ONCE else "unless-stopped"), name
+        assert ("healthcheck" in service) == (name not in ONCE), name
+
+
+def test_only_the_doors_are_open(document: dict, services: dict[str, dict]) -> None:
+    assert document["networks"]["inside"] == {"internal": True}
+    outside = {name for name, service in services.items() if "outside" in service["networks"]}
+    assert outside == {name for name, service in services.items() if "ports" in service} == {"api", "s3"}
+    for service in services.values():
+        assert "inside" in service["networks"]
+        for port in service.get("ports", []):
+            assert port.startswith("127.0.0.1:"), "a door is open to other hosts only where the operator says so"
+
+
+def test_every_queue_has_its_workers_and_time_to_let_go(services: dict[str, dict]) -> None:
+    workers = {name: service for name, service in services.items() if name.startswith("worker-")}
+    queues = [service["command"][service["command"].index("--queues") + 1] for service in workers.values()]
+    assert sorted(queues) == sorted(QUEUES.split(","))
+    for name, service in workers.items():
+        assert service["networks"] == ["inside"], name
+        assert service["stop_grace_period"] == "60s", name
+        assert any(volume.endswith(":/var/cache/apexcal") for volume in service["volumes"]), name
+        assert "/var/lib/apexcal" in service["volumes"], name
+    beats = [name for name, service in services.items() if "beat" in (service.get("command") or [])]
+    assert beats == ["beat"]
+
+
+def test_settings_and_modules_exist(services: dict[str, dict]) -> None:
+    known = {f"APEXCAL_{name.upper()}" for name in Settings.model_fields}
+    for name, service in ours(services).items():
+        settings = {key for key in service["environment"] if key.startswith("APEXCAL_")}
+        assert settings <= known, (name, settings - known)
+        words = service["command"]
+        for flag in ("-m", "-A"):
+            if flag in words:
+                module = words[words.index(flag) + 1]
+                assert importlib.util.find_spec(module), (name, module)
+    assert image_environment()["APEXCAL_DATA_DIR"] == "/var/lib/apexcal"
+    assert all(line != "USER root" for line in (ROOT / "Dockerfile").read_text().splitlines())
+    assert "USER 1000:1000" in (ROOT / "Dockerfile").read_text()
+    assert ".env" in (ROOT / ".dockerignore").read_text().split()
+
+
+def test_compose_itself_takes_it() -> None:
+    tool = shutil.which("docker-compose")
+    plugin = shutil.which("docker") and subprocess.run(["docker", "compose", "version"], capture_output=True)
+    command = [tool] if tool else ["docker", "compose"] if plugin and plugin.returncode == 0 else None
+    if command is None:
+        pytest.skip("neither docker-compose nor docker's compose plugin is installed")
+    environment = {"PATH": "/usr/local/bin:/usr/bin:/bin", **VARIABLES}
+    answer = subprocess.run(
+        [*command, "-f", str(FILE), "config"], capture_output=True, text=True, env=environment, timeout=60
+    )
+    assert answer.returncode == 0, answer.stderr
+    assert set(yaml.safe_load(answer.stdout)["services"]) == set(load(VARIABLES)["services"])
+    missing = {name: value for name, value in environment.items() if name != "S3_SECRET_KEY"}
+    refused = subprocess.run([*command, "-f", str(FILE), "config"], capture_output=True, text=True, env=missing)
+    assert refused.returncode != 0 and "S3_SECRET_KEY" in refused.stderr
