@@ -59,7 +59,7 @@ def test_a_shifted_pose_of_the_real_board_is_named():
         named = {int(poses[one.index]) for one in judge(replace(problem, points=moved), start)}
         hits += int(pose) in named
         assert len(named - before - {int(pose)}) <= 2
-    assert hits >= 17
+    assert hits >= 19
 
 
 PUBLISHED = {

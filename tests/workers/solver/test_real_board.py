@@ -1,0 +1,47 @@
+"""The 80 recorded correspondences: how well each model fits, and what too few of them are told to hold."""
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import NOMINAL, real_correspondences, real_problem
+from tests.workers.solver.test_outliers import PUBLISHED
+from workers.solver.folds import folds
+from workers.solver.problem import problem_from_document
+from workers.solver.schedule import run_schedule
+from workers.solver.solution import evaluate, solve_finish
+
+SHORT = {"slots": 1, "population": 300, "generations": 25, "max_iterations": 6}
+REQUEST = {"model": "brown_conrady", "image_size": [1920, 1208], "nominal": NOMINAL, "schedule": SHORT}
+
+
+def solve(problem):
+    return solve_finish(problem, run_schedule(problem)[0])
+
+
+@pytest.mark.parametrize(
+    ("model", "known", "limit_px"), [("brown_conrady", {}, 4.3), ("kannala_brandt", {"locked": PUBLISHED}, 5.2)]
+)
+def test_the_board_is_fitted_from_a_short_search_too(model, known, limit_px):
+    solution = solve(real_problem(model, schedule=SHORT, **known))
+    assert solution["polished"]["mean_px"] <= limit_px
+    assert (solution["status"], solution["at_bounds"]) == ("ok", [])
+
+
+def test_the_top_vertices_alone_are_said_to_hold_too_little_and_held_out_poses_show_it():
+    points, pixels, poses = real_correspondences()
+    top = points[:, 2] == np.repeat(points[:, 2].reshape(20, 4).max(axis=1), 4)
+    assert top.sum() == 20
+    solution = solve(problem_from_document(REQUEST, points[top], pixels[top]))
+    assert any("does not hold all 16 parameters" in alarm for alarm in solution["alarms"])
+    fitted = solution["polished"]["mean_px"]
+    assert fitted < 3.0, "they are fitted well"
+    others = evaluate(solution["intrinsics"], solution["transform"], points[~top], pixels[~top])
+    assert others["mean_px"] > 5.0 * fitted, "and say little of the rest"
+    errors = []
+    for number, held_out in enumerate(folds(poses[top], 5)):
+        kept = np.setdiff1d(np.arange(20), held_out)
+        one = solve(problem_from_document(REQUEST | {"fold": number}, points[top][kept], pixels[top][kept]))
+        score = evaluate(one["intrinsics"], one["transform"], points[top][held_out], pixels[top][held_out])
+        errors += score["errors_px"]
+    assert len(errors) == 20
+    assert np.mean(errors) > 2.0 * fitted
