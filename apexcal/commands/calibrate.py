@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from apexcal.client import ApiError, Client, ClientError
+from apexcal.client import ApiError, Client
 from apexcal.commands.calibrated import show, why_unpublished
+from apexcal.commands.camera_files import build_sets, import_sets, lenses
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
-from apexcal.commands.connect import check_id, connected, find_camera, find_rig, find_vehicle
+from apexcal.commands.connect import connected
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 
 
 def calibrate(
     detection: Annotated[str, typer.Option(help="Id of a detection whose vertices people have marked.")] = "",
-    pairs: Annotated[Path | None, typer.Option(help="CSV of pairs: x,y,z,u,v and stamp_ns or group.")] = None,
+    pairs: Annotated[
+        list[str] | None,
+        typer.Option(help="CSV of pairs: x,y,z,u,v and stamp_ns or group; several times, as CAMERA=FILE."),
+    ] = None,
     vehicle: Annotated[str, typer.Option(help="Vehicle, by name or id (with --pairs).")] = "",
     rig: Annotated[str, typer.Option(help="Rig, by name or id (with --pairs).")] = "",
-    camera: Annotated[str, typer.Option(help="Camera; needed where the rig has several.")] = "",
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(help="Camera; needed where the rig has several. Several times: together, and compared."),
+    ] = None,
     model: Annotated[list[str] | None, typer.Option(help="Camera model; several times. Otherwise all three.")] = None,
     preset: Annotated[str | None, typer.Option(help="default, paper or toolbox; default.")] = None,
     search: Annotated[str | None, typer.Option(help="rotation_vector or euler; as the preset has it.")] = None,
@@ -28,6 +34,13 @@ def calibrate(
     stated: Annotated[
         bool, typer.Option("--stated", help="Look for focal lengths and centre near those that the recording states.")
     ] = False,
+    intrinsics: Annotated[
+        list[str] | None,
+        typer.Option(help="The lens as known: YAML of ROS or Kalibr. For one of several cameras: CAMERA=FILE."),
+    ] = None,
+    intrinsics_as: Annotated[
+        str | None, typer.Option(help="What --intrinsics or --stated are taken as: bounds, prior or locked; bounds.")
+    ] = None,
     outliers: Annotated[
         str | None, typer.Option(help="keep or exclude the pairs that are judged not to belong; keep.")
     ] = None,
@@ -40,10 +53,10 @@ def calibrate(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Fit every model to a camera's pairs, and say which one to take."""
-    if detection and pairs is not None:
+    """Fit every model to each camera's pairs, and say which one to take."""
+    if detection and pairs:
         usage("not both: --detection takes the pairs from marks, --pairs from a file", "Leave one of them out")
-    if not detection and pairs is None:
+    if not detection and not pairs:
         usage("calibrate needs either --detection or --pairs", "Give the id of a marked detection, or a CSV file")
     if folds == 1:
         usage(
@@ -52,22 +65,29 @@ def calibrate(
         )
     if outliers not in (None, "keep", "exclude"):
         usage(f"--outliers {outliers!r} is neither keep nor exclude", "Write --outliers exclude to leave them out")
+    if intrinsics_as not in (None, "bounds", "prior", "locked"):
+        usage(f"--intrinsics-as {intrinsics_as!r} is no way to take them", "Write bounds, prior or locked")
+    if intrinsics_as and not intrinsics and not stated:
+        usage("--intrinsics-as says how, and nothing what", "Add --intrinsics FILE, or --stated")
     # What is not given is left to the service: a preset means more than its schedule.
-    given = {
+    given: dict[str, object] = {
         "preset": preset,
         "search": search,
         "bounds_preset": bounds,
         "intrinsics_from": "recording" if stated else None,
+        "intrinsics_as": intrinsics_as,
         "outliers": outliers,
         "folds": folds,
         "seed": seed,
         "farm": farm,
     }
     with connected(url, token, data) as client:
-        chosen = _import(client, pairs, vehicle, rig, camera) if pairs else _build(client, detection, camera)
+        cameras = camera or []
+        sets = import_sets(client, pairs, vehicle, rig, cameras) if pairs else build_sets(client, detection, cameras)
+        given["intrinsics"] = lenses(intrinsics or [], [one["camera"] for one in sets]) or None
         calibration = client.calibrations.create(
-            chosen["vehicle_id"],
-            [chosen["id"]],
+            sets[0]["vehicle_id"],
+            [one["id"] for one in sets],
             model or None,
             **{name: value for name, value in given.items() if value is not None},
             publish="recommended" if publish else "none",
@@ -80,22 +100,6 @@ def calibrate(
     say(calibration, as_json, "\n".join([f"The calibration is {calibration['id']}.", *published]))
 
 
-def _import(client: Client, path: Path, vehicle: str, rig: str, camera: str) -> Document:
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise ClientError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
-    with_rig = find_rig(client, find_vehicle(client, "", vehicle), rig)
-    return client.correspondence_sets.import_csv(with_rig["id"], find_camera(with_rig, camera), text)
-
-
-def _build(client: Client, detection_id: str, camera: str) -> Document:
-    found = client.detections.get(check_id(detection_id, "detection", "`apexcal detect`"))
-    recording = client.recordings.get(found["recording_id"])
-    with_rig = client.vehicles.rig(recording["rig_id"])
-    return client.correspondence_sets.build(detection_id, find_camera(with_rig, camera))
-
-
 def _publications(client: Client, calibration: Document, *, wanted: bool) -> list[str]:
     """For each camera, which result the vehicle is given now, or why it is none of this calibration."""
     vehicle = client.vehicles.get(calibration["vehicle_id"])["name"]
@@ -106,7 +110,7 @@ def _publications(client: Client, calibration: Document, *, wanted: bool) -> lis
         if model:
             sentences.append(f"{model} is now the current calibration of {name} on {vehicle}.")
         else:
-            why = why_unpublished(calibration, camera, wanted=wanted)
+            why = why_unpublished(camera, wanted=wanted)
             sentences.append(f"Nothing was published for {name} on {vehicle}: {why}")
     return sentences
 

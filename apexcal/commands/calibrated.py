@@ -23,6 +23,12 @@ def show(calibration: Document) -> None:
             out.print(f"* {camera['why']}", markup=False, soft_wrap=True)
         for warning in warnings_of(camera):
             out.print(f"Warning: {warning}", markup=False, soft_wrap=True)
+    rig = (calibration.get("summary") or {}).get("rig") or {}
+    for pair in rig.get("pairs", []):
+        for sentence in pair["sentences"]:
+            out.print(sentence, markup=False, soft_wrap=True)
+    for alarm in rig.get("alarms", []):
+        out.print(f"Warning: {alarm}", markup=False, soft_wrap=True)
 
 
 def table_of(name: str, camera: Document) -> Table:
@@ -59,17 +65,14 @@ def warnings_of(camera: Document) -> list[str]:
     return warnings + [f"{camera['recommended']}: {alarm}" for alarm in recommended.get("alarms", [])]
 
 
-def why_unpublished(calibration: Document, camera: Document, *, wanted: bool) -> str:
+def why_unpublished(camera: Document, *, wanted: bool) -> str:
     """Why no result of this camera became the vehicle's current calibration, and what to do about it."""
     by_hand = "A reviewer can publish a result on the calibration's page."
     if not wanted:
         return f"--no-publish said so. {by_hand}"
-    if not camera.get("recommended"):
-        return f"no model is recommended. {by_hand}"
-    if not camera["models"][camera["recommended"]].get("heldout_pairs"):
-        return f"no pairs were held out to judge it by (--folds 5 does). {by_hand}"
-    if any(run["state"] != "done" for run in calibration["runs"]):
-        return f"not every fit ended well. {by_hand}"
+    reasons = camera.get("not_published")
+    if reasons:
+        return " ".join([*reasons, by_hand])
     return f"another result has been published since. {by_hand}"
 
 

@@ -56,8 +56,8 @@ class Calibrations:
         """Request a calibration: every model, or every one of ``models``, on every camera's pairs.
 
         ``request`` holds what the API takes besides: ``preset``, ``schedule``, ``search``, ``rotation_range_deg``,
-        ``bounds_preset``, ``intrinsics_from``, ``bounds``, ``locked``, ``priors``, ``loss``, ``outliers``, ``seed``,
-        ``folds``, ``farm``, ``publish``.
+        ``bounds_preset``, ``intrinsics_from``, ``intrinsics`` (a lens by camera), ``intrinsics_as``, ``bounds``,
+        ``locked``, ``priors``, ``loss``, ``outliers``, ``weights``, ``seed``, ``folds``, ``farm``, ``publish``.
         """
         body = {"correspondence_set_ids": list(correspondence_set_ids), **request}
         if models is not None:

@@ -260,7 +260,7 @@ def test_calibrate_says_what_became_of_its_result(embedded, simulated, tmp_path)
     (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
     calibrate = ("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"], "--model", "pinhole")
     for more, said in (
-        (("--folds", 0), "Nothing was published for front on Van: no pairs were held out"),
+        (("--folds", 0), "Nothing was published for front on Van: No pairs were held out"),
         (("--folds", 2, "--no-publish"), "Nothing was published for front on Van: --no-publish"),
         (("--folds", 2), "pinhole is now the current calibration of front on Van."),
     ):

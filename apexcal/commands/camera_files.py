@@ -1,0 +1,63 @@
+"""Options of the form ``CAMERA=FILE``, and the correspondence sets that a calibration is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from apexcal.client import Client, ClientError
+from apexcal.commands.common import usage
+from apexcal.commands.connect import check_id, find_camera, find_rig, find_vehicle
+from apexcal.intrinsics import read_intrinsics
+from apexcal.transport import Document
+
+
+def camera_and_file(text: str) -> tuple[str, Path]:
+    """``front=pairs.csv`` as its camera and file; without a camera, an empty name. A file of that whole name wins."""
+    camera, sign, file = text.partition("=")
+    if not sign or Path(text).exists():
+        return "", Path(text)
+    return camera, Path(file)
+
+
+def import_sets(
+    client: Client, files: Sequence[str], vehicle: str, rig: str, cameras: Sequence[str]
+) -> list[Document]:
+    """A set of each file. With several files each names its camera."""
+    named = [camera_and_file(text) for text in files]
+    if len(named) > 1 and not all(camera for camera, _ in named):
+        usage("several --pairs, and one names no camera", "Write each as --pairs CAMERA=FILE")
+    texts: list[bytes] = []
+    for _, path in named:
+        try:
+            texts.append(path.read_bytes())
+        except OSError as error:
+            raise ClientError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
+    with_rig = find_rig(client, find_vehicle(client, "", vehicle), rig)
+    of = [find_camera(with_rig, camera or "".join(cameras[:1])) for camera, _ in named]
+    return [
+        client.correspondence_sets.import_csv(with_rig["id"], camera, text)
+        for camera, text in zip(of, texts, strict=True)
+    ]
+
+
+def build_sets(client: Client, detection_id: str, cameras: Sequence[str]) -> list[Document]:
+    """A set of the marks in each camera."""
+    found = client.detections.get(check_id(detection_id, "detection", "`apexcal detect`"))
+    recording = client.recordings.get(found["recording_id"])
+    with_rig = client.vehicles.rig(recording["rig_id"])
+    of = [find_camera(with_rig, camera) for camera in cameras or [""]]
+    return [client.correspondence_sets.build(detection_id, camera) for camera in of]
+
+
+def lenses(files: Sequence[str], cameras: Sequence[str]) -> dict[str, Document]:
+    """The intrinsics of each camera that a file is given for."""
+    found: dict[str, Document] = {}
+    for text in files:
+        camera, path = camera_and_file(text)
+        if not camera and len(cameras) > 1:
+            usage("--intrinsics names no camera, and there are several", "Write it as --intrinsics CAMERA=FILE")
+        if camera and camera not in cameras:
+            usage(f"--intrinsics names {camera!r}", f"The cameras of this calibration are {', '.join(cameras)}")
+        found[camera or cameras[0]] = read_intrinsics(path, camera or cameras[0])
+    return found

@@ -1,0 +1,101 @@
+"""Camera intrinsics as people keep them in files, read into what a calibration request takes.
+
+ROS: the YAML of ``camera_calibration`` and of a ``CameraInfo`` message. Kalibr: a camchain. JSON is YAML too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from apexcal.errors import ClientError
+from apexcal.transport import Document
+
+_LARGEST_BYTES = 1_000_000
+_FORMS = (
+    "Known are the YAML of ROS (image_width, camera_matrix, distortion_model, distortion_coefficients; or a "
+    "CameraInfo's width, height, distortion_model, K, D) and a Kalibr camchain (cam0: camera_model, intrinsics, ...)."
+)
+
+
+def read_intrinsics(path: Path, camera: str) -> Document:
+    """A camera's lens, as ``{"width", "height", "distortion_model", "K", "D"}``; a camchain is asked by its name.
+
+    What the numbers mean is checked by the service. Raises :class:`ClientError` where the file holds no such lens.
+    """
+    document = _first_document(path)
+    chain = {name: one for name, one in document.items() if isinstance(one, Mapping) and "camera_model" in one}
+    if chain:
+        return _from_kalibr(path, _member(path, chain, camera))
+    try:
+        return _from_ros(document)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise ClientError(f"{path} holds no intrinsics of a camera", _FORMS) from None
+
+
+def _first_document(path: Path) -> Mapping[str, Any]:
+    yaml: Any = import_module("yaml")
+    try:
+        if path.stat().st_size > _LARGEST_BYTES:
+            raise ClientError(f"{path} is too large for a camera's intrinsics", _FORMS)
+        # A message that was echoed ends with `---`.
+        document = next(iter(yaml.safe_load_all(path.read_text(encoding="utf-8"))), None)
+    except OSError as error:
+        raise ClientError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        reason = str(getattr(error, "problem", None) or type(error).__name__)
+        raise ClientError(f"{path} is no YAML: {reason}", _FORMS) from None
+    if not isinstance(document, Mapping):
+        raise ClientError(f"{path} holds no intrinsics of a camera", _FORMS)
+    return document
+
+
+def _from_ros(document: Mapping[str, Any]) -> Document:
+    K = document.get("camera_matrix", document.get("K", document.get("k")))
+    D = document.get("distortion_coefficients", document.get("D", document.get("d", [])))
+    return {
+        "width": int(document["image_width"] if "image_width" in document else document["width"]),
+        "height": int(document["image_height"] if "image_height" in document else document["height"]),
+        "distortion_model": str(document["distortion_model"]),
+        "K": _numbers(K["data"] if isinstance(K, Mapping) else K),
+        "D": _numbers(D["data"] if isinstance(D, Mapping) else D),
+    }
+
+
+def _member(path: Path, chain: Mapping[str, Mapping[str, Any]], camera: str) -> Mapping[str, Any]:
+    """The camera of a camchain: by its own name, by a part of its topic, or the only one."""
+    named = [one for name, one in chain.items() if camera in (name, *str(one.get("rostopic", "")).split("/"))]
+    found = named or (list(chain.values()) if len(chain) == 1 else [])
+    if len(found) != 1:
+        raise ClientError(
+            f"{path} has the cameras {', '.join(chain)}, and none of them is clearly {camera}",
+            "Give a file with that camera alone.",
+        )
+    return found[0]
+
+
+def _from_kalibr(path: Path, camera: Mapping[str, Any]) -> Document:
+    if camera["camera_model"] != "pinhole":
+        raise ClientError(
+            f"{path}: Kalibr's camera model {camera['camera_model']!r} has no equal here",
+            "Calibrate as pinhole-radtan or pinhole-equi.",
+        )
+    try:
+        f_x, f_y, c_x, c_y = _numbers(camera["intrinsics"])
+        width, height = (int(size) for size in camera["resolution"])
+        model, D = str(camera["distortion_model"]), _numbers(camera["distortion_coeffs"])
+    except (KeyError, TypeError, ValueError):
+        raise ClientError(f"{path} holds no complete camera of a Kalibr camchain", _FORMS) from None
+    return {
+        "width": width,
+        "height": height,
+        "distortion_model": model,
+        "K": [f_x, 0.0, c_x, 0.0, f_y, c_y, 0.0, 0.0, 1.0],
+        "D": D,
+    }
+
+
+def _numbers(values: Sequence[Any]) -> list[float]:
+    return [float(value) for value in values]
