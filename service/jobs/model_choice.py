@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import expm1, log, sqrt
+from math import expm1, log, log1p, sqrt
 
+# What a larger model gains less than is not worth its parameters, however sure.
+_HAIR = 0.02
 # Errors below are none: only made-up pairs have such.
 _NO_ERROR_PX = 1e-9
 
@@ -37,6 +39,7 @@ class Difference:
     """How much higher a model's held-out error is than the lowest one: its mean over the pairs, and block by block.
 
     ``percent`` is the blocks' mean ratio; the standard errors are of the blocks, for pairs of one block share a fit.
+    ``within_noise``: it is no more than its standard error, or than a hair.
     """
 
     px: float
@@ -85,7 +88,7 @@ def _by_heldout(models: Mapping[str, Candidate]) -> Choice:
     why = "; ".join(sentences) + "."
     if chosen != lowest:
         why += (
-            f" Within the noise the smaller model is recommended: {chosen}, with "
+            f" Where that is all, the smaller model is recommended: {chosen}, with "
             f"{models[chosen].free_parameters} free parameters instead of {models[lowest].free_parameters}."
         )
     return Choice(chosen, why, behind)
@@ -111,11 +114,16 @@ def _difference(model: Candidate, lowest: Candidate) -> Difference:
     ratios = [log(max(_mean(errors), _NO_ERROR_PX) / max(_mean(others), _NO_ERROR_PX)) for errors, others in blocks]
     ratio = _mean(ratios)
     of_ratio = sqrt(sum((one - ratio) ** 2 for one in ratios) / max(len(ratios) - 1, 1) / len(ratios))
-    return Difference(mean, of_mean, 100.0 * expm1(ratio), 100.0 * expm1(of_ratio), ratio <= of_ratio)
+    return Difference(
+        mean, of_mean, 100.0 * expm1(ratio), 100.0 * expm1(of_ratio), ratio <= max(of_ratio, log1p(_HAIR))
+    )
 
 
 def _behind(name: str, difference: Difference, lowest: str) -> str:
-    noise = "within the noise" if difference.within_noise else "more than noise"
+    noise = "more than noise"
+    if difference.within_noise:
+        sure = difference.percent > difference.standard_error_percent
+        noise = f"no more than {100 * _HAIR:g} %" if sure else "within the noise"
     return (
         f"{name} is {difference.px:.2f} ± {difference.standard_error_px:.2f} px behind {lowest} (block by block "
         f"{difference.percent:.1f} ± {difference.standard_error_percent:.1f} %), {noise}"

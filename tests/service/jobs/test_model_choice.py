@@ -41,9 +41,15 @@ def test_a_hair_does_not_recommend_the_larger_model():
     assert "pinhole is 0.01 ± 0.01 px behind brown_conrady (block by block 0.7 ± 0.9 %), within the noise" in (
         choice.why
     )
-    assert "Within the noise the smaller model is recommended: pinhole, with 10 free parameters instead of 16" in (
+    assert "Where that is all, the smaller model is recommended: pinhole, with 10 free parameters instead of 16" in (
         choice.why
     )
+
+
+def test_a_sure_gain_of_a_hair_does_not_recommend_the_larger_model_either():
+    choice = choose(candidates([[1.015, 1.015]] * 4, [[1.0, 1.0]] * 4))
+    assert choice.recommended == "pinhole"
+    assert "(block by block 1.5 ± 0.0 %), no more than 2 %" in choice.why
 
 
 def test_a_gain_in_every_block_recommends_the_larger_model():
