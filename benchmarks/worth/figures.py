@@ -13,11 +13,12 @@ from benchmarks.worth.methods import FIELD_SHARE, RIGHT_PX
 from benchmarks.worth.questions import QUESTIONS, Question
 
 # Okabe and Ito's colours, which colour-blind people tell apart; marks and dashes differ as well.
-_LOOKS: Mapping[str, tuple[str, str, str, str]] = {
-    "ga": ("genetic algorithm (default) + polish", "#0072B2", "o", "-"),
-    "one_slot": ("one slot of it + polish", "#CC79A7", "s", "--"),
-    "centre": ("least squares from the centre", "#D55E00", "v", "-"),
-    "linear": ("DLT-RANSAC + polish", "#009E73", "^", "-."),
+# The marks shrink from method to method, so that those below show where curves coincide.
+_LOOKS: Mapping[str, tuple[str, str, str, str, float]] = {
+    "ga": ("genetic algorithm (default) + polish", "#0072B2", "o", "-", 10.0),
+    "one_slot": ("one slot of it + polish", "#CC79A7", "s", "--", 7.0),
+    "centre": ("least squares from the centre", "#D55E00", "v", "-", 5.5),
+    "linear": ("DLT-RANSAC + polish", "#009E73", "^", "-.", 3.5),
 }
 _DODGE = 0.006  # of the axis: curves that lie on each other stay visible
 _PER_ROW = 3
@@ -43,30 +44,30 @@ def _picture(group: str, names: list[str], curves: Mapping[str, Any], folder: Pa
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     path = folder / f"worth-{group}.png"
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=90)
     return path.name
 
 
 def _panel(axes: Any, name: str, found: Mapping[str, Any]) -> None:
     question = QUESTIONS[name]
     values = [float(value) for value in found["values"]]
-    for place, (method, (label, colour, mark, dashes)) in enumerate(_LOOKS.items()):
+    for place, (method, (label, colour, mark, dashes, size)) in enumerate(_LOOKS.items()):
         moved = _dodged(values, place - 1.5, question.logarithmic)
         low, high, success = (_percent(found[method][key]) for key in ("low95", "high95", "success"))
         axes.fill_between(moved, low, high, color=colour, alpha=0.10, lw=0.0)
-        axes.plot(moved, success, dashes, color=colour, marker=mark, ms=4.5, lw=1.5, label=label)
+        axes.plot(moved, success, dashes, color=colour, marker=mark, ms=size, lw=1.5, label=label)
     label = f"the optimum is right: {100.0 * FIELD_SHARE:.0f} % of the field within {RIGHT_PX:g} px"
     axes.plot(values, _percent(found["optimum"]["right"]), ":", color="#333333", lw=1.8, label=label)
     if question.figure == "outliers":
         # The only group in which the polish can lose what the search had found.
         before, label = found["ga"]["right_before_polish"], "the genetic algorithm's best before the polish is right"
         axes.plot(values, _percent(before), ":", color=_LOOKS["ga"][1], lw=1.8, label=label)
-    _dress(axes, question, values)
+    _dress(axes, question, values, found["rigs"])
 
 
-def _dress(axes: Any, question: Question, values: list[float]) -> None:
+def _dress(axes: Any, question: Question, values: list[float], rigs: Sequence[int]) -> None:
     axes.set_title(question.title, fontsize=10)
-    axes.set_xlabel(question.label)
+    axes.set_xlabel(f"{question.label}\n{min(rigs)} rigs a point", fontsize=9)
     axes.set_ylim(-4.0, 104.0)
     if question.logarithmic:
         axes.set_xscale("log")
