@@ -70,9 +70,11 @@ def run(steps: Steps, client: Client, fleet: Document, folder: Path) -> Document
         "recording_id": recording["id"],
         "detection_id": tolerant["id"],
         "calibration_id": calibration["id"],
-        "current": client.calibrations.current(vehicle["id"], CAMERA)["result_id"],
     }
-    return document
+    found = calibration["summary"]["cameras"][CAMERA]
+    # A result with a parameter on its bound, for one, does not publish itself.
+    published = client.calibrations.current(vehicle["id"], CAMERA)["result_id"] if found["published"] else None
+    return document | {"current": published, "not_published": found["not_published"]}
 
 
 def _with_refined(steps: Steps, client: Client, truth: Truth, refined: Document) -> Document:
