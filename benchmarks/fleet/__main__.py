@@ -5,7 +5,8 @@ two pool processes, beat and sweeper) and two bare processes do the same runs on
 2.5 s: while one works the other is stopped. The service's time begins when the request is sent, and holds everything
 until the last vehicle has ended; the bare processes have their documents in memory and keep their results there. The
 results must be the same bits. Meanwhile a second fleet asks for single calibrations, timed beside the idle machine's.
-The last line is JSON.
+What ends in ``by_cpu`` counts processor seconds of all processes, for a machine that has other things to do. The last
+line is JSON.
 """
 
 from __future__ import annotations
@@ -57,31 +58,32 @@ def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, 
     bystander = Bystander(house.client, rigs[-1], _CALIBRATION)
     idle = [bystander.ask() for _ in range(_IDLE_ROUNDS)]
     memory = {"start": _memory(house)}
-    pids = house.pids()
-    cpu = {name: cpu_s(pid) for name, pid in pids.items()}
+    cpu = house.cpu_s()
 
-    began = time.perf_counter()
-    request = house.client.fleet_requests.create(fleet["id"], **_CALIBRATION)
-    request_s = time.perf_counter() - began
     service = Contender(house.worker_pids, lambda: _left(house.database, request["id"]) == 0)
+    # Before anything is claimed: no lease ends while the bare processes get ready.
     service.go()
     service.halt()
-    service.seconds += request_s
+    began = time.perf_counter()
+    request = house.client.fleet_requests.create(fleet["id"], **_CALIBRATION)
+    service.seconds = request_s = time.perf_counter() - began
     bare = Bare(_runs(house.database, request["id"]), folder)
     bare.wait_until_ready()
     contender = Contender(bare.pids, lambda: bare.is_done)
     contender.go()
     contender.halt()
+    bare_cpu = sum(map(cpu_s, bare.pids))
     disturbed = _take_turns(house, request["id"], vehicles, service, contender, bystander, memory)
     memory["end"] = _memory(house)
-    cpu = {name: cpu_s(pid) - cpu[name] for name, pid in pids.items()}
+    bare_cpu = sum(map(cpu_s, bare.pids)) - bare_cpu
+    cpu = {name: after - cpu[name] for name, after in house.cpu_s().items()}
     contender.go()
     _assert_same_bits(house.database, request["id"], bare.results())
     service.go()
     idle += [bystander.ask() for _ in range(_IDLE_ROUNDS)]
-    for name in memory["start"]:
-        figures = " -> ".join(f"{memory[when][name]:.0f}" for when in ("start", "quarter", "end"))
-        print(f"{name:14} {figures} MiB, {cpu.get(name, 0.0):.1f} s of a processor", file=sys.stderr)
+    for name, seconds in cpu.items():
+        print(f"{name:10} {seconds:7.1f} s of a processor", file=sys.stderr)
+    print(f"{'bare':10} {bare_cpu:7.1f} s of a processor", file=sys.stderr)
     done = vehicles + disturbed
     return {
         "vehicles": vehicles,
@@ -89,6 +91,7 @@ def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, 
         "vehicles_per_s": done / service.seconds,
         "bare_vehicles_per_s": vehicles / contender.seconds,
         "ratio_to_bare": (vehicles / contender.seconds) / (done / service.seconds),
+        "ratio_to_bare_by_cpu": (sum(cpu.values()) / done) / (bare_cpu / vehicles),
         "bystander_idle_s": statistics.median(idle),
         "bystander_s": statistics.median(bystander.seconds),
         "bystander_worst_s": max(bystander.seconds),

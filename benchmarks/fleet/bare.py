@@ -31,12 +31,16 @@ class Bare:
         context = get_context("spawn")
         self._count = len(runs)
         self._next, self._ended = context.Value("i", 0), context.Value("i", 0)
-        self._ready = context.Barrier(processes + 1)
+        self._ready, self._leave = context.Barrier(processes + 1), context.Barrier(processes + 1)
         self._outputs = [folder / f"bare-{number}.jsonl" for number in range(processes)]
         source = folder / "runs.json"
         source.write_text(json.dumps(runs))
         self.children: list[BaseProcess] = [
-            context.Process(target=_work, args=(source, output, self._next, self._ended, self._ready), daemon=True)
+            context.Process(
+                target=_work,
+                args=(source, output, self._next, self._ended, self._ready, self._leave),
+                daemon=True,
+            )
             for output in self._outputs
         ]
         for child in self.children:
@@ -57,14 +61,15 @@ class Bare:
         return self._ended.value >= self._count
 
     def results(self) -> dict[str, dict[str, Any]]:
-        """Each run's document, by its id."""
+        """Each run's document, by its id; the processes end."""
+        self._leave.wait()
         for child in self.children:
             child.join()
         lines = (line for output in self._outputs for line in output.read_text().splitlines())
         return dict(json.loads(line) for line in lines)
 
 
-def _work(source: Path, output: Path, following: Any, ended: Any, ready: Any) -> None:
+def _work(source: Path, output: Path, following: Any, ended: Any, ready: Any, leave: Any) -> None:
     runs = [Run(*one) for one in json.loads(source.read_text())]
     warm_up()
     found: list[tuple[str, dict[str, Any]]] = []
@@ -78,6 +83,8 @@ def _work(source: Path, output: Path, following: Any, ended: Any, ready: Any) ->
         found.append((runs[number].id, _solve(runs[number])))
         with ended.get_lock():
             ended.value += 1
+    # Alive until then, so that the time that it took can be read.
+    leave.wait()
     output.write_text("".join(json.dumps(one) + "\n" for one in found))
 
 

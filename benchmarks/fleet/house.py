@@ -61,6 +61,11 @@ class House:
         main = self._children["worker"].pid
         return [main, *_children_of(main)]
 
+    def cpu_s(self) -> dict[str, float]:
+        """Processor seconds so far of each part of the service, with all that it started."""
+        roots = {name: child.pid for name, child in self._children.items()}
+        return {name: cpu_s(pid) for name, pid in (roots | {"postgres": self._postgres.child.pid}).items()}
+
     def pids(self) -> dict[str, int]:
         """Every process of the service by what it does; of PostgreSQL the first."""
         main, *pool = self.worker_pids
@@ -107,6 +112,6 @@ def resident_mib(pid: int) -> float:
 
 
 def cpu_s(pid: int) -> float:
-    """Processor seconds of a process, and of its children that have ended."""
+    """Processor seconds of a process and of everything that it started, ended or not."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return sum(map(int, fields[11:15])) / _TICKS
+    return sum(map(int, fields[11:15])) / _TICKS + sum(map(cpu_s, _children_of(pid)))

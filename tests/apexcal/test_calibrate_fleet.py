@@ -1,0 +1,56 @@
+"""``apexcal calibrate-fleet`` and the client against a served service."""
+
+import json
+import time
+
+import pytest
+
+from apexcal.client import ApiError, Client
+from tests.apexcal.conftest import Embedded
+from tests.apexcal.test_cli import apexcal
+from tests.faults.jobs import LEVEL_RIG, pairs
+
+
+@pytest.fixture
+def fleet(owner: Client) -> dict:
+    """A truck with pairs, and a van with none."""
+    fleet = owner.fleets.create(f"Fleet {time.monotonic_ns()}")
+    truck = owner.vehicles.create(fleet["id"], "truck 1")
+    rig = owner.vehicles.create_rig(truck["id"], LEVEL_RIG)
+    owner.correspondence_sets.import_pairs(rig["id"], "front", pairs(60))
+    owner.vehicles.create(fleet["id"], "van 1")
+    return fleet
+
+
+def test_a_fleet_is_calibrated_from_the_command_line(fleet: dict, owner: Client, embedded: Embedded):
+    where = ("--url", embedded.url, "--token", embedded.token)
+    ask = ("calibrate-fleet", "--fleet", fleet["id"], "--model", "pinhole", "--folds", "0", *where)
+    would = apexcal(*ask, "--dry-run")
+    assert would.returncode == 0, would.stderr
+    assert "2 vehicles match: 1 would be calibrated in 1 runs, 1 skipped." in would.stdout
+    assert "van 1 skipped: The vehicle has no correspondence set." in would.stdout
+    nobody = apexcal(*ask, "--name", "bus *")
+    assert nobody.returncode == 1 and "matches none" in nobody.stderr and "Traceback" not in nobody.stderr
+    done = apexcal(*ask, "--name", "truck *", "--json")
+    assert done.returncode == 0, done.stderr
+    request = json.loads(done.stdout)
+    assert (request["state"], request["counts"]["done"], request["counts"]["matched"]) == ("done", 1, 1)
+    (listed,) = owner.fleet_requests.list(fleet["id"])
+    assert listed["id"] == request["id"]
+    again = apexcal("calibrate-fleet", "--retry", request["id"], *where)
+    assert again.returncode == 0 and "is done: 1 vehicles, 1 done." in again.stdout
+    both = apexcal("calibrate-fleet", "--retry", request["id"], "--cancel", request["id"], *where)
+    assert both.returncode == 2
+
+
+def test_the_client_asks_follows_and_cancels(fleet: dict, owner: Client):
+    slow = {"population": 2000, "generations": 2000, "max_iterations": 60}
+    request = owner.fleet_requests.create(fleet["id"], {"name": "truck ?"}, models=["pinhole"], schedule=slow)
+    assert owner.fleet_requests.cancel(request["id"])["cancel_requested"]
+    while (request := owner.fleet_requests.get(request["id"]))["state"] == "running":
+        time.sleep(0.2)
+    assert (request["state"], request["counts"]["cancelled"]) == ("cancelled", 1)
+    assert [one["state"] for one in owner.fleet_requests.vehicles(request["id"])] == ["cancelled"]
+    with pytest.raises(ApiError) as refused:
+        owner.fleet_requests.preview(fleet["id"], {"vehicle_ids": [fleet["id"]]})
+    assert refused.value.code == "unknown_vehicle"
