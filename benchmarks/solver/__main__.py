@@ -1,67 +1,121 @@
-"""`python -m benchmarks.solver`: what a slot of 800 x 30 costs beside the bare evaluation of as many individuals.
+"""`python -m benchmarks.solver`: one slot of 800 x 30 beside the bare evaluation of its individuals, and its peers.
 
-Both run interleaved on one core, ROUNDS times; the ratio is that of the medians of processor seconds. MODELS, SEED.
+Everything runs on one core, interleaved rig by rig, and is measured in processor seconds; figures are medians over
+ROUNDS fresh rigs of 222 marks, the same for all. Ratios are per evaluation. Narrowed by MODELS, SEED and PEERS (names
+of files in `peers`, or none).
 """
 
+import importlib
 import json
 import os
 import secrets
 import sys
-import time
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
+# One core for all threads of all libraries, before any of them starts one.
+if hasattr(os, "sched_setaffinity"):
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
-from benchmarks.accuracy.rigs import PAIRS, draw_rig
-from workers.geometry.models import MODEL_ID, MODELS, ModelName, parse_model
-from workers.solver.fitness import evaluate_population
-from workers.solver.slot import pack_pairs, prior_rows, run_slot, scales_of, warm_up
+import numpy as np  # noqa: E402
 
-POPULATION, GENERATIONS = 800, 30
+from benchmarks.accuracy.rigs import PAIRS, draw_rig  # noqa: E402
+from benchmarks.solver.peers.contest import GENERATIONS, POPULATION, Contest, Peer, PeerMissingError  # noqa: E402
+from benchmarks.solver.race import OURS, Time, race  # noqa: E402
+from workers.geometry.models import MODELS, ModelName, parse_model  # noqa: E402
+from workers.solver.slot import warm_up  # noqa: E402
+
+FAMILIES = (
+    "pymoo_ga", "pygad_ga", "deap_ga", "pygmo_peers", "evosax_gas", "octave_ga", "scipy_de", "cmaes_peer",
+)  # fmt: skip
 
 
-def measure(model: ModelName, seed: int, rounds: int) -> dict[str, Any]:
-    """Ratio, bare rate, and the slot's loss on a fresh rig."""
+def find_peers(names: Sequence[str]) -> tuple[list[Peer], list[str]]:
+    """The peers of those files, and a sentence for each that cannot be raced."""
+    peers: list[Peer] = []
+    missing: list[str] = []
+    for name in names:
+        try:
+            peers += importlib.import_module(f"benchmarks.solver.peers.{name}").PEERS
+        except (ImportError, PeerMissingError) as error:
+            missing.append(f"{name}: not raced ({error})")
+    return peers, missing
+
+
+def measure(model: ModelName, peers: Sequence[Peer], seed: int, rounds: int) -> dict[str, Any]:
+    """The figures of one model over `rounds` fresh rigs."""
+    contests = [_contest(model, seed, number) for number in range(rounds)]
+    for peer in peers:
+        if peer.compiles:
+            peer.run(contests[0])
+    bare: list[float] = []
+    times: list[dict[str, Time]] = []
+    for number, contest in enumerate(contests):
+        seconds, found = race(contest, peers)
+        bare.append(seconds)
+        times.append(found)
+        print(
+            model,
+            number,
+            {name: (round(t.seconds, 4), round(t.loss, 3)) for name, t in found.items()},
+            file=sys.stderr,
+        )
+    return summary(bare, times, peers)
+
+
+def _contest(model: ModelName, seed: int, number: int) -> Contest:
+    rig = draw_rig(model, np.random.default_rng((seed, number, MODELS.index(model))))
     schedule = {"population": POPULATION, "generations": GENERATIONS}
-    problem = draw_rig(model, np.random.default_rng(seed)).problem(seed=seed, schedule=schedule)
-    lower, upper = problem.lower, problem.upper
-    low, high = lower.tolist(), upper.tolist()
-    pack, scales, prior, free = pack_pairs(problem), scales_of(problem), prior_rows(problem), problem.free
-    # Individuals as a slot has them in its middle: near what it found, not all over the bounds.
-    found = np.array(run_slot(problem, low, high, 0, 0).parameters)
-    spread = np.random.default_rng(seed).normal(size=(len(free), POPULATION)) * 0.02
-    centre = ((found - lower) / (upper - lower))[free, None]
-    population = np.clip(centre + spread, 0.0, 1.0).astype(np.float32)
-    losses = np.empty(POPULATION, dtype=np.float32)
-    slot, bare = [], []
-    outcome = run_slot(problem, low, high, 0, 0)
-    for number in range(rounds):
-        began = time.process_time()
-        outcome = run_slot(problem, low, high, 0, number)
-        slot.append((time.process_time() - began) / outcome.evaluations)
-        began = time.process_time()
-        for _ in range(GENERATIONS):
-            evaluate_population(
-                MODEL_ID[model], 0, pack, scales, lower, free, lower[free], (upper - lower)[free], prior, population,
-                losses, 0,
-            )  # fmt: skip
-        bare.append((time.process_time() - began) / (GENERATIONS * POPULATION))
+    return Contest(rig.problem(seed=number, schedule=schedule), seed + number)
+
+
+def summary(bare: Sequence[float], times: Sequence[dict[str, Time]], peers: Sequence[Peer]) -> dict[str, Any]:
+    """Ratios, rates and the table of one model, medians over its rigs."""
+    each = {name: float(np.median([t[name].seconds / t[name].evaluations for t in times])) for name in times[0]}
+    loss = {name: float(np.median([t[name].loss for t in times])) for name in times[0]}
+    gas = [peer for peer in peers if peer.family.endswith(" ga")]
+
+    def ratio(names: Sequence[str]) -> float | None:
+        return round(min(each[name] for name in names) / each[OURS], 2) if names else None
+
+    evaluations = times[0][OURS].evaluations
+    slot = np.array([t[OURS].seconds for t in times])
     return {
-        "ratio_to_bare_evaluation": round(float(np.median(slot) / np.median(bare)), 3),
-        "gprojections_per_s": round(PAIRS / float(np.median(bare)) * 1e-9, 3),
-        "slot_ms": round(float(np.median(slot)) * outcome.evaluations * 1e3, 2),
-        "slot_loss_px": round(outcome.loss, 3),
+        "ratio_to_bare_evaluation": round(float(np.median(slot / np.array(bare))), 3),
+        "gprojections_per_s": round(PAIRS * evaluations / float(np.median(bare)) * 1e-9, 3),
+        "ratio_vs_python_peers": ratio([peer.name for peer in gas if peer.family == "python ga"]),
+        "ratio_vs_pygmo_sga": ratio([peer.name for peer in gas if peer.name == "pygmo sga"]),
+        "ratio_vs_fastest_peer_ga": ratio([peer.name for peer in gas]),
+        "loss": round(loss[OURS], 4),
+        "lowest_loss_of_gas": all(loss[OURS] <= loss[peer.name] for peer in gas),
+        "slot_ms": round(float(np.median(slot)) * 1e3, 2),
+        "peers": {
+            peer.name: {
+                "seconds": round(float(np.median([t[peer.name].seconds for t in times])), 4),
+                "loss": round(loss[peer.name], 4),
+                "evaluations": int(np.median([t[peer.name].evaluations for t in times])),
+                "family": peer.family,
+                "settings": peer.settings,
+            }
+            for peer in peers
+        },
     }
 
 
 def main() -> None:
-    rounds, seed = int(os.environ.get("ROUNDS", "60")), int(os.environ.get("SEED") or secrets.randbits(31))
+    rounds, seed = int(os.environ.get("ROUNDS", "5")), int(os.environ.get("SEED") or secrets.randbits(30))
+    names = [name for name in os.environ.get("PEERS", ",".join(FAMILIES)).split(",") if name and name != "none"]
+    peers, missing = find_peers(names)
+    for sentence in missing:
+        print(sentence, file=sys.stderr)
     warm_up()
-    result: dict[str, Any] = {}
-    for name in os.environ.get("MODELS", ",".join(MODELS)).split(","):
-        result[name] = measure(parse_model(name), seed, rounds)
-        print(name, result[name], file=sys.stderr)
-    print(json.dumps({"rounds": rounds, "seed": seed, **result}))
+    result = {
+        name: measure(parse_model(name), peers, seed, rounds)
+        for name in os.environ.get("MODELS", ",".join(MODELS)).split(",")
+    }
+    print(json.dumps({"rounds": rounds, "seed": seed, "missing": missing, **result}))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,85 @@
+"""evosax's genetic algorithms on JAX: the whole run, evaluation included, is one jitted scan over the generations."""
+
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from evosax import algorithms
+
+from benchmarks.solver.peers.contest import EVALUATIONS, GENERATIONS, POPULATION, Contest, Finish, Peer
+from benchmarks.solver.peers.jax_fitness import losses_of
+from workers.geometry.models import ModelName
+
+_STEP = 0.1
+"""First mutation, as a share of the bounds. Their own default of 1 would throw every child out of the box."""
+
+
+def _simple(genes: int) -> tuple[Any, Any]:
+    fading = optax.exponential_decay(_STEP, GENERATIONS - 1, 0.02)
+    method = algorithms.SimpleGA(POPULATION, jnp.zeros(genes), std_schedule=fading)
+    return method, method.default_params.replace(crossover_rate=0.5)
+
+
+def _fifth(genes: int) -> tuple[Any, Any]:
+    method = algorithms.MR15_GA(POPULATION, jnp.zeros(genes))
+    return method, method.default_params.replace(std_init=_STEP)
+
+
+def _samr(genes: int) -> tuple[Any, Any]:
+    method = algorithms.SAMR_GA(POPULATION, jnp.zeros(genes))
+    return method, method.default_params.replace(std_init=_STEP)
+
+
+def _gesmr(genes: int) -> tuple[Any, Any]:
+    # 799 children in 17 groups of 47.
+    method = algorithms.GESMR_GA(POPULATION, jnp.zeros(genes), num_groups=17)
+    return method, method.default_params.replace(std_init=_STEP)
+
+
+def _learned(genes: int) -> tuple[Any, Any]:
+    method = algorithms.LearnedGA(POPULATION, jnp.zeros(genes))
+    return method, method.default_params.replace(std_init=_STEP)
+
+
+@cache
+def _compiled(build: Callable[[int], tuple[Any, Any]], model: ModelName, genes: int) -> Callable[..., Any]:
+    method, params = build(genes)
+    losses = losses_of(model)
+
+    def generation(pack: Any, numbers: Any, state: Any, key: Any) -> tuple[Any, None]:
+        ask, tell = jax.random.split(key)
+        children, state = method.ask(ask, state, params)
+        children = jnp.clip(children, 0.0, 1.0)
+        return method.tell(tell, children, losses(children, pack, numbers), state, params)[0], None
+
+    @jax.jit
+    def search(seed: Any, pack: Any, numbers: Any) -> Any:
+        first, begin, rest = jax.random.split(jax.random.PRNGKey(seed), 3)
+        population = jax.random.uniform(first, (POPULATION, genes))
+        state = method.init(begin, population, losses(population, pack, numbers), params)
+        keys = jax.random.split(rest, GENERATIONS - 1)
+        return jax.lax.scan(partial(generation, pack, numbers), state, keys)[0].best_solution
+
+    return search
+
+
+def _run(build: Callable[[int], tuple[Any, Any]], contest: Contest) -> Finish:
+    search = _compiled(build, contest.problem.model, contest.genes)
+    best = search(contest.seed % 2**31, contest.pack, contest.numbers.astype(np.float32)).block_until_ready()
+    return Finish(np.asarray(best, dtype=np.float64), EVALUATIONS)
+
+
+PEERS = [
+    Peer(f"evosax {name}", "jax ga", settings, partial(_run, build), compiles=True)
+    for name, build, settings in (
+        ("SimpleGA", _simple, f"best half as parents, crossover 0.5, mutation from {_STEP} down to a fiftieth"),
+        ("MR15_GA", _fifth, f"mutation from {_STEP}, by the rule of one fifth"),
+        ("SAMR_GA", _samr, f"mutation from {_STEP}, adapting itself"),
+        ("GESMR_GA", _gesmr, f"mutation from {_STEP} in 17 groups, adapting themselves"),
+        ("LearnedGA", _learned, f"the weights that come with it, mutation from {_STEP}"),
+    )
+]
