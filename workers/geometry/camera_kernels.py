@@ -19,6 +19,7 @@ Projected = tuple[Scalar, Scalar, Scalar]
 
 NEAREST_DEPTH_M: Final = 1e-3
 """Points less than this in front of a perspective camera's plane count as behind it."""
+_FARTHEST_SCALE: Final = 1.0 / NEAREST_DEPTH_M
 
 # Fused multiply-add is allowed; nothing that assumes finite numbers is.
 _FUSED: Final = {"contract", "nsz", "arcp"}
@@ -82,10 +83,11 @@ def pinhole_point(x: Scalar, y: Scalar, z: Scalar, f_x: Scalar, f_y: Scalar, c_x
     """u = f_x x / z + c_x, v = f_y y / z + c_y (the paper's eq. 3; cv2.projectPoints without distortion)."""
     one = type(z)(1.0)
     nearest = type(z)(NEAREST_DEPTH_M)
-    depth = max(z, nearest)
-    scale = one / depth
     behind = nearest - z
-    violation = one + behind / (one + behind) if behind > 0 else type(z)(0.0)
+    # One division serves both: the pixel before the camera, the violation behind it.
+    inverse = one / (one + behind if behind > 0 else z)
+    scale = type(z)(_FARTHEST_SCALE) if behind > 0 else inverse
+    violation = one + behind * inverse if behind > 0 else type(z)(0.0)
     return f_x * (x * scale) + c_x, f_y * (y * scale) + c_y, violation
 
 
@@ -112,7 +114,10 @@ def brown_conrady_point(
     """
     one = type(z)(1.0)
     nearest = type(z)(NEAREST_DEPTH_M)
-    scale = one / max(z, nearest)
+    behind = nearest - z
+    # One division serves both: the pixel before the camera, the violation behind it.
+    inverse = one / (one + behind if behind > 0 else z)
+    scale = type(z)(_FARTHEST_SCALE) if behind > 0 else inverse
     a = x * scale
     b = y * scale
     aa = a * a
@@ -122,10 +127,9 @@ def brown_conrady_point(
     grow = r2 * (k1 + r2 * (k2 + r2 * k5))
     a_d = a + a * grow + k3 * (ab + ab) + k4 * (r2 + aa + aa)
     b_d = b + b * grow + k3 * (r2 + bb + bb) + k4 * (ab + ab)
-    behind = nearest - z
     past = r2 - fold_r2
     violation = past / (one + r2) if past > 0 else type(z)(0.0)
-    violation = one + behind / (one + behind) if behind > 0 else violation
+    violation = one + behind * inverse if behind > 0 else violation
     return f_x * (a_d + skew * b_d) + c_x, f_y * b_d + c_y, violation
 
 
