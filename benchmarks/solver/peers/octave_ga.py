@@ -1,4 +1,4 @@
-"""Octave's `ga`, the nearest free relative of what the paper used. Said by name; no machine here has it to be measured."""
+"""Octave's `ga`, the nearest free relative of what the paper used: said by name, and not raced yet."""
 
 import shutil
 
