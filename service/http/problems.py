@@ -15,6 +15,8 @@ from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.observability import request_ids
+
 MEDIA_TYPE = "application/problem+json"
 
 log = logging.getLogger(__name__)
@@ -167,12 +169,17 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def on_bug(request: Request, error: Exception) -> JSONResponse:
-        log.error("%s %s failed", request.method, request.scope["path"], exc_info=error)
+        # What nobody foresaw arrives here after everything else, also after the id was taken off.
+        request_id = request.scope.get(request_ids.SCOPE)
+        with request_ids.working_for(request_id):
+            log.error("%s %s failed", request.method, request.scope["path"], exc_info=error)
         return Problem(
             500,
             "internal_error",
             "The service failed on this request. The fault is logged, and nothing was changed.",
-            "Try again; if it stays, tell whoever runs the service the time and the address of the request.",
+            "Try again; if it stays, tell whoever runs the service this `request_id`: the log has the details.",
+            headers={request_ids.HEADER: request_id} if request_id else None,
+            request_id=request_id,
         ).response()
 
 

@@ -36,6 +36,7 @@ class Watched:
         began = time.perf_counter()
         status = _CLIENT_LEFT
         request_id = request_ids.accepted(Headers(scope=scope).get(request_ids.HEADER))
+        scope[request_ids.SCOPE] = request_id
 
         async def send_with_id(message: Message) -> None:
             nonlocal status

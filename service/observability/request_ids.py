@@ -12,6 +12,7 @@ from contextvars import ContextVar
 from uuid import uuid4
 
 HEADER = "X-Request-ID"
+SCOPE = "apexcal.request_id"
 LONGEST = 64
 
 _HARMLESS = re.compile(rf"[A-Za-z0-9._-]{{1,{LONGEST}}}")

@@ -1,0 +1,78 @@
+"""Log lines: one object each, with the request they belong to, and nothing that a request keeps secret."""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+
+import pytest
+
+from service.observability import request_ids
+from service.observability.logs import JsonLines, TextLines, about
+from tests.support.people import Api
+
+
+@pytest.fixture
+def written():
+    stream = io.StringIO()
+    handler = logging.StreamHandler(stream)
+    handler.setFormatter(JsonLines())
+    logger = logging.getLogger("service")
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    yield lambda: [json.loads(line) for line in stream.getvalue().splitlines()]
+    logger.removeHandler(handler)
+    logger.setLevel(level)
+
+
+def test_a_line_is_one_object_whatever_was_logged(written) -> None:
+    log = logging.getLogger("service.somewhere")
+    with request_ids.working_for("r-1"), about(job=7):
+        log.warning("two\nlines and %s", {"a": "\x00"}, extra={"ms": 1.5})
+        try:
+            raise ValueError("bad")
+        except ValueError:
+            log.exception("failed")
+    log.info("outside")
+    first, second, third = written()
+    assert (first["request_id"], first["job"], first["level"], first["ms"]) == ("r-1", 7, "WARNING", 1.5)
+    assert first["message"].startswith("two\nlines") and first["time"].endswith("Z")
+    assert "ValueError: bad" in second["exception"]
+    assert "request_id" not in third and "job" not in third
+
+
+def test_a_line_for_people_says_what_it_is_about() -> None:
+    record = logging.LogRecord("service", logging.INFO, "", 0, "hello", (), None)
+    with request_ids.working_for("r-1"):
+        assert "service [request_id=r-1] hello" in TextLines().format(record)
+    assert "service hello" in TextLines().format(record)
+
+
+@pytest.mark.parametrize("given", ["abc-1.2_3", "x" * 64])
+def test_a_callers_id_is_kept_and_answered(api: Api, written, given: str) -> None:
+    answer = api.owner().get("/jobs?limit=1&secret=hidden", headers={request_ids.HEADER: given})
+    assert answer.headers[request_ids.HEADER] == given
+    (line,) = written()
+    assert (line["request_id"], line["path"], line["status"], line["method"]) == (given, "/v1/jobs", 200, "GET")
+    assert "hidden" not in json.dumps(line) and "apx_" not in json.dumps(line)
+
+
+@pytest.mark.parametrize("given", ["", "x" * 65, "a b", 'quote"', "line\u2028"])
+def test_an_id_that_could_do_harm_is_replaced(given: str) -> None:
+    made = request_ids.accepted(given)
+    assert made != given and len(made) == 32
+    assert request_ids.accepted(None) != made
+
+
+def test_a_failure_that_nobody_foresaw_can_be_found_by_its_id(api: Api, written, monkeypatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("service.http.jobs.fetch", fail)
+    answer = api.owner().get("/jobs", headers={request_ids.HEADER: "find-me"})
+    assert answer.status_code == 500
+    assert answer.json()["request_id"] == answer.headers[request_ids.HEADER] == "find-me"
+    assert {line["request_id"] for line in written()} == {"find-me"}
+    assert any("ZeroDivisionError" in line.get("exception", "") for line in written())
