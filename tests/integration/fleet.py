@@ -18,12 +18,15 @@ import redis
 from tests.support.broker import binary
 from tests.support.compose import load, part
 from tests.support.postgres import Postgres
-from tests.support.processes import start, stop, wait_until
+from tests.support.processes import start, wait_until
 from tests.support.s3 import S3Server, free_port
 
 _PATH = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
 # Of the caller's environment no setting of ours and no key of S3 may slip in.
 _INHERITED = ("HOME", "LANG", "TMPDIR", "APEXCAL_TEST")
+
+# The longest stop_grace_period of the file.
+_GRACE_S = 60
 
 
 class Fleet:
@@ -101,11 +104,15 @@ class Fleet:
             wait_until(lambda name=name: self.healthy(name) or self._fail_if_dead(), f"the health of {name}", seconds)
 
     def stop(self) -> dict[str, int]:
-        """Stop everything, the newest first; the exit codes."""
+        """Stop everything, the newest first, as compose does; the exit codes."""
         codes = {}
         for name, child in reversed(self._children.items()):
-            stop(child)
-            codes[name] = child.returncode
+            child.terminate()
+            try:
+                codes[name] = child.wait(_GRACE_S)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                codes[name] = child.wait()
         self._children.clear()
         return codes
 
