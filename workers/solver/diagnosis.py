@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.solver.degeneracy import is_determined, parameter_alarms, point_alarms
+from workers.solver.optima import MOST_SLOTS, optimum_alarms, other_optima
 from workers.solver.outliers import Outlier
 from workers.solver.polish import Fit
 from workers.solver.problem import FitProblem
@@ -33,18 +34,17 @@ def at_bounds(problem: FitProblem, p: NDArray[np.float64]) -> list[str]:
 
 def alarms(
     problem: FitProblem,
-    state: State,
     ga_px: tuple[float, float],
     polished: Fit,
-    plain: dict[str, tuple[Fit, float]],
+    elsewhere: list[str],
     spread: Uncertainty,
     outliers: list[Outlier],
     excluded: bool,
 ) -> list[str]:
     """Sentences, the gravest first.
 
-    ga_px: mean and RMS px of the genetic algorithm's best; plain: each baseline with its cost relative to the
-    polished one's, by the words that name it; outliers: as judged, and whether the fit left them out.
+    ga_px: mean and RMS px of the genetic algorithm's best; elsewhere: what `several_optima` says; outliers: as
+    judged, and whether the fit left them out.
     """
     p = np.array(polished.parameters)
     found = point_alarms(problem, p) + parameter_alarms(problem, p, spread)
@@ -61,7 +61,7 @@ def alarms(
     if is_determined(problem, p, spread):
         # Of a fit that can be anything the pairs' residuals say nothing.
         found += _outlier_alarms(problem, outliers, excluded)
-    return found + several_optima(state, polished, plain) + _search_alarms(ga_px, polished)
+    return found + elsewhere + _search_alarms(ga_px, polished)
 
 
 def _outlier_alarms(problem: FitProblem, outliers: list[Outlier], excluded: bool) -> list[str]:
@@ -79,9 +79,17 @@ def _outlier_alarms(problem: FitProblem, outliers: list[Outlier], excluded: bool
     return found
 
 
-def several_optima(state: State, polished: Fit, plain: dict[str, tuple[Fit, float]]) -> list[str]:
-    """Sentences where slots, or search and baselines, ended in different places: there may be another optimum."""
+def several_optima(
+    problem: FitProblem, state: State, polished: Fit, plain: dict[str, tuple[Fit, float]], spread: Uncertainty
+) -> list[str]:
+    """Sentences where slots, or search and baselines, ended in different places: there may be another optimum.
+
+    plain: each baseline with its cost relative to the polished one's, by the words that name it.
+    """
     found: list[str] = []
+    if is_determined(problem, np.array(polished.parameters), spread):
+        ends = [*state.first_slot_parameters[:MOST_SLOTS], *(fit.parameters for fit, _ in plain.values())]
+        found += optimum_alarms(problem, polished, other_optima(problem, polished, ends))
     low, high = min(state.slot_losses), max(state.slot_losses)
     if high > low * (1.0 + _SLOTS_DIFFER):
         found.append(

@@ -22,7 +22,8 @@ class State:
 
     iteration: how many are done. best_loss (px, infinite before the first) never rises. half_width: the box's
     half-widths before clipping to the initial bounds. stalled: iterations since the last relative decrease above
-    the tolerance. slot_losses: those of the last iteration, in slot order. history: best_loss after each iteration.
+    the tolerance. slot_losses: those of the last iteration, in slot order; first_slot_parameters: the bests of the
+    first iteration, whose slots looked everywhere. history: best_loss after each iteration.
     """
 
     iteration: int
@@ -35,6 +36,7 @@ class State:
     first_slot_losses: tuple[float, ...]
     history: tuple[float, ...]
     stopped: Stopped | None
+    first_slot_parameters: tuple[tuple[float, ...], ...] = ()
 
 
 def start(problem: FitProblem) -> State:
@@ -94,6 +96,7 @@ def advance(problem: FitProblem, state: State, outcomes: Sequence[SlotOutcome]) 
             evaluations=state.evaluations + sum(outcome.evaluations for outcome in outcomes),
             slot_losses=losses,
             first_slot_losses=state.first_slot_losses or losses,
+            first_slot_parameters=state.first_slot_parameters or tuple(outcome.parameters for outcome in outcomes),
             history=(*state.history, best_loss),
         ),
     )
@@ -122,6 +125,7 @@ def to_document(state: State) -> dict[str, Any]:
         "evaluations": state.evaluations,
         "slot_losses": list(state.slot_losses),
         "first_slot_losses": list(state.first_slot_losses),
+        "first_slot_parameters": [list(parameters) for parameters in state.first_slot_parameters],
         "history": list(state.history),
         "stopped": state.stopped,
     }
@@ -145,6 +149,10 @@ def from_document(document: Mapping[str, Any]) -> State:
         first_slot_losses=numbers("first_slot_losses"),
         history=numbers("history"),
         stopped=next((reason for reason in _REASONS if reason == document["stopped"]), None),
+        # States from before it was kept have none.
+        first_slot_parameters=tuple(
+            tuple(float(value) for value in one) for one in document.get("first_slot_parameters", ())
+        ),
     )
 
 

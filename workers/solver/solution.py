@@ -57,6 +57,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     spread = uncertainty(kept, p)
     plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
     compared = _compared(whitened(kept, p), polished, plain)
+    elsewhere = several_optima(kept, state, polished, compared, spread)
     transform = transform_of(problem, p)
     status, message = _status(kept, state, polished, spread)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
@@ -91,17 +92,8 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "residuals_px": distances(problem, p).tolist(),
         "at_bounds": at_bounds(problem, p),
         **spread.to_document(),
-        "alarms": alarms(
-            kept,
-            state,
-            (ga_mean, ga_rms),
-            polished,
-            compared,
-            spread,
-            outliers,
-            excluded,
-        ),
-        "several_optima": several_optima(state, polished, compared),
+        "alarms": alarms(kept, (ga_mean, ga_rms), polished, elsewhere, spread, outliers, excluded),
+        "several_optima": elsewhere,
         "cpu": cpu_document(),
         "versions": versions_document(),
     }

@@ -1,0 +1,104 @@
+"""Problems with two optima are called that, whichever of them a search found; others are not."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
+from workers.geometry.models import MODELS
+from workers.geometry.projection import project
+from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
+from workers.solver.folds import folds
+from workers.solver.optima import other_optima
+from workers.solver.polish import distances, polish
+from workers.solver.problem import problem_from_document
+from workers.solver.schedule import from_document, run_schedule, to_document
+from workers.solver.solution import solve_finish
+
+LENS = {"f_x": 700.0, "f_y": 700.0, "c_x": 640.0, "c_y": 480.0}
+
+
+def small_board(seed, noise_px=3.0):
+    """A flat board of 1.2 m, 8 m away, turned by 35 degrees: nearly the same picture as turned the other way.
+
+    The two-fold ambiguity of planar poses under weak perspective (Schweighofer and Pinz 2006).
+    """
+    rng, tilt = np.random.default_rng(seed), np.radians(35.0)
+    across, up = rng.uniform(-0.6, 0.6, (2, 40))
+    points = np.stack([8.0 + across * np.sin(tilt), across * np.cos(tilt), up], axis=1)
+    marks, _ = project("pinhole", np.array(list(LENS.values())), points @ FORWARD_LIDAR_TO_OPTICAL.T)
+    request = {
+        "model": "pinhole", "image_size": SIZE, "nominal": NOMINAL, "locked": LENS, "rotation_range_deg": 120.0,
+        "bounds": dict.fromkeys(("t_x", "t_y", "t_z"), (-15.0, 15.0)), "seed": seed,
+    }  # fmt: skip
+    return problem_from_document(request, points, marks + noise_px * rng.normal(size=marks.shape))
+
+
+def test_a_small_board_has_two_mounts_and_either_names_the_other():
+    problem = small_board(0)
+    state, _ = run_schedule(problem)
+    solution = solve_finish(problem, state)
+    (sentence,) = [one for one in solution["several_optima"] if "Another optimum is nearly as deep" in one]
+    assert "turned by 68 degrees" in sentence
+    assert sentence in solution["alarms"]
+    deep = polish(problem, state.best_parameters)
+    (other,) = other_optima(problem, deep, state.first_slot_parameters)
+    assert deep.cost < other.cost < 1.25**2 * deep.cost
+    (back,) = other_optima(problem, other, [deep.parameters, other.parameters])
+    np.testing.assert_allclose(back.parameters, deep.parameters, atol=1e-4)
+
+
+def test_an_optimum_that_is_clearly_worse_is_none():
+    problem = small_board(0, noise_px=0.3)
+    state, _ = run_schedule(problem)
+    ends = [polish(problem, start) for start in state.first_slot_parameters]
+    deep = min(ends, key=lambda fit: fit.cost)
+    assert other_optima(problem, deep, [fit.parameters for fit in ends]) == []
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_one_optimum_is_not_called_two(model):
+    for seed in range(3):
+        problem, _ = simulated(model, 700 + seed)
+        state, _ = run_schedule(problem)
+        assert solve_finish(problem, state)["several_optima"] == []
+
+
+def test_a_valley_is_one_place():
+    problem, truth = simulated("pinhole", 5, pairs=40)
+    far = replace(problem, points=np.tile(problem.points[:1], (40, 1)), pixels=np.tile(problem.pixels[:1], (40, 1)))
+    starts = [tuple((truth * factor).tolist()) for factor in (0.9, 1.0, 1.1)]
+    assert other_optima(far, polish(far, truth), starts) == []
+
+
+def test_a_state_from_before_the_slots_were_kept_is_read():
+    problem, _ = simulated(
+        "pinhole", 6, schedule={"slots": 2, "population": 64, "generations": 4, "max_iterations": 2}
+    )
+    state, iterations = run_schedule(problem)
+    assert state.first_slot_parameters == tuple(outcome.parameters for outcome in iterations[0])
+    document = json.loads(json.dumps(to_document(state)))
+    assert from_document(document) == state
+    del document["first_slot_parameters"]
+    assert from_document(document).first_slot_parameters == ()
+
+
+def test_blocks_of_time_expose_what_single_frames_hide():
+    # Marks that drift slowly: a frame's neighbours tell its error, another minute does not.
+    problem, truth = simulated("pinhole", 7, pairs=120)
+    near = np.argsort(problem.points[:, 1], kind="stable")
+    drift = 6.0 * np.sin(2.0 * np.pi * np.arange(120) / 120.0)[:, None] * [1.0, 0.0]
+    points, marks = problem.points[near], problem.pixels[near] + drift
+
+    def held_out_px(blocks):
+        errors = []
+        for block in blocks:
+            weights = np.where(np.isin(np.arange(120), block), 0.0, 1.0)
+            fit = np.array(polish(replace(problem, points=points, pixels=marks, weights=weights), truth).parameters)
+            errors += distances(replace(problem, points=points, pixels=marks), fit)[block].tolist()
+        return float(np.mean(errors))
+
+    in_blocks = held_out_px(folds(np.arange(120) * 100_000_000, 4))
+    assert in_blocks > 1.3 * held_out_px([np.arange(start, 120, 4) for start in range(4)])

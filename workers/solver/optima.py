@@ -1,0 +1,67 @@
+"""Whether the loss has other optima nearly as deep: where the search's own slots, and the baselines, came down."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.geometry.rotations import vector_from_rotation
+from workers.solver.polish import Fit, cost_of, polish, weighted_residuals
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import transform_of
+from workers.solver.weighting import whitened
+
+Floats = NDArray[np.float64]
+MOST_SLOTS: Final = 6
+"""Slots of the first iteration that are followed; a descent takes some milliseconds."""
+_EXACT_PX: Final = 1e-3
+_NEARLY_AS_DEEP: Final = 1.25
+"""Ratio of root costs up to which marks and models of this kind hardly prefer one optimum."""
+_ELSEWHERE_SIGMAS: Final = 5.0
+"""Distance, root mean square over the parameters in standard deviations, from which another end is another place."""
+
+
+def other_optima(problem: FitProblem, polished: Fit, starts: Iterable[tuple[float, ...]]) -> list[Fit]:
+    """Fits that ended far from `polished` and nearly as low, the lowest first, one for each place.
+
+    starts: parameter vectors (D,) to descend from, such as the bests of the first iteration's slots, each of which
+    looked in the whole bounds. Distances count in the polished fit's standard deviations, so
+    that two ends of a valley along which the pairs determine nothing are one place.
+    """
+    best = np.array(polished.parameters)
+    here = whitened(problem, best)
+    J = weighted_residuals(here, best)[1]
+    freedom = max(2 * int(np.count_nonzero(problem.weights)) - len(problem.free), 1)
+    sigma = max(float(np.sqrt(polished.cost / freedom)), _EXACT_PX)
+    places: list[tuple[float, Fit]] = []
+    for start in starts:
+        fit = polish(problem, start)
+        cost = cost_of(here, fit.parameters, polished.scale_px)
+        if cost > _NEARLY_AS_DEEP**2 * polished.cost or not _apart(problem, J, sigma, fit, polished):
+            continue
+        if all(_apart(problem, J, sigma, fit, other) for _, other in places):
+            places.append((cost, fit))
+    return [fit for _, fit in sorted(places, key=lambda place: place[0])]
+
+
+def optimum_alarms(problem: FitProblem, polished: Fit, others: list[Fit]) -> list[str]:
+    """A sentence for each other optimum: how deep, and how far off the camera it says."""
+    here = transform_of(problem, np.array(polished.parameters))
+    found: list[str] = []
+    for other in others:
+        there = transform_of(problem, np.array(other.parameters))
+        turn = float(np.degrees(np.linalg.norm(vector_from_rotation(there.R @ here.R.T))))
+        moved = float(np.linalg.norm(there.inverse().t - here.inverse().t))
+        found.append(
+            f"Another optimum is nearly as deep ({other.mean_px:.2f} px mean, {other.rms_px:.2f} px RMS, against "
+            f"{polished.mean_px:.2f} and {polished.rms_px:.2f}): a camera turned by {turn:.2g} degrees and moved by "
+            f"{moved:.2g} m. The pairs do not decide between them: bound or lock what is known of mount and lens, "
+            "mark vertices at other places, and look for marks of another corner or another frame."
+        )
+    return found
+
+
+def _apart(problem: FitProblem, J: Floats, sigma: float, one: Fit, other: Fit) -> bool:
+    step = (np.array(one.parameters) - np.array(other.parameters))[problem.free]
+    return bool(np.linalg.norm(J @ step) > _ELSEWHERE_SIGMAS * sigma * np.sqrt(len(step)))
