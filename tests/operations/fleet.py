@@ -58,7 +58,7 @@ class Fleet:
         try:
             for name in self._commands:
                 self.start(name)
-            wait_until(lambda: self.balancer.ready == set(self.ports), "both API processes' readiness", 90)
+            wait_until(lambda: self.balancer.ready == set(self.ports), "both API processes' readiness", 150)
             self.token = self._make_owner()
         except BaseException:
             self.close()
