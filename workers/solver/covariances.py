@@ -13,6 +13,7 @@ from workers.geometry.spherical import to_xyz
 from workers.solver.errors import SolveError
 
 Floats = NDArray[np.float64]
+Column = Sequence[float] | NDArray[Any]
 SIGMAS: Final = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
 # scipy publishes no types.
 _chi_square_beyond: Callable[[Floats, float], Floats] = special.chdtri
@@ -59,7 +60,7 @@ def states_covariances(columns: Mapping[str, Any]) -> bool:
     return all(name in columns for name in SIGMAS) or MARK_SIGMA in columns
 
 
-def covariances_of(columns: Mapping[str, Sequence[float]], points: ArrayLike, mark_sigma_px: float) -> Covariances:
+def covariances_of(columns: Mapping[str, Column], points: ArrayLike, mark_sigma_px: float) -> Covariances:
     """The covariances of pairs as a correspondence set states them.
 
     columns: `sigma_azimuth_rad`, `sigma_elevation_rad` (radians) and `sigma_range_m` (metres) of the vertices, and
@@ -82,7 +83,7 @@ def covariances_of(columns: Mapping[str, Sequence[float]], points: ArrayLike, ma
     return Covariances(to_xyz(spherical, xyz), variance[:, None, None] * np.eye(2))
 
 
-def _mark_variance(columns: Mapping[str, Sequence[float]], n: int, mark_sigma_px: float) -> Floats:
+def _mark_variance(columns: Mapping[str, Column], n: int, mark_sigma_px: float) -> Floats:
     if MARK_SIGMA in columns:
         return np.asarray(columns[MARK_SIGMA], dtype=np.float64) ** 2
     if "marks" not in columns:
