@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.e2e.conftest import Track
@@ -98,3 +99,15 @@ def test_the_pages_own_modules() -> None:
     command = [node, "--test", "src/**/*.test.ts"]
     done = subprocess.run(command, cwd=FRONTEND, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stdout
+
+
+def test_a_link_opens_the_frame_of_an_outlier_with_its_mark(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Rita", "reviewer")
+    page.goto(f"{track.url}/recordings/{track.recording_id}?camera=front&frame=5&u=99.5&v=49.5")
+    expect(page.get_by_text("frame 5 of")).to_be_visible()
+    mark = page.get_by_title("mark at 99.5, 49.5")
+    expect(mark).to_be_visible()
+    width = track.image_size[0]
+    assert float(mark.evaluate("node => parseFloat(node.style.left)")) == pytest.approx(100 * 100 / width, rel=1e-6)
+    page.get_by_label("Frame of front").press("ArrowRight")
+    expect(mark).to_have_count(0)

@@ -77,7 +77,7 @@ def test_two_cameras_on_one_worker_and_on_two_farmed_either_way_end_with_the_sam
     found = []
     for processes, way in ((1, "runs"), (2, "slots")):
         farm.restart_worker(processes)
-        calibration = farm.finished(ask_two_cameras(farm.client, next(_names), farm=way), 120)
+        calibration = farm.finished(ask_two_cameras(farm.client, next(_names), farm=way), 200)
         assert (calibration["state"], calibration["problem"]) == ("done", None)
         summary = calibration["summary"]
         assert [pair["name"] for pair in summary["rig"]["pairs"]] == ["T_front_left"]
