@@ -34,13 +34,12 @@ class Finish:
 
 @dataclass(frozen=True)
 class Peer:
-    """`run` is timed; one that compiles runs once before, unmeasured. `settings` says how it is set up."""
+    """`run` is timed, after once unmeasured. `settings` says how it is set up."""
 
     name: str
     family: Family
     settings: str
     run: "Callable[[Contest], Finish]"
-    compiles: bool = False
 
 
 @dataclass(frozen=True, eq=False)

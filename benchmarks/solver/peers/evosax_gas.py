@@ -74,7 +74,7 @@ def _run(build: Callable[[int], tuple[Any, Any]], contest: Contest) -> Finish:
 
 
 PEERS = [
-    Peer(f"evosax {name}", "jax ga", settings, partial(_run, build), compiles=True)
+    Peer(f"evosax {name}", "jax ga", settings, partial(_run, build))
     for name, build, settings in (
         ("SimpleGA", _simple, f"best half as parents, crossover 0.5, mutation from {_STEP} down to a fiftieth"),
         ("MR15_GA", _fifth, f"mutation from {_STEP}, by the rule of one fifth"),
