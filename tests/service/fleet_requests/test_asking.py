@@ -3,7 +3,6 @@
 from datetime import UTC, datetime, timedelta
 from uuid import UUID, uuid4
 
-import pytest
 from sqlalchemy import select
 
 from service.db.models import Calibration, CalibrationRun, FleetRequest, Job
@@ -149,14 +148,13 @@ def test_a_fleet_request_is_its_fleets_and_an_engineers(api, vans: Vans):
     assert [one["id"] for one in listed] == [asked["id"]]
 
 
-@pytest.mark.parametrize("limit", [1, 2])
-def test_vehicles_come_in_pages_and_by_state(vans: Vans, limit: int):
+def test_vehicles_come_in_pages_and_by_state(vans: Vans):
     for name in ("c", "a", "b"):
         vans.add(name, 40 if name != "b" else None)
     asked = vans.ask().json()
     path, names, after = f"/fleet-requests/{asked['id']}/vehicles", [], None
     while True:
-        page = vans.engineer.get(path, params={"limit": limit, **({"after": after} if after else {})}).json()
+        page = vans.engineer.get(path, params={"limit": 2, **({"after": after} if after else {})}).json()
         names += [item["vehicle"] for item in page["items"]]
         after = page["next"]
         if after is None:
