@@ -9,6 +9,7 @@ import httpx
 import pytest
 from sqlalchemy import select, update
 
+from apexcal.client import Client
 from service.db.clock import utc_now
 from service.db.recordings import Blob, UploadPart
 from tests.service.recordings.test_recordings import add_camera
@@ -192,3 +193,29 @@ def test_a_store_that_is_away_is_said_to_be(make_api, engineer, recording, on_s3
         assert (answer.status_code, answer.json()["code"]) == (503, "store_unavailable"), answer.text
         assert answer.headers["retry-after"] == "5"
     assert put_part(engineer, recording["id"], 2, b"x").status_code == 200
+
+
+def test_the_client_goes_on_where_it_stopped_and_fetches_from_the_store(
+    served, engineer, recording, tmp_path
+) -> None:
+    _, url = served
+    file = tmp_path / "drive.bag"
+    file.write_bytes(b"".join(bytes([number]) * (6 << 20) for number in range(6)))
+
+    def interrupt(done: int, total: int) -> None:
+        if done > total / 2:
+            raise InterruptedError
+
+    with Client(url, engineer.token) as client:
+        with pytest.raises(InterruptedError):
+            client.recordings.resume(recording, file, on_progress=interrupt)
+        held = {part["number"] for part in engineer.get(f"/recordings/{recording['id']}/parts").json()["items"]}
+        assert 0 < len(held) <= 3
+        asked: list[tuple[str, str]] = []
+        client._http._http.event_hooks["request"].append(lambda sent: asked.append((sent.method, sent.url.path)))
+        done = client.recordings.resume(recording, file)
+        assert (done["state"], done["size"]) == ("queued", 36 << 20)
+        told = {int(path.split("/")[-2]) for method, path in asked if path.endswith("/arrival")}
+        assert told == {1, 2, 3} - held and not [path for method, path in asked if method == "PUT"]
+        assert client.recordings.download(recording["id"], tmp_path / "back.bag") == 36 << 20
+        assert (tmp_path / "back.bag").read_bytes() == file.read_bytes()
