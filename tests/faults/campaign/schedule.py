@@ -14,6 +14,10 @@ from typing import NamedTuple
 from tests.faults.campaign.kinds import KINDS, Undo
 from tests.faults.campaign.plant import Plant
 
+# A fault that finds nothing to hit, because it is just starting again or has no work, looks again for a while.
+_WAITS_S = 20.0
+_LOOKS_AGAIN_S = 0.25
+
 
 class Planned(NamedTuple):
     """A fault that is due ``at_s`` seconds after the work began, for ``lasts_s`` seconds."""
@@ -82,6 +86,9 @@ class Injector:
 
     def _strike(self, fault: Planned, now_s: float) -> None:
         struck = KINDS[fault.kind].strike(self._plant, self._random)
+        if not struck.target and now_s < fault.at_s + _WAITS_S:
+            heapq.heappush(self._due, (now_s + _LOOKS_AGAIN_S, next(self._numbers), fault))
+            return
         say(f"{now_s:7.1f} s  {fault.kind}  {struck.target or 'nothing there to hit'}  {fault.lasts_s or ''}")
         if struck.target:
             self.injected[fault.kind] += 1
