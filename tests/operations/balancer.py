@@ -20,6 +20,7 @@ class Balancer:
         self.port = 0
         self._backends = backends
         self._turn = itertools.count()
+        self._looks: list[asyncio.Task[None]] = []
         self._loop = asyncio.new_event_loop()
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -35,14 +36,16 @@ class Balancer:
         asyncio.set_event_loop(self._loop)
         server = self._loop.run_until_complete(asyncio.start_server(self._serve, "127.0.0.1", 0))
         self.port = server.sockets[0].getsockname()[1]
-        looks = [self._loop.create_task(self._look(port)) for port in self._backends]
+        for port in self._backends:
+            # Kept, for a loop holds its tasks weakly.
+            self._looks.append(self._loop.create_task(self._look(port)))
         self._started.set()
         self._loop.run_forever()
         server.close()
-        for task in (*looks, *asyncio.all_tasks(self._loop)):
+        tasks = asyncio.all_tasks(self._loop)
+        for task in tasks:
             task.cancel()
-        self._loop.run_until_complete(asyncio.gather(*looks, return_exceptions=True))
-        self._loop.run_until_complete(asyncio.sleep(0))
+        self._loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
         self._loop.close()
 
     async def _look(self, port: int) -> None:
@@ -54,8 +57,10 @@ class Balancer:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         number = next(self._turn)
         ready = sorted(self.ready) or list(self._backends)
-        backend_reader, backend_writer = await asyncio.open_connection("127.0.0.1", ready[number % len(ready)])
-        await asyncio.gather(_pipe(reader, backend_writer), _pipe(backend_reader, writer))
+        # Cancelled at the end, which is nothing to complain of.
+        with contextlib.suppress(asyncio.CancelledError):
+            backend_reader, backend_writer = await asyncio.open_connection("127.0.0.1", ready[number % len(ready)])
+            await asyncio.gather(_pipe(reader, backend_writer), _pipe(backend_reader, writer))
 
 
 async def _pipe(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
