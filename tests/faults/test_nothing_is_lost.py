@@ -107,7 +107,7 @@ def test_the_comparison_of_cameras_killed_at_work_ends_the_calibration_once(farm
         with farm.database.reading() as session:
             return list(session.scalars(select(Job.id).where(Job.kind == "consistency", Job.state == "queued")))
 
-    wait_until(waiting, "the comparison", 60)
+    wait_until(lambda: waiting() != [], "the comparison", 60)
     (job_id,) = waiting()
     assert claim(farm.database, job_id, "a worker that dies")
     let_lease_expire(farm.database, job_id)
