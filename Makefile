@@ -10,7 +10,7 @@ NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund 
 FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o -type f -print 2>/dev/null)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet faults check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -52,6 +52,9 @@ bench-worth: $(STAMPS)/bench  ## where the genetic algorithm helps and where not
 
 bench-fleet: setup  ## one request for a thousand vehicles beside the bare solver on the same cores; VEHICLES=50 for a short form
 	$(BIN)/python -m benchmarks.fleet
+
+bench-farm: setup  ## what the farm costs beside the bare solver: calibrations, single trips, slots, more workers; SHORT=1 for a short form
+	$(BIN)/python -m benchmarks.farm
 
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))

@@ -10,7 +10,8 @@ from workers.geometry.models import ModelName
 from workers.geometry.projection import fold_angle, image_diagonal_px, project
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 from workers.geometry.transforms import RigidTransform, to_document
-from workers.solver.problem import FitProblem, problem_from_document
+from workers.solver.problem import FitProblem
+from workers.solver.problem_document import problem_from_document
 
 Floats = NDArray[np.float64]
 PAIRS = 222
@@ -46,7 +47,9 @@ class Rig:
         return problem_from_document(document, self.points, self.marks if marks is None else marks)
 
 
-def draw_rig(model: ModelName, rng: np.random.Generator, any_mount: bool = False, noise_px: float = 1.0) -> Rig:
+def draw_rig(
+    model: ModelName, rng: np.random.Generator, any_mount: bool = False, noise_px: float = 1.0, pairs: int = PAIRS
+) -> Rig:
     """A rig with its mount within 20 degrees a axis of the nominal one, or turned to anywhere.
 
     The field of 10 x 30 m begins 2 m before the camera and lies where it looks, so that every mount sees it; of the
@@ -58,14 +61,14 @@ def draw_rig(model: ModelName, rng: np.random.Generator, any_mount: bool = False
         near = rotation_from_vector(np.radians(rng.uniform(-20.0, 20.0, 3)))
         turn = _uniform_rotation(rng) if any_mount else near
         R, t = turn @ FORWARD_LIDAR_TO_OPTICAL, rng.uniform(-0.6, 0.6, 3)
-        field = rng.uniform((2.0, -5.0, -1.5), (32.0, 5.0, 1.5), (20 * PAIRS, 3)) @ FORWARD_LIDAR_TO_OPTICAL.T
+        field = rng.uniform((2.0, -5.0, -1.5), (32.0, 5.0, 1.5), (20 * pairs, 3)) @ FORWARD_LIDAR_TO_OPTICAL.T
         points = (field - t) @ R
         pixels, violation = project(model, lens, points @ R.T + t)
         edge = np.array(size) - 1.0
-        seen = np.flatnonzero((violation == 0.0) & (pixels >= 0.0).all(axis=1) & (pixels <= edge).all(axis=1))[:PAIRS]
-        if len(seen) < PAIRS:
+        seen = np.flatnonzero((violation == 0.0) & (pixels >= 0.0).all(axis=1) & (pixels <= edge).all(axis=1))[:pairs]
+        if len(seen) < pairs:
             continue
-        marks = pixels[seen] + noise_px * rng.normal(size=(PAIRS, 2))
+        marks = pixels[seen] + noise_px * rng.normal(size=(pairs, 2))
         return Rig(model, size, points[seen], marks, np.concatenate([vector_from_rotation(turn), t, lens]))
 
 

@@ -43,7 +43,7 @@ def _description(rig: Rig) -> dict[str, Any]:
     return {"name": "roof", "lidar": {"frame": NOMINAL.from_frame}, "cameras": [camera]}
 
 
-def _pairs(rig: Rig) -> list[dict[str, float]]:
+def _pairs(rig: Rig) -> list[dict[str, Any]]:
     """Points in metres in the LiDAR's frame, marks in pixels; stamps 0.1 s apart."""
     rows = np.column_stack([rig.points, rig.marks]).tolist()
     return [

@@ -17,7 +17,7 @@ from service.jobs.solving import end_calibration
 from workers.geometry.transforms import from_document
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
 from workers.tasks.context import Context
-from workers.tasks.solving import fit_problem
+from workers.tasks.solving import fit_of
 
 
 def consistency(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
@@ -63,7 +63,9 @@ def _cameras(session: Session, calibration: Calibration) -> tuple[list[SolvedCam
 
 def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result) -> SolvedCamera:
     detection = str(pairs.detection_id) if pairs.detection_id else None
-    return SolvedCamera(run.camera, fit_problem(run, pairs.pairs), result.document, pairs.pairs, detection)
+    return SolvedCamera(
+        run.camera, fit_of(run.problem, run.fold, pairs.pairs).problem, result.document, pairs.pairs, detection
+    )
 
 
 def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:

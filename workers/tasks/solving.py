@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
+from uuid import UUID
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,8 @@ from service.jobs.solving import count_down, end_run, start_finish, start_iterat
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
 from workers.solver.folds import folds
-from workers.solver.problem import FitProblem, problem_from_document
+from workers.solver.problem import FitProblem
+from workers.solver.problem_document import problem_from_document
 from workers.solver.provenance import pairs_sha256, sources_sha256
 from workers.solver.schedule import (
     State,
@@ -39,19 +41,14 @@ Write = Callable[[Session], None]
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A run as the solver sees it: the pairs it fits, the pairs held out, where its schedule stands."""
+    """A run as the solver sees it: the pairs it fits, and the pairs held out."""
 
-    run: CalibrationRun
+    document: Json
     problem: FitProblem
     pairs: Json
     heldout: NDArray[np.int64]
     points: NDArray[np.float64]
     pixels: NDArray[np.float64]
-
-    @property
-    def state(self) -> State:
-        """The schedule after the iterations that are on record."""
-        return from_document(self.run.schedule) if self.run.schedule else start(self.problem)
 
 
 def solve(context: Context, held: Claim, lease: Lease) -> Write:
@@ -61,33 +58,32 @@ def solve(context: Context, held: Claim, lease: Lease) -> Write:
         pairs = session.get_one(CorrespondenceSet, run.set_id).pairs
     if run.state not in ("queued", "running") or run.cancel_requested:
         raise CancelledError
-    fit = _fit(run, pairs)
+    fit = fit_of(run.problem, run.fold, pairs)
     part = held.payload["part"]
     if part == "slots":
-        return _slots(context, fit, lease, held.payload)
+        return _slots(context, fit, run, lease, held.payload)
     if part == "finish":
-        return _finish(fit, fit.state)
-    return _whole(context, fit, lease)
+        return _finish(fit, run.id, _state(run, fit.problem))
+    return _whole(context, fit, run.id, lease)
 
 
-def fit_problem(run: CalibrationRun, pairs: Json) -> FitProblem:
-    """What a run fits: the pairs of its set, without those that its fold holds out."""
-    return _fit(run, pairs).problem
+def fit_of(document: Json, fold: int, pairs: Json) -> Fit:
+    """What a run fits: the pairs of its set, without those that its fold (-1: none) holds out.
 
-
-def _fit(run: CalibrationRun, pairs: Json) -> Fit:
+    ``document``: the run's ``problem``. ``pairs``: its set's columns of equal length, in metres and pixels.
+    """
     points = np.column_stack([pairs["x"], pairs["y"], pairs["z"]]).astype(np.float64)
     pixels = np.column_stack([pairs["u"], pairs["v"]]).astype(np.float64)
-    document = dict(run.problem)
-    count = document.pop("folds", 0)
-    heldout = _blocks(pairs, count)[run.fold] if run.fold >= 0 else np.array([], np.int64)
+    request = dict(document)
+    count = request.pop("folds", 0)
+    heldout = _blocks(pairs, count)[fold] if fold >= 0 else np.array([], np.int64)
     fitted = np.setdiff1d(np.arange(len(points)), heldout)
     covariances = None
-    if document.get("weights") == "covariances":
+    if request.get("weights") == "covariances":
         known = {name: np.asarray(pairs[name])[fitted] for name in COVARIANCE_COLUMNS if name in pairs}
-        covariances = covariances_of(known, points[fitted], float(document.get("mark_sigma_px") or 1.0))
-    problem = problem_from_document(document, points[fitted], pixels[fitted], covariances=covariances)
-    return Fit(run, problem, pairs, heldout, points, pixels)
+        covariances = covariances_of(known, points[fitted], float(request.get("mark_sigma_px") or 1.0))
+    problem = problem_from_document(request, points[fitted], pixels[fitted], covariances=covariances)
+    return Fit(document, problem, pairs, heldout, points, pixels)
 
 
 def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
@@ -96,22 +92,27 @@ def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
     return folds(known, count)
 
 
-def _slots(context: Context, fit: Fit, lease: Lease, payload: Json) -> Write:
+def _state(run: CalibrationRun, problem: FitProblem) -> State:
+    """The schedule after the iterations that are on record."""
+    return from_document(run.schedule) if run.schedule else start(problem)
+
+
+def _slots(context: Context, fit: Fit, run: CalibrationRun, lease: Lease, payload: Json) -> Write:
     """Some slots of the running iteration."""
     iteration = payload["iteration"]
-    lower, upper = (bound.tolist() for bound in bounds_of(fit.problem, fit.state))
+    lower, upper = (bound.tolist() for bound in bounds_of(fit.problem, _state(run, fit.problem)))
     rows: list[Json] = []
     for slot in range(payload["first"], payload["stop"]):
         lease.check()
         began = time.perf_counter()
         outcome = run_slot(fit.problem, lower, upper, iteration, slot)
-        rows.append(_slot_row(context, fit, iteration, slot, outcome, time.perf_counter() - began))
+        rows.append(_slot_row(context, run.id, iteration, slot, outcome, time.perf_counter() - began))
 
     def write(session: Session) -> None:
         session.execute(insert(Slot), rows)
-        run = count_down(session, fit.run.id)
-        if run:
-            _next_iteration(session, run, fit.problem)
+        last = count_down(session, run.id)
+        if last:
+            _next_iteration(session, last, fit.problem)
 
     return write
 
@@ -122,7 +123,7 @@ def _next_iteration(session: Session, run: CalibrationRun, problem: FitProblem) 
         select(Slot).where(Slot.run_id == run.id, Slot.iteration == run.iteration).order_by(Slot.slot)
     ).all()
     outcomes = [SlotOutcome(row.loss, tuple(row.parameters), row.evaluations) for row in rows]
-    state = advance(problem, from_document(run.schedule) if run.schedule else start(problem), outcomes)
+    state = advance(problem, _state(run, problem), outcomes)
     run.schedule = to_document(state)
     run.iteration += 1
     session.flush()
@@ -134,14 +135,14 @@ def _next_iteration(session: Session, run: CalibrationRun, problem: FitProblem) 
         start_iteration(session, run)
 
 
-def _whole(context: Context, fit: Fit, lease: Lease) -> Write:
+def _whole(context: Context, fit: Fit, run_id: UUID, lease: Lease) -> Write:
     """All iterations and the finish in one job."""
     rows: list[Json] = []
     began = time.perf_counter()
 
     def on_slot(iteration: int, slot: int, outcome: SlotOutcome) -> None:
         nonlocal began
-        rows.append(_slot_row(context, fit, iteration, slot, outcome, time.perf_counter() - began))
+        rows.append(_slot_row(context, run_id, iteration, slot, outcome, time.perf_counter() - began))
         lease.check()
         began = time.perf_counter()
 
@@ -150,11 +151,11 @@ def _whole(context: Context, fit: Fit, lease: Lease) -> Write:
         lease.report(state.iteration / limit, f"iteration {state.iteration} of at most {limit}")
 
     state, _ = run_schedule(fit.problem, on_slot, on_iteration)
-    finish = _finish(fit, state)
+    finish = _finish(fit, run_id, state)
 
     def write(session: Session) -> None:
         session.execute(insert(Slot), rows)
-        run = session.get_one(CalibrationRun, fit.run.id)
+        run = session.get_one(CalibrationRun, run_id)
         run.schedule, run.iteration = to_document(state), state.iteration
         session.flush()
         finish(session)
@@ -162,24 +163,30 @@ def _whole(context: Context, fit: Fit, lease: Lease) -> Write:
     return write
 
 
-def _finish(fit: Fit, state: State) -> Write:
+def solved(fit: Fit, state: State) -> Json:
     """Polish, baselines, deviations, and the errors on the pairs that were held out."""
-    began = time.perf_counter()
     document = solve_finish(fit.problem, state)
     if fit.heldout.size:
         outside = evaluate(
             document["intrinsics"], document["transform"], fit.points[fit.heldout], fit.pixels[fit.heldout]
         )
         document["heldout"] = outside | {"indices": fit.heldout.tolist()}
+    return document
+
+
+def _finish(fit: Fit, run_id: UUID, state: State) -> Write:
+    """The end of a run: its result, with what it was made of."""
+    began = time.perf_counter()
+    document = solved(fit, state)
     document["provenance"] = {
-        "request": fit.run.problem,
+        "request": fit.document,
         "pairs_sha256": pairs_sha256(fit.pairs),
         "sources_sha256": sources_sha256(),
     }
     document["finish_seconds"] = time.perf_counter() - began
 
     def write(session: Session) -> None:
-        run = session.get_one(CalibrationRun, fit.run.id)
+        run = session.get_one(CalibrationRun, run_id)
         session.add(
             Result(
                 fleet_id=run.fleet_id,
@@ -197,9 +204,11 @@ def _finish(fit: Fit, state: State) -> Write:
     return write
 
 
-def _slot_row(context: Context, fit: Fit, iteration: int, slot: int, outcome: SlotOutcome, seconds: float) -> Json:
+def _slot_row(
+    context: Context, run_id: UUID, iteration: int, slot: int, outcome: SlotOutcome, seconds: float
+) -> Json:
     return {
-        "run_id": fit.run.id,
+        "run_id": run_id,
         "iteration": iteration,
         "slot": slot,
         "loss": outcome.loss,

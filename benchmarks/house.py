@@ -1,4 +1,4 @@
-"""The real service for a measurement: API, PostgreSQL, broker, a worker with two pool processes, beat and sweeper."""
+"""The real service for a measurement: API, either database, broker, a worker with its pool, beat and sweeper."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ import subprocess
 import sys
 import urllib.request
 from pathlib import Path
+from typing import Any, Literal
+
+import redis
+from sqlalchemy import select
 
 from apexcal.client import Client
 from apexcal.embedded import plans
 from apexcal.embedded.children import ChildPlan
 from apexcal.embedded.folder import DataFolder
+from service.db.jobs import Worker
 from service.db.migrate import upgrade
 from service.db.session import Database
 from tests.faults.farm import free_port
@@ -25,18 +30,20 @@ _TICKS = os.sysconf("SC_CLK_TCK")
 class House:
     """Brought up in a folder; what its processes do with their time and memory can be read."""
 
-    def __init__(self, root: Path, processes: int = 2) -> None:
-        folder = DataFolder(root)
+    def __init__(
+        self, root: Path, processes: int = 2, database: Literal["postgresql", "sqlite"] = "postgresql"
+    ) -> None:
+        self.folder = folder = DataFolder(root)
         folder.logs.mkdir(parents=True)
-        self._postgres = Postgres(synced=True)
+        self.postgres = Postgres(synced=True) if database == "postgresql" else None
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         try:
-            url = self._postgres.create("fleet")
-            upgrade(url)
-            self.database = Database(url)
+            self.url = self.postgres.create("apexcal") if self.postgres else f"sqlite:///{root / 'apexcal.db'}"
+            upgrade(self.url)
+            self.database = Database(self.url)
             port = free_port()
             self._address = f"http://127.0.0.1:{port}"
-            environment = self._environment(folder, url, processes)
+            environment = self._environment(folder, self.url, processes)
             self._start(plans.broker(folder, environment))
             wait_until(lambda: plans.broker_answers(folder.socket), "the start of the broker")
             for plan in (
@@ -61,17 +68,43 @@ class House:
         main = self._children["worker"].pid
         return [main, *_children_of(main)]
 
+    def restart_worker(self, processes: int) -> None:
+        """Another number of pool processes, started and warm; none for 0."""
+        if "worker" in self._children:
+            stop(self._children.pop("worker"))
+        if processes:
+            environment = self._environment(self.folder, self.url, processes)
+            self._start(plans.worker(self.folder, environment, processes))
+            wait_until(lambda: self._is_warm(processes), "the start of the worker", 90)
+
+    def _is_warm(self, processes: int) -> bool:
+        with self.database.reading() as session:
+            return session.scalars(select(Worker.processes).where(Worker.warm)).all() == [processes]
+
+    @property
+    def broker_url(self) -> str:
+        """Celery's URL of the broker."""
+        return f"redis+socket://{self.folder.socket}?virtual_host=0"
+
+    def broker_calls(self) -> int:
+        """How many commands the broker has done so far."""
+        with redis.Redis(unix_socket_path=str(self.folder.socket)) as client:
+            counts: Any = client.info("commandstats")
+        return sum(count["calls"] for count in counts.values())
+
     def cpu_s(self) -> dict[str, float]:
         """Processor seconds so far of each part of the service, with all that it started."""
-        roots = {name: child.pid for name, child in self._children.items()}
-        return {name: cpu_s(pid) for name, pid in (roots | {"postgres": self._postgres.child.pid}).items()}
+        return {name: cpu_s(pid) for name, pid in self._roots().items()}
 
     def pids(self) -> dict[str, int]:
         """Every process of the service by what it does; of PostgreSQL the first."""
         main, *pool = self.worker_pids
-        named = {name: child.pid for name, child in self._children.items() if name != "worker"}
         pooled = {f"worker.pool{number}": pid for number, pid in enumerate(pool)}
-        return named | {"worker": main} | pooled | {"postgres": self._postgres.child.pid}
+        return self._roots() | {"worker": main} | pooled
+
+    def _roots(self) -> dict[str, int]:
+        roots = {name: child.pid for name, child in self._children.items()}
+        return roots | {"postgres": self.postgres.child.pid} if self.postgres else roots
 
     def close(self) -> None:
         """Stop everything."""
@@ -83,7 +116,8 @@ class House:
             stop(child)
         if hasattr(self, "database"):
             self.database.close()
-        self._postgres.close()
+        if self.postgres:
+            self.postgres.close()
 
     def _environment(self, folder: DataFolder, url: str, processes: int) -> dict[str, str]:
         environment = plans.environment(folder, public_url=self._address, workers=processes)

@@ -1,0 +1,131 @@
+"""The same runs without any queue: processes that call the solver's own functions on documents in memory."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, NamedTuple
+from uuid import UUID
+
+from sqlalchemy import ColumnElement, select
+
+from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result
+from service.db.session import Database
+from workers.solver.schedule import run_schedule
+from workers.tasks.solving import fit_of, solved
+from workers.tasks.warming import warm_up
+
+# What a worker adds to what was found: how long it took, and what it was made of.
+_ADDED = ("finish_seconds", "provenance")
+
+
+class Run(NamedTuple):
+    """A run of the service: its id, the document that the solver reads, the fold held out, its pairs by column."""
+
+    id: str
+    document: dict[str, Any]
+    fold: int
+    pairs: dict[str, Any]
+
+
+def runs_of(database: Database, which: ColumnElement[bool]) -> list[Run]:
+    """The runs of these calibrations, in the order in which the service began them."""
+    with database.reading() as session:
+        rows = session.execute(
+            select(CalibrationRun.id, CalibrationRun.problem, CalibrationRun.fold, CorrespondenceSet.pairs)
+            .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+            .where(which)
+            .order_by(CalibrationRun.id)
+        ).all()
+    return [Run(str(id), problem, fold, pairs) for id, problem, fold, pairs in rows]
+
+
+def assert_same_bits(database: Database, bare: Mapping[str, dict[str, Any]]) -> None:
+    """What the service stored of each run is what the bare process found."""
+    with database.reading() as session:
+        asked = select(Result.run_id, Result.document).where(Result.run_id.in_([UUID(run_id) for run_id in bare]))
+        found = {str(run_id): document for run_id, document in session.execute(asked)}
+    for run_id, document in bare.items():
+        stored = {name: value for name, value in found[run_id].items() if name not in _ADDED}
+        other = sorted(name for name in {*stored, *document} if stored.get(name) != document.get(name))
+        assert not other, f"run {run_id} came to other bits: {other}"
+
+
+class Bare:
+    """Two processes, or as many as asked for, that take one run after the other. They compile before they begin."""
+
+    def __init__(self, runs: Sequence[Run], folder: Path, processes: int = 2) -> None:
+        context = get_context("spawn")
+        self._count = len(runs)
+        self._next, self._ended = context.Value("i", 0), context.Value("i", 0)
+        self._begin, self._write, self._written = (context.Barrier(processes + 1) for _ in range(3))
+        self._outputs = [folder / f"bare-{number}.jsonl" for number in range(processes)]
+        source = folder / "runs.json"
+        source.write_text(json.dumps(runs))
+        shared = (self._next, self._ended, self._begin, self._write, self._written)
+        self.children: list[BaseProcess] = [
+            context.Process(target=_work, args=(source, output, *shared), daemon=True) for output in self._outputs
+        ]
+        for child in self.children:
+            child.start()
+
+    def begin(self) -> None:
+        """Wait until every process has loaded the runs and compiled; then they begin, again after each round."""
+        self._next.value = self._ended.value = 0
+        self._begin.wait()
+
+    @property
+    def pids(self) -> list[int]:
+        """The processes' ids."""
+        return [child.pid or 0 for child in self.children]
+
+    @property
+    def is_done(self) -> bool:
+        """Whether every run has ended."""
+        return self._ended.value >= self._count
+
+    def results(self) -> dict[str, dict[str, Any]]:
+        """Each run's document of this round, by its id."""
+        self._write.wait()
+        self._written.wait()
+        lines = (line for output in self._outputs for line in output.read_text().splitlines())
+        return dict(json.loads(line) for line in lines)
+
+    def close(self) -> None:
+        """End the processes."""
+        for child in self.children:
+            child.terminate()
+            child.join()
+
+
+def _work(source: Path, output: Path, following: Any, ended: Any, begin: Any, write: Any, written: Any) -> None:
+    runs = [Run(*one) for one in json.loads(source.read_text())]
+    warm_up()
+    while True:
+        found: list[tuple[str, dict[str, Any]]] = []
+        begin.wait()
+        while (number := _take(following)) < len(runs):
+            found.append((runs[number].id, _solve(runs[number])))
+            with ended.get_lock():
+                ended.value += 1
+        # Alive until then, so that the time that it took can be read.
+        write.wait()
+        output.write_text("".join(json.dumps(one) + "\n" for one in found))
+        written.wait()
+
+
+def _take(following: Any) -> int:
+    with following.get_lock():
+        number = int(following.value)
+        following.value += 1
+    return number
+
+
+def _solve(run: Run) -> dict[str, Any]:
+    """As a worker does a whole run."""
+    fit = fit_of(run.document, run.fold, run.pairs)
+    state, _ = run_schedule(fit.problem)
+    return solved(fit, state)

@@ -1,0 +1,1 @@
+"""What the farm costs beside the work: whole calibrations, single trips, slots, and more workers than cores."""
