@@ -34,12 +34,20 @@ def is_draining() -> bool:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Where a drain may interrupt. Raises :class:`DrainedError`."""
+    """Where a drain may interrupt. Raises :class:`DrainedError`.
+
+    Also where something else arrives after the signal: a driver that was interrupted within a statement may raise an
+    error of its own instead, which says nothing of the work.
+    """
     _State.interruptible = True
     try:
         if _State.draining:
             raise DrainedError
         yield
+    except Exception as error:
+        if _State.draining:
+            raise DrainedError from error
+        raise
     finally:
         _State.interruptible = False
 

@@ -84,6 +84,8 @@ def _do(context: Context, held: Claim) -> None:
         stumble(context.database, held, _surroundings(error), _TRY_AGAIN_S)
     except DrainedError:
         log.info("job %d is given back: this worker was asked to stop", held.job_id)
+        # Over a fresh connection: one that was interrupted within a statement can be used for nothing more.
+        context.database.close()
         give_back(context.database, held)
     except Exception:
         log.exception("job %d failed", held.job_id)
