@@ -15,7 +15,7 @@ from workers.geometry.projection import distances_px, image_diagonal_px, project
 from workers.geometry.transforms import RigidTransform
 from workers.simulation.camera import Camera
 from workers.solver.polish import polish
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import intrinsics_document

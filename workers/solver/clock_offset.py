@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from workers.geometry.errors import InputError
 from workers.solver.offset_fit import Marks, Track, fit, look, prior_rows, scores, whitening
 from workers.solver.polish import distances, polish
-from workers.solver.problem import FitProblem, problem_from_document
+from workers.solver.problem import FitProblem
+from workers.solver.problem_document import problem_from_document
 from workers.solver.schedule import run_schedule
 
 Floats = NDArray[np.float64]

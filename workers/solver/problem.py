@@ -1,48 +1,33 @@
 """What is to be fitted: one frozen, checked value that every later step reads."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import isfinite, pi, radians
-from typing import Any, Final, Literal, cast, get_args
+from math import isfinite, pi
+from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from workers.geometry.errors import GeometryError
 from workers.geometry.models import (
     ModelName,
     SearchForm,
     parameter_names,
-    parse_model,
-    parse_search_form,
 )
 from workers.geometry.projection import image_diagonal_px
-from workers.geometry.transforms import RigidTransform, from_document
+from workers.geometry.transforms import RigidTransform
 from workers.solver.bounds import (
-    DEFAULT_ROTATION_RANGE_DEG,
     Interval,
     check_names,
     narrowed,
-    parse_bounds_preset,
-    preset_bounds,
 )
 from workers.solver.covariances import Covariances
 from workers.solver.errors import SolveError
-from workers.solver.presets import Schedule, check_schedule, schedule_of
+from workers.solver.presets import Schedule, check_schedule
 
 Loss = Literal["mean", "saturating"]
 LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
 OutlierRule = Literal["keep", "exclude"]
 WeightRule = Literal["equal", "covariances"]
 ANGLES: Final = frozenset({"rotation_x", "rotation_y", "rotation_z", "alpha", "beta", "gamma"})
-
-_KEYS: Final = frozenset(
-    {
-        *("model", "camera", "fold", "seed", "search", "rotation_range_deg", "bounds_preset", "bounds", "locked"),
-        *("priors", "loss", "saturation_px", "mark_sigma_px", "outliers", "weights", "preset", "schedule"),
-        *("image_size", "nominal"),
-    }
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,140 +117,6 @@ class FitProblem:
     def diagonal_px(self) -> float:
         """Length of the image's diagonal."""
         return image_diagonal_px(self.image_size)
-
-
-def problem_from_document(
-    document: Mapping[str, Any],
-    points: ArrayLike,
-    pixels: ArrayLike,
-    weights: ArrayLike | None = None,
-    covariances: Covariances | None = None,
-) -> FitProblem:
-    """The problem of a stored request (plain JSON, merged with its rig) and its pairs.
-
-    Keys: model, image_size, nominal (a transform document T_camera_lidar); and with defaults camera, fold (-1: all
-    pairs), seed, search, rotation_range_deg, bounds_preset, bounds {name: [lower, upper]}, locked {name: value},
-    priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, outliers (keep or exclude), weights (equal,
-    or covariances: those given), preset, schedule {...}. Angles are in radians, or in degrees where their name ends
-    in `_deg`. Preset `paper` implies the Euler form and Table I's bounds unless the request names others. Raises
-    SolveError.
-    """
-    try:
-        return _read(document, points, pixels, weights, covariances)
-    except SolveError:
-        raise
-    except GeometryError as error:
-        raise SolveError(error.code, error.message, error.hint) from error
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise SolveError(
-            "bad_document",
-            f"The request cannot be read: {type(error).__name__} {error}.",
-            "It needs model, image_size [width, height] and nominal (a transform document).",
-        ) from error
-
-
-def _read(
-    document: Mapping[str, Any],
-    points: ArrayLike,
-    pixels: ArrayLike,
-    weights: ArrayLike | None,
-    covariances: Covariances | None,
-) -> FitProblem:
-    unknown = [key for key in document if key not in _KEYS]
-    if unknown:
-        raise SolveError(
-            "bad_document", f"The request has no key {unknown[0]!r}.", f"Keys: {', '.join(sorted(_KEYS))}."
-        )
-    model = parse_model(document["model"])
-    paper = document.get("preset") == "paper"
-    search = parse_search_form(document.get("search") or ("euler" if paper else "rotation_vector"))
-    nominal = from_document(document["nominal"])
-    width, height = (int(size) for size in document["image_size"])
-    overrides = {
-        name: _interval(name, pair) for name, pair in _in_radians(document.get("bounds"), _scale_all).items()
-    }
-    bounds = preset_bounds(
-        parse_bounds_preset(document.get("bounds_preset") or ("paper-table-1" if paper else "image-size")),
-        model,
-        search,
-        (width, height),
-        nominal,
-        float(document.get("rotation_range_deg") or DEFAULT_ROTATION_RANGE_DEG),
-    )
-    marks = np.ascontiguousarray(pixels, dtype=np.float64)
-    return FitProblem(
-        model=model,
-        search=search,
-        nominal=nominal,
-        image_size=(width, height),
-        points=np.ascontiguousarray(points, dtype=np.float64),
-        pixels=marks,
-        weights=np.ones(len(marks)) if weights is None else np.ascontiguousarray(weights, dtype=np.float64),
-        bounds=narrowed(bounds, overrides),
-        locked={n: float(v) for n, v in _in_radians(document.get("locked"), _scale_one).items()},
-        priors=_in_radians(document.get("priors"), _scale_prior),
-        loss=_parse_loss(document.get("loss") or "mean"),
-        schedule=schedule_of(document.get("preset") or "default", document.get("schedule") or {}),
-        seed=int(document.get("seed") or 0),
-        camera=str(document.get("camera") or ""),
-        fold=int(document.get("fold", -1) if document.get("fold") is not None else -1),
-        # A hundredth of the image's diagonal: far above an honest mark's noise, far below a wrong corner.
-        saturation_px=float(document.get("saturation_px") or 0.01 * image_diagonal_px((width, height))),
-        mark_sigma_px=float(document.get("mark_sigma_px") or 1.0),
-        outliers=_parse_outlier_rule(document.get("outliers") or "keep"),
-        covariances=_weighed_by(document.get("weights") or "equal", covariances),
-    )
-
-
-def _scale_one(value: Any, factor: float) -> float:
-    return float(value) * factor
-
-
-def _scale_all(values: Any, factor: float) -> tuple[float, ...]:
-    return tuple(float(value) * factor for value in values)
-
-
-def _scale_prior(value: Any, factor: float) -> tuple[float, float]:
-    return float(value["mean"]) * factor, float(value["sigma"]) * factor
-
-
-def _in_radians(given: Any, scale: Any) -> dict[str, Any]:
-    result: dict[str, Any] = {}
-    for name, value in cast("Mapping[str, Any]", given or {}).items():
-        bare = name.removesuffix("_deg")
-        if bare != name and bare in ANGLES:
-            result[bare] = scale(value, radians(1.0))
-        else:
-            result[name] = scale(value, 1.0)
-    return result
-
-
-def _interval(name: str, pair: tuple[float, ...]) -> Interval:
-    if len(pair) != 2:
-        raise SolveError("bad_document", f"The bounds of {name} are not [lower, upper].", "")
-    return pair[0], pair[1]
-
-
-def _parse_loss(name: object) -> Loss:
-    for loss in LOSSES:
-        if name == loss:
-            return loss
-    raise SolveError("unknown_loss", f"There is no loss named {name!r}.", f"The losses are {', '.join(LOSSES)}.")
-
-
-def _parse_outlier_rule(name: object) -> OutlierRule:
-    for rule in get_args(OutlierRule):
-        if name == rule:
-            return rule
-    raise SolveError("bad_document", f"`outliers` is {name!r}.", "It is keep or exclude.")
-
-
-def _weighed_by(name: object, covariances: Covariances | None) -> Covariances | None:
-    if name not in get_args(WeightRule):
-        raise SolveError("bad_document", f"`weights` is {name!r}.", "It is equal or covariances.")
-    if name == "covariances" and covariances is None:
-        raise SolveError("no_covariances", "No covariances came with the pairs.", "Ask for equal weights.")
-    return covariances if name == "covariances" else None
 
 
 def _check_pairs(points: NDArray[np.float64], pixels: NDArray[np.float64], weights: NDArray[np.float64]) -> None:

@@ -8,7 +8,7 @@ from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from workers.geometry.models import INTRINSICS
 from workers.solver.folds import folds
 from workers.solver.polish import distances, polish
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 
 
 def blocks(*errors):

@@ -11,7 +11,7 @@ from workers.geometry.projection import project
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector, vector_from_rotation
 from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.polish import mean_and_rms, polish
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 from workers.solver.residuals import predict
 
 NOMINAL = to_document(RigidTransform("camera_front_optical", "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))

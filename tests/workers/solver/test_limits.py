@@ -9,7 +9,7 @@ import pytest
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from workers.geometry.models import MODELS
 from workers.solver.errors import SolveError
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import solve_finish

@@ -13,7 +13,7 @@ from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from workers.solver.folds import folds
 from workers.solver.optima import other_optima
 from workers.solver.polish import distances, polish
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 from workers.solver.schedule import from_document, run_schedule, to_document
 from workers.solver.solution import solve_finish
 

@@ -3,7 +3,7 @@ import pytest
 
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from workers.solver.errors import SolveError
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 
 POINTS = np.random.default_rng(0).uniform((4, -2, -1), (20, 2, 1), (40, 3))
 PIXELS = np.random.default_rng(1).uniform(0, 900, (40, 2))

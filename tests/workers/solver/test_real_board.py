@@ -6,7 +6,7 @@ import pytest
 from tests.workers.solver.rigs import NOMINAL, real_correspondences, real_problem
 from tests.workers.solver.test_outliers import PUBLISHED
 from workers.solver.folds import folds
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import evaluate, solve_finish
 

@@ -15,7 +15,7 @@ from workers.geometry.transforms import from_document
 from workers.solver.errors import SolveError
 from workers.solver.folds import folds
 from workers.solver.polish import polish
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 from workers.solver.schedule import run_schedule, start
 from workers.solver.solution import evaluate, solve_finish
 from workers.solver.uncertainty import uncertainty

@@ -6,7 +6,7 @@ import pytest
 from tests.workers.solver.rigs import NOMINAL, real_correspondences, simulated
 from workers.solver.degeneracy import is_determined, parameter_alarms, point_alarms
 from workers.solver.polish import polish
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import solve_finish
 from workers.solver.uncertainty import plan_uncertainty, uncertainty

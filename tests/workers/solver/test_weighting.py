@@ -12,7 +12,7 @@ from workers.solver.covariances import SIGMAS, Covariances, covariances_of
 from workers.solver.errors import SolveError
 from workers.solver.outliers import judge
 from workers.solver.polish import polish, weighted_residuals
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
 from workers.solver.slot import loss_px, pack_pairs, run_slot, scales_of

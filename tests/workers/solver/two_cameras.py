@@ -8,7 +8,7 @@ from workers.geometry.projection import project
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
 from workers.geometry.transforms import RigidTransform, to_document
 from workers.solver.polish import polish
-from workers.solver.problem import problem_from_document
+from workers.solver.problem_document import problem_from_document
 from workers.solver.rig_consistency import SolvedCamera
 from workers.solver.schedule import advance, start
 from workers.solver.slot import SlotOutcome
