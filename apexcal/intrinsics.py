@@ -6,9 +6,10 @@ ROS: the YAML of ``camera_calibration`` and of a ``CameraInfo`` message. Kalibr:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from apexcal.errors import ClientError
 from apexcal.transport import Document
@@ -36,7 +37,6 @@ def read_intrinsics(path: Path, camera: str) -> Document:
 
 
 def _first_document(path: Path) -> Mapping[str, Any]:
-    yaml: Any = import_module("yaml")
     try:
         if path.stat().st_size > _LARGEST_BYTES:
             raise ClientError(f"{path} is too large for a camera's intrinsics", _FORMS)
