@@ -46,6 +46,8 @@ class Balancer:
         for task in tasks:
             task.cancel()
         self._loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
+        # What was aborted is closed in the loop's next turns.
+        self._loop.run_until_complete(asyncio.sleep(0.05))
         self._loop.close()
 
     async def _look(self, port: int) -> None:
@@ -57,10 +59,15 @@ class Balancer:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         number = next(self._turn)
         ready = sorted(self.ready) or list(self._backends)
-        # Cancelled at the end, which is nothing to complain of.
-        with contextlib.suppress(asyncio.CancelledError):
+        opened = [writer]
+        try:
             backend_reader, backend_writer = await asyncio.open_connection("127.0.0.1", ready[number % len(ready)])
+            opened.append(backend_writer)
             await asyncio.gather(_pipe(reader, backend_writer), _pipe(backend_reader, writer))
+        except asyncio.CancelledError:
+            # The end of the balancer, which is nothing to complain of.
+            for one in opened:
+                one.transport.abort()
 
 
 async def _pipe(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
