@@ -41,6 +41,12 @@ def calibrate(
     intrinsics_as: Annotated[
         str | None, typer.Option(help="What --intrinsics or --stated are taken as: bounds, prior or locked; bounds.")
     ] = None,
+    loss: Annotated[
+        str | None, typer.Option(help="mean, or saturating: it counts a gross error only so far; mean.")
+    ] = None,
+    weights: Annotated[
+        str | None, typer.Option(help="auto, equal, or covariances: by the errors that the pairs state; auto.")
+    ] = None,
     outliers: Annotated[
         str | None, typer.Option(help="keep or exclude the pairs that are judged not to belong; keep.")
     ] = None,
@@ -63,6 +69,10 @@ def calibrate(
             "--folds 1 holds out everything and fits nothing",
             "Give 2 or more blocks, for example --folds 5, or 0 to hold none out",
         )
+    if loss not in (None, "mean", "saturating"):
+        usage(f"--loss {loss!r} is neither mean nor saturating", "Write --loss saturating where marks may be wrong")
+    if weights not in (None, "auto", "equal", "covariances"):
+        usage(f"--weights {weights!r} is no way to weigh", "Write auto, equal or covariances")
     if outliers not in (None, "keep", "exclude"):
         usage(f"--outliers {outliers!r} is neither keep nor exclude", "Write --outliers exclude to leave them out")
     if intrinsics_as not in (None, "bounds", "prior", "locked"):
@@ -76,6 +86,8 @@ def calibrate(
         "bounds_preset": bounds,
         "intrinsics_from": "recording" if stated else None,
         "intrinsics_as": intrinsics_as,
+        "loss": loss,
+        "weights": weights,
         "outliers": outliers,
         "folds": folds,
         "seed": seed,

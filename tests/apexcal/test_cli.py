@@ -50,6 +50,20 @@ def test_every_command_explains_itself(name):
     assert f"Usage: apexcal {name}" in shown.stdout
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--loss", "huber"], "neither mean nor saturating"),
+        (["--weights", "equals"], "auto, equal or covariances"),
+        (["--outliers", "drop"], "neither keep nor exclude"),
+    ],
+)
+def test_calibrate_refuses_words_that_it_does_not_know(words, said):
+    shown = apexcal("calibrate", "--detection", "x", *words)
+    assert shown.returncode == 2
+    assert said in shown.stderr
+
+
 def test_wrong_usage_is_2():
     for words in (["nonsense"], ["upload"], ["detect", "x"], ["calibrate"], ["serve", "--host", "0.0.0.0"]):
         shown = apexcal(*words)
@@ -205,12 +219,13 @@ def test_a_preset_means_what_it_says_where_nothing_else_is_given(embedded, simul
     here = ("--data", embedded.data, "--json")
     rig = json.loads(apexcal("rig", simulated / "rig.json", "--fleet", "Presets", "--vehicle", "Car", *here).stdout)
     (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
-    wanted = ("--model", "pinhole", "--folds", 0, "--preset", "paper")
+    wanted = ("--model", "pinhole", "--folds", 0, "--preset", "paper", "--loss", "saturating", "--weights", "equal")
     calibrated = apexcal(
         "calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"], *wanted, *here
     )
     request = json.loads(calibrated.stdout)["request"]
     assert (request["preset"], request["search"], request["bounds_preset"]) == ("paper", "euler", "paper-table-1")
+    assert (request["loss"], request["weights"], request["outliers"]) == ("saturating", "equal", "keep")
 
 
 def test_a_refused_rig_leaves_nothing_behind_and_every_field_is_said(embedded, owner, simulated, tmp_path):
