@@ -1,7 +1,7 @@
 """Pairs that do not belong: named, with how far off they are and in which way."""
 
 from dataclasses import dataclass, replace
-from math import log, sqrt
+from math import inf, log, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -58,13 +58,16 @@ def judge(problem: FitProblem, start: Floats) -> list[Outlier]:
     standard deviations of its own residual: one that alone holds a parameter has little of that (leverage), and
     one left out has more.
     """
-    robust = np.array(polish(replace(problem, loss="saturating"), start).parameters)
-    here = whitened(problem, robust)
+    # Only a saturating loss names a distance past which pairs are wrong; otherwise the median alone judges.
+    saturation = problem.saturation_px if problem.loss == "saturating" else inf
+    saturating = replace(problem, loss="saturating", saturation_px=saturation)
+    robust = np.array(polish(saturating, start).parameters)
+    here = whitened(saturating, robust)
     sigma = robust_sigma_px(here, robust)
     scores = np.where(problem.weights > 0.0, standard_distances(here, robust) / sigma, 0.0)
     limit = threshold_of(int(np.count_nonzero(problem.weights)))
     out, p = scores > limit, robust
-    plain = replace(problem, loss="mean")
+    plain = replace(problem, loss="mean", saturation_px=inf)
     for _ in range(_ROUNDS):
         kept = np.where(out, 0.0, problem.weights)
         if np.count_nonzero(kept) < max(len(problem.free), 1):

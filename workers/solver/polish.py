@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import inf, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -55,7 +55,8 @@ def polish(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
 
     Trust region reflective (scipy.optimize.least_squares) with analytic derivatives. It minimises the weighted
     squared pixel distances plus the priors; where the problem's loss is `saturating`, the robust loss
-    d^2 / (1 + d^2 / c^2) of the same distances (Geman and McClure 1987), c following from the median distance.
+    d^2 / (1 + d^2 / c^2) of the same distances (Geman and McClure 1987), c following from the median distance as
+    long as that stays below `saturation_px`, and otherwise from the pairs nearer than that (`robust_sigma_px`).
 
     It descends twice and keeps the lower end: straight on, and over the continued formulas first, in which
     forbidden projections are no walls (from a far start walls would stop it at once). With covariances this is done
@@ -75,12 +76,27 @@ def polish(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
 
 
 def robust_sigma_px(problem: FitProblem, p: Floats) -> float:
-    """The typical noise per coordinate that the median distance shows, corrected for the parameters fitted."""
-    used = problem.weights > 0.0
-    d = standard_distances(problem, p)[used]
+    """The typical noise per coordinate that the median distance shows, corrected for the parameters fitted.
+
+    The median breaks down where half of the pairs are wrong. So where it says more than the problem's saturation
+    allows, it is that of the pairs within `saturation_px`, and at most saturation_px / SATURATION_SIGMAS.
+    """
+    d = standard_distances(problem, p)[problem.weights > 0.0]
+    sigma, most = _median_sigma(d, len(problem.free)), problem.saturation_px / SATURATION_SIGMAS
+    if sigma <= most:
+        return sigma
+    near = d[d <= problem.saturation_px]
+    return min(most, _median_sigma(near, len(problem.free))) if len(near) >= len(problem.free) else most
+
+
+def _median_sigma(d: Floats, free: int) -> float:
     count = 2 * len(d)
-    correction = sqrt(count / max(count - len(problem.free), 1))
-    return max(_SCALE_FLOOR_PX, correction * float(np.median(d)) / MEDIAN_DISTANCE)
+    return max(_SCALE_FLOOR_PX, sqrt(count / max(count - free, 1)) * float(np.median(d)) / MEDIAN_DISTANCE)
+
+
+def _median_scale(problem: FitProblem, p: Sequence[float] | Floats) -> float:
+    d = standard_distances(problem, p)[problem.weights > 0.0]
+    return SATURATION_SIGMAS * _median_sigma(d, len(problem.free))
 
 
 def cost_of(problem: FitProblem, p: Sequence[float] | Floats, scale_px: float | None = None) -> float:
@@ -146,8 +162,27 @@ def _plain(problem: FitProblem, p: Floats) -> Fit:
 
 
 def _robust(problem: FitProblem, p: Floats) -> Fit:
-    # The scale follows the fit down; from a far start it begins wide, and so sees every pair.
-    return _follow_scale(problem, _plain_or_robust(problem, p, SATURATION_SIGMAS * robust_sigma_px(problem, p)))
+    # From a far start the scale begins wide, and so sees every pair. That loses a good start where half of the pairs
+    # are wrong: so where the median did not come down, also straight on at the saturation, and the lower end counts.
+    wide, most = _median_scale(problem, p), problem.saturation_px
+    fit = _follow_scale(problem, _narrowed(problem, _plain_or_robust(problem, p, wide)))
+    if wide <= most or _median_scale(problem, fit.parameters) <= most:
+        return fit
+    near = _follow_scale(problem, _plain_or_robust(problem, p, most))
+    scale = min(_known_scale(fit), _known_scale(near))
+    best = min((near, fit), key=lambda one: cost_of(problem, one.parameters, scale))
+    return replace(best, evaluations=fit.evaluations + near.evaluations)
+
+
+def _narrowed(problem: FitProblem, fit: Fit) -> Fit:
+    # Graduated non-convexity (Blake and Zisserman 1987): where the median does not take the scale below the
+    # saturation, it goes there by halves, each descent from the last one's end.
+    evaluations = fit.evaluations
+    most = problem.saturation_px
+    while _known_scale(fit) > most and _median_scale(problem, fit.parameters) > most:
+        fit = _descend(problem, np.array(fit.parameters), max(most, 0.5 * _known_scale(fit)))
+        evaluations += fit.evaluations
+    return replace(fit, evaluations=evaluations)
 
 
 def _follow_scale(problem: FitProblem, fit: Fit) -> Fit:
@@ -163,6 +198,10 @@ def _follow_scale(problem: FitProblem, fit: Fit) -> Fit:
 
 def _scale_at(problem: FitProblem, fit: Fit) -> float:
     return SATURATION_SIGMAS * robust_sigma_px(problem, np.array(fit.parameters))
+
+
+def _known_scale(fit: Fit) -> float:
+    return inf if fit.scale_px is None else fit.scale_px
 
 
 def _plain_or_robust(problem: FitProblem, p: Floats, scale: float) -> Fit:

@@ -6,7 +6,15 @@ import pytest
 from tests.workers.solver.rigs import residual_pairs, simulated
 from workers.geometry.models import MODELS, SEARCH_FORMS
 from workers.solver.baselines import baseline
-from workers.solver.polish import mean_and_rms, polish, weighted_residuals
+from workers.solver.outliers import judge
+from workers.solver.polish import (
+    SATURATION_SIGMAS,
+    distances,
+    mean_and_rms,
+    polish,
+    robust_sigma_px,
+    weighted_residuals,
+)
 from workers.solver.residuals import predict, residuals_and_jacobian, transform_of
 
 
@@ -76,3 +84,45 @@ def test_locks_and_priors_hold():
     assert free + 10 < value < free + 50
     locked, _ = simulated("pinhole", 9, locked={"f_x": 700.0})
     assert polish(locked, truth).parameters[6] == 700.0
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_with_most_marks_wrong_a_right_start_is_kept_and_the_wrong_are_named(model):
+    spoiled, truth, bad = most_marks_wrong(model)
+    right = polish(without_pairs(spoiled, bad), truth)
+    for start in (truth, 0.5 * (spoiled.lower + spoiled.upper)):
+        fit = polish(spoiled, start)
+        near = np.delete(distances(spoiled, fit.parameters), bad)
+        assert np.sqrt(np.mean(near**2)) < 1.1 * right.rms_px
+        assert fit.scale_px <= spoiled.saturation_px
+    named = {one.index for one in judge(spoiled, truth)}
+    assert len(set(bad.tolist()) - named) <= 2
+    assert len(named - set(bad.tolist())) <= 1
+
+
+def test_the_saturation_bounds_the_scale_of_the_saturating_loss_alone():
+    spoiled, truth, _ = most_marks_wrong("pinhole")
+    assert robust_sigma_px(spoiled, truth) <= spoiled.saturation_px / SATURATION_SIGMAS
+    unbounded = replace(spoiled, saturation_px=np.inf)
+    assert robust_sigma_px(unbounded, truth) > 10 * spoiled.saturation_px
+
+
+def test_below_the_saturation_the_saturation_changes_no_bit():
+    problem, truth = simulated("kannala_brandt", 10, loss="saturating")
+    for start in (truth, 0.5 * (problem.lower + problem.upper)):
+        assert polish(problem, start) == polish(replace(problem, saturation_px=np.inf), start)
+
+
+def most_marks_wrong(model):
+    """A problem with 60 % of the marks anywhere in the image, its true parameters, and the wrong pairs' indices."""
+    problem, truth = simulated(model, 11, loss="saturating")
+    rng, marks = np.random.default_rng(0), problem.pixels.copy()
+    bad = rng.choice(222, 133, replace=False)
+    marks[bad] = rng.uniform((0, 0), problem.image_size, (133, 2))
+    return replace(problem, pixels=marks), truth, bad
+
+
+def without_pairs(problem, bad):
+    weights = np.ones(len(problem.points))
+    weights[bad] = 0.0
+    return replace(problem, weights=weights, loss="mean")
