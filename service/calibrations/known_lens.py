@@ -32,6 +32,8 @@ MODEL_OF = {
 }
 COEFFICIENTS = {"brown_conrady": 5, "kannala_brandt": 4}
 
+# Less is no focal length of a camera, and what is divided by it may be infinite.
+_LEAST_FOCAL_PX = 1.0
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
 _FOCAL_SHARE = 0.10
 _CENTRE_SHARE = 0.05
@@ -80,7 +82,7 @@ def as_stated(camera: str, given: Json) -> Json:
             "and centre as `bounds` or `locked`.",
         )
     K = [float(value) for value in given["K"]]
-    if K[0] <= 0.0 or K[4] <= 0.0 or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
+    if min(K[0], K[4]) < _LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
         raise Problem(
             422,
             "invalid_intrinsics",

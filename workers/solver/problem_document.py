@@ -45,8 +45,8 @@ def problem_from_document(
     pairs), seed, search, rotation_range_deg, bounds_preset, bounds {name: [lower, upper]}, locked {name: value},
     priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, outliers (keep or exclude), weights (equal,
     or covariances: those given), preset, schedule {...}. Angles are in radians, or in degrees where their name ends
-    in `_deg`. Preset `paper` implies the Euler form and Table I's bounds unless the request names others. Raises
-    SolveError.
+    in `_deg`. A parameter that is locked keeps no prior. Preset `paper` implies the Euler form and Table I's bounds
+    unless the request names others. Raises SolveError.
     """
     try:
         return _read(document, points, pixels, weights, covariances)
@@ -91,6 +91,11 @@ def _read(
         float(document.get("rotation_range_deg") or DEFAULT_ROTATION_RANGE_DEG),
     )
     marks = np.ascontiguousarray(pixels, dtype=np.float64)
+    bounds = narrowed(bounds, overrides)
+    locked = {n: float(v) for n, v in _in_radians(document.get("locked"), _scale_one).items()}
+    # What cannot move has no use of a prior; its constant row would count among the residuals, as noise of the marks.
+    fixed = locked.keys() | {name for name, (lower, upper) in bounds.items() if lower == upper}
+    priors: dict[str, tuple[float, float]] = _in_radians(document.get("priors"), _scale_prior)
     return FitProblem(
         model=model,
         search=search,
@@ -99,9 +104,9 @@ def _read(
         points=np.ascontiguousarray(points, dtype=np.float64),
         pixels=marks,
         weights=np.ones(len(marks)) if weights is None else np.ascontiguousarray(weights, dtype=np.float64),
-        bounds=narrowed(bounds, overrides),
-        locked={n: float(v) for n, v in _in_radians(document.get("locked"), _scale_one).items()},
-        priors=_in_radians(document.get("priors"), _scale_prior),
+        bounds=bounds,
+        locked=locked,
+        priors={name: prior for name, prior in priors.items() if name not in fixed},
         loss=_parse_loss(document.get("loss") or "mean"),
         schedule=schedule_of(document.get("preset") or "default", document.get("schedule") or {}),
         seed=int(document.get("seed") or 0),

@@ -138,6 +138,7 @@ def test_a_given_lens_as_priors_and_as_bounds(api, engineer, rig):
         ({"distortion_model": "rational_polynomial", "D": [0.1] * 8}, "distortion_without_equal", "8 coefficients"),
         ({"distortion_model": "double_sphere"}, "unknown_distortion_model", "'double_sphere', which is none here"),
         ({"K": [0.0] * 9}, "invalid_intrinsics", "no camera matrix"),
+        ({"K": [1e-310, 1.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]}, "invalid_intrinsics", "no camera matrix"),
         ({"models": ["kannala_brandt"]}, "intrinsics_of_another_model", "are of brown_conrady"),
         ({"K": [1.0]}, "invalid_request", "intrinsics.front.K"),
     ],

@@ -65,6 +65,21 @@ def test_locks_lower_the_number_of_pairs_needed():
     assert problem.bounds["f_x"] == (700.0, 700.0)
 
 
+def test_what_cannot_move_has_no_prior():
+    prior = {"mean": 900, "sigma": 1}
+    problem = problem_from_document(
+        REQUEST
+        | {
+            "locked": {"f_x": 700},
+            "bounds": {"f_y": [700, 700]},
+            "priors": dict.fromkeys(("f_x", "f_y", "c_x"), prior),
+        },
+        POINTS,
+        PIXELS,
+    )
+    assert problem.priors == {"c_x": (900.0, 1.0)}, "a constant row would count as noise of the marks"
+
+
 def test_image_size_bounds_follow_the_image_and_the_nominal():
     problem, _ = simulated("brown_conrady", 1)
     assert problem.bounds["f_x"] == (256.0, 3840.0)
