@@ -82,6 +82,9 @@ def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunV
 def ask_all_to_end(session: Session, row: FleetRequest) -> None:
     """Cancel every vehicle that has not ended. Its calibrations before the request: the order of all locks."""
     vehicles = FleetRequestVehicle
+    # A retry holds the failed ones: wait for it, so that what it began is seen below. No worker waits for this.
+    failed = select(vehicles.id).where(vehicles.fleet_request_id == row.id, vehicles.state == "failed")
+    session.execute(failed.with_for_update(read=True, key_share=True)).all()
     unended = select(vehicles.calibration_id).where(vehicles.fleet_request_id == row.id, vehicles.state == "queued")
     ask_to_end(session, unended)
     session.execute(

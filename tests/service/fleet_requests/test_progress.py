@@ -1,12 +1,15 @@
 """A fleet request from its first job to its end: failures, cancel, retry, and finishes at the same moment."""
 
 import threading
+import time
 from uuid import UUID
 
+import pytest
 from sqlalchemy import select, update
 
 from service.db.clock import now
 from service.db.models import Calibration, CalibrationRun, FleetRequest, FleetRequestVehicle, Job
+from service.fleet_requests.asking import ask_all_to_end, retry_failed
 from service.jobs.claims import claim, finishing
 from service.jobs.fleet_progress import drop_calibrations
 from service.jobs.messages import COURIER
@@ -146,3 +149,40 @@ def test_another_fleets_request_gets_through_while_many_wait(api, vans: Vans, co
     van = other.add("theirs", 12)
     other.ask()
     assert sent[window:] == [job_of(context, van)]
+
+
+def test_what_a_worker_before_fleet_requests_ended_is_counted_by_the_sweep(vans: Vans, context):
+    vans.add("van")
+    asked = vans.ask().json()
+    with context.database.writing() as session:
+        session.execute(update(Job).values(state="done"))
+        session.execute(update(CalibrationRun).values(state="done"))
+        session.execute(update(Calibration).values(state="done", remaining=0, finished_at=now()))
+    for _ in range(2):
+        sweep(context.database, context.store)
+        assert (vans.read(asked)["state"], counts(vans.read(asked))) == ("done", {"matched": 1, "done": 1})
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_a_cancel_beside_a_retry_also_ends_what_the_retry_began(vans: Vans, context):
+    """SQLite has one writer, so there a cancel never sees half a retry."""
+    van = vans.add("van")
+    vans.add("other")
+    asked = vans.ask().json()
+    lose_every_worker(context, job_of(context, van))
+
+    def cancel() -> None:
+        with context.database.writing() as session:
+            ask_all_to_end(session, session.get_one(FleetRequest, UUID(asked["id"])))
+
+    cancelling = threading.Thread(target=cancel)
+    with context.database.writing() as session:
+        row = session.get_one(FleetRequest, UUID(asked["id"]))
+        retry_failed(session, row, vans.engineer.person_id, 2)
+        session.flush()
+        cancelling.start()
+        time.sleep(0.3)
+    cancelling.join()
+    sweep(context.database, context.store)
+    ended = vans.read(asked)
+    assert (ended["state"], counts(ended)) == ("cancelled", {"matched": 2, "cancelled": 2})
