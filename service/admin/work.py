@@ -27,6 +27,8 @@ class State(StrEnum):
     cancelled = "cancelled"
 
 
+# What a column of the database holds.
+_LARGEST = 2**63 - 1
 _COLUMNS = ("id", "kind", "state", "attempt", "lost", "worker", "created_at", "problem", "request_id")
 
 
@@ -49,7 +51,7 @@ def jobs(
 
 @spoken
 def job(
-    id: Annotated[int, typer.Argument(help="The job's number.")],
+    id: Annotated[int, typer.Argument(help="The job's number.", max=_LARGEST)],
     as_json: JsonOption = False,
 ) -> None:
     """Show a job and what became of each attempt.
@@ -81,7 +83,7 @@ def job(
 
 
 @spoken
-def requeue(id: Annotated[int, typer.Argument(help="The number of a failed job.")]) -> None:
+def requeue(id: Annotated[int, typer.Argument(help="The number of a failed job.", max=_LARGEST)]) -> None:
     """Start a failed job's work anew.
 
     The recording, detection, study or run that it was for goes back to where it began, with fresh jobs.

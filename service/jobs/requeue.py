@@ -113,6 +113,10 @@ def _reopen(session: Session, calibration_id: UUID) -> None:
     ).one_or_none()
     if reopened is None:
         raise CannotRequeueError("its calibration was cancelled; ask for a new one")
+    # The calibration is locked now, so none begins meanwhile: it would end the calibration without this run.
+    comparison = exists().where(Job.subject_id == calibration_id, Job.state.in_(("queued", "running")))
+    if session.scalar(select(comparison)):
+        raise CannotRequeueError("the cameras of its calibration are being compared; wait for their end")
 
 
 def _newest_job(session: Session, subject_id: UUID) -> int:

@@ -18,7 +18,7 @@ from service.db.clock import now, utc_now
 from service.db.models import ApiToken, BrowserSession, Calibration, CalibrationRun, Detection, Job, Recording, Slot
 from service.db.session import Database
 from service.jobs.claims import claim, finishing
-from service.jobs.queue import enqueue_all
+from service.jobs.queue import enqueue, enqueue_all
 from service.jobs.totals import tally
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.jobs.support import make_calibration, make_fleet, make_jobs
@@ -74,6 +74,7 @@ def test_every_command_says_what_it_is_for(run) -> None:
         helped = run(*name.split(), "--help")
         assert helped.exit_code == 0 and len(helped.stdout.splitlines()) > 4, name
     assert run("bogus").exit_code == 2 and run("job", "many").exit_code == 2
+    assert run("job", str(2**63)).exit_code == 2 and run("requeue", str(2**63)).exit_code == 2
 
 
 def test_people_and_tokens(run, api: Api) -> None:
@@ -132,6 +133,11 @@ def test_a_failed_run_is_started_again_from_its_beginning(run, database: Databas
     fail(database, first)
     refused(run("requeue", str(first)), "other jobs of the same work are under way")
     fail(database, second)
+    with database.writing() as session:
+        comparison = enqueue(session, kind="consistency", fleet_id=fleet_id, subject_id=calibration_id).id
+    refused(run("requeue", str(first)), "are being compared")
+    with database.writing() as session:
+        session.execute(update(Job).where(Job.id == comparison).values(state="done"))
     began = run("requeue", str(first))
     assert began.exit_code == 0, began.output
     with database.reading() as session:
