@@ -8,7 +8,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import BigInteger, Dialect, type_coerce
+from sqlalchemy import BigInteger, Dialect, bindparam, type_coerce
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.expression import ColumnElement, FunctionElement
 from sqlalchemy.types import TypeDecorator
@@ -35,6 +35,16 @@ class Instant(TypeDecorator[datetime]):
         return datetime.fromtimestamp(seconds, UTC).replace(microsecond=micros)
 
 
+class _Seconds(TypeDecorator[float]):
+    """Seconds, bound as integer microseconds."""
+
+    impl = BigInteger
+    cache_ok = True
+
+    def process_bind_param(self, value: float | None, dialect: Dialect) -> int:
+        return round((value or 0.0) * 1e6)
+
+
 class _clock(FunctionElement[int]):  # noqa: N801 - SQLAlchemy names functions so
     inherit_cache = True
     type = BigInteger()
@@ -54,6 +64,11 @@ def _postgresql_clock(element: _clock, compiler: Any, **kw: Any) -> str:
 def now(plus_s: float = 0.0) -> ColumnElement[datetime]:
     """The database's own clock plus ``plus_s`` seconds, as an SQL expression."""
     return type_coerce(_clock() + round(plus_s * 1e6), Instant())
+
+
+def now_plus(name: str) -> ColumnElement[datetime]:
+    """The database's own clock plus the seconds that an execution gives as ``name``, for statements built once."""
+    return type_coerce(_clock() + bindparam(name, type_=_Seconds()), Instant())
 
 
 def utc_now() -> datetime:

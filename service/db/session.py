@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import json
 import logging
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event
 from sqlalchemy.engine import make_url
+from sqlalchemy.exc import DisconnectionError
 from sqlalchemy.orm import Session, sessionmaker
 
 import service.db.models  # noqa: F401  # a flush sorts tables by their foreign keys, so all of them must be known
 
 _WRITES = "apexcal_writes"
+_ALONE = "apexcal_alone"
+# A pooled connection that was used within so many seconds is taken to work still.
+_FRESH_S = 1.0
+_LEFT = "apexcal_left"
 _OUTBOX = "apexcal_outbox"
 
 log = logging.getLogger(__name__)
@@ -42,8 +48,9 @@ def open_engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
         # A host that does not even refuse would be waited for as long as TCP likes.
         patience = {"connect_timeout": 5}
-        pooled = {"pool_pre_ping": True, "pool_size": 5, "max_overflow": 20}
-        return create_engine(url, json_serializer=_to_json, connect_args=patience, **pooled)
+        engine = create_engine(url, json_serializer=_to_json, connect_args=patience, pool_size=5, max_overflow=20)
+        _look_before_use(engine)
+        return engine
     engine = create_engine(url, json_serializer=_to_json, connect_args={"timeout": 30, "check_same_thread": False})
 
     @event.listens_for(engine, "connect")
@@ -54,10 +61,37 @@ def open_engine(url: str) -> Engine:
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
-        writes = connection.get_execution_options().get(_WRITES, False)
-        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN DEFERRED")
+        options = connection.get_execution_options()
+        if not options.get(_ALONE):
+            connection.exec_driver_sql("BEGIN IMMEDIATE" if options.get(_WRITES) else "BEGIN DEFERRED")
 
     return engine
+
+
+def _look_before_use(engine: Engine) -> None:
+    """Replace pooled connections that the server has closed meanwhile.
+
+    As SQLAlchemy's ``pool_pre_ping``, which would ask the server before each of a job's three transactions.
+    """
+
+    @event.listens_for(engine, "checkin")
+    def left(connection: Any, record: Any) -> None:
+        record.info[_LEFT] = time.monotonic()
+
+    @event.listens_for(engine, "checkout")
+    def look(connection: Any, record: Any, proxy: object) -> None:
+        last = record.info.get(_LEFT)
+        if last is None or time.monotonic() - last < _FRESH_S:
+            return
+        try:
+            engine.dialect.do_ping(connection)
+        except engine.dialect.loaded_dbapi.Error as error:
+            raise DisconnectionError from error
+
+
+def _autocommit(engine: Engine) -> dict[str, Any]:
+    # SQLite's connections are in this mode anyway: their transactions begin with a statement of ours.
+    return {} if engine.dialect.name == "sqlite" else {"isolation_level": "AUTOCOMMIT"}
 
 
 class Database:
@@ -72,6 +106,7 @@ class Database:
         self.couriers: dict[str, Callable[[list[Any]], None]] = {}
         self._reading = sessionmaker(self.engine, expire_on_commit=False)
         self._writing = sessionmaker(self.engine.execution_options(**{_WRITES: True}), expire_on_commit=False)
+        self._alone = self.engine.execution_options(**{_ALONE: True}, **_autocommit(self.engine))
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
@@ -86,6 +121,12 @@ class Database:
             with session.begin():
                 yield session
             self._deliver(session.info.pop(_OUTBOX, {}))
+
+    @contextmanager
+    def alone(self) -> Iterator[Connection]:
+        """A connection on which each statement is a transaction of its own: one trip to the server, not three."""
+        with self._alone.connect() as connection:
+            yield connection
 
     def _deliver(self, outbox: dict[str, list[Any]]) -> None:
         for name, items in outbox.items():

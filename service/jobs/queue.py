@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Select, func, literal, select, update
+from sqlalchemy import Integer, Select, Update, bindparam, func, literal_column, select, update
 from sqlalchemy.orm import Session
 
-from service.db.clock import now
+from service.db.clock import now, now_plus
 from service.db.jobs import Job
 from service.db.session import post
 from service.jobs.history import ATTEMPT, note
@@ -28,8 +28,36 @@ QUEUE_OF_KIND = {
 }
 QUEUES = ("ingest", "detect", "solve", "report")
 _UNENDED = ("queued", "running")
-# Written out in the statement: a partial index is not found by a parameter's value.
-_QUEUED = Job.state == literal("queued", literal_execute=True)
+
+
+def _releasing() -> Update:
+    """Marks a fleet's oldest waiting jobs as sent, as far as its window has room, and returns their ids."""
+    window = bindparam("window", type_=Integer())
+    # Written out in the statement: a partial index is not found by a parameter's value.
+    queued = select(Job.id).where(
+        Job.state == literal_column("'queued'"),
+        Job.queue == bindparam("of_queue"),
+        Job.fleet_id == bindparam("fleet"),
+    )
+    # At most a window's worth is sent and unclaimed, but whoever counts stops there.
+    sent = queued.where(Job.send_after.is_not(None)).limit(window).subquery()
+    # A common table expression, for PostgreSQL may run a plain subquery once per row, each time past its own limit.
+    oldest = (
+        queued.where(Job.send_after.is_(None), ~Job.cancel_requested)
+        .order_by(Job.id)
+        .limit(window - select(func.count()).select_from(sent).scalar_subquery())
+        .with_for_update(skip_locked=True)
+        .cte("oldest")
+    )
+    return (
+        update(Job)
+        .where(Job.id.in_(select(oldest.c.id)))
+        .values(sends=1, send_after=now_plus("resend_s"))
+        .returning(Job.id)
+    )
+
+
+_RELEASE = _releasing()
 
 
 def enqueue(
@@ -67,27 +95,8 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
     The window keeps a fleet of a thousand vehicles from filling the broker's first-in, first-out queue.
     """
     settings = get_settings()
-    queued = select(Job.id).where(_QUEUED, Job.queue == queue, Job.fleet_id == fleet_id)
-    # At most a window's worth is sent and unclaimed, but whoever counts stops there.
-    sent = queued.where(Job.send_after.is_not(None)).limit(settings.workers + 1).subquery()
-    room = settings.workers + 1 - (session.scalar(select(func.count()).select_from(sent)) or 0)
-    if room <= 0:
-        return
-    # A common table expression, for PostgreSQL may run a plain subquery once per row, each time past its own limit.
-    oldest = (
-        queued.where(Job.send_after.is_(None), ~Job.cancel_requested)
-        .order_by(Job.id)
-        .limit(room)
-        .with_for_update(skip_locked=True)
-        .cte("oldest")
-    )
-    released = session.execute(
-        update(Job)
-        .where(Job.id.in_(select(oldest.c.id)))
-        .values(sends=1, send_after=now(settings.resend_s))
-        .returning(Job.id)
-        .execution_options(synchronize_session=False)
-    )
+    window = {"fleet": fleet_id, "of_queue": queue, "window": settings.workers + 1, "resend_s": settings.resend_s}
+    released = session.connection().execute(_RELEASE, window)
     for job_id in sorted(released.scalars().all()):
         post(session, COURIER, Message(job_id, queue))
 

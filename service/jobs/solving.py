@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from uuid import UUID
 
-from sqlalchemy import select, update
+from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
@@ -22,6 +22,12 @@ from service.jobs.fleet_progress import tell_fleet_request
 from service.jobs.queue import enqueue, enqueue_all, enqueue_each
 
 _UNENDED = ("queued", "running")
+_COUNT_DOWN = (
+    update(CalibrationRun)
+    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(_UNENDED))
+    .values(remaining=CalibrationRun.remaining - 1, state="running")
+    .returning(CalibrationRun.remaining)
+)
 
 
 def start_runs(session: Session, runs: Sequence[CalibrationRun]) -> None:
@@ -57,14 +63,7 @@ def count_down(session: Session, run_id: UUID) -> CalibrationRun | None:
 
     The row stays locked until the commit, so of two that finish at the same moment the second sees the first.
     """
-    left = session.execute(
-        update(CalibrationRun)
-        .where(CalibrationRun.id == run_id, CalibrationRun.state.in_(_UNENDED))
-        .values(remaining=CalibrationRun.remaining - 1, state="running")
-        .returning(CalibrationRun.remaining)
-        .execution_options(synchronize_session=False)
-    ).scalar_one_or_none()
-    if left != 0:
+    if session.connection().execute(_COUNT_DOWN, {"run": run_id}).scalar_one_or_none() != 0:
         return None
     return session.get_one(CalibrationRun, run_id, populate_existing=True)
 

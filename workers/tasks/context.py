@@ -10,7 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
+from uuid import UUID
 
+from sqlalchemy import select
+
+from service.db.base import Json
+from service.db.calibrations import CorrespondenceSet
 from service.db.session import Database
 from service.events.hints import COURIER as HINTS
 from service.events.hints import Publisher
@@ -18,6 +23,9 @@ from service.jobs.messages import COURIER, Sender
 from service.settings import Settings, get_settings
 from service.storage.store import open_store
 from workers.tasks.leftovers import scratch_prefix
+
+# Correspondence sets in memory: megabytes at most.
+_SETS = 4
 
 
 class Context:
@@ -30,6 +38,13 @@ class Context:
         self.database.couriers[HINTS] = Publisher(settings.events)
         self.store = open_store(settings)
         self.worker = f"{socket.gethostname()}:{os.getpid()}"
+        # Sets never change, and the runs of a camera and their bundles all ask for the same one.
+        self.pairs_of = lru_cache(maxsize=_SETS)(self._load_pairs)
+
+    def _load_pairs(self, set_id: UUID) -> Json:
+        with self.database.alone() as connection:
+            asked = select(CorrespondenceSet.pairs).where(CorrespondenceSet.id == set_id)
+            return connection.execute(asked).scalar_one()
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:

@@ -10,11 +10,11 @@ from uuid import UUID
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import insert, select
+from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
-from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result, Slot
+from service.db.calibrations import CalibrationRun, Result, Slot
 from service.jobs.claims import CancelledError, Claim, Lease
 from service.jobs.solving import count_down, end_run, start_finish, start_iteration
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
@@ -38,6 +38,12 @@ from workers.tasks.context import Context
 
 Write = Callable[[Session], None]
 
+_RUN = select(
+    *(CalibrationRun.id, CalibrationRun.set_id, CalibrationRun.fold, CalibrationRun.state),
+    *(CalibrationRun.cancel_requested, CalibrationRun.problem, CalibrationRun.schedule),
+).where(CalibrationRun.id == bindparam("run"))
+_INSERT_SLOTS = insert(Slot)
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -53,17 +59,16 @@ class Fit:
 
 def solve(context: Context, held: Claim, lease: Lease) -> Write:
     """Do one part of a run: see the payloads in :mod:`service.jobs.solving`."""
-    with context.database.reading() as session:
-        run = session.get_one(CalibrationRun, held.subject_id)
-        pairs = session.get_one(CorrespondenceSet, run.set_id).pairs
+    with context.database.alone() as connection:
+        run = connection.execute(_RUN, {"run": held.subject_id}).one()
     if run.state not in ("queued", "running") or run.cancel_requested:
         raise CancelledError
-    fit = fit_of(run.problem, run.fold, pairs)
+    fit = fit_of(run.problem, run.fold, context.pairs_of(run.set_id))
     part = held.payload["part"]
     if part == "slots":
-        return _slots(context, fit, run, lease, held.payload)
+        return _slots(context, fit, run.id, run.schedule, lease, held.payload)
     if part == "finish":
-        return _finish(fit, run.id, _state(run, fit.problem))
+        return _finish(fit, run.id, _state(run.schedule, fit.problem))
     return _whole(context, fit, run.id, lease)
 
 
@@ -92,25 +97,25 @@ def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
     return folds(known, count)
 
 
-def _state(run: CalibrationRun, problem: FitProblem) -> State:
+def _state(schedule: Json | None, problem: FitProblem) -> State:
     """The schedule after the iterations that are on record."""
-    return from_document(run.schedule) if run.schedule else start(problem)
+    return from_document(schedule) if schedule else start(problem)
 
 
-def _slots(context: Context, fit: Fit, run: CalibrationRun, lease: Lease, payload: Json) -> Write:
+def _slots(context: Context, fit: Fit, run_id: UUID, schedule: Json | None, lease: Lease, payload: Json) -> Write:
     """Some slots of the running iteration."""
     iteration = payload["iteration"]
-    lower, upper = (bound.tolist() for bound in bounds_of(fit.problem, _state(run, fit.problem)))
+    lower, upper = (bound.tolist() for bound in bounds_of(fit.problem, _state(schedule, fit.problem)))
     rows: list[Json] = []
     for slot in range(payload["first"], payload["stop"]):
         lease.check()
         began = time.perf_counter()
         outcome = run_slot(fit.problem, lower, upper, iteration, slot)
-        rows.append(_slot_row(context, run.id, iteration, slot, outcome, time.perf_counter() - began))
+        rows.append(_slot_row(context, run_id, iteration, slot, outcome, time.perf_counter() - began))
 
     def write(session: Session) -> None:
-        session.execute(insert(Slot), rows)
-        last = count_down(session, run.id)
+        session.connection().execute(_INSERT_SLOTS, rows)
+        last = count_down(session, run_id)
         if last:
             _next_iteration(session, last, fit.problem)
 
@@ -123,7 +128,7 @@ def _next_iteration(session: Session, run: CalibrationRun, problem: FitProblem) 
         select(Slot).where(Slot.run_id == run.id, Slot.iteration == run.iteration).order_by(Slot.slot)
     ).all()
     outcomes = [SlotOutcome(row.loss, tuple(row.parameters), row.evaluations) for row in rows]
-    state = advance(problem, _state(run, problem), outcomes)
+    state = advance(problem, _state(run.schedule, problem), outcomes)
     run.schedule = to_document(state)
     run.iteration += 1
     session.flush()
@@ -154,7 +159,7 @@ def _whole(context: Context, fit: Fit, run_id: UUID, lease: Lease) -> Write:
     finish = _finish(fit, run_id, state)
 
     def write(session: Session) -> None:
-        session.execute(insert(Slot), rows)
+        session.connection().execute(_INSERT_SLOTS, rows)
         run = session.get_one(CalibrationRun, run_id)
         run.schedule, run.iteration = to_document(state), state.iteration
         session.flush()

@@ -1,0 +1,68 @@
+"""The ways to the database: statements on their own, and pooled connections that the server has closed."""
+
+from __future__ import annotations
+
+import pytest
+from sqlalchemy import text
+from sqlalchemy.exc import OperationalError
+
+from service.db import session as session_module
+from service.db.session import Database
+from tests.support.postgres import Postgres
+
+_INSERT = "INSERT INTO fleet (id, name, version, created_at) VALUES ('{0}', '{0}', 1, 0)"
+_COUNT = "SELECT count(*) FROM fleet"
+
+
+def fleets(database: Database) -> int:
+    with database.reading() as session:
+        return session.scalar(text(_COUNT)) or 0
+
+
+def test_a_statement_alone_is_there_at_once_and_for_good(database: Database):
+    with pytest.raises(RuntimeError), database.alone() as connection:
+        connection.execute(text(_INSERT.format("0" * 32)))
+        assert fleets(database) == 1
+        raise RuntimeError
+    assert fleets(database) == 1
+
+
+def test_the_same_connection_has_whole_transactions_afterwards(database: Database):
+    with database.alone() as connection:
+        connection.execute(text(_COUNT))
+    with pytest.raises(RuntimeError), database.writing() as session:
+        session.execute(text(_INSERT.format("1" * 32)))
+        raise RuntimeError
+    assert fleets(database) == 0
+
+
+@pytest.fixture
+def on_postgres(postgres: Postgres):
+    opened = Database(postgres.url("apexcal"))
+    yield opened
+    opened.close()
+
+
+def cut(postgres: Postgres, database: Database) -> None:
+    """End the pooled connection's server process from another connection."""
+    with database.reading() as session:
+        backend = session.scalar(text("SELECT pg_backend_pid()"))
+    other = Database(postgres.url("apexcal"))
+    with other.reading() as session:
+        session.execute(text("SELECT pg_terminate_backend(:pid, 5000)"), {"pid": backend})
+    other.close()
+
+
+def test_a_connection_that_the_server_closed_is_replaced(
+    postgres: Postgres, on_postgres: Database, monkeypatch: pytest.MonkeyPatch
+):
+    cut(postgres, on_postgres)
+    monkeypatch.setattr(session_module, "_FRESH_S", 0.0)
+    fleets(on_postgres)
+
+
+def test_one_used_a_moment_ago_is_not_looked_at_and_fails_once(postgres: Postgres, on_postgres: Database):
+    cut(postgres, on_postgres)
+    with pytest.raises(OperationalError):
+        fleets(on_postgres)
+    fleets(on_postgres)
