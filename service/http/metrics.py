@@ -19,7 +19,9 @@ from service.settings import Settings
 
 router = APIRouter(tags=["health"])
 
-_PROXIED = ("forwarded", "x-forwarded-for", "x-real-ip", "via")
+# What a program on this host calls it. A proxy passes on a public name, or says in a header that it is one.
+_OWN_NAMES = frozenset(("localhost", "127.0.0.1", "::1"))
+_PROXIED = ("forwarded", "x-forwarded-", "x-real-ip", "via")
 
 
 def install(app: FastAPI, version: str) -> HttpFigures:
@@ -57,7 +59,7 @@ def _may_read(request: Request) -> None:
 
 
 def _from_this_host(request: Request) -> bool:
-    if any(name in request.headers for name in _PROXIED):
+    if request.url.hostname not in _OWN_NAMES or any(name.startswith(_PROXIED) for name in request.headers):
         return False
     peer: Any = request.client.host if request.client else ""
     try:

@@ -155,5 +155,6 @@ def test_who_may_read_them(make_api, served) -> None:
         assert answer.status_code == 401 and answer.json()["code"] == "metrics_token_wrong"
     _, url = served
     assert httpx.get(f"{url}/metrics").status_code == 200, "the same host may, where no token is set"
-    through_a_proxy = httpx.get(f"{url}/metrics", headers={"X-Forwarded-For": "203.0.113.9"})
-    assert through_a_proxy.status_code == 403 and through_a_proxy.json()["code"] == "metrics_closed"
+    for added in ({"X-Forwarded-For": "203.0.113.9"}, {"X-Forwarded-Proto": "https"}, {"Host": "cal.example.org"}):
+        through_a_proxy = httpx.get(f"{url}/metrics", headers=added)
+        assert through_a_proxy.status_code == 403 and through_a_proxy.json()["code"] == "metrics_closed", added
