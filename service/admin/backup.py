@@ -17,6 +17,7 @@ from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import mkdtemp
 
 from sqlalchemy import Connection, select
 
@@ -47,10 +48,21 @@ def back_up(database: Database, store: Store, target: Path, *, report: Report = 
     """
     if target.exists():
         raise AdminError(f"{target} exists already", "Name a folder that does not exist; each backup has its own.")
-    staged = target.with_name(target.name + ".partial")
-    shutil.rmtree(staged, ignore_errors=True)
-    (staged / TABLES).mkdir(parents=True, mode=0o700)
-    staged.chmod(0o700)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    staged = Path(mkdtemp(prefix=f"{target.name}.partial-", dir=target.parent))
+    try:
+        manifest = _write(database, store, target, staged, report)
+        staged.rename(target)
+    except BaseException:
+        shutil.rmtree(staged, ignore_errors=True)
+        raise
+    with database.writing() as session:
+        session.merge(Heartbeat(name="backup", at=now()))
+    return manifest
+
+
+def _write(database: Database, store: Store, target: Path, staged: Path, report: Report) -> Manifest:
+    (staged / TABLES).mkdir()
     with holding(database, f"backup to {target}"[:100]) as check:
         tables, named = _rows(database, staged, report)
         blobs = _copy(store, named, staged, report)
@@ -68,9 +80,6 @@ def back_up(database: Database, store: Store, target: Path, *, report: Report = 
     )
     manifest.write(staged)
     _make_durable(staged)
-    staged.rename(target)
-    with database.writing() as session:
-        session.merge(Heartbeat(name="backup", at=now()))
     return manifest
 
 

@@ -206,10 +206,12 @@ def test_a_backup_is_refused_where_the_store_lost_something(settings: Settings, 
     with pytest.raises(AdminError, match="exists already"):
         back_up(database, store, tmp_path / "one")
     store.delete(key)
+    (tmp_path / "two.partial").mkdir()  # somebody's own
     with pytest.raises(AdminError, match=r"1 objects that rows name are missing or cut, .* recordings/x"):
         back_up(database, store, tmp_path / "two")
     assert not (tmp_path / "two").exists()
     database.close()
+    assert [one.name for one in tmp_path.glob("*partial*")] == ["two.partial"], "nothing half done"
 
 
 def test_a_damaged_backup_restores_nothing(
