@@ -121,7 +121,12 @@ class _SqliteCounter:
         event.listen(self.context.database.engine, "connect", self._watch)
 
     def _watch(self, connection: Any, record: object) -> None:
-        connection.set_trace_callback(self._seen.append)
+        connection.set_trace_callback(self._note)
+
+    def _note(self, statement: str) -> None:
+        # A setting of the connection itself, not of the database.
+        if not statement.startswith("PRAGMA"):
+            self._seen.append(statement)
 
     def count(self) -> int:
         return len(self._seen)

@@ -42,8 +42,8 @@ def _to_json(value: Any) -> str:
 def open_engine(url: str) -> Engine:
     """An engine for ``url``. Open it after a fork, never before.
 
-    SQLite: write-ahead log, full synchronisation, and `BEGIN IMMEDIATE` for sessions that write, so that two
-    writers queue up instead of failing on an upgrade of their locks.
+    SQLite: write-ahead log, full synchronisation of transactions, and `BEGIN IMMEDIATE` for sessions that write, so
+    that two writers queue up instead of failing on an upgrade of their locks.
     """
     if make_url(url).get_backend_name() != "sqlite":
         # A host that does not even refuse would be waited for as long as TCP likes.
@@ -56,12 +56,14 @@ def open_engine(url: str) -> Engine:
     @event.listens_for(engine, "connect")
     def configure(connection: Any, record: object) -> None:
         connection.isolation_level = None
-        for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "busy_timeout=30000"):
+        for pragma in ("journal_mode=WAL", "foreign_keys=ON", "busy_timeout=30000"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
         options = connection.get_execution_options()
+        driver: Any = connection.connection.driver_connection
+        driver.execute(f"PRAGMA synchronous={'NORMAL' if options.get(_ALONE) else 'FULL'}")
         if not options.get(_ALONE):
             connection.exec_driver_sql("BEGIN IMMEDIATE" if options.get(_WRITES) else "BEGIN DEFERRED")
 
@@ -124,7 +126,11 @@ class Database:
 
     @contextmanager
     def alone(self) -> Iterator[Connection]:
-        """A connection on which each statement is a transaction of its own: one trip to the server, not three."""
+        """A connection on which each statement is a transaction of its own: one trip to the server, not three.
+
+        For claims, renewals and reads. SQLite does not sync it: what a machine loses with its power is what its own
+        processes held, and they are gone too. PostgreSQL's workers on other machines would go on, so it syncs.
+        """
         with self._alone.connect() as connection:
             yield connection
 

@@ -36,6 +36,16 @@ def test_the_same_connection_has_whole_transactions_afterwards(database: Databas
     assert fleets(database) == 0
 
 
+def test_on_sqlite_a_transaction_is_synced_whatever_the_connection_did_before(database: Database):
+    if database.engine.dialect.name != "sqlite":
+        pytest.skip("PostgreSQL syncs every commit")
+    synchronous = text("PRAGMA synchronous")
+    with database.alone() as connection:
+        assert connection.scalar(synchronous) == 1
+    with database.writing() as session:
+        assert session.scalar(synchronous) == 2
+
+
 @pytest.fixture
 def on_postgres(postgres: Postgres):
     opened = Database(postgres.url("apexcal"))
