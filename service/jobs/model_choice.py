@@ -95,7 +95,7 @@ def _by_heldout(models: Mapping[str, Candidate]) -> Choice:
 
 
 def _by_fitted(models: Mapping[str, Candidate]) -> Choice:
-    ranked = sorted(models, key=lambda name: (models[name].fitted_mean_px, name))
+    ranked = sorted(models, key=lambda name: (models[name].fitted_mean_px, models[name].free_parameters, name))
     lowest = models[ranked[0]].fitted_mean_px
     sentences = [f"{ranked[0]} has the lowest mean error on the fitted pairs: {lowest:.2f} px"]
     sentences += [f"{name} is {models[name].fitted_mean_px - lowest:.2f} px behind" for name in ranked[1:]]

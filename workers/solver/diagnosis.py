@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from workers.solver.degeneracy import is_determined, parameter_alarms, point_alarms
 from workers.solver.optima import MOST_SLOTS, optimum_alarms, other_optima
 from workers.solver.outliers import Outlier
-from workers.solver.polish import Fit
+from workers.solver.polish import Fit, distances
 from workers.solver.problem import FitProblem
 from workers.solver.schedule import State
 from workers.solver.uncertainty import Uncertainty
@@ -20,6 +20,8 @@ _BASELINE_BETTER: Final = 1e-3
 _EXACT_PX: Final = 1e-4
 _LISTED: Final = 5
 _MANY: Final = 0.4
+# Share of the image's diagonal: no marking, and no lens model that is roughly right, leaves half of the pairs there.
+_UNEXPLAINED: Final = 0.015
 # Scale of the stated covariances from which they, or the model, are wrong; what a few pairs show by chance is below.
 _UNDERSTATED: Final = 1.5
 
@@ -30,6 +32,18 @@ def at_bounds(problem: FitProblem, p: NDArray[np.float64]) -> list[str]:
     margin = 1e-6 * (upper - lower)
     free = [i for i in problem.free.tolist() if i > 2 or not problem.any_rotation]
     return [problem.names[i] for i in free if p[i] <= lower[i] + margin[i] or p[i] >= upper[i] - margin[i]]
+
+
+def misfit(problem: FitProblem, p: NDArray[np.float64]) -> list[str]:
+    """A sentence where half of the pairs lie further off than any marking explains: then it is no calibration."""
+    middle = float(np.median(distances(problem, p)[problem.weights > 0.0]))
+    if middle <= _UNEXPLAINED * problem.diagonal_px:
+        return []
+    return [
+        f"Half of the pairs lie more than {middle:.0f} px from where this calibration puts them: it does not explain "
+        "them. Check what is locked, the order and signs of u and v, the image size, and that frames and marks are "
+        "of this camera."
+    ]
 
 
 def alarms(
@@ -47,7 +61,7 @@ def alarms(
     judged, and whether the fit left them out.
     """
     p = np.array(polished.parameters)
-    found = point_alarms(problem, p) + parameter_alarms(problem, p, spread)
+    found = misfit(problem, p) + point_alarms(problem, p) + parameter_alarms(problem, p, spread)
     edge = at_bounds(problem, p)
     if edge:
         found.append(

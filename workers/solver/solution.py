@@ -18,7 +18,7 @@ from workers.geometry.rotations import euler_from_rotation, vector_from_rotation
 from workers.geometry.transforms import RigidTransform, from_document, to_document
 from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.degeneracy import arbitrary, is_determined, point_alarms
-from workers.solver.diagnosis import alarms, at_bounds, several_optima
+from workers.solver.diagnosis import alarms, at_bounds, misfit, several_optima
 from workers.solver.errors import SolveError
 from workers.solver.outliers import Outlier, judge, without
 from workers.solver.polish import Fit, cost_of, distances, mean_and_rms, polish
@@ -47,7 +47,8 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     the rest. `weights` says whether the pairs weighed equally or by stated covariances; then `noise_scale` says how
     many times larger the errors are than stated (the deviations here are scaled by it), and `sigma_px` is the noise
     of a typical pair. `status` is `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the
-    polish ran out) or `not_determined` (the pairs do not hold every free parameter).
+    polish ran out), `not_determined` (the pairs do not hold every free parameter) or `not_explained` (half of them
+    lie far from where it projects them).
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:
@@ -202,6 +203,9 @@ def _status(problem: FitProblem, state: State, polished: Fit, spread: Uncertaint
         return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."
     if not polished.converged:
         return "not_converged", f"The polish did not converge: {polished.message}"
+    far = misfit(problem, p)
+    if far:
+        return "not_explained", far[0]
     reasons = {
         "converged": "no iteration brought a relative decrease above the tolerance any more",
         "goal": "the goal was reached",

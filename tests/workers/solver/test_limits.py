@@ -111,3 +111,15 @@ def test_fewer_pairs_than_free_parameters_are_refused(model, pairs):
 def test_a_walk_that_holds_everything_is_ok(model):
     problem, _ = simulated(model, 41)
     assert solve_finish(problem, run_schedule(problem)[0])["status"] == "ok"
+
+
+def test_marks_upside_down_under_a_known_lens_are_not_explained():
+    """Every parameter is held, none at its bound, and the mount found is wrong."""
+    problem, truth = simulated("pinhole", 7, pairs=60, schedule=SHORT)
+    upside_down = problem.pixels * [1.0, -1.0] + [0.0, SIZE[1] - 1.0]
+    known = dict(zip(problem.names[3:], truth[3:].tolist(), strict=True))
+    for marks, status in ((upside_down, "not_explained"), (problem.pixels, "ok")):
+        one = replace(problem, pixels=marks, locked=known)
+        solution = solve_finish(one, run_schedule(one)[0])
+        assert solution["status"] == status
+        assert ("Half of the pairs lie more than" in " ".join(solution["alarms"])) == (status != "ok")
