@@ -31,8 +31,14 @@ class House:
     """Brought up in a folder; what its processes do with their time and memory can be read."""
 
     def __init__(
-        self, root: Path, processes: int = 2, database: Literal["postgresql", "sqlite"] = "postgresql"
+        self,
+        root: Path,
+        processes: int = 2,
+        database: Literal["postgresql", "sqlite"] = "postgresql",
+        largest_pool: int = 2,
     ) -> None:
+        # What the API thinks that there are: a fleet's window of sent jobs has room for so many pool processes.
+        self._largest_pool = largest_pool
         self.folder = folder = DataFolder(root)
         folder.logs.mkdir(parents=True)
         self.postgres = Postgres(synced=True) if database == "postgresql" else None
@@ -43,7 +49,7 @@ class House:
             self.database = Database(self.url)
             port = free_port()
             self._address = f"http://127.0.0.1:{port}"
-            environment = self._environment(folder, self.url, processes)
+            environment = self._environment(folder, self.url)
             self._start(plans.broker(folder, environment))
             wait_until(lambda: plans.broker_answers(folder.socket), "the start of the broker")
             for plan in (
@@ -73,7 +79,7 @@ class House:
         if "worker" in self._children:
             stop(self._children.pop("worker"))
         if processes:
-            environment = self._environment(self.folder, self.url, processes)
+            environment = self._environment(self.folder, self.url)
             self._start(plans.worker(self.folder, environment, processes))
             wait_until(lambda: self._is_warm(processes), "the start of the worker", 90)
 
@@ -119,8 +125,8 @@ class House:
         if self.postgres:
             self.postgres.close()
 
-    def _environment(self, folder: DataFolder, url: str, processes: int) -> dict[str, str]:
-        environment = plans.environment(folder, public_url=self._address, workers=processes)
+    def _environment(self, folder: DataFolder, url: str) -> dict[str, str]:
+        environment = plans.environment(folder, public_url=self._address, workers=self._largest_pool)
         del environment["APEXCAL_SUPERVISOR_STATUS"]
         return environment | {"APEXCAL_DATABASE_URL": url, "APEXCAL_MIN_FREE_BYTES": "0"}
 

@@ -49,10 +49,8 @@ def measure(*, short: bool, seed: int) -> dict[str, Any]:
 @contextmanager
 def _house(database: Literal["postgresql", "sqlite"]) -> Iterator[tuple[House, Path]]:
     with tempfile.TemporaryDirectory(prefix="apexcal-farm-") as folder:
-        # The API's window has room for the largest pool; the pool itself begins with two.
-        house = House(Path(folder) / "data", max(WORKERS), database)
+        house = House(Path(folder) / "data", 2, database, max(WORKERS))
         try:
-            house.restart_worker(2)
             yield house, Path(folder)
         finally:
             house.close()
