@@ -17,6 +17,7 @@ REQUIRED = ("x", "y", "z", "u", "v")
 SIGMAS = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
 # And of the mark, pixels per coordinate.
 MARK_SIGMA = "sigma_px"
+_LEAST_MARK_SIGMA_PX = 0.01
 _OPTIONAL = ("stamp_ns", "group", *SIGMAS, MARK_SIGMA)
 Columns = dict[str, list[Any]]
 
@@ -172,8 +173,17 @@ def _sigma(value: Any) -> float:
     return number
 
 
-_READ: dict[str, Callable[[Any], Any]] = {"stamp_ns": _stamp, "group": _group} | dict.fromkeys(
-    (*SIGMAS, MARK_SIGMA), _sigma
+def _mark_sigma(value: Any) -> float:
+    number = _sigma(value)
+    if number < _LEAST_MARK_SIGMA_PX:
+        raise ValueError(
+            f"is below {_LEAST_MARK_SIGMA_PX:g} px: it would outweigh all others"
+        )
+    return number
+
+
+_READ: dict[str, Callable[[Any], Any]] = (
+    {"stamp_ns": _stamp, "group": _group} | dict.fromkeys(SIGMAS, _sigma) | {MARK_SIGMA: _mark_sigma}
 )
 
 

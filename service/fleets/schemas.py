@@ -81,8 +81,8 @@ class CameraTransform(Received):
     """``T_cameraA_cameraB`` as known otherwise, with the standard deviation of each axis."""
 
     transform: Transform
-    std_deg: Annotated[float, Field(gt=0, le=180, allow_inf_nan=False)]
-    std_mm: Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
+    std_deg: Annotated[float, Field(ge=1e-6, le=180, allow_inf_nan=False)]
+    std_mm: Annotated[float, Field(ge=1e-6, le=1e5, allow_inf_nan=False)]
 
 
 class NewRig(Received):

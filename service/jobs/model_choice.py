@@ -13,6 +13,9 @@ from math import expm1, log, log1p, sqrt
 
 # What a larger model gains less than is not worth its parameters, however sure.
 _HAIR = 0.02
+# Nor is a model within the noise whose error is so many times the lowest. A single block that it misses altogether
+# gives a mean ratio of exactly its standard error, however far off it is there.
+_FAR = 1.5
 # Errors below are none: only made-up pairs have such.
 _NO_ERROR_PX = 1e-9
 
@@ -39,7 +42,8 @@ class Difference:
     """How much higher a model's held-out error is than the lowest one: its mean over the pairs, and block by block.
 
     ``percent`` is the blocks' mean ratio; the standard errors are of the blocks, for pairs of one block share a fit.
-    ``within_noise``: it is no more than its standard error, or than a hair.
+    ``within_noise``: it is no more than its standard error, or than a hair, and the mean error not far above the
+    lowest.
     """
 
     px: float
@@ -114,15 +118,15 @@ def _difference(model: Candidate, lowest: Candidate) -> Difference:
     ratios = [log(max(_mean(errors), _NO_ERROR_PX) / max(_mean(others), _NO_ERROR_PX)) for errors, others in blocks]
     ratio = _mean(ratios)
     of_ratio = sqrt(sum((one - ratio) ** 2 for one in ratios) / max(len(ratios) - 1, 1) / len(ratios))
-    return Difference(
-        mean, of_mean, 100.0 * expm1(ratio), 100.0 * expm1(of_ratio), ratio <= max(of_ratio, log1p(_HAIR))
-    )
+    near = mean <= max((_FAR - 1.0) * _mean(list(base.values())), _NO_ERROR_PX)
+    within_noise = near and ratio <= max(of_ratio, log1p(_HAIR))
+    return Difference(mean, of_mean, 100.0 * expm1(ratio), 100.0 * expm1(of_ratio), within_noise)
 
 
 def _behind(name: str, difference: Difference, lowest: str) -> str:
-    noise = "more than noise"
+    sure = difference.percent > difference.standard_error_percent
+    noise = "more than noise" if sure else "too far to be left to the noise of a few blocks"
     if difference.within_noise:
-        sure = difference.percent > difference.standard_error_percent
         noise = f"no more than {100 * _HAIR:g} %" if sure else "within the noise"
     return (
         f"{name} is {difference.px:.2f} ± {difference.standard_error_px:.2f} px behind {lowest} (block by block "

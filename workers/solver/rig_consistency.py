@@ -175,6 +175,10 @@ def _deviation_sentence(name: str, one: StatedTransform, against: Deviation) -> 
     return f"{far}, which noise does not explain. Check that rig, the marks of both cameras, and their alarms."
 
 
+def _vertices(count: int) -> str:
+    return "1 vertex was" if count == 1 else f"{count} vertices were"
+
+
 def _shared(a: SolvedCamera, b: SolvedCamera, said: _Said) -> dict[str, Any] | None:
     one_detection = a.detection is not None and a.detection == b.detection
     rows = shared_rows(vertex_keys(a.pairs, one_detection), vertex_keys(b.pairs, one_detection))
@@ -184,12 +188,12 @@ def _shared(a: SolvedCamera, b: SolvedCamera, said: _Said) -> dict[str, Any] | N
         return None
     found = agreement(a.view, b.view, rows)
     if found is None:
-        said.say(f"The {len(rows)} vertices marked in both {both} cannot be compared.")
+        said.say(f"{_vertices(len(rows))} marked in both {both} and cannot be compared.")
         return None
     beyond_noise = found.rms_px > _FAR * found.expected_rms_px or found.offset_sigmas > ALARM_SIGMAS
     du, dv = found.offset_px
     parts = [
-        f"{found.counted} vertices were marked in both {both}: where {a.name}'s marks put them, {b.name}'s marks lie "
+        f"{_vertices(found.counted)} marked in both {both}: where {a.name}'s marks put them, {b.name}'s marks lie "
         f"{found.rms_px:.2f} px away (RMS; noise explains {found.expected_rms_px:.2f}), on average by "
         f"({du:+.2f}, {dv:+.2f}) px, {found.offset_sigmas:.1f} sigmas."
     ]

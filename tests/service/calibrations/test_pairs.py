@@ -108,3 +108,9 @@ def test_a_member_that_only_some_pairs_have_is_refused():
     first, second = {"x": 1, "y": 2, "z": 3, "u": 4, "v": 5}, {"x": 1, "y": 2, "z": 3, "u": 4, "v": 5, "group": 1}
     assert "pairs[1], member group: the pairs before it have none" in json_refusal({"pairs": [first, second]})
     assert "pairs[1], member group: is missing" in json_refusal({"pairs": [second, first]})
+
+
+def test_a_mark_that_claims_to_be_a_thousandth_of_a_pixel_sharp_is_refused():
+    with pytest.raises(Problem) as refused:
+        read_csv("x,y,z,u,v,sigma_px\n5,0,1,100,100,0.5\n5,1,1,120,100,0.001\n")
+    assert "would outweigh all others" in refused.value.detail

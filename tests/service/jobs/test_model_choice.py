@@ -68,8 +68,14 @@ def test_a_lens_that_is_missed_by_very_different_amounts_is_still_missed():
 
 
 def test_a_gain_in_one_block_alone_is_noise():
-    choice = choose(candidates([[9.0, 9.0], [1.0, 0.9], [0.9, 1.0]], [[1.0, 1.0], [1.0, 1.0], [1.0, 1.0]]))
+    choice = choose(candidates([[2.0, 2.0], [1.0, 0.9], [0.9, 1.0]], [[1.0, 1.0], [1.0, 1.0], [1.0, 1.0]]))
     assert choice.recommended == "pinhole"
+
+
+def test_a_block_that_a_model_misses_altogether_is_no_noise():
+    choice = choose(candidates([[1.0], [1.0], [1.0], [1.0], [400.0]], [[1.0]] * 5))
+    assert choice.recommended == "brown_conrady"
+    assert "too far to be left to the noise of a few blocks" in choice.why
 
 
 def test_a_lower_error_of_the_smaller_model_needs_no_rule():
