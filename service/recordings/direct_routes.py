@@ -1,11 +1,13 @@
 """Routes of parts that go straight from the client into the store: ask where, put them there, say so.
 
-S3 binds neither size nor checksum to the addresses that obstore signs. So the size is looked at when the part is
-said to be there, and the worker compares the checksum of every part before it reads the file.
+S3 binds neither size nor checksum to the addresses that obstore signs, and they work until their time is over. So
+what was put is copied, within the store, to a key that nobody has an address of. The size of the copy is looked at,
+the copy is acknowledged, and the worker compares the checksum of every part before it reads the file.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 from uuid import UUID
 
@@ -18,7 +20,14 @@ from service.db.session import Database
 from service.http.problems import Problem
 from service.recordings.presigning import Presigner
 from service.recordings.schemas import MAX_PARTS, NewPart, PartAddress, PartView, PutPart
-from service.recordings.uploads import Announced, begin_part, finish_part, part_too_large
+from service.recordings.uploads import (
+    Announced,
+    begin_part,
+    finish_part,
+    forget_part,
+    part_too_large,
+    reservation_ended,
+)
 from service.storage.errors import MissingBlobError
 from service.storage.store import Store
 
@@ -53,12 +62,32 @@ async def post_part_arrival(
 ) -> PartView:
     """Acknowledge a part whose bytes were put at its address. Saying it again gives the same answer."""
     database: Database = request.app.state.database
-    key = f"{Announced(id, number, '').prefix}/{body.reservation}"
-    found = await run_in_threadpool(_announced, database, identity, id, number, key)
+    put = f"{Announced(id, number, '').prefix}/{body.reservation}"
+    found = await run_in_threadpool(_announced, database, identity, id, number, put)
     if isinstance(found, UploadPart):
         return PartView.model_validate(found)
-    await _require_there(request.app.state.store, key, found)
-    return PartView.model_validate(await run_in_threadpool(finish_part, database, identity, found, key, found.size))
+    await _require_there(request.app.state.store, put, found)
+    # The name tells which reservation it is a copy of, for who says it again.
+    kept = await run_in_threadpool(partial(begin_part, database, identity, found, suffix=f".{body.reservation}"))
+    if isinstance(kept, UploadPart):
+        await run_in_threadpool(forget_part, database, put)
+        return PartView.model_validate(kept)
+    try:
+        await _copy(request.app.state.store, put, kept, found)
+        part = await run_in_threadpool(finish_part, database, identity, found, kept, found.size, put)
+    except Exception:
+        await run_in_threadpool(forget_part, database, kept)
+        raise
+    return PartView.model_validate(part)
+
+
+async def _copy(store: Store, put: str, kept: str, announced: Announced) -> None:
+    """Raises :class:`Problem` 409 ``reservation_ended``, ``part_size_differs``."""
+    try:
+        await store.copy(put, kept)
+    except MissingBlobError:  # it was there a moment ago: its reservation ended meanwhile
+        raise reservation_ended(announced.number) from None
+    await _require_there(store, kept, announced)
 
 
 def _through_api(database: Database, identity: Identity, recording_id: UUID, number: int) -> Problem:
@@ -76,23 +105,18 @@ def _through_api(database: Database, identity: Identity, recording_id: UUID, num
 def _announced(
     database: Database, identity: Identity, recording_id: UUID, number: int, key: str
 ) -> Announced | UploadPart:
-    """What was announced of the object under this key; or the part, where it is acknowledged with this very object.
+    """What was announced of the object under this key; or the part, where a copy of this very object is acknowledged.
 
     Raises :class:`Problem` 409 ``reservation_ended``.
     """
     with database.reading() as session:
         Access(session, identity).find(Recording, recording_id, "engineer")
         part = session.get(UploadPart, (recording_id, number))
-        if part is not None and part.blob_key == key:
+        if part is not None and part.blob_key.endswith(f".{key.rpartition('/')[2]}"):
             return part
         blob = session.get(Blob, key)
         if blob is None or blob.state != "reserved" or blob.sha256 is None:
-            raise Problem(
-                409,
-                "reservation_ended",
-                f"Nothing is reserved for part {number} under this name, or no longer.",
-                "Ask for an address again, and put the bytes there.",
-            )
+            raise reservation_ended(number)
         return Announced(recording_id, number, blob.sha256, blob.size)
 
 

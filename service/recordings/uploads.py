@@ -19,7 +19,8 @@ from service.db.session import Database
 from service.http.problems import Problem
 from service.recordings.presigning import Presigner
 from service.recordings.schemas import Upload
-from service.storage.blobs import give_up, keep, reserve
+from service.storage.blobs import condemn, give_up, keep, reserve
+from service.storage.errors import ReservationEndedError
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def part_too_large(limit: int) -> Problem:
     )
 
 
-def begin_part(database: Database, identity: Identity, announced: Announced) -> str | UploadPart:
+def begin_part(database: Database, identity: Identity, announced: Announced, *, suffix: str = "") -> str | UploadPart:
     """Reserve a key for a part; or the part itself, where these bytes are acknowledged already.
 
     Raises :class:`Problem` ``not_found``, ``role_too_low``, ``part_differs``, ``upload_closed``.
@@ -134,25 +135,47 @@ def begin_part(database: Database, identity: Identity, announced: Announced) -> 
         if known is not None:
             # Its object is lost, whatever lost it: these bytes take its place.
             session.execute(delete(UploadPart).where(UploadPart.blob_key == known.blob_key))
-        return reserve(session, announced.prefix, size=announced.size, sha256=announced.sha256)
+        return reserve(session, announced.prefix, suffix=suffix, size=announced.size, sha256=announced.sha256)
 
 
-def finish_part(database: Database, identity: Identity, announced: Announced, key: str, size: int) -> UploadPart:
-    """Acknowledge a part whose object is durable. Of twins one wins, and the others' objects are condemned."""
+def finish_part(
+    database: Database, identity: Identity, announced: Announced, key: str, size: int, put: str | None = None
+) -> UploadPart:
+    """Acknowledge a part whose object is durable. Of twins one wins, and the others' objects are condemned.
+
+    ``put`` is the key that the object was copied from, where clients have an address of that; it is condemned.
+    Raises :class:`Problem` as :func:`begin_part`, and 409 ``reservation_ended``.
+    """
     with database.writing() as session:
         recording = Access(session, identity).find(Recording, announced.recording_id, "engineer", lock=True)
         known = session.get(UploadPart, (announced.recording_id, announced.number))
         if known is not None:
             _refuse_other_bytes(known, announced)
-            give_up(session, key)
+            for lost in (key, put or key):
+                give_up(session, lost)
             return known
         _refuse_closed(recording)
-        keep(session, key, size=size, sha256=announced.sha256)
+        try:
+            keep(session, key, size=size, sha256=announced.sha256)
+        except ReservationEndedError:
+            raise reservation_ended(announced.number) from None
+        if put:
+            condemn(session, [put])
         part = UploadPart(
             recording_id=recording.id, number=announced.number, blob_key=key, size=size, sha256=announced.sha256
         )
         session.add(part)
         return part
+
+
+def reservation_ended(number: int) -> Problem:
+    """A part whose place in the store is none any more."""
+    return Problem(
+        409,
+        "reservation_ended",
+        f"Nothing is reserved for part {number} under this name, or no longer.",
+        "Send the part again; where parts go straight to the store, ask for an address again and put it there.",
+    )
 
 
 def forget_part(database: Database, key: str) -> None:

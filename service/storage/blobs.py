@@ -15,6 +15,7 @@ from service.db.clock import now, utc_now
 from service.db.ids import new_id
 from service.db.jobs import Job
 from service.db.recordings import Blob, BlobHold
+from service.storage.errors import ReservationEndedError
 
 # A reservation without a job is an upload part on its way; no part takes this long.
 _ABANDONED = timedelta(hours=2)
@@ -40,8 +41,18 @@ def reserve(
 
 
 def keep(session: Session, key: str, *, size: int, sha256: str | None = None) -> None:
-    """Declare that the object is durable and in use, in the transaction of the row that uses it."""
-    session.execute(update(Blob).where(Blob.key == key).values(state="stored", size=size, sha256=sha256))
+    """Declare that the object is durable and in use, in the transaction of the row that uses it.
+
+    Raises :class:`ReservationEndedError` unless the key is reserved: what was condemned may be removed at any moment.
+    """
+    reserved = update(Blob).where(Blob.key == key, Blob.state == "reserved")
+    kept = session.execute(
+        reserved.values(state="stored", size=size, sha256=sha256)
+        .returning(Blob.key)
+        .execution_options(synchronize_session=False)
+    )
+    if kept.one_or_none() is None:
+        raise ReservationEndedError(key)
 
 
 def condemn(session: Session, keys: Iterable[str]) -> None:

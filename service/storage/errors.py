@@ -30,6 +30,14 @@ class MissingBlobError(Exception):
         self.hint = type(self).hint.format(key=key)
 
 
+class ReservationEndedError(Exception):
+    """A reserved key was condemned before its object was declared to be in use, so the object may be gone."""
+
+    def __init__(self, key: str) -> None:
+        super().__init__(f"the reservation of {key!r} has ended")
+        self.key = key
+
+
 class StoreUnavailableError(ConnectionError):
     """The store does not answer in time, refuses, or has no such bucket. Trying again later may help."""
 

@@ -78,6 +78,12 @@ class Store:
             obstore.put(self._store, key, data)
             self._make_durable(key)
 
+    async def copy(self, key: str, to: str) -> None:
+        """Copy an object within the store; none of its bytes come here."""
+        with translated(key):
+            await obstore.copy_async(self._store, key, to)
+            await asyncio.to_thread(self._make_durable, to)
+
     async def size(self, key: str) -> int:
         """An object's size in bytes."""
         with translated(key):

@@ -13,7 +13,7 @@ from service.db.base import Json
 from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finishing, give_back, stumble
 from service.observability.logs import about
 from service.observability.request_ids import working_for
-from service.storage.errors import MissingBlobError
+from service.storage.errors import MissingBlobError, ReservationEndedError
 from workers.geometry.errors import InputError
 from workers.readers.recording import ReadError
 from workers.tasks.comparing import consistency
@@ -40,7 +40,7 @@ WORK: dict[str, Work] = {
 }
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
-_PASSING = (OperationalError, ConnectionError, TimeoutError, OSError)
+_PASSING = (OperationalError, ConnectionError, TimeoutError, OSError, ReservationEndedError)
 # The same where a process that read an upload says it: the file has no part in it.
 _PASSING_CODES = ("ingest_disk_full", "ingest_killed")
 _TRY_AGAIN_S = 2.0

@@ -1,8 +1,8 @@
 """Parts and frames that go straight between the client and the store."""
 
 import hashlib
-from collections.abc import Callable
-from datetime import datetime
+from collections.abc import AsyncIterator, Callable
+from datetime import datetime, timedelta
 from typing import Any
 
 import httpx
@@ -12,6 +12,9 @@ from sqlalchemy import select, update
 from apexcal.client import Client
 from service.db.clock import utc_now
 from service.db.recordings import Blob, UploadPart
+from service.jobs.sweep import sweep
+from service.storage.audit import audit
+from service.storage.store import Store
 from tests.service.recordings.test_recordings import add_camera
 from tests.support.people import Api
 from tests.support.s3 import S3Server
@@ -76,7 +79,61 @@ def test_parts_go_to_the_store_and_the_original_comes_from_it(api: Api, engineer
     assert (original["size"], original["file_name"]) == (len(whole), "drive.bag")
     assert datetime.fromisoformat(original["expires_at"]) > utc_now()
     assert b"".join(httpx.get(part["url"]).content for part in original["parts"]) == whole
-    assert blobs(api) == {"stored": 3}
+    assert blobs(api) == {"stored": 3, "condemned": 3}
+
+
+def test_an_address_changes_nothing_that_is_acknowledged(api: Api, engineer, recording) -> None:
+    address = put(engineer, recording, 1, PARTS[0])
+    for late in (b"x" * len(PARTS[0]), b"shorter"):
+        assert httpx.put(address["url"], content=late).status_code == 200
+        assert arrive(engineer, recording, 1, address["reservation"]).status_code == 200
+    store = api.app.state.store
+    with api.database.reading() as session:
+        part = session.scalars(select(UploadPart)).one()
+    assert b"".join(store.stream(part.blob_key)) == PARTS[0]
+    sweep(api.database, store)
+    assert [one.key for one in store.list()] == [part.blob_key] and blobs(api) == {"stored": 1}
+    httpx.put(address["url"], content=b"later still").raise_for_status()
+    assert arrive(engineer, recording, 1, address["reservation"]).json()["sha256"] == part.sha256
+    assert audit(api.database, store, timedelta(seconds=-60), remove=True).removed == 1
+    assert [one.key for one in store.list()] == [part.blob_key]
+
+
+def test_a_part_that_changes_while_it_is_acknowledged_is_refused(api: Api, engineer, recording, monkeypatch) -> None:
+    address = announce(engineer, recording, 1, b"12345").json()
+    httpx.put(address["url"], content=b"12345").raise_for_status()
+    real = Store.copy
+
+    async def disturbed(store: Store, key: str, to: str) -> None:
+        httpx.put(address["url"], content=b"123").raise_for_status()
+        await real(store, key, to)
+
+    monkeypatch.setattr(Store, "copy", disturbed)
+    changed = arrive(engineer, recording, 1, address["reservation"])
+    assert (changed.status_code, changed.json()["code"]) == (409, "part_size_differs")
+    assert blobs(api) == {"reserved": 1, "condemned": 1}
+    monkeypatch.undo()
+    httpx.put(address["url"], content=b"12345").raise_for_status()
+    assert arrive(engineer, recording, 1, address["reservation"]).status_code == 200
+
+
+def test_a_reservation_that_ends_while_its_bytes_arrive_is_not_kept(
+    api: Api, engineer, recording, monkeypatch
+) -> None:
+    real = Store.put_stream
+
+    async def slow(store: Store, key: str, chunks: AsyncIterator[bytes]) -> None:
+        await real(store, key, chunks)
+        with api.database.writing() as session:  # as the sweep does two hours later
+            session.execute(update(Blob).values(state="condemned"))
+
+    monkeypatch.setattr(Store, "put_stream", slow)
+    late = put_part(engineer, recording["id"], 1, PARTS[0])
+    assert (late.status_code, late.json()["code"]) == (409, "reservation_ended")
+    assert engineer.get(f"/recordings/{recording['id']}/parts").json()["items"] == []
+    monkeypatch.undo()
+    assert put_part(engineer, recording["id"], 1, PARTS[0]).status_code == 200
+    assert blobs(api) == {"condemned": 1, "stored": 1}
 
 
 def test_an_acknowledged_part_needs_no_address(engineer, recording) -> None:
@@ -100,7 +157,7 @@ def test_a_part_counts_only_once_it_is_there_and_whole(api: Api, engineer, recor
     assert engineer.get(f"/recordings/{recording['id']}/parts").json()["items"] == []
     httpx.put(address["url"], content=b"12345").raise_for_status()
     assert arrive(engineer, recording, 1, address["reservation"]).status_code == 200
-    assert blobs(api) == {"stored": 1}
+    assert blobs(api) == {"stored": 1, "condemned": 1}
 
 
 def test_a_reservation_belongs_to_its_part_and_ends(api: Api, engineer, recording) -> None:
@@ -114,7 +171,7 @@ def test_a_reservation_belongs_to_its_part_and_ends(api: Api, engineer, recordin
     late = arrive(engineer, recording, 1, address["reservation"])
     assert (late.status_code, late.json()["code"]) == (409, "reservation_ended")
     put(engineer, recording, 1, b"12345")
-    assert blobs(api) == {"condemned": 1, "stored": 1}
+    assert blobs(api) == {"condemned": 2, "stored": 1}
 
 
 def test_of_twins_one_part_is_acknowledged(api: Api, engineer, recording) -> None:
@@ -123,7 +180,7 @@ def test_of_twins_one_part_is_acknowledged(api: Api, engineer, recording) -> Non
         httpx.put(twin["url"], content=b"12345").raise_for_status()
     answers = [arrive(engineer, recording, 1, twin["reservation"]) for twin in twins]
     assert answers[0].json() == answers[1].json()
-    assert blobs(api) == {"condemned": 1, "stored": 1}
+    assert blobs(api) == {"condemned": 2, "stored": 1}
     with api.database.reading() as session:
         assert session.scalars(select(UploadPart.blob_key)).one().endswith(twins[0]["reservation"])
 

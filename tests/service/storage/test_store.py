@@ -49,6 +49,11 @@ def test_what_was_written_is_read_back(store: Store, tmp_path: Path) -> None:
         assert asyncio.run(store.size(key)) == len(LARGE)
     assert store.get_range("a/file", 8 * MIB - 5, 10) == LARGE[8 * MIB - 5 : 8 * MIB + 5]
     assert asyncio.run(store.read("a/bytes", 1, 3)) == b"mal"
+    asyncio.run(store.copy("a/stream", "b/copy"))
+    store.put_bytes("a/stream", b"other bytes")
+    assert b"".join(store.stream("b/copy")) == LARGE
+    asyncio.run(store.put_stream("a/stream", chunks(LARGE)))
+    store.delete("b/copy")
     assert {(one.key, one.size) for one in store.list()} == {
         ("a/file", len(LARGE)),
         ("a/stream", len(LARGE)),
@@ -61,6 +66,7 @@ def test_what_is_missing_or_cut_is_said_so(store: Store) -> None:
     store.put_bytes("a/short", b"12345")
     looks = (
         lambda: asyncio.run(store.size("a/none")),
+        lambda: asyncio.run(store.copy("a/none", "a/copy")),
         lambda: asyncio.run(store.read("a/none", 0, 1)),
         lambda: asyncio.run(joined(store.read_all("a/none"))),
         lambda: list(store.stream("a/none")),
