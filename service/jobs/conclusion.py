@@ -12,9 +12,10 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, Publication, Result, Slot
+from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.db.clock import utc_now
 from service.jobs.model_choice import Candidate, Choice, choose
+from service.jobs.publishing import against_publishing, publish
 
 FULL = -1
 
@@ -35,15 +36,16 @@ def conclude(session: Session, calibration: Calibration, *, rig: Json | None = N
     if not fitted:
         return
     work = _work(session, calibration.id)
+    all_done = not cancelled and all(run.state == "done" for run in runs)
     cameras: dict[str, Json] = {}
     for camera, choice in choices(results).items():
         of_camera = [result for result in results if result.camera == camera]
         found = cameras[camera] = _camera_summary(choice, of_camera, work)
         if calibration.publish == "recommended":
-            reasons = _against_publishing(camera, found, runs, rig, cancelled=cancelled)
+            reasons = against_publishing(session, calibration, camera, found, rig, all_done=all_done)
             found |= {"published": not reasons, "not_published": reasons}
             if not reasons:
-                _publish(session, calibration, camera, UUID(found["models"][choice.recommended]["result_id"]))
+                publish(session, calibration, camera, UUID(found["models"][choice.recommended]["result_id"]))
     calibration.summary = {"cameras": cameras} if rig is None else {"cameras": cameras, "rig": rig}
 
 
@@ -79,36 +81,6 @@ def _heldout(full: Result, results: Sequence[Result]) -> dict[int, Mapping[int, 
         if block and result.fold != FULL and (result.camera, result.model) == (full.camera, full.model):
             blocks[result.fold] = dict(zip(block["indices"], block["errors_px"], strict=True))
     return blocks
-
-
-def _against_publishing(
-    camera: str, found: Json, runs: Sequence[CalibrationRun], rig: Json | None, *, cancelled: bool
-) -> list[str]:
-    """Why the recommended result does not become the vehicle's current one by itself, in sentences; none: it does.
-
-    A vehicle is given by itself only what was judged on pairs that it was not fitted to, with every run done, and
-    with nothing that a person should look at first.
-    """
-    if not found["recommended"]:
-        return ["No model is recommended."]
-    name, model = found["recommended"], found["models"][found["recommended"]]
-    reasons: list[str] = []
-    if cancelled or any(run.state != "done" for run in runs):
-        reasons.append("Not every fit ended well.")
-    if not model["heldout_pairs"]:
-        reasons.append("No pairs were held out to judge it by.")
-    if model["status"] != "ok":
-        reasons.append(f"The status of {name} is {model['status']}: {model['message']}")
-    if model["at_bounds"]:
-        listed = ", ".join(model["at_bounds"])
-        reasons.append(f"{name} lies on the edge of its bounds ({listed}): widen them, or lock what is known.")
-    reasons += model["several_optima"]
-    if rig and rig.get("problem"):
-        reasons.append(f"The cameras could not be compared: {rig['problem']['detail']}")
-    for pair in rig["pairs"] if rig else []:
-        if camera in pair["cameras"]:
-            reasons += pair["alarms"]
-    return reasons
 
 
 def _state(runs: Sequence[CalibrationRun], fitted: Sequence[Result]) -> str:
@@ -167,15 +139,3 @@ def _model_summary(full: Result, of_camera: Sequence[Result], work: Json) -> Jso
 
 def _stage(stage: Json | None) -> Json | None:
     return stage and {"mean_px": stage["mean_px"], "rms_px": stage["rms_px"]}
-
-
-def _publish(session: Session, calibration: Calibration, camera: str, result_id: UUID) -> None:
-    session.add(
-        Publication(
-            fleet_id=calibration.fleet_id,
-            vehicle_id=calibration.vehicle_id,
-            camera=camera,
-            result_id=result_id,
-            published_by=calibration.created_by,
-        )
-    )

@@ -147,6 +147,52 @@ def test_what_a_person_should_look_at_first_does_not_publish_itself(database, mo
     assert len(front["not_published"]) == 1 and says in front["not_published"][0]
 
 
+def test_what_fits_far_better_than_it_foretells_does_not_publish_itself(database):
+    calibration_id, runs = two_models(database)
+    end_model(database, runs["pinhole"], 5.0, "pinhole")
+    end_model(database, runs["brown_conrady"], 1.0, "brown_conrady", polished={"mean_px": 0.3, "rms_px": 0.3})
+    _, summary, published = ended(database, calibration_id)
+    assert published == []
+    assert summary["cameras"]["front"]["not_published"][0].startswith("Held-out pairs lie 1.01 px off, the fitted")
+
+
+@pytest.mark.parametrize(("before_px", "takes_over"), [(1.2, True), (0.6, False)])
+def test_a_result_that_foretells_worse_than_the_current_one_does_not_publish_itself(database, before_px, takes_over):
+    calibration_id, runs = two_models(database)
+    with database.writing() as session:
+        calibration = session.get_one(Calibration, calibration_id)
+        of_vehicle = {"fleet_id": calibration.fleet_id, "vehicle_id": calibration.vehicle_id}
+        had = {"cameras": {"front": {"models": {"pinhole": {"heldout_mean_px": before_px}}}}}
+        before = Calibration(
+            **of_vehicle, rig_id=calibration.rig_id, request={}, content_hash="1", state="done", remaining=0,
+            publish="none", summary=had,
+        )  # fmt: skip
+        session.add(before)
+        session.flush()
+        run = session.get_one(CalibrationRun, runs["pinhole"][0])
+        of_before = CalibrationRun(
+            fleet_id=run.fleet_id, calibration_id=before.id, set_id=run.set_id, camera="front", model="pinhole",
+            fold=-1, farm="runs", slots=1, bundle=1, problem={}, state="done",
+        )  # fmt: skip
+        session.add(of_before)
+        session.flush()
+        given = Result(
+            fleet_id=run.fleet_id, calibration_id=before.id, run_id=of_before.id, camera="front", model="pinhole",
+            fold=-1, document=document(before_px),
+        )  # fmt: skip
+        session.add(given)
+        session.flush()
+        session.add(Publication(**of_vehicle, camera="front", result_id=given.id))
+    end_model(database, runs["pinhole"], 5.0, "pinhole")
+    end_model(database, runs["brown_conrady"], 1.0, "brown_conrady")
+    _, summary, _ = ended(database, calibration_id)
+    front = summary["cameras"]["front"]
+    assert front["published"] is takes_over
+    assert takes_over or front["not_published"] == [
+        f"Held-out pairs lie 1.01 px off; of the vehicle's current result {before_px:.2f}."
+    ]
+
+
 def test_the_alarm_of_a_rig_keeps_back_the_cameras_that_it_names(database):
     calibration_id, runs = two_models(database)
     rig = {"pairs": [{"cameras": ["front", "left"], "alarms": ["T_front_left lies 3 degrees off."]}]}
