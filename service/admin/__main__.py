@@ -13,8 +13,8 @@ import typer
 from service.admin.backup import back_up
 from service.admin.errors import AdminError
 from service.admin.keeping import retention
-from service.admin.manifest import verify
-from service.admin.opening import opened, spoken
+from service.admin.manifest import Manifest, verify
+from service.admin.opening import FAILED, opened, spoken
 from service.admin.people import tokens, users
 from service.admin.restore import restore as bring_back
 from service.admin.work import job, jobs, requeue
@@ -60,13 +60,20 @@ def backup(
     """Back up database and objects while the service works.
 
     What is written is of one moment: every row, and every object that a row names. Nothing is removed from the store
-    meanwhile. The folder is complete or not there: it appears in one step.
+    meanwhile. The folder is complete or not there: it appears in one step. Objects that the store has lost or changed
+    are named, and the exit code is 1; everything else is in the backup all the same.
     """
     with opened() as service:
         manifest = back_up(service.database, service.store, target.resolve(), report=_reporter(quiet))
     if not quiet:
         rows = sum(table.rows for table in manifest.tables)
         print(f"{target}: {rows} rows, {manifest.blobs} objects, {manifest.blob_bytes} bytes.")
+    if _name_damaged(manifest):
+        print(
+            "All else is backed up. Bring these objects back from an earlier backup, or delete their recordings.",
+            file=sys.stderr,
+        )
+        raise typer.Exit(FAILED)
 
 
 @app.command()
@@ -84,6 +91,8 @@ def restore(
     if check:
         manifest, blobs = verify(source.resolve())
         print(f"{source} is whole: {len(manifest.tables)} tables, {len(blobs)} objects, made {manifest.made_at}.")
+        if _name_damaged(manifest):
+            raise typer.Exit(FAILED)
         return
     settings = get_settings()
     if not settings.database_url:
@@ -92,6 +101,19 @@ def restore(
     manifest = bring_back(settings.database, open_store(settings), source.resolve(), report=_reporter(quiet))
     if not quiet:
         print(f"Restored what was backed up {manifest.made_at}. Start the service.")
+    _name_damaged(manifest)
+
+
+def _name_damaged(manifest: Manifest) -> bool:
+    """Say on standard error which objects were lost or changed when the backup was made; whether there are any."""
+    for one in manifest.damaged:
+        print(f"{one.key}: {one.what}", file=sys.stderr)
+    if manifest.damaged:
+        print(
+            f"apexcal admin: the store had lost or changed {len(manifest.damaged)} objects when this was backed up.",
+            file=sys.stderr,
+        )
+    return bool(manifest.damaged)
 
 
 def _refuse_served(folder: Path) -> None:

@@ -2,6 +2,8 @@
 
 The store is held first, then the database's snapshot is taken, then the objects are copied: what a row of the
 snapshot names was there when the hold began to bind, and is removed only after it ends. The service goes on working.
+
+An object that the store lost or changed does not keep the others from being backed up: the manifest names it.
 """
 
 from __future__ import annotations
@@ -18,12 +20,13 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import mkdtemp
+from typing import NamedTuple
 
 from sqlalchemy import Connection, select
 
 from service.admin.errors import AdminError
 from service.admin.holding import holding
-from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, TABLES, BlobFile, Manifest, table_path
+from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, TABLES, BlobFile, Damaged, Manifest, table_path
 from service.admin.rows import TableFile, digest, write_table
 from service.db.clock import now, utc_now
 from service.db.jobs import Heartbeat
@@ -41,10 +44,25 @@ _COPIES_AT_ONCE = 4
 Report = Callable[[str], None]
 
 
+class _Named(NamedTuple):
+    """An object as its row says it is; the checksum where that is known."""
+
+    key: str
+    size: int
+    sha256: str | None
+
+
+class _Copied(NamedTuple):
+    """What was found of an object, and what is wrong with it."""
+
+    file: BlobFile | None
+    damage: str = ""
+
+
 def back_up(database: Database, store: Store, target: Path, *, report: Report = lambda _: None) -> Manifest:
     """Write a backup into the new folder ``target``.
 
-    Raises :class:`AdminError` where the folder exists, or where an object that a row names is missing.
+    Raises :class:`AdminError` where the folder exists.
     """
     if target.exists():
         raise AdminError(f"{target} exists already", "Name a folder that does not exist; each backup has its own.")
@@ -65,7 +83,7 @@ def _write(database: Database, store: Store, target: Path, staged: Path, report:
     (staged / TABLES).mkdir()
     with holding(database, f"backup to {target}"[:100]) as check:
         tables, named = _rows(database, staged, report)
-        blobs = _copy(store, named, staged, report)
+        blobs, damaged = _copy(store, named, staged, report)
         check()
     (staged / BLOB_LIST).write_text("".join(json.dumps(asdict(blob)) + "\n" for blob in blobs))
     manifest = Manifest(
@@ -77,6 +95,7 @@ def _write(database: Database, store: Store, target: Path, staged: Path, report:
         blobs=len(blobs),
         blob_bytes=sum(blob.size for blob in blobs),
         blob_list=digest(staged / BLOB_LIST),
+        damaged=damaged,
     )
     manifest.write(staged)
     _make_durable(staged)
@@ -91,11 +110,11 @@ def _snapshot(database: Database) -> Iterator[Connection]:
         yield connection
 
 
-def _rows(database: Database, staged: Path, report: Report) -> tuple[list[TableFile], list[tuple[str, int]]]:
+def _rows(database: Database, staged: Path, report: Report) -> tuple[list[TableFile], list[_Named]]:
     with _snapshot(database) as connection:
         # The first statement fixes the moment.
-        asked = select(Blob.key, Blob.size).where(Blob.state == "stored").order_by(Blob.key)
-        named = [(key, size) for key, size in connection.execute(asked)]
+        asked = select(Blob.key, Blob.size, Blob.sha256).where(Blob.state == "stored").order_by(Blob.key)
+        named = [_Named(key, size, sha256) for key, size, sha256 in connection.execute(asked)]
         written: list[TableFile] = []
         for table in Base.metadata.sorted_tables:
             if table.name not in TRANSIENT:
@@ -104,37 +123,37 @@ def _rows(database: Database, staged: Path, report: Report) -> tuple[list[TableF
     return written, named
 
 
-def _copy(store: Store, named: list[tuple[str, int]], staged: Path, report: Report) -> list[BlobFile]:
+def _copy(store: Store, named: list[_Named], staged: Path, report: Report) -> tuple[list[BlobFile], list[Damaged]]:
     (staged / BLOBS).mkdir()
     with ThreadPoolExecutor(_COPIES_AT_ONCE) as pool:
         copied = list(pool.map(partial(_copy_one, store, staged), named))
-    missing = [key for (key, _), blob in zip(named, copied, strict=True) if blob is None]
-    if missing:
-        raise AdminError(
-            f"{len(missing)} objects that rows name are missing or cut, the first of them {missing[0]}",
-            "No backup was made. The store has lost them: bring the objects back, or delete the recordings that they "
-            "belong to.",
-        )
-    found = [blob for blob in copied if blob]
-    report(f"{len(found)} objects, {sum(blob.size for blob in found)} bytes")
-    return found
+    files = [one.file for one in copied if one.file]
+    damaged = [Damaged(blob.key, one.damage) for blob, one in zip(named, copied, strict=True) if one.damage]
+    report(f"{len(files)} objects, {sum(file.size for file in files)} bytes")
+    return files, damaged
 
 
-def _copy_one(store: Store, staged: Path, named: tuple[str, int]) -> BlobFile | None:
-    key, size = named
-    path = BlobFile(key, size, "").path(staged)
+def _copy_one(store: Store, staged: Path, named: _Named) -> _Copied:
+    """Copy what is there, also where it is not what it should be: a restore brings back no less than there was."""
+    path = BlobFile(named.key, named.size, "").path(staged)
     path.parent.mkdir(parents=True, exist_ok=True)
     found = hashlib.sha256()
     try:
         with path.open("wb") as file:
-            for chunk in store.stream(key):
+            for chunk in store.stream(named.key):
                 file.write(chunk)
                 found.update(chunk)
             file.flush()
             os.fsync(file.fileno())
     except MissingBlobError:
-        return None
-    return BlobFile(key, size, found.hexdigest()) if path.stat().st_size == size else None
+        path.unlink()
+        return _Copied(None, "missing")
+    copied = BlobFile(named.key, path.stat().st_size, found.hexdigest())
+    if copied.size != named.size:
+        return _Copied(copied, f"{copied.size} bytes instead of {named.size}")
+    if named.sha256 and copied.sha256 != named.sha256:
+        return _Copied(copied, "not the bytes that were stored: the SHA-256 differs")
+    return _Copied(copied)
 
 
 def _make_durable(folder: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,19 @@ MANIFEST, BLOBS, BLOB_LIST, TABLES = "manifest.json", "blobs", "blobs.jsonl", "t
 
 
 @dataclass(frozen=True)
+class Damaged:
+    """An object that is not what its row says: the store had lost or changed it when the backup was made."""
+
+    key: str
+    what: str
+
+
+@dataclass(frozen=True)
 class Manifest:
-    """``schema`` is the revision of the rows; ``blob_list`` the SHA-256 of the list of objects."""
+    """``schema`` is the revision of the rows; ``blob_list`` the SHA-256 of the list of objects.
+
+    ``damaged`` are those that are missing, or in the backup as they were found.
+    """
 
     format: int
     made_at: str
@@ -26,6 +37,7 @@ class Manifest:
     blobs: int
     blob_bytes: int
     blob_list: str
+    damaged: list[Damaged] = field(default_factory=list[Damaged])
 
     def write(self, folder: Path) -> None:
         """The last file of a backup: without it there is none."""
@@ -62,7 +74,8 @@ def read_manifest(folder: Path) -> Manifest:
             TableFile(one["name"], [(name, kind) for name, kind in one["columns"]], one["rows"], one["sha256"])
             for one in document["tables"]
         ]
-        found = Manifest(**{**document, "tables": tables})
+        damaged = [Damaged(**one) for one in document.get("damaged", [])]
+        found = Manifest(**{**document, "tables": tables, "damaged": damaged})
     except FileNotFoundError:
         raise AdminError(
             f"{folder} is no finished backup: it has no {MANIFEST}", "Name the folder that `backup` printed."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import subprocess
@@ -12,7 +13,9 @@ from uuid import uuid4
 
 import pytest
 from sqlalchemy import func, select
+from typer.testing import CliRunner, Result
 
+from service.admin import __main__ as commands
 from service.admin.backup import TRANSIENT, back_up
 from service.admin.errors import AdminError
 from service.admin.manifest import BLOBS, verify
@@ -196,20 +199,46 @@ def _small_backup(settings: Settings, target: Path) -> tuple[Database, Store, st
     key = "recordings/x/parts/y"
     store.put_bytes(key, b"frames")
     with database.writing() as session:
-        session.add(Blob(key=key, state="stored", size=6))
+        session.add(Blob(key=key, state="stored", size=6, sha256=hashlib.sha256(b"frames").hexdigest()))
     back_up(database, store, target)
     return database, store, key
 
 
-def test_a_backup_is_refused_where_the_store_lost_something(settings: Settings, tmp_path: Path) -> None:
-    database, store, key = _small_backup(settings, tmp_path / "one")
+def test_what_the_store_lost_or_changed_is_named_and_all_else_is_backed_up(
+    settings: Settings, tmp_path: Path, elsewhere: Callable[[str], Settings]
+) -> None:
+    database, store, whole = _small_backup(settings, tmp_path / "one")
     with pytest.raises(AdminError, match="exists already"):
         back_up(database, store, tmp_path / "one")
-    store.delete(key)
     (tmp_path / "two.partial").mkdir()  # somebody's own
-    with pytest.raises(AdminError, match=r"1 objects that rows name are missing or cut, .* recordings/x"):
-        back_up(database, store, tmp_path / "two")
-    assert not (tmp_path / "two").exists()
+    found = {"changed": b"FRAMES", "cut": b"fra", "lost": None, "unchecked": b"FRAMES"}
+    for name, data in found.items():
+        with database.writing() as session:
+            checksum = None if name == "unchecked" else hashlib.sha256(b"frames").hexdigest()
+            session.add(Blob(key=f"recordings/{name}", state="stored", size=6, sha256=checksum))
+        if data:
+            store.put_bytes(f"recordings/{name}", data)
+
+    def typed(*words: str) -> Result:
+        return CliRunner().invoke(commands.app, list(words), prog_name="apexcal admin")
+
+    made = typed("backup", "--quiet", str(tmp_path / "two"))
+    checked = typed("restore", "--check", str(tmp_path / "two"))
+    for said in (made, checked):
+        assert said.exit_code == 1, said.output
+        assert said.stderr.splitlines()[:4] == [
+            "recordings/changed: not the bytes that were stored: the SHA-256 differs",
+            "recordings/cut: 3 bytes instead of 6",
+            "recordings/lost: missing",
+            "apexcal admin: the store had lost or changed 3 objects when this was backed up.",
+        ]
+    assert "All else is backed up" in made.stderr and "is whole" in checked.stdout
+    assert typed("restore", "--check", str(tmp_path / "one")).exit_code == 0
+    there = elsewhere("sqlite")
+    restore(there.database, open_store(there), tmp_path / "two")
+    brought = {one.key: b"".join(open_store(there).stream(one.key)) for one in open_store(there).list()}
+    kept = {f"recordings/{name}": data for name, data in found.items() if data}
+    assert brought == {whole: b"frames", **kept}, "no less than there was"
     database.close()
     assert [one.name for one in tmp_path.glob("*partial*")] == ["two.partial"], "nothing half done"
 
