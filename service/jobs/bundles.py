@@ -8,9 +8,9 @@ from __future__ import annotations
 from math import ceil
 from typing import NamedTuple
 
-# One trip (claim, work, finish: three commits, a Celery message) of a 2-core machine: 16 ms on either database,
-# measured over 490 jobs with almost nothing to do.
-TRIP_MS = 16.0
+# One trip (claim, look, finish, a Celery message) of two pool processes on a 2-core machine with other work: 12.6 ms
+# on PostgreSQL and 6.5 ms on SQLite, medians of 300 jobs with almost nothing to do (`make bench-farm`).
+TRIP_MS = 12.0
 # A slot farmed on its own should be worth this many trips, so that the queue costs at most a tenth.
 TRIPS_PER_BUNDLE = 10
 # Projections per millisecond of one core inside a slot: 800 x 30 on 222 points took 4.7, 10.1 and 11.2 ms.
