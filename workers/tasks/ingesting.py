@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any, cast
 
 from sqlalchemy import delete, insert, select, update
 from sqlalchemy.orm import Session
@@ -19,7 +20,7 @@ from service.jobs.claims import Claim, Lease, require_mine
 from service.storage.blobs import condemn, keep, reserve
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
-from workers.readers.recording import ReadError
+from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
 
 _OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
@@ -63,7 +64,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
     def write(session: Session) -> None:
         _forget_earlier(session, recording)
         row = session.get_one(Recording, recording.id)
-        row.facts, row.warnings = manifest.facts(), list(manifest.warnings)
+        row.facts, row.warnings = _legible(manifest.facts()), _legible(list(manifest.warnings))
         for sensor in manifest.sensors:
             key, size = keys[sensor.name]
             keep(session, key, size=size)
@@ -159,14 +160,25 @@ def _sensor_row(recording: Recording, sensor: SensorManifest, key: str) -> Senso
         recording_id=recording.id,
         kind=sensor.kind,
         name=sensor.name,
-        topic=sensor.topic,
-        frame_id=sensor.frame_id,
+        topic=_legible(sensor.topic),
+        frame_id=_legible(sensor.frame_id),
         blob_key=key,
         count=sensor.count,
         first_ns=sensor.first_ns,
         last_ns=sensor.last_ns,
-        facts={name: value for name, value in asdict(sensor).items() if name not in _OWN_COLUMNS},
+        facts=_legible({name: value for name, value in asdict(sensor).items() if name not in _OWN_COLUMNS}),
     )
+
+
+def _legible(value: Any) -> Any:
+    """Data with every text in it legible: a file may name things with NUL, which PostgreSQL refuses."""
+    if isinstance(value, str):
+        return legible(value)
+    if isinstance(value, Mapping):
+        return {_legible(key): _legible(item) for key, item in cast(Mapping[Any, Any], value).items()}
+    if isinstance(value, list | tuple):
+        return [_legible(item) for item in cast(Sequence[Any], value)]
+    return value
 
 
 def _frames(out: Path, sensor: SensorManifest) -> list[Json]:

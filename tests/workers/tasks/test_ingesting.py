@@ -1,13 +1,22 @@
-"""An ingestion that lost its job does nothing to the recording."""
+"""An ingestion that lost its job does nothing to the recording; one that reads strange names stores them legibly."""
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 
-from service.db.models import Recording
+from service.db.models import Blob, Recording, Rig, Sensor, UploadPart
 from service.jobs.claims import Lease, LostLeaseError, claim, finishing
 from service.jobs.queue import enqueue
 from service.jobs.sweep import sweep
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.jobs.support import let_lease_expire, make_fleet
+from tests.support.work import work
+from tests.workers.readers.making_recordings import clouds, header, images, interleaved, png, write_bag
+from workers.tasks.context import Context
 from workers.tasks.ingesting import _plain_name, ingest
 
 
@@ -40,3 +49,44 @@ def test_a_frozen_worker_does_not_put_a_ready_recording_back(context, database):
         ingest(context, frozen, lease)
     with database.reading() as session:
         assert session.get_one(Recording, recording_id).state == "ready"
+
+
+def uploaded(context: Context, rig: Rig, file: Path) -> Recording:
+    """A recording whose original is this file, about to be ingested."""
+    data = file.read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    key = f"recordings/{file.stem}/parts/1/{sha256[:32]}"
+    context.store.put_bytes(key, data)
+    with context.database.writing() as session:
+        row = Recording(
+            fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, rig_id=rig.id, name=file.stem, file_name=file.name,
+            state="queued", size=len(data),
+        )  # fmt: skip
+        session.add_all((row, Blob(key=key, state="stored", size=len(data), sha256=sha256)))
+        session.flush()
+        session.add(UploadPart(recording_id=row.id, number=1, blob_key=key, size=len(data), sha256=sha256))
+        row.job_id = enqueue(session, kind="ingest", fleet_id=rig.fleet_id, subject_id=row.id).id
+        return row
+
+
+def test_names_from_a_file_are_stored_legibly(context, database, tmp_path):
+    rig = seed_rig(database, make_fleet(database))
+    sweeps = [
+        ("/points\0\x07", kind, at, replace(message, header=header(at, "velo\0dyne\n")))
+        for _, kind, at, message in clouds(3)
+    ]
+    frames = list(images(3, "/cam\0era/compressed", png(640, 480)))
+    plain = uploaded(context, rig, write_bag(tmp_path / "one.bag", interleaved(sweeps, frames)))
+    others = [("/oth\0er", kind, at, message) for _, kind, at, message in sweeps]
+    refused = uploaded(context, rig, write_bag(tmp_path / "two.bag", interleaved(sweeps, others, frames)))
+    work(context)
+    with database.reading() as session:
+        row = session.get_one(Recording, plain.id)
+        assert (row.state, row.problem) == ("ready", None)
+        sensors = session.scalars(select(Sensor).where(Sensor.recording_id == row.id).order_by(Sensor.kind))
+        camera, lidar = sensors
+        assert (lidar.topic, lidar.frame_id) == (r"/points\x00\x07", r"velo\x00dyne\n")
+        assert camera.topic == r"/cam\x00era/compressed"
+        assert r"\u0000" not in json.dumps([camera.facts, lidar.facts, row.facts, row.warnings])
+        problem = session.get_one(Recording, refused.id).problem
+        assert problem["code"] == "ambiguous_lidar" and r"/oth\x00er" in problem["detail"], problem
