@@ -34,6 +34,7 @@ from sqlalchemy import column as light_column
 from sqlalchemy import table as light_table
 from sqlalchemy.types import TypeEngine
 
+from service.db.base import Finite
 from service.db.clock import Instant
 
 _BATCH = 1000
@@ -74,7 +75,7 @@ def kind_of(column: Column[Any]) -> str:
         ("uuid", (Uuid,)),
         ("json", (JSON,)),
         ("bool", (Boolean,)),
-        ("float", (Float, Double)),
+        ("float", (Finite, Float, Double)),
         ("int", (Integer, BigInteger)),
         ("text", (String,)),
     ):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from datetime import datetime
+from math import isfinite
 from typing import Annotated, Any
 from uuid import UUID
 
-from sqlalchemy import JSON, BigInteger, ForeignKey, Integer, MetaData, String, Uuid
+from sqlalchemy import JSON, BigInteger, Dialect, Float, ForeignKey, Integer, MetaData, String, Uuid
 from sqlalchemy.orm import DeclarativeBase, mapped_column
+from sqlalchemy.types import TypeDecorator
 
 from service.db.clock import Instant, utc_now
 from service.db.ids import new_id
@@ -22,6 +24,19 @@ Name = Annotated[str, mapped_column(String(200))]
 Digest = Annotated[str, mapped_column(String(64))]
 Created = Annotated[datetime, mapped_column(Instant, insert_default=utc_now)]
 Version = Annotated[int, mapped_column(Integer, insert_default=1)]
+
+
+class Finite(TypeDecorator[float]):
+    """A float that is a number, as in JSON columns: SQLite would make NULL of NaN, and backups carry numbers only."""
+
+    impl = Float
+    cache_ok = True
+
+    def process_bind_param(self, value: float | None, dialect: Dialect) -> float | None:
+        """Raises ValueError for what is not finite."""
+        if value is not None and not isfinite(value):
+            raise ValueError(f"a number that is not finite would be stored: {value}")
+        return value
 
 
 class Base(DeclarativeBase):
@@ -39,6 +54,7 @@ class Base(DeclarativeBase):
         Json: JSON(none_as_null=True),
         list[Any]: JSON(none_as_null=True),
         datetime: Instant,
+        float: Finite,
         UUID: Uuid,
     }
 

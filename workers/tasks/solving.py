@@ -19,6 +19,7 @@ from service.jobs.claims import CancelledError, Claim, Lease
 from service.jobs.solving import count_down, end_run, start_finish, start_iteration
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
+from workers.solver.errors import SolveError
 from workers.solver.folds import folds
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
@@ -212,6 +213,13 @@ def _finish(fit: Fit, run_id: UUID, state: State) -> Write:
 def _slot_row(
     context: Context, run_id: UUID, iteration: int, slot: int, outcome: SlotOutcome, seconds: float
 ) -> Json:
+    if not np.isfinite((outcome.loss, *outcome.parameters)).all():
+        raise SolveError(
+            "non_finite",
+            f"The best of slot {slot} in iteration {iteration} has the loss {outcome.loss}: within the bounds no "
+            "lens gives these points a finite distance from their marks.",
+            "Narrow the bounds of the distortion, or look for points that lie far out of the camera's view.",
+        )
     return {
         "run_id": run_id,
         "iteration": iteration,

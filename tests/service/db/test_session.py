@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from sqlalchemy import text
-from sqlalchemy.exc import OperationalError
+from sqlalchemy import insert, select, text
+from sqlalchemy.exc import OperationalError, StatementError
 
 from service.db import session as session_module
+from service.db.models import Slot
 from service.db.session import Database
+from tests.service.jobs.support import make_calibration
 from tests.support.postgres import Postgres
 
 _INSERT = "INSERT INTO fleet (id, name, version, created_at) VALUES ('{0}', '{0}', 1, 0)"
@@ -44,6 +46,26 @@ def test_on_sqlite_a_transaction_is_synced_whatever_the_connection_did_before(da
         assert connection.scalar(synchronous) == 1
     with database.writing() as session:
         assert session.scalar(synchronous) == 2
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("nan")])
+def test_what_is_no_number_is_not_stored(database: Database, value: float):
+    _, (run_id,) = make_calibration(database)
+    row = {
+        "run_id": run_id,
+        "iteration": 0,
+        "slot": 0,
+        "parameters": [],
+        "evaluations": 1,
+        "seconds": 1,
+        "worker": "w",
+    }
+    with pytest.raises((StatementError, ValueError), match="not finite"), database.writing() as session:
+        session.connection().execute(insert(Slot), [{**row, "loss": value}])
+    with pytest.raises((StatementError, ValueError), match="not finite"), database.writing() as session:
+        session.add(Slot(**{**row, "parameters": [value]}, loss=1.0))
+    with database.reading() as session:
+        assert session.scalars(select(Slot)).all() == []
 
 
 @pytest.fixture
