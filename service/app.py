@@ -31,7 +31,7 @@ from service.observability import logs
 from service.recordings import direct_routes, frame_routes, original_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue
-from service.settings import MIB, Settings, get_settings
+from service.settings import MIB, Settings, settings_or_exit
 from service.storage import problems as store_problems
 from service.storage.audit import audit_if_due
 from service.storage.store import Store, open_store
@@ -82,7 +82,7 @@ async def _keep_house(database: Database, store: Store, settings: Settings) -> N
 def create_app(settings: Settings | None = None) -> FastAPI:
     """The application of these settings; by default of the environment's, in a process of its own."""
     if settings is None:
-        settings = get_settings()
+        settings = settings_or_exit()
         logs.configure(settings.log_form)
     drain = draining.Drain(settings.drain_s)
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
+import sys
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
-from pydantic import AliasChoices, Field, SecretStr
+from pydantic import AliasChoices, Field, SecretStr, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError
 
-from service.storage.opening import S3Options
+from service.storage.opening import S3Options, check_url
 
 MIB = 1024 * 1024
 
@@ -86,6 +89,24 @@ class Settings(BaseSettings):
     alive_file: Path | None = Field(default=None, description="touched by workers and beat, for health checks")
     supervisor_status: Path | None = Field(default=None, description="where `apexcal serve` notes its children")
 
+    @field_validator("database_url")
+    @classmethod
+    def _is_database(cls, url: str) -> str:
+        try:
+            known = not url or make_url(url).get_backend_name() in ("postgresql", "sqlite")
+        except ArgumentError:
+            known = False
+        if not known:  # in words without the URL, which may hold a password
+            raise ValueError("it looks like postgresql+psycopg://user:password@host/name or sqlite:///file")
+        return url
+
+    @field_validator("blob_url")
+    @classmethod
+    def _is_store(cls, url: str) -> str:
+        if url:
+            check_url(url)
+        return url
+
     @property
     def database(self) -> str:
         """SQLAlchemy URL of the database."""
@@ -129,7 +150,29 @@ class Settings(BaseSettings):
         return self.data_dir.resolve() / "scratch"
 
 
+class SettingsError(Exception):
+    """Variables of the environment that cannot be used: a sentence for each."""
+
+
 @lru_cache(maxsize=1)
 def get_settings() -> Settings:
-    """The process's settings, read once."""
-    return Settings()
+    """The process's settings, read once. Raises :class:`SettingsError`."""
+    try:
+        return Settings()
+    except ValidationError as error:
+        raise SettingsError("; ".join(_sentence(str(one["loc"][0]), one["msg"]) for one in error.errors())) from None
+
+
+def settings_or_exit() -> Settings:
+    """The settings, where a process begins: what is wrong with them is its last line, and its exit code 2."""
+    try:
+        return get_settings()
+    except SettingsError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def _sentence(name: str, wrong: str) -> str:
+    """What is wrong with a variable, without its value: that may be a secret."""
+    variable = name if name.isupper() else f"APEXCAL_{name.upper()}"
+    return f"{variable} cannot be used: {wrong.removeprefix('Value error, ')}"

@@ -14,7 +14,7 @@ from celery.signals import celeryd_init, setup_logging
 
 from service.jobs.queue import QUEUES
 from service.observability import logs
-from service.settings import get_settings
+from service.settings import get_settings, settings_or_exit
 from workers import alive
 
 
@@ -30,7 +30,7 @@ def start_logging(loglevel: Any = logging.INFO, **_: object) -> None:
 
 def make_app(tasks: str) -> Celery:
     """A Celery application that knows the tasks of one module."""
-    settings = get_settings()
+    settings = settings_or_exit()
     app = Celery("apexcal", broker=settings.broker, include=[tasks])
     app.conf.update(
         task_serializer="json",

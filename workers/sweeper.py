@@ -7,10 +7,10 @@ Started by name: ``celery -A workers.sweeper beat`` and ``celery -A workers.swee
 from __future__ import annotations
 
 from service.jobs.messages import SWEEP
-from service.settings import get_settings
+from service.settings import settings_or_exit
 from workers.app import make_app
 
-settings = get_settings()
+settings = settings_or_exit()
 
 app = make_app("workers.tasks.sweeping")
 app.conf.beat_schedule = {

@@ -17,10 +17,11 @@ from service.admin.errors import AdminError
 from service.db.migrate import is_older, newest
 from service.db.session import Database
 from service.jobs.messages import COURIER, Sender
-from service.settings import Settings, get_settings
+from service.settings import Settings, SettingsError, get_settings
+from service.storage.errors import StoreFullError, StoreUnavailableError
 from service.storage.store import Store, open_store
 
-FAILED = 1
+FAILED, WRONG_USAGE = 1, 2
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 P = ParamSpec("P")
 
@@ -72,7 +73,7 @@ def _refuse_other_schema(database: Database) -> None:
 
 
 def spoken(command: Callable[P, Any]) -> Callable[P, None]:
-    """A command whose faults are sentences on standard error, with exit code 1."""
+    """A command whose faults are sentences on standard error, with exit code 1; 2 where the settings are wrong."""
 
     @wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -83,17 +84,21 @@ def spoken(command: Callable[P, Any]) -> Callable[P, None]:
         except SQLAlchemyError as error:
             said = str(getattr(error, "orig", None) or error).strip().splitlines()
             _complain(f"the database: {said[0] if said else type(error).__name__}", "")
+        except SettingsError as error:
+            _complain(str(error), "Give the command the environment that the service has.", WRONG_USAGE)
+        except (StoreUnavailableError, StoreFullError) as error:
+            _complain(str(error.strerror), f"The store is {get_settings().blobs}.")
         except OSError as error:
             _complain(f"{error.filename or 'the disk'}: {error.strerror or error}", "")
 
     return run
 
 
-def _complain(sentence: str, hint: str) -> None:
+def _complain(sentence: str, hint: str, code: int = FAILED) -> None:
     print(f"apexcal admin: {sentence}.", file=sys.stderr)
     if hint:
         print(hint, file=sys.stderr)
-    raise typer.Exit(FAILED)
+    raise typer.Exit(code)
 
 
 def table(rows: list[dict[str, Any]], columns: tuple[str, ...]) -> str:

@@ -28,7 +28,7 @@ from sqlalchemy.exc import OperationalError
 
 from service.db.session import open_engine
 from service.observability import logs
-from service.settings import get_settings
+from service.settings import settings_or_exit
 
 # Any number: who migrates holds this lock of the database.
 _LOCK = 4_711_001
@@ -139,7 +139,7 @@ def main() -> None:
     if chosen.revise:
         revise(chosen.revise)
         return
-    settings = get_settings()
+    settings = settings_or_exit()
     logs.configure(settings.log_form)
     try:
         upgrade(settings.database)

@@ -43,22 +43,28 @@ class Opened:
     origin: str = ""
 
 
+def check_url(url: str) -> None:
+    """Raises ValueError for a URL that names no store."""
+    parts = urlsplit(url)
+    if not ((parts.scheme == "file" and parts.path) or (parts.scheme == "s3" and parts.netloc)):
+        raise ValueError(f"{url!r} names no store; one looks like file:///folder or s3://bucket/prefix")
+
+
 def open_url(url: str, options: S3Options) -> Opened:
     """Open ``file:///folder``, made where it is missing, or ``s3://bucket/prefix``. Nothing is asked of S3 yet.
 
     Raises ValueError for any other URL.
     """
+    check_url(url)
     parts = urlsplit(url)
-    if parts.scheme == "file" and parts.path:
+    if parts.scheme == "file":
         folder = Path(unquote(parts.path))
         return Opened(LocalStore(folder, mkdir=True), folder=folder)
-    if parts.scheme == "s3" and parts.netloc:
-        prefix = unquote(parts.path).strip("/") or None
-        public = options.public_endpoint or options.endpoint or f"https://s3.{options.region}.amazonaws.com"
-        origin = "{0.scheme}://{0.netloc}".format(urlsplit(public))
-        signer = _bucket(parts.netloc, prefix, options, public)
-        return Opened(_bucket(parts.netloc, prefix, options, options.endpoint), signer=signer, origin=origin)
-    raise ValueError(f"APEXCAL_BLOB_URL is {url!r}; it looks like file:///folder or s3://bucket/prefix")
+    prefix = unquote(parts.path).strip("/") or None
+    public = options.public_endpoint or options.endpoint or f"https://s3.{options.region}.amazonaws.com"
+    origin = "{0.scheme}://{0.netloc}".format(urlsplit(public))
+    signer = _bucket(parts.netloc, prefix, options, public)
+    return Opened(_bucket(parts.netloc, prefix, options, options.endpoint), signer=signer, origin=origin)
 
 
 def open_bucket_root(bucket: str, options: S3Options) -> S3Store:

@@ -14,7 +14,7 @@ import httpx
 import obstore
 import obstore.exceptions
 
-from service.settings import get_settings
+from service.settings import settings_or_exit
 from service.storage.errors import StoreUnavailableError
 from service.storage.opening import S3Options, open_bucket_root
 from service.storage.store import Store
@@ -65,7 +65,7 @@ def _address(method: Literal["HEAD", "PUT"], bucket: str, options: S3Options) ->
 
 def main() -> int:
     """0 where the store can be written."""
-    settings = get_settings()
+    settings = settings_or_exit()
     try:
         made = prepare(settings.blobs, settings.s3)
     except (StoreUnavailableError, httpx.TransportError) as error:
