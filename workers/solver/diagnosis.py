@@ -15,6 +15,7 @@ from workers.solver.uncertainty import Uncertainty
 
 # Relative differences in loss from which two searches, or two stages, have ended in different places.
 _SLOTS_DIFFER: Final = 0.02
+_SLOTS_DIFFER_PX: Final = 0.01
 _STAGES_DIFFER: Final = 0.25
 _BASELINE_BETTER: Final = 1e-3
 _EXACT_PX: Final = 1e-4
@@ -57,8 +58,8 @@ def alarms(
 ) -> list[str]:
     """Sentences, the gravest first.
 
-    ga_px: mean and RMS px of the genetic algorithm's best; elsewhere: what `several_optima` says; outliers: as
-    judged, and whether the fit left them out.
+    ga_px: mean and RMS px of the genetic algorithm's best over the problem's pairs; elsewhere: what `several_optima`
+    says; outliers: as judged, and whether the fit left them out.
     """
     p = np.array(polished.parameters)
     found = misfit(problem, p) + point_alarms(problem, p) + parameter_alarms(problem, p, spread)
@@ -105,7 +106,7 @@ def several_optima(
         ends = [*state.first_slot_parameters[:MOST_SLOTS], *(fit.parameters for fit, _ in plain.values())]
         found += optimum_alarms(problem, polished, other_optima(problem, polished, ends))
     low, high = min(state.slot_losses), max(state.slot_losses)
-    if high > low * (1.0 + _SLOTS_DIFFER):
+    if high > low + max(_SLOTS_DIFFER * low, _SLOTS_DIFFER_PX):
         found.append(
             f"The slots of the last iteration disagree: their losses go from {low:.3f} to {high:.3f} px. "
             "There may be several optima; more iterations or generations, or narrower bounds, help."

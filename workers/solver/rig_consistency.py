@@ -164,15 +164,17 @@ def _deviation_document(one: StatedTransform, against: Deviation) -> dict[str, A
 
 
 def _deviation_sentence(name: str, one: StatedTransform, against: Deviation) -> str:
-    what = "the nominal mounts" if one.source == "nominal" else "what the rig states"
-    within = f"(good to {one.std_deg:g} degrees and {1e3 * one.std_m:g} mm)"
-    far = (
-        f"{name} lies {against.rotation_deg:.2f} degrees and {against.translation_mm:.0f} mm from {what} {within}: "
-        f"{against.sigmas:.1f} sigmas"
-    )
+    what = "the nominal mount" if one.source == "nominal" else "what the rig states"
+    good_to = f"taken as good to {one.std_deg:g} degrees and {1e3 * one.std_m:g} mm about and along each axis"
+    far = f"{name} lies {against.rotation_deg:.2f} degrees and {against.translation_mm:.0f} mm from {what}"
+    # All six axes count together, so a distance of more than one axis' standard deviation may be an ordinary one.
+    sigmas = "less than 1 sigma" if against.sigmas < 1.0 else f"{against.sigmas:.1f} sigmas"
     if against.sigmas <= ALARM_SIGMAS:
-        return f"{far}."
-    return f"{far}, which noise does not explain. Check that rig, the marks of both cameras, and their alarms."
+        return f"{far}. That agrees: it is {good_to}, one sigma; over all axes together this is {sigmas}."
+    return (
+        f"{far}, {sigmas} where it is {good_to}: noise does not explain it. "
+        "Check that rig, the marks of both cameras, and their alarms."
+    )
 
 
 def _vertices(count: int) -> str:

@@ -62,6 +62,8 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     transform = transform_of(problem, p)
     status, message = _status(kept, state, polished, spread)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
+    # The alarms compare both stages over the pairs that the polish was given.
+    ga_kept_px = mean_and_rms(kept, state.best_parameters)
     excluded = problem.outliers == "exclude"
     return {
         "model": problem.model,
@@ -93,7 +95,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "residuals_px": distances(problem, p).tolist(),
         "at_bounds": at_bounds(problem, p),
         **spread.to_document(),
-        "alarms": alarms(kept, (ga_mean, ga_rms), polished, elsewhere, spread, outliers, excluded),
+        "alarms": alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded),
         "several_optima": elsewhere,
         "cpu": cpu_document(),
         "versions": versions_document(),

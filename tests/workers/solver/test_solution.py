@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,6 +69,26 @@ def test_whole_poses_held_out_of_the_real_board():
         errors += score["errors_px"]
     assert len(errors) == 80
     assert np.mean(errors) < 7.0
+
+
+def test_pairs_left_out_say_nothing_against_the_search():
+    """The search saw all pairs, the polish the good ones: both are judged by the good ones."""
+    problem, truth = simulated("pinhole", 47, outliers="exclude")
+    marks = problem.pixels.copy()
+    marks[:10] += (150.0, -90.0)
+    spoiled = replace(problem, pixels=marks)
+
+    def said(parameters):
+        searched = {"best_parameters": tuple(parameters), "best_loss": 8.0, "slot_losses": (8.0,), "history": (8.0,)}
+        return solve_finish(spoiled, replace(start(spoiled), iteration=1, **searched))
+
+    near = said(truth)
+    assert {one["index"] for one in near["outliers"] if one["excluded"]} >= set(range(10))
+    assert near["ga"]["rms_px"] > 4.0 * near["kept"]["rms_px"], "over all pairs"
+    assert not any("genetic algorithm" in alarm for alarm in near["alarms"])
+    far = np.array(truth)
+    far[3:6] += 0.1
+    assert any("genetic algorithm" in alarm for alarm in said(far)["alarms"])
 
 
 def test_documents_describe_the_same_solution():
