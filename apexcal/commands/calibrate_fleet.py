@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Annotated, Any
 
 import typer
@@ -41,10 +42,12 @@ def calibrate_fleet(
 ) -> None:
     """Calibrate each vehicle from its newest pairs; a vehicle without fitting pairs is skipped.
 
-    Exit code 1 where one failed or was cancelled.
+    Where --not-since or --new-pairs leave nobody, nothing is done, and that is no error. Exit code 1 where a vehicle
+    failed or was cancelled.
     """
     if sum(map(bool, (follow, retry, cancel))) > 1:
         usage("--follow, --retry and --cancel are about one request each", "Give one of them")
+    _check_moment(since)
     given: dict[str, Any] = {"models": model or None, "preset": preset, "folds": folds}
     calibration = {word: value for word, value in given.items() if value is not None}
     calibration["publish"] = "recommended" if publish else "none"
@@ -67,7 +70,10 @@ def calibrate_fleet(
         lines = [
             f"The request {request['id']} is {request['state'].replace('_', ' ')}: {_counted(request['counts'])}."
         ]
-        lines += [] if as_json else _reasons(client, request["id"])
+        if not as_json:
+            lines += _reasons(client, request["id"])
+            if request["asked"]["calibration"]["publish"] == "recommended":
+                lines += _publications(client, request["id"])
     say(request, as_json, "\n".join(lines))
     if request["state"] != "done":
         raise typer.Exit(FAILED)
@@ -82,7 +88,21 @@ def _known(client: Client, follow: str, retry: str, cancel: str) -> Document:
     return client.fleet_requests.get(check_id(follow, "fleet request", printed_by))
 
 
+def _check_moment(since: str | None) -> None:
+    example = "Write it with its zone, as --not-since 2026-11-01T00:00:00Z"
+    if since is None:
+        return
+    try:
+        moment = datetime.fromisoformat(since)
+    except ValueError:
+        usage(f"--not-since {since!r} is no date and time", example)
+    if moment.tzinfo is None:
+        usage(f"--not-since {since!r} does not say of which time zone", example)
+
+
 def _counted(counts: dict[str, int]) -> str:
+    if not counts["matched"]:
+        return "no vehicle is due, and nothing was calibrated"
     named = [f"{count} {state}" for state, count in counts.items() if count and state != "matched"]
     return f"{counts['matched']} vehicles, {', '.join(named)}"
 
@@ -96,6 +116,30 @@ def _reasons(client: Client, request_id: str) -> list[str]:
         if len(rows) > _SHOWN:
             lines.append(f"  ... and {len(rows) - _SHOWN} more {state}")
     return lines
+
+
+def _publications(client: Client, request_id: str) -> list[str]:
+    """Which vehicles were given nothing and why, the first of them; and how many cameras were given something."""
+    outcomes = [
+        (row["vehicle"], camera, found)
+        for row in client.fleet_requests.vehicles(request_id)
+        for camera, found in row["cameras"].items()
+    ]
+    withheld = [one for one in outcomes if not one[2].get("published")]
+    lines = [
+        f"  {vehicle}: nothing published for {camera}: {_first_of(found.get('not_published') or [])}"
+        for vehicle, camera, found in withheld[:_SHOWN]
+    ]
+    if len(withheld) > _SHOWN:
+        lines.append(f"  ... and {len(withheld) - _SHOWN} more")
+    by_hand = " A reviewer can publish a result on its calibration's page." if withheld else ""
+    counted = f"Published for {len(outcomes) - len(withheld)} of {len(outcomes)} calibrated cameras."
+    return [*lines, counted + by_hand]
+
+
+def _first_of(reasons: list[str]) -> str:
+    more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
+    return (reasons[0] if reasons else "The service does not say why.") + more
 
 
 def _what_it_comes_to(found: Document) -> str:

@@ -35,29 +35,37 @@ class Chosen:
 def choose(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> list[Chosen]:
     """The vehicles of a fleet that the filter names, in the order of their names.
 
+    Empty where vehicles are named, and of those none is due by ``not_calibrated_since`` and ``new_pairs``: a quiet
+    night is no mistake, a pattern that matches nothing is one.
+
     Raises:
         Problem: 422 ``unknown_vehicle``, ``no_vehicle_matches``.
     """
     vehicles = _vehicles(session, fleet_id, wanted)
-    with_rig = _with_rig(session, fleet_id, wanted.rig) if wanted.rig else None
+    if wanted.rig:
+        with_rig = _with_rig(session, fleet_id, wanted.rig)
+        vehicles = {id: name for id, name in vehicles.items() if id in with_rig}
+    if not vehicles:
+        raise _no_match(session, fleet_id)
     newest = _newest_sets(session, fleet_id, wanted.rig)
-    chosen = [
-        Chosen(id, name, newest.get(id, {})) for id, name in vehicles.items() if with_rig is None or id in with_rig
-    ]
+    chosen = [Chosen(id, name, newest.get(id, {})) for id, name in vehicles.items()]
     if wanted.not_calibrated_since:
         recent = _calibrated_since(session, fleet_id, wanted.not_calibrated_since)
         chosen = [one for one in chosen if one.id not in recent]
     if wanted.new_pairs:
         published = _published_sets(session, fleet_id)
         chosen = [one for one in chosen if any(published.get((one.id, c)) != of for c, of in one.sets.items())]
-    if not chosen:
-        raise Problem(
-            422,
-            "no_vehicle_matches",
-            f"The filter matches none of the fleet's {len(vehicles)} vehicles it looked at.",
-            "Widen the filter; an empty one means all vehicles. Patterns know * and ?, and tell A from a.",
-        )
     return sorted(chosen, key=lambda one: (one.name, one.id))
+
+
+def _no_match(session: Session, fleet_id: UUID) -> Problem:
+    count = session.scalar(select(func.count()).where(Vehicle.fleet_id == fleet_id))
+    return Problem(
+        422,
+        "no_vehicle_matches",
+        f"The filter matches none of the fleet's vehicles; it has {count}.",
+        "Widen the filter; an empty one means all vehicles. Patterns know * and ?, and tell A from a.",
+    )
 
 
 def _vehicles(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> dict[UUID, str]:

@@ -67,11 +67,17 @@ class FleetRequestView(Sent):
 
 
 class CameraOutcome(Sent):
-    """What a vehicle's calibration recommends for a camera, and its mean errors in pixels."""
+    """What a vehicle's calibration recommends for a camera, and its mean errors in pixels.
+
+    ``published`` says whether it became the camera's current calibration, ``not_published`` why it did not; null and
+    empty where nobody asked for it.
+    """
 
     model: str | None
     mean_px: float | None
     heldout_mean_px: float | None
+    published: bool | None
+    not_published: list[str]
 
 
 class RequestVehicleView(Sent):

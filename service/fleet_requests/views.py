@@ -74,7 +74,7 @@ def _running(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:
 def _request_view(row: FleetRequest, running: int) -> FleetRequestView:
     running = min(running, row.remaining)
     ended = row.matched - row.remaining
-    message = f"{ended} of {row.matched} vehicles have ended"
+    message = f"{ended} of {row.matched} vehicles have ended" if row.matched else "no vehicle matched"
     if row.failed:
         message += f", {row.failed} of them failed"
     return FleetRequestView(
@@ -91,7 +91,7 @@ def _request_view(row: FleetRequest, running: int) -> FleetRequestView:
             cancelled=row.cancelled,
             skipped=row.skipped,
         ),
-        progress=ProgressView(fraction=round(ended / row.matched, 4), message=message),
+        progress=ProgressView(fraction=round(ended / row.matched, 4) if row.matched else 1.0, message=message),
         seconds_left=_seconds_left(row),
         cancel_requested=row.cancel_requested,
         created_at=row.created_at,
@@ -137,4 +137,6 @@ def _outcome(found: Json) -> CameraOutcome:
         model=model,
         mean_px=summary.get("polished", {}).get("mean_px"),
         heldout_mean_px=summary.get("heldout_mean_px"),
+        published=found.get("published"),
+        not_published=found.get("not_published", []),
     )

@@ -31,12 +31,19 @@ def test_a_fleet_is_calibrated_from_the_command_line(fleet: dict, owner: Client,
     assert "van 1 skipped: The vehicle has no correspondence set." in would.stdout
     nobody = apexcal(*ask, "--name", "bus *")
     assert nobody.returncode == 1 and "matches none" in nobody.stderr and "Traceback" not in nobody.stderr
+    yesterday = apexcal(*ask, "--not-since", "yesterday")
+    assert yesterday.returncode == 2 and "2026-11-01T00:00:00Z" in yesterday.stderr
+    withheld = apexcal(*ask, "--publish")
+    assert withheld.returncode == 0, withheld.stderr
+    assert "truck 1: nothing published for front: No pairs were held out to judge it by." in withheld.stdout
+    assert "Published for 0 of 1 calibrated cameras." in withheld.stdout
+    quiet = apexcal(*ask, "--not-since", "2026-01-01T00:00:00Z", "--name", "truck *")
+    assert quiet.returncode == 0 and "no vehicle is due" in quiet.stdout
     done = apexcal(*ask, "--name", "truck *", "--json")
     assert done.returncode == 0, done.stderr
     request = json.loads(done.stdout)
     assert (request["state"], request["counts"]["done"], request["counts"]["matched"]) == ("done", 1, 1)
-    (listed,) = owner.fleet_requests.list(fleet["id"])
-    assert listed["id"] == request["id"]
+    assert next(iter(owner.fleet_requests.list(fleet["id"])))["id"] == request["id"]
     again = apexcal("calibrate-fleet", "--retry", request["id"], *where)
     assert again.returncode == 0 and "is done: 1 vehicles, 1 done." in again.stdout
     both = apexcal("calibrate-fleet", "--retry", request["id"], "--cancel", request["id"], *where)

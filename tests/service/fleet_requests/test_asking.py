@@ -70,6 +70,8 @@ def test_filters_name_vehicles_by_id_name_and_rig(vans: Vans):
     assert matched(vehicle_ids=[made["van 1"]["vehicle"]]) == 1
     assert matched(name="none") == "no_vehicle_matches"
     assert matched(vehicle_ids=[str(uuid4())]) == "unknown_vehicle"
+    assert matched(rig="none", new_pairs=True) == "no_vehicle_matches"
+    assert "it has 4." in vans.ask({"name": "none"}).json()["detail"], "all vehicles, not those that are left"
 
 
 def test_filters_know_what_was_calibrated_and_what_is_published(api, vans: Vans, context):
@@ -88,6 +90,26 @@ def test_filters_know_what_was_calibrated_and_what_is_published(api, vans: Vans,
     vans.mark(first["rig"], 40, seed=9)
     assert names(new_pairs=True) == 2
     assert names(new_pairs=True, vehicle_ids=[second["vehicle"]]) == 1
+
+
+def test_a_quiet_night_is_a_request_that_is_done(api, vans: Vans, context):
+    vans.add("van")
+    asked = vans.ask(calibration=QUICK | {"publish": "recommended", "folds": 2}).json()
+    work(context)
+    (van,) = vans.engineer.get(f"/fleet-requests/{asked['id']}/vehicles").json()["items"]
+    front = van["cameras"]["front"]
+    assert (front["published"], front["not_published"]) == (True, [])
+    quiet = vans.ask({"new_pairs": True})
+    assert quiet.status_code == 202, quiet.text
+    made = quiet.json()
+    assert (made["state"], made["counts"]["matched"], made["progress"]["fraction"]) == ("done", 0, 1.0)
+    assert made["finished_at"] and vans.states(made) == {}
+    assert vans.ask({"name": "nobody", "new_pairs": True}).json()["code"] == "no_vehicle_matches"
+    unheld = vans.ask(calibration=QUICK | {"publish": "recommended"}).json()
+    work(context)
+    (van,) = vans.engineer.get(f"/fleet-requests/{unheld['id']}/vehicles").json()["items"]
+    assert van["cameras"]["front"]["published"] is False
+    assert van["cameras"]["front"]["not_published"] == ["No pairs were held out to judge it by."]
 
 
 def test_what_is_wrong_with_the_template_refuses_the_whole_and_makes_nothing(api, vans: Vans):
