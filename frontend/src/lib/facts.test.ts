@@ -1,9 +1,14 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { factsOf, utc } from "./facts.ts";
+import { factsOf, instant, utc } from "./facts.ts";
 
 test("a moment is said in UTC with milliseconds", () => {
   assert.equal(utc(1_700_000_000_123_456_789), "2023-11-14 22:13:20.123 UTC");
+});
+
+test("a stamp is a moment in UTC, or seconds where its clock is not the Unix one", () => {
+  assert.equal(instant(1_780_000_015_853_000_000), "2026-05-28 20:26:55.853 UTC");
+  assert.equal(instant(15_853_000_000), "15.853 s");
 });
 
 test("facts are said in words, and what is absent or zero is not said", () => {

@@ -32,10 +32,18 @@ const LABELS: Record<string, string> = {
 /** Said by another fact, or a list of single events that the warnings sum up. */
 const UNSAID = new Set(["gaps", "width", "height"]);
 
+// A stamp from before 1980 counts from the start of something else.
+const SINCE_UNIX_NS = 315_532_800e9;
+
 /** A moment in UTC, to the millisecond, from nanoseconds of the Unix clock. */
 export function utc(ns: number): string {
   const date = new Date(ns / 1e6);
   return Number.isNaN(date.getTime()) ? "–" : date.toISOString().replace("T", " ").replace("Z", " UTC");
+}
+
+/** A stamp as its clock tells it: a moment in UTC, or seconds where the clock began with the recording. */
+export function instant(ns: number): string {
+  return ns < SINCE_UNIX_NS ? `${(ns / 1e9).toFixed(3)} s` : utc(ns);
 }
 
 /** Facts that say something: nothing that is absent or zero. */
