@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Annotated, Any
 from uuid import UUID
 
-from sqlalchemy import JSON, BigInteger, Dialect, Float, ForeignKey, Integer, MetaData, String, Uuid
+from sqlalchemy import JSON, BigInteger, Dialect, Double, ForeignKey, Integer, MetaData, String, Uuid
 from sqlalchemy.orm import DeclarativeBase, mapped_column
 from sqlalchemy.types import TypeDecorator
 
@@ -29,7 +29,7 @@ Version = Annotated[int, mapped_column(Integer, insert_default=1)]
 class Finite(TypeDecorator[float]):
     """A float that is a number, as in JSON columns: SQLite would make NULL of NaN, and backups carry numbers only."""
 
-    impl = Float
+    impl = Double
     cache_ok = True
 
     def process_bind_param(self, value: float | None, dialect: Dialect) -> float | None:
