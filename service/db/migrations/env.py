@@ -3,6 +3,7 @@ transaction of its own where the database can (PostgreSQL)."""
 
 from alembic import context
 
+from service.db.base import Finite
 from service.db.clock import Instant
 from service.db.models import Base
 
@@ -10,6 +11,8 @@ from service.db.models import Base
 def render_item(kind, item, autogen_context):
     if kind == "type" and isinstance(item, Instant):
         return "sa.BigInteger()"
+    if kind == "type" and isinstance(item, Finite):
+        return "sa.Double()"
     return False
 
 
