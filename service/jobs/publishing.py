@@ -15,6 +15,8 @@ from service.db.calibrations import Calibration, Publication, Result
 _FAR_HELD_OUT = 3.0
 # And so many times further off than those of the result that the vehicle has: it would rather keep that.
 _WORSE = 1.5
+# Below this no held-out error is a reason: whoever marks it so well has nothing to fear.
+_FINE_PX = 0.5
 
 
 def against_publishing(
@@ -64,13 +66,13 @@ def _held_out(session: Session, calibration: Calibration, camera: str, model: Js
     if held_out is None:
         return ["No pairs were held out to judge it by."]
     reasons: list[str] = []
-    if held_out > _FAR_HELD_OUT * fitted:
+    if held_out > max(_FAR_HELD_OUT * fitted, _FINE_PX):
         reasons.append(
             f"Held-out pairs lie {held_out:.2f} px off, the fitted ones {fitted:.2f}: the pairs are too few, too "
             "uneven, or some of them wrong."
         )
     current = _current_held_out(session, calibration.vehicle_id, camera)
-    if current is not None and held_out > _WORSE * current:
+    if current is not None and held_out > max(_WORSE * current, _FINE_PX):
         reasons.append(f"Held-out pairs lie {held_out:.2f} px off; of the vehicle's current result {current:.2f}.")
     return reasons
 

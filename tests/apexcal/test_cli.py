@@ -64,6 +64,12 @@ def test_calibrate_refuses_words_that_it_does_not_know(words, said):
     assert said in shown.stderr
 
 
+def test_calibrate_takes_the_lens_from_one_place():
+    shown = apexcal("calibrate", "--detection", "x", "--stated", "--intrinsics", "front.yaml")
+    assert shown.returncode == 2
+    assert "--stated takes the lens that the recording states" in shown.stderr
+
+
 def test_wrong_usage_is_2():
     for words in (["nonsense"], ["upload"], ["detect", "x"], ["calibrate"], ["serve", "--host", "0.0.0.0"]):
         shown = apexcal(*words)
@@ -138,12 +144,12 @@ def test_a_file_that_goes_away_meanwhile_and_a_name_of_stray_bytes_are_said(tmp_
 
 
 def test_an_id_that_is_none_reaches_no_other_address(embedded):
-    for words, printed_by in (
-        (("detect", "../../fleets", "--keep", "x > 0"), "apexcal upload"),
-        (("calibrate", "--detection", "../../fleets"), "apexcal detect"),
+    for words, printed_by, code in (
+        (("detect", "../../fleets", "--keep", "x > 0"), "apexcal upload", 1),
+        (("calibrate", "--detection", "../../fleets"), "apexcal detect", 2),
     ):
         refused = apexcal(*words, "--data", embedded.data)
-        assert refused.returncode == 1
+        assert refused.returncode == code
         assert "'../../fleets'" in refused.stderr or printed_by in refused.stderr
 
 
@@ -196,7 +202,7 @@ def test_from_a_rig_file_to_a_calibration(embedded, simulated, tmp_path):
     (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
     calibrated = apexcal(
         *("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"]),
-        *("--model", "pinhole", "--folds", "2", *here),
+        *("--model", "brown_conrady", *known_lens(simulated, tmp_path), "--folds", "2", *here),
     )
     assert calibrated.returncode == 0, calibrated.stderr
     assert json.loads(calibrated.stdout)["state"] == "done"
@@ -204,7 +210,7 @@ def test_from_a_rig_file_to_a_calibration(embedded, simulated, tmp_path):
     assert apexcal("export", "--vehicle", rig["vehicle_id"], "-o", target, "--data", embedded.data).returncode == 0
     current = json.loads(target.read_text())
     assert current["T_camera_lidar"]["from_frame"] == "velodyne"
-    assert current["model"] == "pinhole"
+    assert current["model"] == "brown_conrady"
     again = apexcal("export", "--vehicle", rig["vehicle_id"], "-o", target, "--data", embedded.data)
     assert again.returncode == 2
     fisheye = ("--vehicle", rig["vehicle_id"], "--model", "fisheye")
@@ -252,7 +258,7 @@ def test_several_vehicles_of_a_name_are_told_apart_and_several_fleets_asked_for(
     assert "in the fleet 'North'" in several.stderr
     assert "in the fleet 'South'" in several.stderr
     unnamed = apexcal("rig", simulated / "rig.json", "--vehicle", "Twin", "--data", embedded.data)
-    assert unnamed.returncode == 1
+    assert unnamed.returncode == 2
     assert "--fleet" in unnamed.stderr
 
 
@@ -273,11 +279,12 @@ def test_calibrate_says_what_became_of_its_result(embedded, simulated, tmp_path)
     assert uncalibrated.returncode == 1
     assert "apexcal calibrate" in uncalibrated.stderr
     (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
-    calibrate = ("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"], "--model", "pinhole")
+    calibrate = ("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"])
+    calibrate = (*calibrate, "--model", "brown_conrady", *known_lens(simulated, tmp_path))
     for more, said in (
         (("--folds", 0), "Nothing was published for front on Van: No pairs were held out"),
         (("--folds", 2, "--no-publish"), "Nothing was published for front on Van: --no-publish"),
-        (("--folds", 2), "pinhole is now the current calibration of front on Van."),
+        (("--folds", 2), "brown_conrady is now the current calibration of front on Van."),
     ):
         shown = apexcal(*calibrate, *more, *here)
         assert said in shown.stdout, shown.stdout + shown.stderr
@@ -294,6 +301,19 @@ def test_simulate_says_its_refusals_without_the_program_behind_it(tmp_path):
         assert refused.returncode == 2
         assert "python -m" not in refused.stderr
         assert "Errno" not in refused.stderr
+
+
+def known_lens(simulated, folder) -> tuple[str, ...]:
+    """Options that lock the true lens, out of a ROS file: six seconds of walking hold no lens of their own."""
+    lens = json.loads((simulated / "truth.json").read_text())["intrinsics"]
+    width, height = lens["image_size"]
+    matrix = [lens["f_x"], lens["skew"], lens["c_x"], 0, lens["f_y"], lens["c_y"], 0, 0, 1]
+    (folder / "front.yaml").write_text(
+        f"image_width: {width}\nimage_height: {height}\ndistortion_model: plumb_bob\n"
+        f"camera_matrix: {{rows: 3, cols: 3, data: {matrix}}}\n"
+        f"distortion_coefficients: {{rows: 1, cols: 5, data: {[lens[f'k{i}'] for i in range(1, 6)]}}}\n"
+    )
+    return "--intrinsics", str(folder / "front.yaml"), "--intrinsics-as", "locked"
 
 
 def pairs_csv(simulated) -> str:

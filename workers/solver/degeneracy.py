@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 # as marks of a pixel and ranges of a centimetre can tell at the distances people walk.
 _FLAT: Final = 1e-3
 _COINCIDENT_M: Final = 1e-3
+_PLANE: Final = "all lie in one plane"
+_EXTRINSICS: Final = 6
 _CONFUSED: Final = 0.98
 # Standard deviations above which a parameter is as good as unknown. Those of f and c count in image widths.
 _VAGUE: Final = {"deg": 1.0, "m": 0.1, "px": 0.02, "1": 0.1}
@@ -60,7 +62,8 @@ def point_alarms(problem: FitProblem, p: Floats) -> list[str]:
             "vertices at more places, or lock what is known."
         )
     shape = _shape(problem.points[used])
-    if shape:
+    # A plane holds a camera whose lens is known.
+    if shape and not (shape == _PLANE and problem.free.max(initial=0) < _EXTRINSICS):
         found.append(
             f"The vertices {shape}, which cannot hold a camera's position and lens together: "
             "mark vertices at other heights and distances, or lock the intrinsics."
@@ -108,7 +111,7 @@ def _shape(points: Floats) -> str:
         return "all lie in one place"
     if extent[1] < _FLAT * extent[0]:
         return "all lie on one line"
-    return "all lie in one plane" if extent[2] < _FLAT * extent[0] else ""
+    return _PLANE if extent[2] < _FLAT * extent[0] else ""
 
 
 def _word(name: str) -> str:

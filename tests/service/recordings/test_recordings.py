@@ -45,6 +45,7 @@ KEPT = {
     "membership",
     "api_token",
     "job",
+    "job_event",
     "blob",
 }
 
@@ -248,7 +249,7 @@ def test_deleting_takes_all_that_came_from_it(api: Api, engineer, recording) -> 
     assert engineer.delete(f"/recordings/{recording['id']}").status_code == 204
     after = rows(api)
     assert after.pop("recording") == 1 and before.pop("recording") == 2
-    assert {name: after[name] for name in after if name not in ("job", "blob")} == {
+    assert {name: after[name] for name in after if name not in ("job", "job_event", "blob")} == {
         name: before[name] for name in before if name not in ("job", "blob")
     }
     with api.database.reading() as session:
