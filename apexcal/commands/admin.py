@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import typer
@@ -20,5 +21,26 @@ class COMMAND(TyperCommand):
 
 def admin(context: typer.Context) -> None:
     """Look after a service: back up and restore, people, jobs, retention."""
-    command = (sys.executable, "-m", "service.admin", *context.args)
+    command = (sys.executable, "-m", "service.admin", *folder_first(context.args))
     os.execve(command[0], command, {**os.environ, "APEXCAL_ADMIN_NAME": "apexcal admin"})
+
+
+def folder_first(words: Sequence[str]) -> list[str]:
+    """The words with ``--data FOLDER`` moved to the front, where the service's command line looks for it.
+
+    Every other command takes it at its end, so people write it there.
+    """
+    first: list[str] = []
+    rest: list[str] = []
+    left = iter(words)
+    for word in left:
+        folder = next(left, None) if word == "--data" else None
+        if folder is not None:
+            first += [word, folder]
+        elif word.startswith("--data="):
+            first.append(word)
+        else:
+            rest.append(word)
+        if word == "--":
+            rest += left
+    return first + rest

@@ -77,6 +77,11 @@ def calibrate(
         usage(f"--outliers {outliers!r} is neither keep nor exclude", "Write --outliers exclude to leave them out")
     if intrinsics_as not in (None, "bounds", "prior", "locked"):
         usage(f"--intrinsics-as {intrinsics_as!r} is no way to take them", "Write bounds, prior or locked")
+    if stated and intrinsics:
+        usage(
+            "not both: --stated takes the lens that the recording states, --intrinsics the one of a file",
+            "Leave one of them out",
+        )
     if intrinsics_as and not intrinsics and not stated:
         usage("--intrinsics-as says how, and nothing what", "Add --intrinsics FILE, or --stated")
     # What is not given is left to the service: a preset means more than its schedule.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NoReturn
 from uuid import UUID
 
 from apexcal.client import ApiError, Client, ClientError, TokenError, UnreachableError
@@ -67,12 +68,25 @@ def pick(
 ) -> Document:
     """The thing with this id or name; without one, the only thing there is. Raises :class:`ClientError`.
 
+    Where the command should have named one of several it was called wrongly, and ends as such.
     ``label`` tells apart things of one name; ``make`` is the command that makes one where there is none.
     """
     found = list(things)
     matching = [thing for thing in found if not wanted or wanted in (thing["id"], thing["name"])]
-    if len(matching) == 1:
-        return matching[0]
+    if len(matching) != 1:
+        _refuse_to_pick(found, matching, what, wanted, option, label, make)
+    return matching[0]
+
+
+def _refuse_to_pick(
+    found: list[Document],
+    matching: list[Document],
+    what: str,
+    wanted: str,
+    option: str,
+    label: Callable[[Document], str],
+    make: str,
+) -> NoReturn:
     names = ", ".join(f"{thing['name']!r}" for thing in found[:_SHOWN]) or "none"
     if not found:
         raise ClientError(f"there is no {what} yet", f"Make one first: `{make}`.")
@@ -82,7 +96,7 @@ def pick(
     if wanted:
         ids = "".join(f"\n  {label(thing)}" for thing in matching[:_SHOWN])
         raise ClientError(f"several {what}s are called {wanted!r}:{ids}", f"Give the id {option}.")
-    raise ClientError(f"there are several {what}s: {names}", f"Say which one {option}.")
+    usage(f"there are several {what}s: {names}", f"Say which one {option}.")
 
 
 def find_fleet(client: Client, wanted: str) -> Document:
@@ -120,12 +134,10 @@ def find_recording(client: Client, wanted: str) -> Document:
 
 
 def check_id(text: str, what: str, printed_by: str) -> str:
-    """The text, where it is an id. Raises :class:`ClientError` that says where ids come from."""
-    if _is_id(text):
-        return text
-    raise ClientError(
-        f"{text!r} is no id of a {what}", f"{printed_by} prints it, and it stands in the address of the page."
-    )
+    """The text, where it is an id. Where it is none the command was called wrongly, and says where ids come from."""
+    if not _is_id(text):
+        usage(f"{text!r} is no id of a {what}", f"{printed_by} prints it, and it stands in the address of the page.")
+    return text
 
 
 def find_rig(client: Client, vehicle: Document, wanted: str) -> Document:
@@ -138,9 +150,11 @@ def find_camera(rig: Document, wanted: str) -> str:
     names = [str(camera["name"]) for camera in rig["cameras"]]
     if wanted in names:
         return wanted
-    if wanted or len(names) != 1:
-        problem = f"the rig has no camera {wanted!r}" if wanted else "the rig has several cameras"
-        raise ClientError(problem, f"Say which one with --camera: {', '.join(names)}.")
+    which = f"Say which one with --camera: {', '.join(names)}."
+    if wanted:
+        raise ClientError(f"the rig has no camera {wanted!r}", which)
+    if len(names) != 1:
+        usage("the rig has several cameras", which)
     return names[0]
 
 

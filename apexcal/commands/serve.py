@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -52,12 +53,14 @@ def serve(
 
 def _say(serving: Serving) -> None:
     out = console()
+    folder = serving.owner_token.parent
     out.print(f"\n[bold]apexcal[/] is at [bold]{serving.public_url}[/] with {serving.workers} worker processes.\n")
     out.print("Sign in as its owner with this link; it works once:")
     out.print(f"  {serving.owner_link}\n", soft_wrap=True, highlight=False)
     out.print("Invite people from the page, or from another terminal:")
-    out.print("  apexcal invite NAME --role annotator [--fleet FLEET]\n", markup=False, highlight=False)
-    out.print(f"Data is in {serving.owner_token.parent}. Ctrl-C stops the service.", soft_wrap=True, highlight=False)
+    invite = f"  apexcal invite NAME --role annotator --data {shlex.quote(str(folder))} [--fleet FLEET]\n"
+    out.print(invite, markup=False, highlight=False, soft_wrap=True)
+    out.print(f"Data is in {folder}. Ctrl-C stops the service.", soft_wrap=True, highlight=False)
 
 
 def _say_json(serving: Serving) -> None:

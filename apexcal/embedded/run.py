@@ -63,7 +63,7 @@ def serve(
     try:
         port = _free_port(host, port)
         url = f"http://{_bracketed('127.0.0.1' if host in ('0.0.0.0', '::') else host)}:{port}"
-        supervisor = Supervisor(folder.status, url)
+        supervisor = Supervisor(folder.status, url, public_url or url)
         settings = plans.environment(folder, public_url=public_url or url, workers=workers)
         try:
             link = _bring_up(supervisor, folder, settings, host, port, workers)

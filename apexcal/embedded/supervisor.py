@@ -19,9 +19,10 @@ _LONGEST_NAP_S = 5.0
 class Supervisor:
     """Children in the order of their start. Runs in the main thread, because it takes the signals."""
 
-    def __init__(self, status: Path, url: str) -> None:
+    def __init__(self, status: Path, url: str, public_url: str) -> None:
         self._status = status
         self._url = url
+        self._public_url = public_url
         self._children: list[Child] = []
         self._stops = 0
         self._wake, self._woken = os.pipe()
@@ -90,6 +91,7 @@ class Supervisor:
         document = {
             "pid": os.getpid(),
             "url": self._url,
+            "public_url": self._public_url,
             "children": [
                 {
                     "name": child.plan.name,

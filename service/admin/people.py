@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections import defaultdict
 from typing import Annotated, Any
 from uuid import UUID
@@ -17,6 +18,7 @@ from service.auth.sessions import make_link
 from service.db.clock import utc_now
 from service.db.fleets import Fleet
 from service.db.people import ApiToken, BrowserSession, Membership, Person, SignInLink
+from service.settings import Settings
 
 users = typer.Typer(no_args_is_help=True, help="List people, make sign-in links, shut somebody out.")
 tokens = typer.Typer(no_args_is_help=True, help="List and revoke the API tokens of programs.")
@@ -51,9 +53,16 @@ def link(person: Annotated[str, typer.Argument(help="Name or id, as `users list`
     """Make a one-time sign-in link, also for an owner who lost every other way in."""
     with opened() as service, service.database.writing() as session:
         found = find_person(session, person)
-        made, until = make_link(session, found.id, service.settings.public_url, service.settings.invitation_hours)
+        address, is_known = public_url(service.settings)
+        made, until = make_link(session, found.id, address, service.settings.invitation_hours)
         name = found.name
     print(f"{name} signs in with this link, which works once until {until:%Y-%m-%d %H:%M} UTC:\n{made}")
+    if not is_known:
+        print(
+            f"No service runs on {service.settings.data_dir.resolve()} now: where it comes up at another address "
+            f"than {address}, put that one in its place.",
+            file=sys.stderr,
+        )
 
 
 @users.command("revoke")
@@ -112,6 +121,20 @@ def revoke_token(token: Annotated[str, typer.Argument(help="Id, as `tokens list`
         if not _revoke(session, ApiToken.id == as_uuid(token)):
             raise AdminError(f"there is no valid token {token}", "`apexcal admin tokens list` shows those that are.")
     print("It is revoked.")
+
+
+def public_url(settings: Settings) -> tuple[str, bool]:
+    """Where browsers find the service, and whether that is known: stated by the environment, or by its own status.
+
+    An embedded service chooses its port as it starts, and writes it into its data folder.
+    """
+    if settings.database_url or "public_url" in settings.model_fields_set:
+        return settings.public_url, True
+    try:
+        status: Any = json.loads((settings.data_dir / "supervisor.json").read_text(encoding="utf-8"))
+        return str(status["public_url"]), True
+    except (OSError, ValueError, KeyError, TypeError):
+        return settings.public_url, False
 
 
 def _state(token: ApiToken, moment: Any) -> str:

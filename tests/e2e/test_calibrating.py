@@ -45,7 +45,7 @@ def test_an_engineer_calibrates_and_publishes(sign_in: Callable[[str, str], Page
     assert mean < rms < 2 * NOISE_PX
     expect(page.get_by_text("None published yet.")).to_be_visible()
     publish.click()
-    expect(page.get_by_text("brown conrady, published")).to_be_visible()
+    expect(page.get_by_text("brown_conrady, published")).to_be_visible()
     page.reload()
     expect(page.get_by_text("Published: the current calibration")).to_be_visible()
     expect(publish).to_have_count(0)
