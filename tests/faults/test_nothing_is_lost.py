@@ -20,6 +20,10 @@ from tests.service.jobs.support import let_lease_expire
 from tests.support.processes import wait_until
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(300)]
+# What takes longest runs on the fleet's database always, and on the embedded one in the long form.
+both_in_the_long_form = pytest.mark.parametrize(
+    "farm", ["postgresql", pytest.param("sqlite", marks=pytest.mark.slow)], indirect=True
+)
 _names = (f"fleet {number}" for number in count())
 
 
@@ -72,6 +76,7 @@ def test_one_worker_and_four_give_the_same_bits_farmed_either_way(farm: Farm, un
     farm.restart_worker(2)
 
 
+@both_in_the_long_form
 def test_two_cameras_on_one_worker_and_on_two_farmed_either_way_end_with_the_same_bits(farm: Farm):
     """Every slot's best, every result and the comparison of the cameras, from the request and its seed alone."""
     found = []
@@ -98,6 +103,7 @@ def bests_of(farm: Farm, calibration):
         return slot_bests(session, UUID(calibration["id"]))
 
 
+@both_in_the_long_form
 def test_the_comparison_of_cameras_killed_at_work_ends_the_calibration_once(farm: Farm):
     """As a worker that died between its claim and its finish: the sweep gives the job to another."""
     farm.restart_worker(2, "solve")
@@ -154,9 +160,9 @@ def test_a_worker_told_to_stop_gives_its_job_back_uncounted_and_a_cancel_ends_it
     assert seconds_of(lambda: farm.stop("worker")) < 20
     assert (farm.job(job_id).state, farm.job(job_id).lost) == ("queued", 0)
     farm.start("worker")
-    wait_until(lambda: farm.job(job_id).state == "running", "another claim", 30)
+    wait_until(lambda: farm.job(job_id).state == "running", "another claim", 120)
     farm.client.calibrations.cancel(calibration["id"])
-    wait_until(lambda: farm.job(job_id).state == "cancelled", "the cancel", 10)
+    wait_until(lambda: farm.job(job_id).state == "cancelled", "the cancel", 30)
     assert farm.client.calibrations.get(calibration["id"])["state"] == "cancelled"
 
 
