@@ -15,7 +15,16 @@ from typer.testing import CliRunner, Result
 
 from service.admin import __main__ as commands
 from service.db.clock import now, utc_now
-from service.db.models import ApiToken, BrowserSession, Calibration, CalibrationRun, Detection, Job, Recording, Slot
+from service.db.models import (
+    ApiToken,
+    BrowserSession,
+    Calibration,
+    CalibrationRun,
+    Detection,
+    Job,
+    Recording,
+    Slot,
+)
 from service.db.session import Database
 from service.jobs.claims import claim, finishing
 from service.jobs.queue import enqueue, enqueue_all
