@@ -176,9 +176,7 @@ def _sigma(value: Any) -> float:
 def _mark_sigma(value: Any) -> float:
     number = _sigma(value)
     if number < _LEAST_MARK_SIGMA_PX:
-        raise ValueError(
-            f"is below {_LEAST_MARK_SIGMA_PX:g} px: it would outweigh all others"
-        )
+        raise ValueError(f"is below {_LEAST_MARK_SIGMA_PX:g} px: it would outweigh all others")
     return number
 
 
