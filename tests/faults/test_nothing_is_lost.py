@@ -65,6 +65,7 @@ def test_the_whole_worker_killed(farm: Farm, undisturbed):
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
 
+@both_in_the_long_form
 def test_one_worker_and_four_give_the_same_bits_farmed_either_way(farm: Farm, undisturbed):
     farm.restart_worker(1)
     alone = ask(farm.client, next(_names))
@@ -151,6 +152,7 @@ def test_every_message_delivered_three_times(farm: Farm, undisturbed):
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
 
+@both_in_the_long_form
 def test_a_worker_told_to_stop_gives_its_job_back_uncounted_and_a_cancel_ends_it(farm: Farm):
     endless = {"slots": 20, "population": 4000, "generations": 1000, "max_iterations": 50}
     calibration = ask(farm.client, next(_names), farm="runs", schedule=endless)
@@ -171,6 +173,7 @@ def _running(farm: Farm) -> list[int]:
         return list(session.scalars(select(Job.id).where(Job.kind == "solve", Job.state == "running")))
 
 
+@both_in_the_long_form
 def test_the_broker_stopped_for_20_s_and_started_empty(farm: Farm, undisturbed):
     calibration = ask(farm.client, next(_names))
     farm.broker.stop()
