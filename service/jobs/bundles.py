@@ -8,13 +8,13 @@ from __future__ import annotations
 from math import ceil
 from typing import NamedTuple
 
-# One trip (claim, look, finish, a Celery message) of two pool processes on a 2-core machine with other work: 12.6 ms
-# on PostgreSQL and 6.5 ms on SQLite, medians of 300 jobs with almost nothing to do (`make bench-farm`).
-TRIP_MS = 12.0
+# One trip (claim, look, finish, a Celery message) of two pool processes on an idle 2-core machine: 5.8 ms on PostgreSQL
+# and 4.0 ms on SQLite, medians of 300 jobs with almost nothing to do (`make bench-farm`).
+TRIP_MS = 6.0
 # A slot farmed on its own should be worth this many trips, so that the queue costs at most a tenth.
 TRIPS_PER_BUNDLE = 10
-# Projections per millisecond of one core inside a slot: 800 x 30 on 222 points took 4.7, 10.1 and 11.2 ms.
-PROJECTIONS_PER_MS = {"pinhole": 1.1e6, "brown_conrady": 0.53e6, "kannala_brandt": 0.47e6}
+# Projections per millisecond of one core inside a slot: 800 x 30 on 222 points took 4.0, 8.1 and 10.6 ms.
+PROJECTIONS_PER_MS = {"pinhole": 1.3e6, "brown_conrady": 0.66e6, "kannala_brandt": 0.5e6}
 
 
 class Plan(NamedTuple):
