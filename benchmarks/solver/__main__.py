@@ -49,12 +49,13 @@ def measure(model: ModelName, peers: Sequence[Peer], seed: int, rounds: int) -> 
     contests = [_contest(model, seed, number) for number in range(rounds)]
     # Once unmeasured: what is compiled or imported on a first call is nobody's speed.
     contests[0].loss(np.full(contests[0].genes, 0.5))
-    for peer in peers:
+    quick = [peer for peer in peers if not peer.slow]
+    for peer in quick:
         peer.run(contests[0])
     bare: list[float] = []
     times: list[dict[str, Time]] = []
     for number, contest in enumerate(contests):
-        seconds, found = race(contest, peers)
+        seconds, found = race(contest, quick if number else peers)
         bare.append(seconds)
         times.append(found)
         print(
@@ -74,8 +75,9 @@ def _contest(model: ModelName, seed: int, number: int) -> Contest:
 
 def summary(bare: Sequence[float], times: Sequence[dict[str, Time]], peers: Sequence[Peer]) -> dict[str, Any]:
     """Ratios, rates and the table of one model, medians over its rigs."""
-    each = {name: float(np.median([t[name].seconds / t[name].evaluations for t in times])) for name in times[0]}
-    loss = {name: float(np.median([t[name].loss for t in times])) for name in times[0]}
+    of = {name: [t[name] for t in times if name in t] for name in times[0]}
+    each = {name: float(np.median([one.seconds / one.evaluations for one in found])) for name, found in of.items()}
+    loss = {name: float(np.median([one.loss for one in found])) for name, found in of.items()}
     gas = [peer for peer in peers if peer.family.endswith(" ga")]
 
     def ratio(names: Sequence[str]) -> float | None:
@@ -94,9 +96,9 @@ def summary(bare: Sequence[float], times: Sequence[dict[str, Time]], peers: Sequ
         "slot_ms": round(float(np.median(slot)) * 1e3, 2),
         "peers": {
             peer.name: {
-                "seconds": round(float(np.median([t[peer.name].seconds for t in times])), 4),
+                "seconds": round(float(np.median([one.seconds for one in of[peer.name]])), 4),
                 "loss": round(loss[peer.name], 4),
-                "evaluations": int(np.median([t[peer.name].evaluations for t in times])),
+                "evaluations": int(np.median([one.evaluations for one in of[peer.name]])),
                 "family": peer.family,
                 "settings": peer.settings,
             }

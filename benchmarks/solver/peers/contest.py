@@ -26,20 +26,25 @@ class PeerMissingError(Exception):
 
 @dataclass(frozen=True)
 class Finish:
-    """A peer's best individual as fractions (F,) of the bounds, and how many it had evaluated."""
+    """A peer's best individual as fractions (F,) of the bounds, and how many it had evaluated.
+
+    `elsewhere_s`: processor seconds that it took in other processes.
+    """
 
     best: Floats
     evaluations: int
+    elsewhere_s: float = 0.0
 
 
 @dataclass(frozen=True)
 class Peer:
-    """`run` is timed, after once unmeasured. `settings` says how it is set up."""
+    """`run` is timed, after once unmeasured; of a `slow` one only its first rig. `settings` says how it is set up."""
 
     name: str
     family: Family
     settings: str
     run: "Callable[[Contest], Finish]"
+    slow: bool = False
 
 
 @dataclass(frozen=True, eq=False)
