@@ -8,8 +8,8 @@ from __future__ import annotations
 from math import ceil
 from typing import NamedTuple
 
-# One trip (claim, look, finish, a Celery message) of two pool processes on an idle 2-core machine: 5.8 ms on PostgreSQL
-# and 4.0 ms on SQLite, medians of 300 jobs with almost nothing to do (`make bench-farm`).
+# One trip (claim, look, finish, a Celery message) of two pool processes on an idle 2-core machine: 5.8 ms on
+# PostgreSQL and 4.0 ms on SQLite, medians of 300 jobs with almost nothing to do (`make bench-farm`).
 TRIP_MS = 6.0
 # A slot farmed on its own should be worth this many trips, so that the queue costs at most a tenth.
 TRIPS_PER_BUNDLE = 10
