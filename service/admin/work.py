@@ -12,9 +12,9 @@ from sqlalchemy import select
 
 from service.admin.errors import AdminError
 from service.admin.opening import JsonOption, opened, spoken, table
+from service.admin.requeue import CannotRequeueError
+from service.admin.requeue import requeue as start_again
 from service.db.jobs import Job, JobEvent
-from service.jobs.requeue import CannotRequeueError
-from service.jobs.requeue import requeue as start_again
 
 
 class State(StrEnum):

@@ -9,12 +9,12 @@ from uuid import UUID
 from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.solving import start_runs
 from service.calibrations.requests import Fit, Plan
 from service.db.calibrations import Calibration, CalibrationRun
 from service.db.fleets import Rig
 from service.jobs.bundles import plan, slot_ms
 from service.jobs.queue import cancel
-from service.jobs.solving import start_runs
 
 FULL = -1
 UNENDED = ("queued", "running")

@@ -11,6 +11,7 @@ from uuid import UUID
 from sqlalchemy import update
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.solving import end_calibration, end_run
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun
 from service.db.clock import utc_now
@@ -18,7 +19,6 @@ from service.db.detections import Detection
 from service.db.recordings import Recording
 from service.db.studies import Study
 from service.events.hints import hint
-from service.jobs.solving import end_calibration, end_run
 
 
 def tell_parent(session: Session, kind: str, subject_id: UUID, state: str, problem: Json | None) -> None:

@@ -13,13 +13,12 @@ from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.fleet_progress import count_missed
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun
+from service.db.calibrations import CalibrationRun
 from service.db.clock import now
-from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.jobs import Heartbeat, Job
 from service.db.session import Database, post
-from service.jobs.fleet_progress import tell_fleet_request
 from service.jobs.losses import end, lose
 from service.jobs.messages import COURIER, Message
 from service.jobs.queue import release
@@ -41,7 +40,7 @@ def sweep(database: Database, store: Store) -> None:
         tally(session)
         forget_workers(session)
         _spread_cancels(session)
-    _count_missed(database)
+    count_missed(database)
     _each(database, (Job.state == "running") & (Job.lease_until < now()), _recover)
     _each(database, (Job.state == "queued") & Job.cancel_requested, _end_cancelled)
     with database.writing() as session:
@@ -74,23 +73,6 @@ def _spread_cancels(session: Session) -> None:
         .values(cancel_requested=True)
         .execution_options(synchronize_session=False)
     )
-
-
-def _count_missed(database: Database) -> None:
-    """Count what a worker of the version before ended: it knows no fleet requests, which would wait for ever."""
-    missed = (
-        select(Calibration.id)
-        .join(FleetRequestVehicle, FleetRequestVehicle.calibration_id == Calibration.id)
-        .join(FleetRequest, FleetRequest.id == FleetRequestVehicle.fleet_request_id)
-        .where(FleetRequest.state == "running", FleetRequestVehicle.state == "queued")
-        .where(Calibration.finished_at.is_not(None))
-    )
-    with database.reading() as session:
-        found = session.scalars(missed.limit(_BATCH)).all()
-    for calibration_id in found:
-        with database.writing() as session:
-            if calibration := session.get(Calibration, calibration_id):
-                tell_fleet_request(session, calibration)
 
 
 def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], None]) -> None:

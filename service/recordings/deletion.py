@@ -8,12 +8,12 @@ from uuid import UUID
 from sqlalchemy import delete, exists, select
 from sqlalchemy.orm import Session, aliased
 
+from service.calibration_runs.fleet_progress import drop_calibrations
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.detections import Detection
 from service.db.recordings import Recording, Sensor, UploadPart
 from service.db.studies import Study
 from service.http.problems import Problem
-from service.jobs.fleet_progress import drop_calibrations
 from service.jobs.queue import abandon
 from service.storage.blobs import condemn
 

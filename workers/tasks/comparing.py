@@ -9,11 +9,11 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.conclusion import FULL, choices, results_of
+from service.calibration_runs.solving import end_calibration
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig
 from service.jobs.claims import Claim, Lease
-from service.jobs.conclusion import FULL, choices, results_of
-from service.jobs.solving import end_calibration
 from workers.geometry.transforms import from_document
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
 from workers.tasks.context import Context

@@ -7,13 +7,13 @@ from uuid import UUID
 import pytest
 from sqlalchemy import select, update
 
+from service.calibration_runs.fleet_progress import drop_calibrations
+from service.calibration_runs.solving import end_run
 from service.db.clock import now
 from service.db.models import Calibration, CalibrationRun, FleetRequest, FleetRequestVehicle, Job
 from service.fleet_requests.asking import ask_all_to_end, retry_failed
 from service.jobs.claims import claim, finishing
-from service.jobs.fleet_progress import drop_calibrations
 from service.jobs.messages import COURIER
-from service.jobs.solving import end_run
 from service.jobs.sweep import sweep
 from service.settings import get_settings
 from tests.support.work import work

@@ -3,11 +3,10 @@
 import pytest
 from sqlalchemy import select, update
 
+from service.calibration_runs.conclusion import conclude
+from service.calibration_runs.solving import end_run
 from service.db.models import Calibration, CalibrationRun, Publication, Result
-from service.jobs.conclusion import conclude
-from service.jobs.solving import end_run
-
-from .support import make_calibration
+from tests.service.jobs.support import make_calibration
 
 FREE = {"pinhole": 10, "brown_conrady": 16, "kannala_brandt": 14}
 

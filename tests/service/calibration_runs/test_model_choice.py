@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from service.jobs.model_choice import Candidate, choose
+from service.calibration_runs.model_choice import Candidate, choose
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from workers.geometry.models import INTRINSICS
 from workers.solver.folds import folds

@@ -11,11 +11,11 @@ from uuid import UUID
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.model_choice import Candidate, Choice, choose
+from service.calibration_runs.publishing import against_publishing, publish
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.db.clock import utc_now
-from service.jobs.model_choice import Candidate, Choice, choose
-from service.jobs.publishing import against_publishing, publish
 
 FULL = -1
 

@@ -11,6 +11,7 @@ from uuid import UUID
 from sqlalchemy import delete, exists, select, update
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.solving import start_runs
 from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.db.detections import Detection, Vertex
 from service.db.fleet_requests import FleetRequestVehicle
@@ -20,7 +21,6 @@ from service.db.studies import Study
 from service.events.hints import hint
 from service.jobs.history import note
 from service.jobs.queue import enqueue, enqueue_all
-from service.jobs.solving import start_runs
 
 
 class CannotRequeueError(Exception):

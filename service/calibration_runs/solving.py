@@ -1,7 +1,7 @@
 """How a calibration's runs move: iterations as bundles of slots, the fan-in, and the end of run and request.
 
 Every function here works inside the caller's transaction. Locks are taken in one order: job, run, calibration, then
-those of :mod:`service.jobs.fleet_progress`.
+those of :mod:`service.calibration_runs.fleet_progress`.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from uuid import UUID
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.conclusion import FULL, conclude
+from service.calibration_runs.fleet_progress import tell_fleet_request
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun
 from service.db.clock import utc_now
 from service.events.hints import hint
 from service.jobs.bundles import cut
-from service.jobs.conclusion import FULL, conclude
-from service.jobs.fleet_progress import tell_fleet_request
 from service.jobs.queue import enqueue, enqueue_all, enqueue_each
 
 _UNENDED = ("queued", "running")

@@ -6,14 +6,13 @@ import threading
 
 from sqlalchemy import func, select, update
 
+from service.calibration_runs.solving import count_down, end_run, start_iteration, start_runs
 from service.db.models import Calibration, CalibrationRun, Fleet, Job
 from service.jobs.claims import claim, finishing
 from service.jobs.queue import cancel
-from service.jobs.solving import count_down, end_run, start_iteration, start_runs
 from service.jobs.sweep import sweep
 from service.storage.store import Store
-
-from .support import make_calibration
+from tests.service.jobs.support import make_calibration
 
 
 def _start(database, run_id):

@@ -9,14 +9,18 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, case, literal, update
+from sqlalchemy import ColumnElement, case, literal, select, update
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
 from service.db.calibrations import Calibration
 from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.db.session import Database
 from service.events.hints import hint
+
+# What one sweep looks at.
+_BATCH = 200
 
 
 def tell_fleet_request(session: Session, calibration: Calibration) -> None:
@@ -72,6 +76,23 @@ def _end_vehicles(session: Session, calibration_ids: list[UUID], state: str, pro
     ).scalars()
     for request_id, count in sorted(Counter(ended).items()):
         count_ended(session, request_id, {state: count})
+
+
+def count_missed(database: Database) -> None:
+    """Count what a worker of the version before ended: it knows no fleet requests, which would wait for ever."""
+    missed = (
+        select(Calibration.id)
+        .join(FleetRequestVehicle, FleetRequestVehicle.calibration_id == Calibration.id)
+        .join(FleetRequest, FleetRequest.id == FleetRequestVehicle.fleet_request_id)
+        .where(FleetRequest.state == "running", FleetRequestVehicle.state == "queued")
+        .where(Calibration.finished_at.is_not(None))
+    )
+    with database.reading() as session:
+        found = session.scalars(missed.limit(_BATCH)).all()
+    for calibration_id in found:
+        with database.writing() as session:
+            if calibration := session.get(Calibration, calibration_id):
+                tell_fleet_request(session, calibration)
 
 
 _DELETED: Json = {
