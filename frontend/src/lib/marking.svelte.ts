@@ -4,7 +4,8 @@ import * as annotations from "./api/annotations.ts";
 import { vertices } from "./api/detections.ts";
 import { ApiProblem, asProblem } from "./api/http.ts";
 import { frameUrl } from "./api/recordings.ts";
-import type { MarkingProgress, MarkingTask, VerdictName, Vertex } from "./api/types.ts";
+import type { MarkingProgress, MarkingTask, VerdictName } from "./api/types/annotations.ts";
+import type { Vertex } from "./api/types/detections.ts";
 import { loadImage, preload } from "./images.ts";
 import type { Pixel } from "./pixels.ts";
 

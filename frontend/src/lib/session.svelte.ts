@@ -2,7 +2,7 @@
 
 import { ApiProblem, asProblem, onSignedOut } from "./api/http.ts";
 import * as people from "./api/people.ts";
-import { ROLES, type Me, type Role } from "./api/types.ts";
+import { type Me, type Role, ROLES } from "./api/types/people.ts";
 
 class Session {
   me = $state.raw<Me | null>(null);

@@ -1,6 +1,6 @@
 /** Rotations of transform documents, shown to people as Euler angles R = Rz(alpha) Ry(beta) Rx(gamma). */
 
-import type { Rotation } from "./api/types.ts";
+import type { Rotation } from "./api/types/fleets.ts";
 
 export type Matrix = number[][];
 

@@ -1,7 +1,7 @@
 /** Marking: tasks one after the other, and taking an answer back. */
 
 import { get, post, query, request } from "./http.ts";
-import type { MarkingProgress, MarkingTask, MarkPoint, TaskAnswer, VerdictName } from "./types.ts";
+import type { MarkingProgress, MarkingTask, MarkPoint, TaskAnswer, VerdictName } from "./types/annotations.ts";
 
 /** The next task for this person, the one that they hold, or null when nothing is left. */
 export async function nextTask(detectionId: string, camera: string, skip: string | null): Promise<MarkingTask | null> {

@@ -1,7 +1,7 @@
 /** Bytes straight to and from the service's blob store, at addresses that the service hands out. */
 
 import { ApiProblem, get, request } from "./http.ts";
-import type { UploadedPart } from "./types.ts";
+import type { UploadedPart } from "./types/recordings.ts";
 
 /** How a recording's parts go: to the service itself, or to an address of the store that is asked for. */
 export interface UploadWay {

@@ -1,7 +1,8 @@
 /** Correspondence sets, calibrations, results and what a vehicle's camera is given. */
 
 import { all, create, get, post, query, request } from "./http.ts";
-import type { Calibration, CalibrationRequest, CorrespondenceSet, CurrentCalibration, Result } from "./types.ts";
+import type { Calibration, CalibrationRequest, CorrespondenceSet } from "./types/calibrations.ts";
+import type { CurrentCalibration, Result } from "./types/results.ts";
 
 export const buildSet = (detectionId: string, camera: string, excludeFlagged: boolean): Promise<CorrespondenceSet> =>
   create<CorrespondenceSet>(`/detections/${detectionId}/correspondence-sets`, {

@@ -2,7 +2,9 @@
 
 import { all, create, get, post, query } from "./http.ts";
 import type { Region } from "../region.ts";
-import type { ClockOffset, Detection, Pairing, RegionPreview, RegionSuggestion, Study, Vertex } from "./types.ts";
+import type { Detection, Pairing, Vertex } from "./types/detections.ts";
+import type { Study } from "./types/jobs.ts";
+import type { ClockOffset, RegionPreview, RegionSuggestion } from "./types/studies.ts";
 
 export const createPreview = (recordingId: string, region: Region): Promise<RegionPreview> =>
   create<RegionPreview>(`/recordings/${recordingId}/region-previews`, { region });

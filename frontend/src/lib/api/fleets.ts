@@ -1,7 +1,7 @@
 /** Fleets, vehicles and rigs. */
 
 import { all, create, get } from "./http.ts";
-import type { Fleet, Rig, RigRequest, Vehicle } from "./types.ts";
+import type { Fleet, Rig, RigRequest, Vehicle } from "./types/fleets.ts";
 
 export const createFleet = (name: string): Promise<Fleet> => create<Fleet>("/fleets", { name });
 

@@ -1,7 +1,7 @@
 /** Signing in, members and invitations. */
 
 import { create, get, post, request, type Page } from "./http.ts";
-import type { Invitation, Me, Member, Role } from "./types.ts";
+import type { Invitation, Me, Member, Role } from "./types/people.ts";
 
 export const signIn = (secret: string): Promise<Me> => post<Me>("/sign-in", { link: secret });
 

@@ -2,7 +2,7 @@
 
 import type { UploadWay } from "./blobs.ts";
 import { all, create, get, post, query, request, type Page } from "./http.ts";
-import type { Frame, Reading, Recording, UploadedPart } from "./types.ts";
+import type { Frame, Reading, Recording, UploadedPart } from "./types/recordings.ts";
 
 export const recordings = (filter: { fleet_id?: string; vehicle_id?: string }): Promise<Recording[]> =>
   all<Recording>(`/recordings${query(filter)}`);
