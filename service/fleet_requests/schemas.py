@@ -52,12 +52,16 @@ class Counts(Sent):
 
 
 class FleetRequestView(Sent):
-    """A fleet request: what was asked, how far it is, and how many vehicles came to what."""
+    """A fleet request: what was asked and by whom, how far it is, and how many vehicles came to what.
+
+    ``asked_by`` is null where the person is no longer known.
+    """
 
     id: UUID
     fleet_id: UUID
     state: RequestState
     asked: Json
+    asked_by: str | None
     counts: Counts
     progress: ProgressView
     seconds_left: int | None

@@ -16,6 +16,7 @@ from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Vehicle
 from service.db.jobs import Job
+from service.db.people import Person
 from service.fleet_requests.schemas import (
     CameraOutcome,
     Counts,
@@ -58,9 +59,10 @@ def in_state(statement: Select[*tuple[Any, ...]], state: VehicleState) -> Select
 
 
 def request_views(session: Session, rows: Sequence[FleetRequest]) -> list[FleetRequestView]:
-    """Fleet requests with their counts."""
+    """Fleet requests with their counts, and the names of who asked."""
     running = _running(session, [row.id for row in rows if row.remaining])
-    return [_request_view(row, running.get(row.id, 0)) for row in rows]
+    names = _names(session, {row.created_by for row in rows if row.created_by})
+    return [_request_view(row, running.get(row.id, 0), names.get(row.created_by)) for row in rows]
 
 
 def _running(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:
@@ -71,7 +73,12 @@ def _running(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:
     return {row[0]: row[1] for row in rows}
 
 
-def _request_view(row: FleetRequest, running: int) -> FleetRequestView:
+def _names(session: Session, ids: set[UUID]) -> dict[UUID | None, str]:
+    rows = session.execute(select(Person.id, Person.name).where(Person.id.in_(ids))) if ids else ()
+    return {row[0]: row[1] for row in rows}
+
+
+def _request_view(row: FleetRequest, running: int, asked_by: str | None) -> FleetRequestView:
     running = min(running, row.remaining)
     ended = row.matched - row.remaining
     message = f"{ended} of {row.matched} vehicles have ended" if row.matched else "no vehicle matched"
@@ -82,6 +89,7 @@ def _request_view(row: FleetRequest, running: int) -> FleetRequestView:
         fleet_id=row.fleet_id,
         state=row.state,  # pyright: ignore[reportArgumentType] - only states
         asked=row.asked,
+        asked_by=asked_by,
         counts=Counts(
             matched=row.matched,
             queued=row.remaining - running,

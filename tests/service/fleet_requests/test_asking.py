@@ -31,6 +31,7 @@ def test_every_vehicle_that_has_enough_pairs_is_calibrated_as_if_asked_alone(api
         "matched": 3, "queued": 1, "running": 0, "done": 0, "failed": 0, "cancelled": 0, "skipped": 2,
     }  # fmt: skip
     assert (asked["state"], asked["asked"]["calibration"]["models"]) == ("running", ["pinhole"])
+    assert asked["asked_by"] == "engineer"
     items = vans.engineer.get(f"/fleet-requests/{asked['id']}/vehicles").json()["items"]
     assert [item["vehicle"] for item in items] == ["a none", "b good", "c few"]
     assert [item["problem"] and item["problem"]["code"] for item in items] == ["no_pairs", None, "too_few_pairs"]
