@@ -118,7 +118,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(headers.SafeHeaders, stores=[app.state.store.origin] if app.state.store.signs else [])
     app.add_middleware(draining.PoliteClosing, drain=drain)
     app.add_middleware(watching.Watched, figures=metrics.install(app, version("apexcal")))
-    app.include_router(health.router)
+    health.install(app)
     for router in ROUTERS:
         app.include_router(router, prefix="/v1", max_body_size=_MAX_BODY_BYTES)
     web.install(app)

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import redis
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
-from sqlalchemy import select, text
+from sqlalchemy import func, select, text
 
 from service.db.clock import now
+from service.db.ids import new_id
 from service.db.jobs import Heartbeat, Worker
 from service.db.migrate import is_older, newest
 from service.db.session import Database
+from service.http.readiness import PATIENCE_S, Answer, Part, look_at
 from service.observability.job_figures import WORKER_SILENT_S
 from service.settings import Settings
 from service.storage.store import Store
@@ -25,94 +26,98 @@ router = APIRouter(tags=["health"])
 SWEEP = "sweep"
 # The sweep beats every `sweep_s`; one long task in front of it is no alarm yet.
 _SILENT_SWEEPS = 10
+# A store that works is written to no more often than this.
+_STORE_FRESH_S = 10.0
 
 
+def install(app: FastAPI) -> None:
+    """Give the application the parts that /readyz looks at."""
+    settings: Settings = app.state.settings
+    database: Database = app.state.database
+    # A store of its own, which gives up about when nobody waits any more.
+    store = Store(settings.blobs, replace(settings.s3, timeout_s=min(PATIENCE_S, settings.store_timeout_s)))
+    probe = f"probe/{new_id().hex}"
+    app.state.parts = [
+        Part("database", lambda: _database(database)),
+        Part("broker", lambda: _broker(settings)),
+        Part("store", lambda: _store(store, probe, settings), _STORE_FRESH_S),
+        Part("sweep", lambda: _sweep(database, settings)),
+        *([Part("children", lambda: _children(settings))] if settings.supervisor_status else []),
+        Part("workers", lambda: _workers(database)),
+    ]
+    app.include_router(router)
+
+
+# Neither waits for one of the threads that serve requests: they may all hang with the database.
 @router.get("/healthz")
-def healthz() -> dict[str, str]:
+async def healthz() -> dict[str, str]:
     """The process answers."""
     return {"status": "ok"}
 
 
 @router.get("/readyz")
-def readyz(request: Request) -> JSONResponse:
+async def readyz(request: Request) -> JSONResponse:
     """200 where every part that the service needs works, else 503; the parts are in the body.
 
-    `workers` alone does not turn it: what is asked for while none is warm waits in the table, and is done later.
+    It answers within two seconds. `workers` alone does not turn it: what is asked for while none is warm waits in the
+    table, and is done later.
     """
-    settings: Settings = request.app.state.settings
-    parts = {
-        "database": _tried(lambda: _database(request.app.state.database)),
-        "broker": _tried(lambda: _broker(settings)),
-        "store": _tried(lambda: _store(request.app.state.store, settings)),
-        "sweep": _tried(lambda: _sweep(request.app.state.database, settings)),
-    }
-    if settings.supervisor_status is not None:
-        parts["children"] = _tried(lambda: _children(settings))
-    ready = all(part["ok"] for part in parts.values())
-    parts["workers"] = _tried(lambda: _workers(request.app.state.database))
+    parts = await look_at(request.app.state.parts)
+    ready = all(part["ok"] for name, part in parts.items() if name != "workers")
     if request.app.state.drain.asked:
         return JSONResponse({"status": "draining", "parts": parts}, 503)
     status = "not_ready" if not ready else "ok" if parts["workers"]["ok"] else "degraded"
     return JSONResponse({"status": status, "parts": parts}, 200 if ready else 503)
 
 
-def _tried(look: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    start = time.perf_counter()
-    try:
-        found = look()
-    except Exception as error:
-        found = {"ok": False, "detail": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}
-    return found | {"milliseconds": round((time.perf_counter() - start) * 1000, 1)}
-
-
-def _database(database: Database) -> dict[str, Any]:
+def _database(database: Database) -> Answer:
     with database.reading() as session:
         has, wants = session.scalar(text("SELECT version_num FROM alembic_version")), newest()
     if has is None or is_older(has):
-        detail = f"schema_mismatch: the schema is {has}, the code's {wants}; run python -m service.db.migrate"
-        return {"ok": False, "detail": detail, "schema": has}
-    if has != wants:
-        return {"ok": True, "detail": f"the schema is {has}, newer than this code's {wants}", "schema": has}
-    return {"ok": True, "schema": has}
+        return {"ok": False, "detail": "schema_mismatch: older than the code; run python -m service.db.migrate"}
+    return {"ok": True} if has == wants else {"ok": True, "detail": "the schema is newer than the code"}
 
 
-def _broker(settings: Settings) -> dict[str, Any]:
+def _broker(settings: Settings) -> Answer:
     client: Any = redis.Redis.from_url(settings.events, socket_timeout=1, socket_connect_timeout=1)
     with client:
         client.ping()
     return {"ok": True}
 
 
-def _store(store: Store, settings: Settings) -> dict[str, Any]:
-    key = f"probe/{time.time_ns()}"
-    store.put_bytes(key, b"ready?")
-    store.delete(key)
+def _store(store: Store, probe: str, settings: Settings) -> Answer:
     free = store.free_bytes()
     if free is not None and free < settings.min_free_bytes:
-        return {"ok": False, "detail": f"only {free} bytes are free; uploads are refused", "free_bytes": free}
-    return {"ok": True, "free_bytes": free}
+        return {"ok": False, "detail": "too little room is left; uploads are refused"}
+    store.put_bytes(probe, b"ready?")
+    store.delete(probe)
+    return {"ok": True}
 
 
-def _sweep(database: Database, settings: Settings) -> dict[str, Any]:
+def _sweep(database: Database, settings: Settings) -> Answer:
     with database.reading() as session:
         found = session.execute(select(Heartbeat.at, now()).where(Heartbeat.name == SWEEP)).first()
     if found is None:
         return {"ok": False, "detail": "the sweep has never run: is there a beat and a worker?"}
     age = (found[1] - found[0]).total_seconds()
-    return {"ok": age < max(_SILENT_SWEEPS * settings.sweep_s, settings.lease_s), "age_s": round(age, 1)}
+    if age < max(_SILENT_SWEEPS * settings.sweep_s, settings.lease_s):
+        return {"ok": True, "age_s": round(age, 1)}
+    return {"ok": False, "detail": "the sweep is late: do beat and sweeper run?", "age_s": round(age, 1)}
 
 
-def _workers(database: Database) -> dict[str, Any]:
-    """Who answers, and who still compiles: the first start of a version takes about half a minute."""
+def _workers(database: Database) -> Answer:
+    """How many answer, and how many are warm: the first start of a version compiles for about half a minute."""
     with database.reading() as session:
-        rows = session.scalars(select(Worker).where(Worker.at > now(-WORKER_SILENT_S)).order_by(Worker.name)).all()
-    found = [{"name": row.name, "queues": row.queues, "processes": row.processes, "warm": row.warm} for row in rows]
-    warm = sum(row.warm for row in rows)
-    missing = "no worker answers" if not rows else "every worker is still compiling its kernels"
-    return {"ok": warm > 0, **({} if warm else {"detail": missing}), "warm": warm, "workers": found}
+        asked = select(func.count(), func.count().filter(Worker.warm)).where(Worker.at > now(-WORKER_SILENT_S))
+        answering, warm = session.execute(asked).one()
+    missing = "every worker is still compiling its kernels" if answering else "no worker answers"
+    return {"ok": warm > 0, **({} if warm else {"detail": missing}), "answering": answering, "warm": warm}
 
 
-def _children(settings: Settings) -> dict[str, Any]:
+def _children(settings: Settings) -> Answer:
     assert settings.supervisor_status is not None
-    children = json.loads(settings.supervisor_status.read_text())["children"]
-    return {"ok": all(child["state"] == "running" for child in children), "children": children}
+    children = {
+        child["name"]: child["state"] for child in json.loads(settings.supervisor_status.read_text())["children"]
+    }
+    down = [name for name, state in children.items() if state != "running"]
+    return {"ok": not down, **({"detail": f"not running: {', '.join(down)}"} if down else {}), "children": children}

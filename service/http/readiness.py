@@ -1,0 +1,91 @@
+"""Looks at the parts of a service, in time: what was found stands for a moment, and a look that hangs is left alone.
+
+Whoever asks, and however often, makes each part be looked at no more than its ``fresh_s`` allows. Nobody is told what
+a driver said: that is for the log.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future
+from typing import Any
+
+# Nobody waits longer for a part that hangs.
+PATIENCE_S = 2.0
+FRESH_S = 1.0
+
+Answer = dict[str, Any]
+
+log = logging.getLogger(__name__)
+
+
+class Part:
+    """A part and what was last seen of it. ``look`` says ``ok`` and, in words for anybody, why not.
+
+    What works is looked at again after ``fresh_s`` seconds, what does not after :data:`FRESH_S`.
+    """
+
+    def __init__(self, name: str, look: Callable[[], Answer], fresh_s: float = FRESH_S) -> None:
+        self.name = name
+        self._look = look
+        self._fresh_s = fresh_s
+        self._guard = threading.Lock()
+        self._future: Future[Answer] | None = None
+        self._began = self._ended = 0.0
+        self._was = ""
+
+    def asked(self) -> Future[Answer]:
+        """The look that answers now: the last one while it is fresh or under way, else a new one."""
+        with self._guard:
+            if self._future is None or (self._future.done() and self._is_stale(self._future.result())):
+                self._future = Future()
+                self._future.set_running_or_notify_cancel()  # who stops waiting does not end it for others
+                self._began = time.monotonic()
+                # A daemon, for a process must be able to leave while a disk or a database hangs.
+                threading.Thread(
+                    target=self._run, args=(self._future,), name=f"look {self.name}", daemon=True
+                ).start()
+            return self._future
+
+    def patience(self) -> float:
+        """How much longer to wait for the look that is under way, in seconds."""
+        return max(0.0, self._began + PATIENCE_S - time.monotonic())
+
+    def answer(self, future: Future[Answer]) -> Answer:
+        """What this look found, or that it did not end in time."""
+        if not future.done():
+            self._note(f"no answer within {PATIENCE_S:g} s")
+            return {"ok": False, "detail": f"no answer within {PATIENCE_S:g} s"}
+        return future.result()
+
+    def _is_stale(self, found: Answer) -> bool:
+        return time.monotonic() - self._ended >= (self._fresh_s if found["ok"] else FRESH_S)
+
+    def _run(self, future: Future[Answer]) -> None:
+        began = time.perf_counter()
+        try:
+            found = self._look()
+            self._note(found.get("detail", ""))
+        except Exception as error:
+            found = {"ok": False, "detail": "does not answer as it should; the service's log says more"}
+            self._note(f"{type(error).__name__}: {error}".partition("\n")[0])
+        self._ended = time.monotonic()
+        future.set_result(found | {"milliseconds": round((time.perf_counter() - began) * 1000, 1)})
+
+    def _note(self, why: str) -> None:
+        """A line when it changes, not at every look."""
+        if why != self._was:
+            self._was = why
+            log.warning("readiness: %s: %s", self.name, why or "works again")
+
+
+async def look_at(parts: Iterable[Part]) -> dict[str, Answer]:
+    """What is found of each part, within :data:`PATIENCE_S`."""
+    asked = [(part, part.asked()) for part in parts]
+    for part, future in asked:
+        await asyncio.wait([asyncio.wrap_future(future)], timeout=part.patience())
+    return {part.name: part.answer(future) for part, future in asked}
