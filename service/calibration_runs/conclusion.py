@@ -6,9 +6,10 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import sqrt
+from typing import NamedTuple
 from uuid import UUID
 
-from sqlalchemy import func, select
+from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
 from service.calibration_runs.model_choice import Candidate, Choice, choose
@@ -20,14 +21,42 @@ from service.db.clock import utc_now
 FULL = -1
 
 
-def conclude(session: Session, calibration: Calibration, *, rig: Json | None = None, cancelled: bool = False) -> None:
+class RunRow(NamedTuple):
+    """What the end of a calibration asks of each of its runs; ``fold`` is FULL for a fit to all pairs."""
+
+    camera: str
+    fold: int
+    state: str
+    cancel_requested: bool
+    failure: Json | None
+
+
+# Built once: SQLAlchemy takes longer to build such a statement than to run it.
+_RUNS = select(*(getattr(CalibrationRun, name) for name in RunRow._fields)).where(
+    CalibrationRun.calibration_id == bindparam("calibration")
+)
+_RESULTS = select(Result).where(Result.calibration_id == bindparam("calibration"))
+_WORK = (
+    select(Slot.run_id, Slot.worker, func.sum(Slot.seconds), func.sum(Slot.evaluations))
+    .join(CalibrationRun, CalibrationRun.id == Slot.run_id)
+    .where(CalibrationRun.calibration_id == bindparam("calibration"))
+    .group_by(Slot.run_id, Slot.worker)
+    .order_by(Slot.worker)
+)
+
+
+def conclude(
+    session: Session,
+    calibration: Calibration,
+    runs: Sequence[RunRow],
+    *,
+    rig: Json | None = None,
+    cancelled: bool = False,
+) -> None:
     """Give the calibration its final state, its summary and, where asked for, its publications.
 
     ``rig``: what the comparison of its cameras found; ``cancelled`` where that was cancelled.
     """
-    of_calibration = select(CalibrationRun).where(CalibrationRun.calibration_id == calibration.id)
-    # The end of the last run was an UPDATE that this session's objects have not seen.
-    runs = session.scalars(of_calibration.execution_options(populate_existing=True)).all()
     results = results_of(session, calibration.id)
     fitted = [result for result in results if result.fold == FULL]
     calibration.finished_at = utc_now()
@@ -56,9 +85,14 @@ def _camera_summary(choice: Choice, of_camera: Sequence[Result], work: Mapping[U
     return {"recommended": choice.recommended, "why": choice.why, "models": models}
 
 
+def runs_of(session: Session, calibration_id: UUID) -> Sequence[RunRow]:
+    """How the calibration's runs stand in the database, whatever this session has loaded of them."""
+    return [RunRow(*row) for row in session.connection().execute(_RUNS, {"calibration": calibration_id})]
+
+
 def results_of(session: Session, calibration_id: UUID) -> Sequence[Result]:
     """Everything that the calibration's runs found."""
-    return session.scalars(select(Result).where(Result.calibration_id == calibration_id)).all()
+    return session.scalars(_RESULTS, {"calibration": calibration_id}).all()
 
 
 def choices(results: Sequence[Result]) -> dict[str, Choice]:
@@ -83,7 +117,7 @@ def _heldout(full: Result, results: Sequence[Result]) -> dict[int, Mapping[int, 
     return blocks
 
 
-def _state(runs: Sequence[CalibrationRun], fitted: Sequence[Result]) -> str:
+def _state(runs: Sequence[RunRow], fitted: Sequence[Result]) -> str:
     if any(run.state == "cancelled" for run in runs):
         return "cancelled"
     return "done" if fitted else "failed"
@@ -91,13 +125,7 @@ def _state(runs: Sequence[CalibrationRun], fitted: Sequence[Result]) -> str:
 
 def _work(session: Session, calibration_id: UUID) -> dict[UUID, Json]:
     """Compute seconds, workers and finished iterations of each run."""
-    rows = session.execute(
-        select(Slot.run_id, Slot.worker, func.sum(Slot.seconds), func.sum(Slot.evaluations))
-        .join(CalibrationRun, CalibrationRun.id == Slot.run_id)
-        .where(CalibrationRun.calibration_id == calibration_id)
-        .group_by(Slot.run_id, Slot.worker)
-        .order_by(Slot.worker)
-    )
+    rows = session.connection().execute(_WORK, {"calibration": calibration_id})
     work: dict[UUID, Json] = defaultdict(lambda: {"workers": [], "ga_seconds": 0.0, "evaluations": 0})
     for run_id, worker, seconds, evaluations in rows:
         entry = work[run_id]

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, case, literal, select, update
+from sqlalchemy import ColumnElement, bindparam, case, literal, select, update
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
@@ -21,6 +21,16 @@ from service.events.hints import hint
 
 # What one sweep looks at.
 _BATCH = 200
+# Built once, as those of :mod:`service.jobs.claims`.
+_END_VEHICLES = (
+    update(FleetRequestVehicle)
+    .where(
+        FleetRequestVehicle.calibration_id.in_(bindparam("calibrations", expanding=True)),
+        FleetRequestVehicle.state == "queued",
+    )
+    .values(state=bindparam("ended_as"), problem=bindparam("because"), finished_at=bindparam("at"))
+    .returning(FleetRequestVehicle.fleet_request_id)
+)
 
 
 def tell_fleet_request(session: Session, calibration: Calibration) -> None:
@@ -67,14 +77,9 @@ def _end_state(failed: ColumnElement[int], cancelled: ColumnElement[int]) -> Col
 
 def _end_vehicles(session: Session, calibration_ids: list[UUID], state: str, problem: Json | None) -> None:
     """End the vehicles that wait for these calibrations; each once, whoever comes second finds it ended."""
-    ended = session.execute(
-        update(FleetRequestVehicle)
-        .where(FleetRequestVehicle.calibration_id.in_(calibration_ids), FleetRequestVehicle.state == "queued")
-        .values(state=state, problem=problem, finished_at=utc_now())
-        .returning(FleetRequestVehicle.fleet_request_id)
-        .execution_options(synchronize_session=False)
-    ).scalars()
-    for request_id, count in sorted(Counter(ended).items()):
+    ended = {"calibrations": calibration_ids, "ended_as": state, "because": problem, "at": utc_now()}
+    requests = session.connection().execute(_END_VEHICLES, ended).scalars()
+    for request_id, count in sorted(Counter(requests).items()):
         count_ended(session, request_id, {state: count})
 
 

@@ -7,12 +7,13 @@ those of :mod:`service.calibration_runs.fleet_progress`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 from uuid import UUID
 
-from sqlalchemy import bindparam, select, update
+from sqlalchemy import bindparam, update
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.conclusion import FULL, conclude
+from service.calibration_runs.conclusion import FULL, RunRow, conclude, runs_of
 from service.calibration_runs.fleet_progress import tell_fleet_request
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun
@@ -22,11 +23,25 @@ from service.jobs.bundles import cut
 from service.jobs.queue import enqueue, enqueue_all, enqueue_each
 
 _UNENDED = ("queued", "running")
+# Built once, as those of :mod:`service.jobs.claims`.
 _COUNT_DOWN = (
     update(CalibrationRun)
     .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(_UNENDED))
     .values(remaining=CalibrationRun.remaining - 1, state="running")
     .returning(CalibrationRun.remaining)
+)
+_END_RUN = (
+    update(CalibrationRun)
+    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(_UNENDED))
+    .values(state=bindparam("ended_as"), failure=bindparam("because"), finished_at=bindparam("at"))
+    .returning(CalibrationRun.id)
+)
+_END_WHOLE_RUN = _END_RUN.values(schedule=bindparam("narrowed"), iteration=bindparam("iterations"))
+_COUNT_RUN = (
+    update(Calibration)
+    .where(Calibration.id == bindparam("calibration"), Calibration.state.in_(_UNENDED))
+    .values(remaining=Calibration.remaining - 1, state="running")
+    .returning(Calibration.remaining)
 )
 
 
@@ -68,46 +83,48 @@ def count_down(session: Session, run_id: UUID) -> CalibrationRun | None:
     return session.get_one(CalibrationRun, run_id, populate_existing=True)
 
 
-def end_run(session: Session, run: CalibrationRun, state: str, failure: Json | None = None) -> None:
-    """End a run once; the calibration's last one ends the calibration too, or has its cameras compared first."""
-    ended = session.execute(
-        update(CalibrationRun)
-        .where(CalibrationRun.id == run.id, CalibrationRun.state.in_(_UNENDED))
-        .values(state=state, failure=failure, finished_at=utc_now())
-        .returning(CalibrationRun.id)
-        .execution_options(synchronize_session=False)
-    ).one_or_none()
-    if ended is None:
+def end_run(
+    session: Session, run: Any, state: str, failure: Json | None = None, schedule: tuple[Json, int] | None = None
+) -> None:
+    """End a run once; the calibration's last one ends the calibration too, or has its cameras compared first.
+
+    ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``: a row, or those columns of it. ``schedule``: the
+    state of the narrowing and the number of iterations, where they are not on record yet.
+    """
+    ended: dict[str, Any] = {"run": run.id, "ended_as": state, "because": failure, "at": utc_now()}
+    statement = _END_RUN
+    if schedule:
+        statement = _END_WHOLE_RUN
+        ended |= {"narrowed": schedule[0], "iterations": schedule[1]}
+    connection = session.connection()
+    if connection.execute(statement, ended).one_or_none() is None:
         return
-    left = session.execute(
-        update(Calibration)
-        .where(Calibration.id == run.calibration_id, Calibration.state.in_(_UNENDED))
-        .values(remaining=Calibration.remaining - 1, state="running")
-        .returning(Calibration.remaining)
-        .execution_options(synchronize_session=False)
-    ).scalar_one_or_none()
+    left = connection.execute(_COUNT_RUN, {"calibration": run.calibration_id}).scalar_one_or_none()
     if left == 0:
         calibration = session.get_one(Calibration, run.calibration_id, populate_existing=True)
-        if _has_cameras_to_compare(session, calibration.id):
+        runs = runs_of(session, calibration.id)
+        if _has_cameras_to_compare(runs):
             enqueue(session, kind="consistency", fleet_id=run.fleet_id, subject_id=calibration.id)
         else:
-            end_calibration(session, calibration)
+            end_calibration(session, calibration, runs)
     hint(session, run.fleet_id, "calibration", run.calibration_id)
 
 
 def end_calibration(
-    session: Session, calibration: Calibration, *, rig: Json | None = None, cancelled: bool = False
+    session: Session,
+    calibration: Calibration,
+    runs: Sequence[RunRow],
+    *,
+    rig: Json | None = None,
+    cancelled: bool = False,
 ) -> None:
     """End a calibration whose runs have all ended; ``rig`` is what the comparison of its cameras found."""
-    conclude(session, calibration, rig=rig, cancelled=cancelled)
+    conclude(session, calibration, runs, rig=rig, cancelled=cancelled)
     tell_fleet_request(session, calibration)
     hint(session, calibration.fleet_id, "calibration", calibration.id)
 
 
-def _has_cameras_to_compare(session: Session, calibration_id: UUID) -> bool:
+def _has_cameras_to_compare(runs: Sequence[RunRow]) -> bool:
     """Whether two cameras have a result, and nobody asked for the end."""
-    fitted = select(CalibrationRun.camera, CalibrationRun.cancel_requested).where(
-        CalibrationRun.calibration_id == calibration_id, CalibrationRun.fold == FULL, CalibrationRun.state == "done"
-    )
-    rows = session.execute(fitted).all()
-    return len({row.camera for row in rows}) > 1 and not any(row.cancel_requested for row in rows)
+    fitted = [run for run in runs if run.fold == FULL and run.state == "done"]
+    return len({run.camera for run in fitted}) > 1 and not any(run.cancel_requested for run in fitted)

@@ -11,6 +11,7 @@ from uuid import UUID
 from sqlalchemy import update
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.conclusion import runs_of
 from service.calibration_runs.solving import end_calibration, end_run
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun
@@ -79,7 +80,9 @@ def _calibration(session: Session, subject_id: UUID, state: str, problem: Json |
     calibration = session.get(Calibration, subject_id) if state != "done" else None
     if calibration and calibration.state in ("queued", "running"):
         rig: Json = {"pairs": [], "alarms": [], "problem": problem}
-        end_calibration(session, calibration, rig=rig, cancelled=state == "cancelled")
+        end_calibration(
+            session, calibration, runs_of(session, calibration.id), rig=rig, cancelled=state == "cancelled"
+        )
 
 
 _CANCELLED: Json = {

@@ -95,7 +95,9 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
     The window keeps a fleet of a thousand vehicles from filling the broker's first-in, first-out queue.
     """
     settings = get_settings()
-    window = {"fleet": fleet_id, "of_queue": queue, "window": settings.workers + 1, "resend_s": settings.resend_s}
+    # One waits for each worker, and none is idle while the next is sent. More would only delay the other fleets.
+    room = max(2, settings.workers)
+    window = {"fleet": fleet_id, "of_queue": queue, "window": room, "resend_s": settings.resend_s}
     released = session.connection().execute(_RELEASE, window)
     for job_id in sorted(released.scalars().all()):
         post(session, COURIER, Message(job_id, queue))

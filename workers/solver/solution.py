@@ -5,6 +5,7 @@ import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final
 
@@ -185,13 +186,16 @@ def cpu_document() -> dict[str, str]:
 
 def versions_document() -> dict[str, str]:
     """Versions of what computed the result."""
-    found = {"python": platform.python_version()}
-    for name in _LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+    return {"python": platform.python_version()} | {name: _version(name) for name in _LIBRARIES}
+
+
+@cache
+def _version(library: str) -> str:
+    # Kept: it is read from the files of the package, which takes milliseconds.
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def _status(problem: FitProblem, state: State, polished: Fit, spread: Uncertainty) -> tuple[str, str]:

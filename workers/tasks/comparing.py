@@ -9,7 +9,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.conclusion import FULL, choices, results_of
+from service.calibration_runs.conclusion import FULL, choices, results_of, runs_of
 from service.calibration_runs.solving import end_calibration
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig
@@ -32,7 +32,7 @@ def consistency(context: Context, held: Claim, lease: Lease) -> Callable[[Sessio
 
     def write(session: Session) -> None:
         calibration = session.get_one(Calibration, held.subject_id, with_for_update=True)
-        end_calibration(session, calibration, rig=found)
+        end_calibration(session, calibration, runs_of(session, calibration.id), rig=found)
 
     return write
 

@@ -40,10 +40,12 @@ from workers.tasks.context import Context
 Write = Callable[[Session], None]
 
 _RUN = select(
-    *(CalibrationRun.id, CalibrationRun.set_id, CalibrationRun.fold, CalibrationRun.state),
+    *(CalibrationRun.id, CalibrationRun.fleet_id, CalibrationRun.calibration_id, CalibrationRun.set_id),
+    *(CalibrationRun.camera, CalibrationRun.model, CalibrationRun.fold, CalibrationRun.state),
     *(CalibrationRun.cancel_requested, CalibrationRun.problem, CalibrationRun.schedule),
 ).where(CalibrationRun.id == bindparam("run"))
 _INSERT_SLOTS = insert(Slot)
+_INSERT_RESULT = insert(Result)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +71,8 @@ def solve(context: Context, held: Claim, lease: Lease) -> Write:
     if part == "slots":
         return _slots(context, fit, run.id, run.schedule, lease, held.payload)
     if part == "finish":
-        return _finish(fit, run.id, _state(run.schedule, fit.problem))
-    return _whole(context, fit, run.id, lease)
+        return _finish(fit, run, _state(run.schedule, fit.problem))
+    return _whole(context, fit, run, lease)
 
 
 def fit_of(document: Json, fold: int, pairs: Json) -> Fit:
@@ -141,14 +143,14 @@ def _next_iteration(session: Session, run: CalibrationRun, problem: FitProblem) 
         start_iteration(session, run)
 
 
-def _whole(context: Context, fit: Fit, run_id: UUID, lease: Lease) -> Write:
+def _whole(context: Context, fit: Fit, run: Any, lease: Lease) -> Write:
     """All iterations and the finish in one job."""
     rows: list[Json] = []
     began = time.perf_counter()
 
     def on_slot(iteration: int, slot: int, outcome: SlotOutcome) -> None:
         nonlocal began
-        rows.append(_slot_row(context, run_id, iteration, slot, outcome, time.perf_counter() - began))
+        rows.append(_slot_row(context, run.id, iteration, slot, outcome, time.perf_counter() - began))
         lease.check()
         began = time.perf_counter()
 
@@ -157,13 +159,10 @@ def _whole(context: Context, fit: Fit, run_id: UUID, lease: Lease) -> Write:
         lease.report(state.iteration / limit, f"iteration {state.iteration} of at most {limit}")
 
     state, _ = run_schedule(fit.problem, on_slot, on_iteration)
-    finish = _finish(fit, run_id, state)
+    finish = _finish(fit, run, state, schedule=(to_document(state), state.iteration))
 
     def write(session: Session) -> None:
         session.connection().execute(_INSERT_SLOTS, rows)
-        run = session.get_one(CalibrationRun, run_id)
-        run.schedule, run.iteration = to_document(state), state.iteration
-        session.flush()
         finish(session)
 
     return write
@@ -180,8 +179,8 @@ def solved(fit: Fit, state: State) -> Json:
     return document
 
 
-def _finish(fit: Fit, run_id: UUID, state: State) -> Write:
-    """The end of a run: its result, with what it was made of."""
+def _finish(fit: Fit, run: Any, state: State, schedule: tuple[Json, int] | None = None) -> Write:
+    """The end of a run: its result, with what it was made of. ``schedule`` as :func:`end_run` has it."""
     began = time.perf_counter()
     document = solved(fit, state)
     document["provenance"] = {
@@ -191,21 +190,19 @@ def _finish(fit: Fit, run_id: UUID, state: State) -> Write:
     }
     document["finish_seconds"] = time.perf_counter() - began
 
+    found = {
+        "fleet_id": run.fleet_id,
+        "calibration_id": run.calibration_id,
+        "run_id": run.id,
+        "camera": run.camera,
+        "model": run.model,
+        "fold": run.fold,
+        "document": document,
+    }
+
     def write(session: Session) -> None:
-        run = session.get_one(CalibrationRun, run_id)
-        session.add(
-            Result(
-                fleet_id=run.fleet_id,
-                calibration_id=run.calibration_id,
-                run_id=run.id,
-                camera=run.camera,
-                model=run.model,
-                fold=run.fold,
-                document=document,
-            )
-        )
-        session.flush()
-        end_run(session, run, "done")
+        session.connection().execute(_INSERT_RESULT, found)
+        end_run(session, run, "done", schedule=schedule)
 
     return write
 

@@ -1,12 +1,12 @@
 """What a calibration ends as, and what of it a vehicle is given."""
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import insert, select, update
 
-from service.calibration_runs.conclusion import conclude
+from service.calibration_runs.conclusion import conclude, runs_of
 from service.calibration_runs.solving import end_run
 from service.db.models import Calibration, CalibrationRun, Publication, Result
-from tests.service.jobs.support import make_calibration
+from tests.service.jobs.support import make_calibration, statements
 
 FREE = {"pinhole": 10, "brown_conrady": 16, "kannala_brandt": 14}
 
@@ -74,6 +74,19 @@ def test_a_cancelled_calibration_keeps_what_it_found_and_publishes_nothing(datab
     assert state == "cancelled"
     assert set(summary["cameras"]["front"]["models"]) == {"pinhole", "brown_conrady"}
     assert published == []
+
+
+def test_a_calibration_of_one_run_ends_in_eight_statements(database):
+    _, (run_id,) = make_calibration(database)
+    with database.writing() as session:
+        run = session.get_one(CalibrationRun, run_id)
+        made_of = {name: getattr(run, name) for name in ("fleet_id", "calibration_id", "camera", "model", "fold")}
+        session.execute(insert(Result).values(run_id=run_id, document=document(1.0), **made_of))
+        with statements(database) as seen:
+            end_run(session, run, "done")
+            session.flush()
+    # The run and the count; the calibration, its runs, results and slots; the calibration and its fleet request.
+    assert seen == ["UPDATE"] * 2 + ["SELECT"] * 4 + ["UPDATE"] * 2
 
 
 def test_models_of_which_not_the_same_pairs_were_held_out_are_not_ranked(database, three_runs):
@@ -201,7 +214,7 @@ def test_the_alarm_of_a_rig_keeps_back_the_cameras_that_it_names(database):
     end(database, last, found=document(1.0) | {"heldout": {"errors_px": [1.0] * 10, "indices": range_of(1)}})
     with database.writing() as session:
         session.query(Publication).delete()
-        conclude(session, session.get_one(Calibration, calibration_id), rig=rig)
+        conclude(session, session.get_one(Calibration, calibration_id), runs_of(session, calibration_id), rig=rig)
     _, summary, published = ended(database, calibration_id)
     assert published == []
     assert summary["cameras"]["front"]["not_published"] == rig["pairs"][0]["alarms"]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from uuid import UUID
 
-from sqlalchemy import select, update
+from sqlalchemy import event, select, update
 
 from service.db.clock import now
 from service.db.models import Calibration, CalibrationRun, CorrespondenceSet, Fleet, Job, Rig, Vehicle
@@ -106,3 +107,17 @@ def make_due(database: Database) -> None:
     """As if every moment to send again had come."""
     with database.writing() as session:
         session.execute(update(Job).where(Job.send_after.is_not(None)).values(send_after=now(-1)))
+
+
+@contextmanager
+def statements(database: Database) -> Iterator[list[str]]:
+    """The first words of the statements that reach the database meanwhile, but for the beginning of transactions."""
+    seen: list[str] = []
+
+    def note(connection: object, cursor: object, statement: str, *_: object) -> None:
+        if not statement.startswith("BEGIN"):
+            seen.append(statement.split()[0])
+
+    event.listen(database.engine, "before_cursor_execute", note)
+    yield seen
+    event.remove(database.engine, "before_cursor_execute", note)

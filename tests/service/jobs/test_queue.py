@@ -36,7 +36,7 @@ def test_a_rolled_back_transaction_sends_nothing(database):
 def test_a_fleet_has_a_window_and_the_rest_waits_oldest_first(database):
     postbox = Postbox(database)
     fleet_id = make_fleet(database)
-    window = get_settings().workers + 1
+    window = get_settings().workers
     ids = make_jobs(database, fleet_id, window + 3)
     assert postbox.ids == ids[:window]
     assert all(job(database, waiting).send_after is None for waiting in ids[window:])
@@ -54,7 +54,7 @@ def test_finishing_a_job_releases_the_next_one(database):
     _, (run_id,) = make_calibration(database, slots=20)
     with database.reading() as session:
         fleet_id = session.get_one(CalibrationRun, run_id).fleet_id
-    window = get_settings().workers + 1
+    window = get_settings().workers
     ids = make_jobs(database, fleet_id, window + 2, run_id)
     postbox = Postbox(database)
     held = claim(database, ids[0], "w")
