@@ -33,6 +33,7 @@ from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue
 from service.settings import MIB, Settings, settings_or_exit
 from service.storage import problems as store_problems
+from service.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.storage.audit import audit_if_due
 from service.storage.store import Store, open_store
 from service.studies import routes as studies
@@ -80,15 +81,23 @@ async def _keep_house(database: Database, store: Store, settings: Settings) -> N
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
-    """The application of these settings; by default of the environment's, in a process of its own."""
+    """The application of these settings; by default of the environment's, in a process of its own.
+
+    Raises :class:`StrangeFolderError` where the store's folder is not the database's; a process ends with its words.
+    """
     if settings is None:
         settings = settings_or_exit()
         logs.configure(settings.log_form)
+        try:
+            return create_app(settings)
+        except StrangeFolderError as error:
+            raise SystemExit(f"{error}. {error.hint}") from None
     drain = draining.Drain(settings.drain_s)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        upkeep = asyncio.create_task(_keep_house(app.state.database, app.state.store, settings))
+        house: tuple[Database, Store] = app.state.database, app.state.store
+        upkeep = asyncio.gather(keep_adopting(*house), _keep_house(*house, settings))
         with drain.before_stopping():
             yield
         upkeep.cancel()
@@ -109,6 +118,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.drain = drain
     app.state.database = Database(settings.database)
     app.state.store = open_store(settings)
+    adopt_if_known(app.state.database, app.state.store)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)
     app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})

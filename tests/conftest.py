@@ -14,6 +14,7 @@ from service.db.migrate import upgrade
 from service.db.models import Base
 from service.db.session import Database
 from service.settings import Settings, get_settings
+from service.storage.store import open_store
 from tests.support.broker import Broker
 from tests.support.people import Api, TestClient
 from tests.support.postgres import Postgres
@@ -97,6 +98,7 @@ def settings(
     monkeypatch.setenv("APEXCAL_MIN_FREE_BYTES", "0")
     monkeypatch.setenv("APEXCAL_BROKER_URL", broker.url)
     get_settings.cache_clear()
+    open_store(get_settings()).prepare()
     yield get_settings()
     get_settings.cache_clear()
 

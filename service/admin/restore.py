@@ -38,6 +38,7 @@ def restore(url: str, store: Store, folder: Path, *, report: Report = lambda _: 
     database = Database(url)
     try:
         _refuse_rows(database)
+        store.prepare()
         for blob in blobs:
             store.put_file(blob.key, blob.path(folder))
         report(f"{len(blobs)} objects, {manifest.blob_bytes} bytes")
@@ -105,7 +106,7 @@ def _refuse_rows(database: Database) -> None:
 
 def _refuse_unless_empty(store: Store, blobs: list[BlobFile]) -> None:
     known = {blob.key for blob in blobs}
-    for found in store.list():
+    for found in store.list_unprepared():
         # What an earlier try at this restore brought is no other history.
         if found.key.partition("#")[0] not in known:
             raise AdminError(

@@ -1,10 +1,13 @@
 """Makes the bucket where it is missing, and tries that it can be written: ``python -m service.storage.prepare``.
 
-A folder needs none of this. Buckets with policies of their own are better made by their operator beforehand.
+Buckets with policies of their own are better made by their operator beforehand. A folder is marked as the store of
+the settings' database (``service.storage.adopting``), which the API does by itself as it starts; ``--anew`` marks one
+that lacks what the database names.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 from datetime import timedelta
 from typing import Literal
@@ -13,11 +16,14 @@ from urllib.parse import urlsplit
 import httpx
 import obstore
 import obstore.exceptions
+from sqlalchemy.exc import SQLAlchemyError
 
-from service.settings import settings_or_exit
+from service.db.session import Database
+from service.settings import Settings, settings_or_exit
+from service.storage.adopting import StrangeFolderError, adopt
 from service.storage.errors import StoreUnavailableError
 from service.storage.opening import S3Options, open_bucket_root
-from service.storage.store import Store
+from service.storage.store import Store, open_store
 
 _PROBE = "probe/prepare"
 _OF_AMAZON = "<CreateBucketConfiguration><LocationConstraint>{}</LocationConstraint></CreateBucketConfiguration>"
@@ -63,11 +69,34 @@ def _address(method: Literal["HEAD", "PUT"], bucket: str, options: S3Options) ->
     return obstore.sign(open_bucket_root(bucket, options), method, "", timedelta(minutes=1))
 
 
+def _mark(settings: Settings, *, anew: bool) -> None:
+    """Mark the settings' folder; a bucket has no marker."""
+    store = open_store(settings)
+    if anew:
+        store.prepare()
+        return
+    database = Database(settings.database)
+    try:
+        adopt(database, store)
+    finally:
+        database.close()
+
+
 def main() -> int:
     """0 where the store can be written."""
+    parser = argparse.ArgumentParser(prog="python -m service.storage.prepare", description=__doc__)
+    parser.add_argument("--anew", action="store_true", help="mark a folder that lacks what the database names")
+    chosen = parser.parse_args()
     settings = settings_or_exit()
     try:
+        _mark(settings, anew=chosen.anew)
         made = prepare(settings.blobs, settings.s3)
+    except StrangeFolderError as error:
+        print(f"{error}. {error.hint}", file=sys.stderr)
+        return 1
+    except SQLAlchemyError as error:
+        print(f"the database does not say what the folder should hold: {type(error).__name__}", file=sys.stderr)
+        return 1
     except (StoreUnavailableError, httpx.TransportError) as error:
         print(f"the blob store at {settings.blobs} cannot be written: {error}", file=sys.stderr)
         return 1

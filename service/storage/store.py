@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 import shutil
 from collections.abc import AsyncIterator, Iterator
@@ -21,7 +22,8 @@ import obstore
 from obstore.store import S3Store
 
 from service.settings import MIB, Settings
-from service.storage.errors import MissingBlobError, translated
+from service.storage.errors import MissingBlobError, StoreUnavailableError, translated
+from service.storage.marker import MARKER, is_marked, mark
 from service.storage.opening import S3Options, open_url
 
 # Objects are read in ranges of this many bytes, each a request with its own time limit and repetitions.
@@ -29,6 +31,8 @@ _RANGE = 8 * MIB
 # Memory for one object on its way up: this many chunks at once. S3 takes 10,000 chunks of one object: 80 GiB.
 _CHUNK = 8 * MIB
 _CHUNKS_AT_ONCE = 4
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,11 @@ class Listed:
 
 
 class Store:
-    """The blob store behind ``url``: ``file:///folder`` or ``s3://bucket/prefix``."""
+    """The blob store behind ``url``: ``file:///folder`` or ``s3://bucket/prefix``.
+
+    A folder must have been prepared once: without its marker it is a store that is away, never one without objects.
+    The marker is looked for around every write, before a removal, around a listing, and where an object is missing.
+    """
 
     def __init__(self, url: str, s3: S3Options | None = None) -> None:
         opened = open_url(url, s3 or S3Options())
@@ -55,18 +63,31 @@ class Store:
         """Whether clients can be given presigned addresses, which a folder does not have."""
         return self._signer is not None
 
+    def is_prepared(self) -> bool:
+        """Whether the folder has its marker. A bucket answers for itself."""
+        return not self.folder or is_marked(self.folder)
+
+    def prepare(self) -> None:
+        """Mark the folder as a store."""
+        if self.folder:
+            with translated(MARKER, writing=True):
+                mark(self.folder)
+
     def free_bytes(self) -> int | None:
         """Bytes left on the disk of a local store; None where the store does not say."""
-        return shutil.disk_usage(self.folder).free if self.folder else None
+        with translated("(room)", writing=True):
+            return shutil.disk_usage(self.folder).free if self.folder else None
 
     async def put_stream(self, key: str, chunks: AsyncIterator[bytes]) -> None:
         """Write an object from a stream, never holding it whole."""
+        await self._require_marker_aside()
         with translated(key, writing=True):
             await obstore.put_async(self._store, key, chunks, chunk_size=_CHUNK, max_concurrency=_CHUNKS_AT_ONCE)
             await asyncio.to_thread(self._make_durable, key)
 
     def put_file(self, key: str, path: Path) -> int:
         """Write an object from a file and return its size in bytes."""
+        self._require_marker()
         with path.open("rb") as file, translated(key, writing=True):
             obstore.put(self._store, key, file, chunk_size=_CHUNK, max_concurrency=_CHUNKS_AT_ONCE)
             self._make_durable(key)
@@ -74,30 +95,32 @@ class Store:
 
     def put_bytes(self, key: str, data: bytes) -> None:
         """Write a small object."""
+        self._require_marker()
         with translated(key, writing=True):
             obstore.put(self._store, key, data)
             self._make_durable(key)
 
     async def copy(self, key: str, to: str) -> None:
         """Copy an object within the store; none of its bytes come here."""
-        with translated(key):
+        await self._require_marker_aside()
+        async with self._looking_up(key):
             await obstore.copy_async(self._store, key, to)
             await asyncio.to_thread(self._make_durable, to)
 
     async def size(self, key: str) -> int:
         """An object's size in bytes."""
-        with translated(key):
+        async with self._looking_up(key):
             return int((await obstore.head_async(self._store, key))["size"])
 
     async def read(self, key: str, start: int, length: int) -> bytes:
         """``length`` bytes of an object from ``start``."""
-        with translated(key):
+        async with self._looking_up(key):
             data = bytes(await obstore.get_range_async(self._store, key, start=start, length=length))
         return _whole(key, data, length)
 
     def get_range(self, key: str, start: int, length: int) -> bytes:
         """:meth:`read` for workers."""
-        with translated(key):
+        with self._looking(key):
             data = bytes(obstore.get_range(self._store, key, start=start, length=length))
         return _whole(key, data, length)
 
@@ -105,7 +128,7 @@ class Store:
         """An object's bytes, a few MiB at a time."""
         start, size = 0, 1
         while start < size:
-            with translated(key):
+            async with self._looking_up(key):
                 found = await obstore.get_async(self._store, key, options={"range": (start, start + _RANGE)})
                 size, data = int(found.meta["size"]), bytes(await found.bytes_async())
             yield _whole(key, data, min(_RANGE, size - start))
@@ -115,7 +138,7 @@ class Store:
         """:meth:`read_all` for workers."""
         start, size = 0, 1
         while start < size:
-            with translated(key):
+            with self._looking(key):
                 found = obstore.get(self._store, key, options={"range": (start, start + _RANGE)})
                 size, data = int(found.meta["size"]), bytes(found.bytes())
             yield _whole(key, data, min(_RANGE, size - start))
@@ -131,10 +154,17 @@ class Store:
 
     def list(self) -> Iterator[Listed]:
         """Every object that is there, in no order, also what interrupted writes left beside them in a folder."""
+        self._require_marker()
+        yield from self.list_unprepared()
+        self._require_marker()
+
+    def list_unprepared(self) -> Iterator[Listed]:
+        """:meth:`list`, also of a folder that is no store yet."""
         with translated("(listing)", writing=True):
             for page in obstore.list(self._store):
                 for found in page:
-                    yield Listed(found["path"], int(found["size"]), found["last_modified"])
+                    if found["path"] != MARKER:
+                        yield Listed(found["path"], int(found["size"]), found["last_modified"])
         for left in self.folder.rglob("*#*") if self.folder else ():
             with contextlib.suppress(FileNotFoundError):
                 status = left.stat()
@@ -143,6 +173,7 @@ class Store:
 
     def delete(self, key: str) -> None:
         """Remove an object, and what an interrupted write of it left. A missing one is no error."""
+        self._require_marker()
         if self.folder:
             staged = self.folder / key
             if "#" in staged.name:
@@ -164,6 +195,33 @@ class Store:
         with translated(key, writing=True):
             return obstore.sign(self._signer, method, key, timedelta(seconds=seconds))
 
+    @contextlib.contextmanager
+    def _looking(self, key: str) -> Iterator[None]:
+        try:
+            with translated(key):
+                yield
+        except MissingBlobError:
+            self._require_marker()
+            raise
+
+    @contextlib.asynccontextmanager
+    async def _looking_up(self, key: str) -> AsyncIterator[None]:
+        try:
+            with translated(key):
+                yield
+        except MissingBlobError:
+            await self._require_marker_aside()
+            raise
+
+    def _require_marker(self) -> None:
+        if not self.is_prepared():
+            log.warning("%s lacks its file %s: is its disk mounted?", self.folder, MARKER)
+            raise StoreUnavailableError
+
+    async def _require_marker_aside(self) -> None:
+        if self.folder:  # a disk that hangs must not hang the event loop
+            await asyncio.to_thread(self._require_marker)
+
     def _make_durable(self, key: str) -> None:
         # obstore renames a staged file into place but does not flush it; S3 answers when it is durable.
         if not self.folder:
@@ -175,6 +233,8 @@ class Store:
                 os.fsync(descriptor)
             finally:
                 os.close(descriptor)
+        # The disk may have gone since the marker was seen before the write.
+        self._require_marker()
 
 
 def open_store(settings: Settings) -> Store:

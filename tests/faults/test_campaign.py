@@ -31,10 +31,10 @@ from service.db.models import (
     Vehicle,
 )
 from service.db.session import Database
-from service.storage.store import Store
 from tests.faults.campaign.kinds import KINDS
 from tests.faults.campaign.schedule import draw
 from tests.faults.campaign_world import World, make_world
+from tests.support.folders import folder_store
 
 pytestmark = pytest.mark.faults
 
@@ -44,7 +44,7 @@ def world(tmp_path: Path, sqlite_template: Path) -> Iterator[World]:
     shutil.copy(sqlite_template, tmp_path / "apexcal.db")
     database = Database(f"sqlite:///{tmp_path / 'apexcal.db'}")
     with database.writing() as session:
-        yield make_world(session, Store((tmp_path / "blobs").as_uri()))
+        yield make_world(session, folder_store(tmp_path / "blobs"))
     database.close()
 
 

@@ -265,7 +265,7 @@ def test_a_damaged_backup_restores_nothing(
     with pytest.raises(AdminError, match="no finished backup"):
         restore(there.database, open_store(there), folder)
     assert not Path(there.database.removeprefix("sqlite:///")).exists()
-    assert list(open_store(there).list()) == []
+    assert list(open_store(there).list_unprepared()) == []
 
 
 def test_a_restore_never_mixes_two_histories(
@@ -277,6 +277,7 @@ def test_a_restore_never_mixes_two_histories(
         restore(settings.database, store, folder)
     database.close()
     there = elsewhere("sqlite")
+    open_store(there).prepare()
     open_store(there).put_bytes("recordings/other", b"somebody else's")
     with pytest.raises(AdminError, match="the store is not empty: it holds 'recordings/other'"):
         restore(there.database, open_store(there), folder)

@@ -11,8 +11,8 @@ from service.db.models import Calibration, CalibrationRun, Fleet, Job
 from service.jobs.claims import claim, finishing
 from service.jobs.queue import cancel
 from service.jobs.sweep import sweep
-from service.storage.store import Store
 from tests.service.jobs.support import make_calibration
+from tests.support.folders import folder_store
 
 
 def _start(database, run_id):
@@ -78,7 +78,7 @@ def make_calibration_named(database):
 
 
 def test_a_cancel_against_the_last_finish_leaves_nothing_waiting(database, tmp_path):
-    store = Store((tmp_path / "blobs").as_uri())
+    store = folder_store(tmp_path / "blobs")
     for _ in range(5):
         calibration_id, (run_id,) = make_calibration_named(database)
         first, last = _start(database, run_id)[-2:]

@@ -16,14 +16,14 @@ from service.jobs.queue import cancel
 from service.jobs.sweep import sweep, swept_lately
 from service.settings import get_settings
 from service.storage.blobs import keep, reserve
-from service.storage.store import Store
+from tests.support.folders import folder_store
 
 from .support import Postbox, job, let_lease_expire, make_calibration, make_due, make_fleet, make_jobs, states
 
 
 @pytest.fixture
 def store(tmp_path):
-    return Store((tmp_path / "blobs").as_uri())
+    return folder_store(tmp_path / "blobs")
 
 
 def test_an_expired_lease_is_queued_and_sent_again_at_once(database, store):

@@ -16,6 +16,7 @@ from service.db.session import Database
 from service.settings import Settings
 from service.storage.audit import audit, audit_if_due
 from service.storage.store import Store
+from tests.support.folders import folder_store
 
 NO_AGE = timedelta(seconds=-60)
 
@@ -24,7 +25,7 @@ NO_AGE = timedelta(seconds=-60)
 def store(settings: Settings, request: pytest.FixtureRequest, tmp_path: Path) -> Store:
     """A folder beside SQLite, a bucket beside PostgreSQL."""
     if settings.database.startswith("sqlite"):
-        return Store((tmp_path / "blobs").as_uri())
+        return folder_store(tmp_path / "blobs")
     return request.getfixturevalue("s3_server").store()
 
 
@@ -68,7 +69,7 @@ def test_the_store_of_another_database_is_not_emptied(database: Database, store:
 
 
 def test_what_interrupted_writes_left_in_a_folder_goes_too(database: Database, tmp_path: Path) -> None:
-    store = Store((tmp_path / "folder").as_uri())
+    store = folder_store(tmp_path / "folder")
     fill(database, store, {"a/known": "reserved"}, [])
     (tmp_path / "folder/a").mkdir(parents=True)
     for name in ("known#1", "unknown#1"):

@@ -12,9 +12,11 @@ import pytest
 
 from service.settings import MIB, Settings
 from service.storage.errors import MissingBlobError, StoreFullError, StoreUnavailableError
+from service.storage.marker import MARKER
 from service.storage.opening import S3Options
 from service.storage.prepare import prepare
 from service.storage.store import Store
+from tests.support.folders import folder_store
 from tests.support.s3 import S3Server, free_port
 
 LARGE = os.urandom(9 * MIB + 1)
@@ -23,7 +25,7 @@ LARGE = os.urandom(9 * MIB + 1)
 @pytest.fixture(params=["folder", "s3"])
 def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
     if request.param == "folder":
-        return Store((tmp_path / "blobs").as_uri())
+        return folder_store(tmp_path / "blobs")
     server: S3Server = request.getfixturevalue("s3_server")
     return server.store()
 
@@ -85,7 +87,7 @@ def test_what_is_missing_or_cut_is_said_so(store: Store) -> None:
 
 
 def test_an_interrupted_write_is_listed_and_removed(tmp_path: Path) -> None:
-    store = Store((tmp_path / "blobs").as_uri())
+    store = folder_store(tmp_path / "blobs")
     store.put_bytes("a/b", b"whole")
     (tmp_path / "blobs/a/b#1").write_bytes(b"half")
     (tmp_path / "blobs/a/c#7").write_bytes(b"other half")
@@ -160,7 +162,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_a_full_disk_is_said_and_keeps_nothing_half(small_disk: Path, tmp_path: Path) -> None:
-    store = Store(small_disk.as_uri())
+    store = folder_store(small_disk)
     store.put_bytes("kept", b"x" * 1000)
     source = tmp_path / "large"
     source.write_bytes(LARGE)
@@ -174,6 +176,46 @@ def test_a_full_disk_is_said_and_keeps_nothing_half(small_disk: Path, tmp_path: 
             write()
         assert [one.key for one in store.list()] == ["kept"]
     store.put_bytes("after", b"y" * 1000)
+
+
+def test_a_disk_that_is_unmounted_is_no_store_without_objects(small_disk: Path, caplog) -> None:
+    store = folder_store(small_disk)
+    store.put_bytes("kept", b"12345")
+    subprocess.run(["umount", str(small_disk)], check=True)
+    source = small_disk.parent / "source"
+    source.write_bytes(b"x")
+    asked = (
+        lambda: store.get_range("kept", 0, 1),
+        lambda: list(store.stream("kept")),
+        lambda: asyncio.run(store.size("kept")),
+        lambda: asyncio.run(store.copy("kept", "copy")),
+        lambda: store.put_bytes("new", b"x"),
+        lambda: store.put_file("new", source),
+        lambda: asyncio.run(store.put_stream("new", chunks(b"x"))),
+        lambda: store.delete("kept"),
+        lambda: list(store.list()),
+    )
+    for ask in asked:
+        with pytest.raises(StoreUnavailableError):
+            ask()
+    assert list(small_disk.iterdir()) == [] and "is its disk mounted?" in caplog.text
+    subprocess.run(["mount", "-t", "tmpfs", "tmpfs", str(small_disk)], check=True)  # for the fixture to unmount
+
+
+def test_a_disk_that_goes_during_a_write_or_a_listing_is_noticed(tmp_path: Path, monkeypatch) -> None:
+    store = folder_store(tmp_path / "blobs")
+    store.put_bytes("kept", b"12345")
+    marker = tmp_path / "blobs" / MARKER
+    fsync = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda file: (marker.unlink(missing_ok=True), fsync(file)))
+    with pytest.raises(StoreUnavailableError):
+        store.put_bytes("new", b"x")
+    store.prepare()
+    listing = store.list()
+    next(listing)
+    marker.unlink()
+    with pytest.raises(StoreUnavailableError):
+        list(listing)
 
 
 def test_a_bucket_is_made_once(s3_server: S3Server) -> None:
