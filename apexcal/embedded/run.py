@@ -91,6 +91,8 @@ def _bring_up(
     if supervisor.stopping:
         return ""
     _run("service.db.migrate", (), settings, "the database could not be brought up to date")
+    if _has_lost_blobs(folder, settings):
+        _run("service.storage.prepare", (), settings, "the recordings are not in their place")
     supervisor.start(plans.api(folder, settings, host, port))
     supervisor.start(plans.worker(folder, settings, workers))
     supervisor.start(plans.sweeper(folder, settings))
@@ -101,6 +103,16 @@ def _bring_up(
     _wait(supervisor, lambda: _answers(host, port, "/readyz"), "the service", folder.logs)
     link = re.search(r"\S+/sign-in#\S+", printed)
     return link.group(0) if link else ""
+
+
+def _has_lost_blobs(folder: DataFolder, settings: Mapping[str, str]) -> bool:
+    """Whether an earlier start left a database and its folder of objects is away or empty.
+
+    The API would refuse to start too, and say so in its log only.
+    """
+    blobs = folder.root / "blobs"
+    kept_here = not settings.get("APEXCAL_BLOB_URL") and folder.owner_token.exists()
+    return kept_here and not (blobs.is_dir() and any(blobs.iterdir()))
 
 
 def _wait(supervisor: Supervisor, ready: Callable[[], bool], what: str, log: Path) -> None:
