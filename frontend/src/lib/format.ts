@@ -13,6 +13,11 @@ export function compact(value: unknown): string {
   return size >= 1000 ? value.toFixed(1) : size >= 1 ? value.toFixed(3) : value.toPrecision(4);
 }
 
+/** "1 vehicle", "300 vehicles". */
+export function counted(count: number, thing: string): string {
+  return `${compact(count)} ${thing}${count === 1 ? "" : "s"}`;
+}
+
 export function bytes(count: number): string {
   const units = ["B", "kB", "MB", "GB", "TB"];
   let value = count;

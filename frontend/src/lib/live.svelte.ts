@@ -17,6 +17,7 @@ export interface Freshness<T> {
 
 const POLL_MS = 2000;
 const SETTLE_MS = 150;
+const APART_MS = 1000;
 
 export class Live<T> {
   value = $state.raw<T | undefined>(undefined);
@@ -59,12 +60,18 @@ export class Live<T> {
     }
   };
 
+  /** Soon after a hint, but not with each: while a fleet is calibrated they come many a second. */
   private follow(fleetId: string, concerns: (hint: Hint) => boolean): () => void {
     let timer: ReturnType<typeof setTimeout> | undefined;
+    let last = -Infinity;
+    const read = (): void => {
+      timer = undefined;
+      last = performance.now();
+      void this.reload();
+    };
     const stop = onHint(fleetId, (hint) => {
-      if (hint.kind !== "" && !concerns(hint)) return;
-      clearTimeout(timer);
-      timer = setTimeout(() => void this.reload(), SETTLE_MS);
+      if (timer !== undefined || (hint.kind !== "" && !concerns(hint))) return;
+      timer = setTimeout(read, Math.max(SETTLE_MS, last + APART_MS - performance.now()));
     });
     return () => {
       clearTimeout(timer);

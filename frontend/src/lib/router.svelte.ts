@@ -7,6 +7,8 @@ export type Route =
   | { page: "recording"; id: string }
   | { page: "marking"; detection: string; camera: string }
   | { page: "calibration"; id: string }
+  | { page: "fleet-requests"; fleet: string }
+  | { page: "fleet-request"; id: string; state: string | null }
   | { page: "unknown" };
 
 export function routeOf(url: URL): Route {
@@ -18,11 +20,13 @@ export function routeOf(url: URL): Route {
   if (first === "detections" && third === "mark") {
     return { page: "marking", detection: second, camera: url.searchParams.get("camera") ?? "" };
   }
+  if (first === "fleets" && third === "requests") return { page: "fleet-requests", fleet: second };
   if (third) return { page: "unknown" };
   if (first === "fleets") return { page: "home", fleet: second };
   if (first === "vehicles") return { page: "vehicle", id: second };
   if (first === "recordings") return { page: "recording", id: second };
   if (first === "calibrations") return { page: "calibration", id: second };
+  if (first === "fleet-requests") return { page: "fleet-request", id: second, state: url.searchParams.get("state") };
   return { page: "unknown" };
 }
 

@@ -21,19 +21,23 @@ export interface CorrespondenceSet {
 export const MODELS = ["pinhole", "brown_conrady", "kannala_brandt"] as const;
 export type ModelName = (typeof MODELS)[number];
 
-export interface CalibrationRequest {
-  correspondence_set_ids: string[];
+/** What is fitted and how, whatever the pairs. Null means what the preset means. */
+export interface CalibrationTemplate {
   models: ModelName[];
   preset: "default" | "paper" | "toolbox";
-  search: "rotation_vector" | "euler";
+  search: "rotation_vector" | "euler" | null;
   loss: "mean" | "saturating";
   outliers: "keep" | "exclude";
-  bounds_preset: "image-size" | "paper-table-1";
+  bounds_preset: "image-size" | "paper-table-1" | null;
   intrinsics_from: "bounds" | "recording";
   folds: number;
   farm: "auto" | "slots" | "runs";
   seed: number | null;
   publish: "recommended" | "none";
+}
+
+export interface CalibrationRequest extends CalibrationTemplate {
+  correspondence_set_ids: string[];
 }
 
 export interface CalibrationRun {

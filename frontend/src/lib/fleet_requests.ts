@@ -1,0 +1,103 @@
+/** Fleet requests as they are typed into the form, and as people read them. */
+
+import type { ApiProblem } from "./api/http.ts";
+import {
+  VEHICLE_STATES,
+  type CameraOutcome,
+  type Counts,
+  type DryRun,
+  type FleetRequest,
+  type VehicleFilter,
+} from "./api/types/fleet_requests.ts";
+import { counted, fixed, moment } from "./format.ts";
+
+export interface FilterDraft {
+  name: string;
+  rig: string;
+  /** As a field of date and time holds it, in the reader's own time zone. */
+  since: string;
+  newPairs: boolean;
+  /** Vehicles picked by hand; none means that all may match. */
+  picked: string[];
+}
+
+export const newFilter = (): FilterDraft => ({ name: "", rig: "", since: "", newPairs: false, picked: [] });
+
+/** Only what was filled in: what is absent is true of every vehicle. */
+export function filterOf(draft: FilterDraft): VehicleFilter {
+  const since = draft.since ? new Date(draft.since) : null;
+  return {
+    ...(draft.picked.length > 0 ? { vehicle_ids: draft.picked } : {}),
+    ...(draft.name.trim() ? { name: draft.name.trim() } : {}),
+    ...(draft.rig.trim() ? { rig: draft.rig.trim() } : {}),
+    ...(since && !Number.isNaN(since.getTime()) ? { not_calibrated_since: since.toISOString() } : {}),
+    ...(draft.newPairs ? { new_pairs: true } : {}),
+  };
+}
+
+export function filterInWords(asked: FleetRequest["asked"]["vehicles"]): string {
+  const picked = asked.vehicle_ids?.length ?? 0;
+  const conditions = [
+    ...(asked.name ? [`named ${asked.name}`] : []),
+    ...(asked.rig ? [`with a rig ${asked.rig}`] : []),
+    ...(asked.not_calibrated_since ? [`not calibrated since ${moment(asked.not_calibrated_since)}`] : []),
+    ...(asked.new_pairs ? ["with newer pairs than published"] : []),
+  ].join(", ");
+  if (picked > 0) return `${counted(picked, "vehicle")} picked by hand${conditions ? `, ${conditions}` : ""}`;
+  return conditions ? `vehicles ${conditions}` : "all vehicles";
+}
+
+/** "270 done, 6 failed, 24 skipped": the states that somebody is in. */
+export function countsInWords(counts: Counts): string {
+  const parts = VEHICLE_STATES.filter((state) => counts[state] > 0).map((state) => `${counts[state]} ${state}`);
+  return parts.join(", ") || "no vehicle was due";
+}
+
+/** What a dry run says, in a sentence. */
+export function dryRunInWords(found: DryRun): string {
+  if (found.matched === 0) return "No vehicle is due: the filter leaves nobody now.";
+  const skipped = found.skipped > 0 ? `; ${found.skipped} would be skipped` : "";
+  const runs = found.calibrations > 0 ? ` in ${counted(found.runs, "run")}` : "";
+  const match = found.matched === 1 ? "matches" : "match";
+  return `${counted(found.matched, "vehicle")} ${match}: ${found.calibrations} would be calibrated${runs}${skipped}.`;
+}
+
+export interface Reason {
+  detail: string;
+  hint: string;
+  vehicles: string[];
+}
+
+/** The vehicles that would be skipped, by what is wrong with them; what most share comes first. */
+export function skippedByReason(skipped: DryRun["skipped_vehicles"]): Reason[] {
+  const reasons = new Map<string, Reason>();
+  for (const { vehicle, problem } of skipped) {
+    const detail = problem.detail ?? problem.code ?? "";
+    const reason = reasons.get(detail) ?? { detail, hint: problem.hint ?? "", vehicles: [] };
+    reason.vehicles.push(vehicle);
+    reasons.set(detail, reason);
+  }
+  return [...reasons.values()].sort((a, b) => b.vehicles.length - a.vehicles.length);
+}
+
+/** A camera's outcome: model, error, and what became of the publication where one was asked for. */
+export function outcomeInWords(camera: string, found: CameraOutcome): string {
+  const error =
+    found.heldout_mean_px !== null
+      ? `${fixed(found.heldout_mean_px)} px held out`
+      : `${fixed(found.mean_px)} px on fitted pairs`;
+  const fitted = found.model ? `${found.model}, ${error}` : "no model recommended";
+  return `${camera}: ${fitted}${found.published ? ", published" : ""}`;
+}
+
+export type FormPart = "vehicles" | "calibration" | "request";
+
+/** The part of the form that a refusal is about. */
+export function partOf(problem: ApiProblem): FormPart {
+  if (["no_vehicle_matches", "unknown_vehicle"].includes(problem.code)) return "vehicles";
+  if (problem.status !== 422 || problem.code === "fleet_request_too_large") return "request";
+  const field = problem.fields[0]?.field ?? "";
+  if (field.startsWith("vehicles")) return "vehicles";
+  // The pairs are chosen by the service: what else it refuses is an option.
+  return "calibration";
+}

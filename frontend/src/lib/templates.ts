@@ -1,0 +1,35 @@
+/** What a calibration is asked to fit: as a form begins, and as people read it. */
+
+import { MODELS, type CalibrationTemplate } from "./api/types/calibrations.ts";
+import { counted, words } from "./format.ts";
+
+export const newTemplate = (): CalibrationTemplate => ({
+  models: [...MODELS],
+  preset: "default",
+  search: null,
+  loss: "mean",
+  outliers: "keep",
+  bounds_preset: null,
+  intrinsics_from: "bounds",
+  folds: 5,
+  farm: "auto",
+  seed: null,
+  publish: "none",
+});
+
+/** The models, and every option that is not the usual one. */
+export function templateInWords(asked: Partial<CalibrationTemplate>): string {
+  const usual = newTemplate();
+  const parts = [(asked.models ?? usual.models).join(", ")];
+  if (asked.preset && asked.preset !== usual.preset) parts.push(`preset ${asked.preset}`);
+  if (asked.search) parts.push(words(asked.search));
+  if (asked.bounds_preset) parts.push(`bounds ${asked.bounds_preset}`);
+  if (asked.intrinsics_from === "recording") parts.push("focal lengths near the recording's");
+  if (asked.loss && asked.loss !== usual.loss) parts.push(`${asked.loss} loss`);
+  if (asked.outliers === "exclude") parts.push("outliers excluded");
+  const folds = asked.folds ?? usual.folds;
+  parts.push(folds === 0 ? "nothing held out" : counted(folds, "fold"));
+  if (typeof asked.seed === "number") parts.push(`seed ${asked.seed}`);
+  if (asked.publish === "recommended") parts.push("recommended results published");
+  return parts.join("; ");
+}
