@@ -7,8 +7,11 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
+from uuid import UUID
 
 import redis
 from sqlalchemy import select
@@ -20,6 +23,7 @@ from apexcal.embedded.folder import DataFolder
 from service.db.jobs import Worker
 from service.db.migrate import upgrade
 from service.db.session import Database
+from service.events.hints import channel
 from tests.faults.farm import free_port
 from tests.support.postgres import Postgres
 from tests.support.processes import start, stop, wait_until
@@ -91,6 +95,14 @@ class House:
     def broker_url(self) -> str:
         """Celery's URL of the broker."""
         return f"redis+socket://{self.folder.socket}?virtual_host=0"
+
+    @contextmanager
+    def changes(self, fleet_id: str) -> Iterator[Callable[[float], object]]:
+        """What waits for the next hint of the fleet, or for so many seconds: a wait that costs nothing meanwhile."""
+        with redis.Redis(unix_socket_path=str(self.folder.socket)) as client, client.pubsub() as hints:
+            hints.subscribe(channel(UUID(fleet_id)))
+            hints.get_message(timeout=5.0)
+            yield lambda timeout_s: hints.get_message(timeout=timeout_s)
 
     def broker_calls(self) -> int:
         """How many commands the broker has done so far."""

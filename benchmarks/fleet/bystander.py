@@ -6,21 +6,23 @@ import threading
 import time
 from typing import Any
 
-from apexcal.client import Client
 from benchmarks.accuracy.rigs import Rig
 from benchmarks.fleet.vehicles import bring
+from benchmarks.house import House
 
-_LOOK_S = 0.02
+# A hint may be lost.
+_LOOK_S = 0.5
 
 
 class Bystander:
     """One vehicle of a fleet of its own; every request is the same work, bit for bit."""
 
-    def __init__(self, client: Client, rig: Rig, calibration: dict[str, Any]) -> None:
-        self._client = client
+    def __init__(self, house: House, rig: Rig, calibration: dict[str, Any]) -> None:
+        self._house = house
+        self._client = client = house.client
         self._calibration = calibration
-        fleet = client.fleets.create("bystander")
-        (self._vehicle,) = bring(client, fleet["id"], [rig])
+        self._fleet: str = client.fleets.create("bystander")["id"]
+        (self._vehicle,) = bring(client, self._fleet, [rig])
         (described,) = client.vehicles.rigs(self._vehicle)
         (pairs,) = client.correspondence_sets.list(described["id"])
         self._pairs = pairs["id"]
@@ -29,13 +31,14 @@ class Bystander:
 
     def ask(self) -> float:
         """Ask for the calibration and wait for its end; the seconds that it took."""
-        began = time.perf_counter()
-        work = self._client.calibrations.create(self._vehicle, [self._pairs], **self._calibration)
-        while work["state"] in ("queued", "running"):
-            time.sleep(_LOOK_S)
-            work = self._client.calibrations.get(work["id"])
-        assert work["state"] == "done", work
-        return time.perf_counter() - began
+        with self._house.changes(self._fleet) as change:
+            began = time.perf_counter()
+            work = self._client.calibrations.create(self._vehicle, [self._pairs], **self._calibration)
+            while work["state"] in ("queued", "running"):
+                change(_LOOK_S)
+                work = self._client.calibrations.get(work["id"])
+            assert work["state"] == "done", work
+            return time.perf_counter() - began
 
     def begin(self) -> None:
         """Ask from a thread of its own; the time it takes goes to ``seconds``."""
