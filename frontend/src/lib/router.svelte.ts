@@ -6,7 +6,7 @@ export type Route =
   | { page: "vehicle"; id: string }
   | { page: "recording"; id: string }
   | { page: "marking"; detection: string; camera: string }
-  | { page: "calibration"; id: string }
+  | { page: "calibration"; id: string; show: string | null }
   | { page: "fleet-requests"; fleet: string }
   | { page: "fleet-request"; id: string; state: string | null }
   | { page: "unknown" };
@@ -25,7 +25,7 @@ export function routeOf(url: URL): Route {
   if (first === "fleets") return { page: "home", fleet: second };
   if (first === "vehicles") return { page: "vehicle", id: second };
   if (first === "recordings") return { page: "recording", id: second };
-  if (first === "calibrations") return { page: "calibration", id: second };
+  if (first === "calibrations") return { page: "calibration", id: second, show: url.searchParams.get("show") };
   if (first === "fleet-requests") return { page: "fleet-request", id: second, state: url.searchParams.get("state") };
   return { page: "unknown" };
 }
@@ -68,3 +68,9 @@ export const router = new Router();
 
 export const markingPath = (detection: string, camera: string): string =>
   `/detections/${detection}/mark?camera=${encodeURIComponent(camera)}`;
+
+/** What a calibration's page shows where it is no camera: no camera has a name with a slash. */
+export const RIG = "/rig";
+
+export const calibrationPath = (id: string, show: string): string =>
+  `/calibrations/${id}?show=${encodeURIComponent(show)}`;

@@ -1,0 +1,34 @@
+/** What a calibration came to, in a line. */
+
+import type { CalibrationSummary, CameraSummary, ModelSummary } from "./api/types/calibrations.ts";
+import { fixed } from "./format.ts";
+
+/** Each camera's recommended model with its error. */
+export function outcomeOf(summary: CalibrationSummary | null): string {
+  return Object.entries(summary?.cameras ?? {})
+    .map(([camera, found]) => {
+      const chosen = recommended(found);
+      return `${camera}: ${found.recommended ?? "none"}${chosen ? ` ${errorOf(chosen)}` : ""}`;
+    })
+    .join("; ");
+}
+
+export const recommended = (found: CameraSummary): ModelSummary | undefined =>
+  found.recommended ? found.models[found.recommended] : undefined;
+
+/** The held-out error where pairs were held out; else that of the fitted ones. */
+export function errorOf({ heldout_mean_px, polished }: ModelSummary): string {
+  if (typeof heldout_mean_px === "number") return `${fixed(heldout_mean_px)} px held out`;
+  return `${fixed(polished?.mean_px)} px on fitted pairs, none held out`;
+}
+
+/** Notes that say the same of several cameras ("front: …", "left: …"), said once ("front, left: …"). */
+export function mergedNotes(notes: readonly string[], cameras: readonly string[]): string[] {
+  const of = new Map<string, string[]>();
+  for (const note of notes) {
+    const camera = cameras.find((name) => note.startsWith(`${name}: `));
+    const said = camera === undefined ? note : note.slice(camera.length + 2);
+    of.set(said, [...(of.get(said) ?? []), ...(camera === undefined ? [] : [camera])]);
+  }
+  return [...of].map(([said, names]) => (names.length > 0 ? `${names.join(", ")}: ${said}` : said));
+}
