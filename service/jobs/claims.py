@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from service.db.session import Database
 from service.jobs.history import ATTEMPT, note
 from service.jobs.losses import lose
 from service.jobs.parents import tell_parent
-from service.jobs.queue import release
+from service.jobs.queue import QUEUE_OF_KIND, release
 from service.settings import get_settings
 
 log = logging.getLogger(__name__)
@@ -34,6 +34,7 @@ _LONGER = 4
 _CLAIM = (
     update(Job)
     .where(Job.id == bindparam("job"), Job.state == "queued", ~Job.cancel_requested)
+    .where(Job.kind.in_(bindparam("kinds", expanding=True)))
     .values(
         state="running",
         attempt=Job.attempt + 1,
@@ -85,9 +86,15 @@ class Claim:
     request_id: str | None
 
 
-def claim(database: Database, job_id: int, worker: str) -> Claim | None:
-    """Take a queued job for one lease, or None: a twin message, a cancelled job, a job that is done."""
-    asked = {"job": job_id, "by": worker, "lease_s": get_settings().lease_s}
+def claim(
+    database: Database, job_id: int, worker: str, kinds: Collection[str] = tuple(QUEUE_OF_KIND)
+) -> Claim | None:
+    """Take a queued job for one lease, or None: a twin message, a cancelled job, a job that is done.
+
+    ``kinds``: what this worker can do. While versions overlap there are jobs that only the newer workers know; an
+    older one leaves them in the queue, and the sweep sends them again until one who knows them looks.
+    """
+    asked = {"job": job_id, "by": worker, "kinds": list(kinds), "lease_s": get_settings().lease_s}
     with database.alone() as connection:
         row = connection.execute(_CLAIM, asked).one_or_none()
     return Claim(*row) if row else None

@@ -116,9 +116,12 @@ def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:
 
 def abandon(session: Session, subject_ids: Iterable[UUID]) -> None:
     """End these subjects' jobs because the subjects themselves are being deleted: no parent hears of it."""
+    unended = select(Job.id).where(Job.subject_id.in_(list(subject_ids)), Job.state.in_(_UNENDED))
+    # In one order: two deletions may share jobs.
+    locked = session.scalars(unended.order_by(Job.id).with_for_update()).all()
     ended = session.execute(
         update(Job)
-        .where(Job.subject_id.in_(list(subject_ids)), Job.state.in_(_UNENDED))
+        .where(Job.id.in_(locked))
         .values(state="cancelled", finished_at=now(), lease_until=None)
         .returning(*ATTEMPT)
         .execution_options(synchronize_session=False)

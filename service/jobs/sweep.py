@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import time
 from collections.abc import Callable
 
 from sqlalchemy import ColumnElement, func, select, update
@@ -76,19 +77,35 @@ def _spread_cancels(session: Session) -> None:
 
 
 def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], None]) -> None:
-    """Decide every matching job in a transaction of its own, its row locked and looked at again."""
-    with database.reading() as session:
-        found = session.scalars(select(Job.id).where(which).order_by(Job.id).limit(_BATCH)).all()
-    for job_id in found:
-        try:
-            with database.writing() as session:
-                again = select(Job).where(Job.id == job_id, which).with_for_update(skip_locked=True)
-                job = session.scalars(again).one_or_none()
-                if job:
-                    decide(session, job)
-        except Exception:
-            # One job that cannot be decided must not keep the sweep from all the others.
-            log.exception("the sweep could not decide job %d", job_id)
+    """Decide every matching job, oldest first, in a transaction of its own: its row locked and looked at again.
+
+    Stops when the next sweep is due twice over, so that thousands of cancelled jobs keep nobody from the others.
+    """
+    end = time.monotonic() + 2 * get_settings().sweep_s
+    last = 0
+    while time.monotonic() < end:
+        with database.reading() as session:
+            oldest = select(Job.id).where(which, Job.id > last).order_by(Job.id)
+            found = session.scalars(oldest.limit(_BATCH)).all()
+        if not found:
+            return
+        last = found[-1]
+        for job_id in found:
+            _decide(database, job_id, which, decide)
+
+
+def _decide(
+    database: Database, job_id: int, which: ColumnElement[bool], decide: Callable[[Session, Job], None]
+) -> None:
+    try:
+        with database.writing() as session:
+            again = select(Job).where(Job.id == job_id, which).with_for_update(skip_locked=True)
+            job = session.scalars(again).one_or_none()
+            if job:
+                decide(session, job)
+    except Exception:
+        # One job that cannot be decided must not keep the sweep from all the others.
+        log.exception("the sweep could not decide job %d", job_id)
 
 
 def _recover(session: Session, job: Job) -> None:

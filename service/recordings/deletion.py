@@ -33,6 +33,9 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     ).all()
     abandon(session, _subjects(session, recording_id))
     calibrations = _calibrations(session, recording_id)
+    # In one order: two recordings of one vehicle share calibrations, and may be deleted at the same moment.
+    shared = select(Calibration.id).where(Calibration.id.in_(calibrations)).order_by(Calibration.id)
+    session.execute(shared.with_for_update()).all()
     if not with_published:
         _refuse_in_use(session, calibrations)
     keys = [

@@ -48,7 +48,7 @@ _TRY_AGAIN_S = 2.0
 
 def run_job(context: Context, job_id: int) -> None:
     """Claim a job, do it under its lease, and end it as done, failed or cancelled; or give it back."""
-    held = None if is_draining() else claim(context.database, job_id, context.worker)
+    held = None if is_draining() else claim(context.database, job_id, context.worker, WORK)
     if held is None:
         return
     with working_for(held.request_id), about(job=held.job_id, kind=held.kind, attempt=held.attempt):

@@ -42,6 +42,13 @@ def test_a_job_is_claimed_once_however_many_messages_arrive(database):
     assert job(database, job_id).attempt == 1
 
 
+def test_a_worker_leaves_alone_what_only_newer_ones_know(database):
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    assert claim(database, job_id, "older", ("ingest", "detect")) is None
+    assert (job(database, job_id).state, job(database, job_id).attempt) == ("queued", 0)
+    assert claim(database, job_id, "newer", ("ingest", "detect", "solve"))
+
+
 def test_the_finish_writes_results_and_ends_the_job_in_one_transaction(database):
     _, (run_id,) = make_calibration(database)
     (job_id,) = make_jobs(database, make_fleet(database, "other"), 1, run_id)

@@ -36,6 +36,24 @@ def test_an_expired_lease_is_queued_and_sent_again_at_once(database, store):
     assert postbox.ids == [job_id]
 
 
+def test_jobs_that_cannot_be_decided_keep_the_sweep_from_no_other(database, store, monkeypatch):
+    monkeypatch.setattr(sweep_module, "_BATCH", 2)
+    *stuck, last = make_jobs(database, make_fleet(database), 4)
+    recover = sweep_module._recover
+
+    def decide(session, row):
+        if row.id in stuck:
+            raise RuntimeError
+        recover(session, row)
+
+    monkeypatch.setattr(sweep_module, "_recover", decide)
+    for job_id in [*stuck, last]:
+        claim(database, job_id, "w")
+        let_lease_expire(database, job_id)
+    sweep(database, store)
+    assert states(database) == ["running"] * 3 + ["queued"]
+
+
 def test_a_live_lease_is_left_alone(database, store):
     (job_id,) = make_jobs(database, make_fleet(database), 1)
     claim(database, job_id, "w")
