@@ -3,7 +3,8 @@
 The store is held first, then the database's snapshot is taken, then the objects are copied: what a row of the
 snapshot names was there when the hold began to bind, and is removed only after it ends. The service goes on working.
 
-An object that the store lost or changed does not keep the others from being backed up: the manifest names it.
+An object that the store lost or changed, or cannot read, does not keep the others from being backed up: the manifest
+names it.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ import hashlib
 import json
 import os
 import shutil
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import mkdtemp
@@ -27,6 +28,7 @@ from sqlalchemy import Connection, select
 from service.admin.errors import AdminError
 from service.admin.holding import holding
 from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, TABLES, BlobFile, Damaged, Manifest, table_path
+from service.admin.retrying import retried
 from service.admin.rows import TableFile, digest, write_table
 from service.db.clock import now, utc_now
 from service.db.jobs import Heartbeat
@@ -34,12 +36,14 @@ from service.db.migrate import newest
 from service.db.models import Base
 from service.db.recordings import Blob
 from service.db.session import Database
-from service.storage.errors import MissingBlobError
+from service.storage.errors import MissingBlobError, StoreUnavailableError
 from service.storage.store import Store
 
 # What only says how the service is at this moment.
 TRANSIENT = frozenset(("heartbeat", "worker", "blob_hold"))
 _COPIES_AT_ONCE = 4
+# So many unreadable objects in a row are no bad sectors: the store is away, and a backup of the rest is none.
+_AWAY = 8
 
 Report = Callable[[str], None]
 
@@ -62,7 +66,7 @@ class _Copied(NamedTuple):
 def back_up(database: Database, store: Store, target: Path, *, report: Report = lambda _: None) -> Manifest:
     """Write a backup into the new folder ``target``.
 
-    Raises :class:`AdminError` where the folder exists.
+    Raises :class:`AdminError` where the folder exists, :class:`StoreUnavailableError` where no object can be read.
     """
     if target.exists():
         raise AdminError(f"{target} exists already", "Name a folder that does not exist; each backup has its own.")
@@ -125,30 +129,66 @@ def _rows(database: Database, staged: Path, report: Report) -> tuple[list[TableF
 
 def _copy(store: Store, named: list[_Named], staged: Path, report: Report) -> tuple[list[BlobFile], list[Damaged]]:
     (staged / BLOBS).mkdir()
+    copies = _Copies(store, staged)
     with ThreadPoolExecutor(_COPIES_AT_ONCE) as pool:
-        copied = list(pool.map(partial(_copy_one, store, staged), named))
+        copied = list(pool.map(copies.make, named))
+    if named and copies.unreadable == len(named):
+        raise StoreUnavailableError
     files = [one.file for one in copied if one.file]
     damaged = [Damaged(blob.key, one.damage) for blob, one in zip(named, copied, strict=True) if one.damage]
     report(f"{len(files)} objects, {sum(file.size for file in files)} bytes")
     return files, damaged
 
 
-def _copy_one(store: Store, staged: Path, named: _Named) -> _Copied:
-    """Copy what is there, also where it is not what it should be: a restore brings back no less than there was."""
-    path = BlobFile(named.key, named.size, "").path(staged)
-    path.parent.mkdir(parents=True, exist_ok=True)
+class _Copies:
+    """Copies of objects in the backup's folder; several threads make them."""
+
+    def __init__(self, store: Store, staged: Path) -> None:
+        self._store = store
+        self._staged = staged
+        self._guard = threading.Lock()
+        self._in_a_row = 0
+        self.unreadable = 0
+
+    def make(self, named: _Named) -> _Copied:
+        """Copy what is there, also where it is not what it should be: a restore brings back no less than there was.
+
+        Raises :class:`StoreUnavailableError` where nothing has been readable for a while.
+        """
+        path = BlobFile(named.key, named.size, "").path(self._staged)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            sha256 = retried(lambda: _fetch(self._store, named.key, path))
+        except MissingBlobError:
+            path.unlink(missing_ok=True)
+            return self._counted(_Copied(None, "missing"))
+        except StoreUnavailableError:
+            path.unlink(missing_ok=True)
+            return self._counted(_Copied(None, "not readable: the store fails on it"), readable=False)
+        return self._counted(_compared(named, BlobFile(named.key, path.stat().st_size, sha256)))
+
+    def _counted(self, copied: _Copied, *, readable: bool = True) -> _Copied:
+        with self._guard:
+            self._in_a_row = 0 if readable else self._in_a_row + 1
+            self.unreadable += not readable
+            if self._in_a_row >= _AWAY:
+                raise StoreUnavailableError
+        return copied
+
+
+def _fetch(store: Store, key: str, path: Path) -> str:
+    """Write an object's bytes into a file, and return their SHA-256."""
     found = hashlib.sha256()
-    try:
-        with path.open("wb") as file:
-            for chunk in store.stream(named.key):
-                file.write(chunk)
-                found.update(chunk)
-            file.flush()
-            os.fsync(file.fileno())
-    except MissingBlobError:
-        path.unlink()
-        return _Copied(None, "missing")
-    copied = BlobFile(named.key, path.stat().st_size, found.hexdigest())
+    with path.open("wb") as file:
+        for chunk in store.stream(key):
+            file.write(chunk)
+            found.update(chunk)
+        file.flush()
+        os.fsync(file.fileno())
+    return found.hexdigest()
+
+
+def _compared(named: _Named, copied: BlobFile) -> _Copied:
     if copied.size != named.size:
         return _Copied(copied, f"{copied.size} bytes instead of {named.size}")
     if named.sha256 and copied.sha256 != named.sha256:

@@ -16,7 +16,7 @@ MANIFEST, BLOBS, BLOB_LIST, TABLES = "manifest.json", "blobs", "blobs.jsonl", "t
 
 @dataclass(frozen=True)
 class Damaged:
-    """An object that is not what its row says: the store had lost or changed it when the backup was made."""
+    """An object that is not what its row says: the store had lost, changed or could not read it for the backup."""
 
     key: str
     what: str
@@ -26,7 +26,7 @@ class Damaged:
 class Manifest:
     """``schema`` is the revision of the rows; ``blob_list`` the SHA-256 of the list of objects.
 
-    ``damaged`` are those that are missing, or in the backup as they were found.
+    ``damaged`` are those that are missing or were unreadable, or are in the backup as they were found.
     """
 
     format: int

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from sqlalchemy import Connection, func, inspect, select, text
@@ -11,6 +12,7 @@ from sqlalchemy.engine import make_url
 from service.admin.backup import TRANSIENT
 from service.admin.errors import AdminError
 from service.admin.manifest import BlobFile, Manifest, table_path, verify
+from service.admin.retrying import retried
 from service.admin.rows import read_table
 from service.db.migrate import revisions, upgrade
 from service.db.models import Base
@@ -40,7 +42,7 @@ def restore(url: str, store: Store, folder: Path, *, report: Report = lambda _: 
         _refuse_rows(database)
         store.prepare()
         for blob in blobs:
-            store.put_file(blob.key, blob.path(folder))
+            retried(partial(store.put_file, blob.key, blob.path(folder)))
         report(f"{len(blobs)} objects, {manifest.blob_bytes} bytes")
         with database.engine.execution_options(apexcal_writes=True).begin() as connection:
             _load(connection, manifest, folder, report)

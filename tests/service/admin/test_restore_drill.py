@@ -1,14 +1,18 @@
-"""The restore drill: back up while work runs, lose everything, restore elsewhere, serve, compare byte for byte."""
+"""The restore drill: back up while work runs, lose everything, restore elsewhere, serve, compare byte for byte.
+
+SQLite has a folder beside it and PostgreSQL a bucket, where it is backed up and where it is restored.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import pytest
@@ -26,11 +30,13 @@ from service.db.migrate import upgrade
 from service.db.models import Base, Blob, Job
 from service.db.session import Database
 from service.jobs.sweep import sweep
-from service.settings import Settings
+from service.settings import Settings, get_settings
+from service.storage.errors import StoreUnavailableError
 from service.storage.store import Store, open_store
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.support.people import Actor, Api, TestClient
 from tests.support.postgres import Postgres
+from tests.support.s3 import S3Server
 from tests.support.uploads import put_part
 from tests.support.work import work
 from workers.tasks.context import Context
@@ -112,14 +118,31 @@ def site(api: Api, walk: Path) -> Site:
 
 
 @pytest.fixture
-def elsewhere(tmp_path: Path, postgres: Postgres) -> Iterator[Callable[[str], Settings]]:
+def settings(settings: Settings, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Settings:
+    """The process's settings, with a fresh bucket beside PostgreSQL."""
+    if settings.database.startswith("sqlite"):
+        return settings
+    server: S3Server = request.getfixturevalue("s3_server")
+    for name, value in server.environment(server.make_bucket()).items():
+        monkeypatch.setenv(name, value)
+    get_settings.cache_clear()
+    return get_settings()
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, postgres: Postgres, s3_server: S3Server) -> Iterator[Callable[[str], Settings]]:
     """Settings of a new, empty place of each kind."""
 
     def make(kind: str) -> Settings:
         folder = tmp_path / f"elsewhere-{kind}-{uuid4().hex[:6]}"
-        url = f"sqlite:///{folder / 'apexcal.db'}" if kind == "sqlite" else postgres.create(f"drill_{uuid4().hex}")
         folder.mkdir()
-        return Settings(data_dir=folder, database_url=url, broker_url="redis+socket:///nowhere", min_free_bytes=0)
+        blobs: dict[str, Any] = {"blob_url": ""}
+        url = f"sqlite:///{folder / 'apexcal.db'}"
+        if kind == "postgresql":
+            blobs = s3_server.settings(s3_server.make_bucket())
+            url = postgres.create(f"drill_{uuid4().hex}")
+        fixed = {"broker_url": "redis+socket:///nowhere", "min_free_bytes": 0}
+        return Settings(data_dir=folder, database_url=url, **fixed, **blobs)
 
     yield make
 
@@ -190,8 +213,8 @@ def _wreck(context: Context) -> None:
     with context.database.writing() as session:
         for table in reversed(Base.metadata.sorted_tables):
             session.execute(table.delete())
-    assert context.store.folder
-    shutil.rmtree(context.store.folder)
+    for found in list(context.store.list()):
+        context.store.delete(found.key)
 
 
 def _small_backup(settings: Settings, target: Path) -> tuple[Database, Store, str]:
@@ -230,7 +253,7 @@ def test_what_the_store_lost_or_changed_is_named_and_all_else_is_backed_up(
             "recordings/changed: not the bytes that were stored: the SHA-256 differs",
             "recordings/cut: 3 bytes instead of 6",
             "recordings/lost: missing",
-            "apexcal admin: the store had lost or changed 3 objects when this was backed up.",
+            "apexcal admin: the store had lost, changed or could not read 3 objects when this was backed up.",
         ]
     assert "All else is backed up" in made.stderr and "is whole" in checked.stdout
     assert typed("restore", "--check", str(tmp_path / "one")).exit_code == 0
@@ -241,6 +264,39 @@ def test_what_the_store_lost_or_changed_is_named_and_all_else_is_backed_up(
     assert brought == {whole: b"frames", **kept}, "no less than there was"
     database.close()
     assert [one.name for one in tmp_path.glob("*partial*")] == ["two.partial"], "nothing half done"
+
+
+@pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+def test_what_cannot_be_read_is_tried_again_then_named(settings: Settings, tmp_path: Path, monkeypatch) -> None:
+    database, store, _ = _small_backup(settings, tmp_path / "one")
+    assert store.folder
+    keys = [f"recordings/{number:02}" for number in range(20)]
+    files = [store.folder / key for key in keys]
+    with database.writing() as session:
+        session.add_all(Blob(key=key, state="stored", size=1) for key in keys)
+    for file in files:
+        file.symlink_to(file)  # reading it fails: too many levels of links
+    guard, whole = threading.Lock(), tmp_path / "whole"
+
+    def pause(seconds: float) -> None:
+        """All but one can be read after the first failure."""
+        with guard:
+            for file in files[1:]:
+                whole.write_bytes(b"x")
+                whole.replace(file)
+
+    monkeypatch.setattr("service.admin.retrying.time.sleep", pause)
+    found = back_up(database, store, tmp_path / "two")
+    assert [(one.key, one.what) for one in found.damaged] == [(keys[0], "not readable: the store fails on it")]
+    assert found.blobs == len(verify(tmp_path / "two")[1]) == 20
+    for file in files:
+        file.unlink()
+        file.symlink_to(file)
+    monkeypatch.setattr("service.admin.retrying.time.sleep", lambda seconds: None)
+    with pytest.raises(StoreUnavailableError):  # so many in a row are no bad sectors
+        back_up(database, store, tmp_path / "three")
+    database.close()
+    assert not (tmp_path / "three").exists()
 
 
 def test_a_damaged_backup_restores_nothing(
