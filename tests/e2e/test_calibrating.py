@@ -1,13 +1,21 @@
-"""From correspondences to a published calibration, in a browser."""
+"""From correspondences to a published calibration, and a fleet's calibrations in one request, in a browser."""
 
 import re
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from uuid import UUID
 
 import cv2
 import numpy as np
 from playwright.sync_api import Page, expect
+from sqlalchemy import select
 
+from service.db.models import Calibration, CalibrationRun, Job
+from service.db.session import Database
 from tests.e2e.conftest import Track
+from tests.faults.jobs import LEVEL_RIG, SLOW, pairs
+from tests.support.work import lose_every_worker
 
 NOISE_PX = 0.5
 
@@ -51,3 +59,85 @@ def test_an_engineer_calibrates_and_publishes(sign_in: Callable[[str, str], Page
     expect(publish).to_have_count(0)
     current = track.owner.calibrations.current(track.vehicle_id, "front")
     assert current["model"] == "brown_conrady"
+
+
+def add_cart(track: Track, name: str, count: int) -> tuple[str, str]:
+    """A vehicle with this many pairs; its id and that of its set."""
+    vehicle = track.owner.vehicles.create(track.fleet_id, name)
+    rig = track.owner.vehicles.create_rig(vehicle["id"], LEVEL_RIG)
+    made = track.owner.correspondence_sets.import_pairs(rig["id"], "front", pairs(count))
+    return vehicle["id"], made["id"]
+
+
+def jobs_of(database: Database, vehicle_id: str) -> list[int]:
+    """The waiting jobs of a vehicle's calibrations."""
+    with database.reading() as session:
+        return list(
+            session.scalars(
+                select(Job.id)
+                .join(CalibrationRun, CalibrationRun.id == Job.subject_id)
+                .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
+                .where(Calibration.vehicle_id == UUID(vehicle_id), Job.state == "queued")
+            )
+        )
+
+
+def ask_for_the_carts(page: Page, models: int, folds: int) -> None:
+    """Fill in the form, look at what it would come to, and ask."""
+    page.get_by_role("button", name="New fleet request").click()
+    page.get_by_label("Vehicle's name").fill("cart *")
+    expect(page.get_by_role("group", name="Which vehicles").get_by_role("alert")).to_contain_text("matches none")
+    expect(page.get_by_role("button", name="Calibrate")).to_be_disabled()
+    page.get_by_label("Vehicle's name").fill("Cart *")
+    for box in page.get_by_role("group", name="What is fitted").get_by_role("checkbox").all()[models:]:
+        box.uncheck()
+    page.get_by_text("Options", exact=True).click()
+    page.get_by_label("Folds").fill(str(folds))
+    runs = 2 * models * (folds + 1)
+    would = f"3 vehicles match: 2 would be calibrated in {runs} runs; 1 would be skipped."
+    expect(page.get_by_role("status")).to_have_text(would)
+    page.get_by_text("Who would be skipped").click()
+    expect(page.get_by_text("front has 5 pairs")).to_be_visible()
+    page.get_by_role("button", name="Calibrate 2 vehicles").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Calibration of 3 vehicles")
+
+
+def test_a_fleet_is_asked_for_and_one_vehicle_fails(
+    sign_in: Callable[[str, str], Page], track: Track, served: dict[str, Any]
+) -> None:
+    first, first_set = add_cart(track, "Cart 1", 40)
+    second, _ = add_cart(track, "Cart 2", 40)
+    add_cart(track, "Cart 3", 5)
+    # Keeps the only worker until the second cart has lost all of its own.
+    slow = track.owner.calibrations.create(first, [first_set], models=["pinhole"], folds=0, schedule=SLOW)
+    page = sign_in("Mia", "engineer")
+    page.get_by_role("link", name="Fleet requests").click()
+    ask_for_the_carts(page, models=1, folds=0)
+    database = Database(f"sqlite:///{Path(served['owner_token_file']).parent / 'apexcal.db'}")
+    for job_id in jobs_of(database, second):
+        lose_every_worker(database, job_id)
+    database.close()
+    track.owner.calibrations.cancel(slow["id"])
+
+    # Nobody reloads; and a vehicle that failed is an outcome, no alarm.
+    expect(page.get_by_role("status")).to_have_text("1 done, 1 failed, 1 skipped.", timeout=20_000)
+    expect(page.get_by_text("done with failures")).to_be_visible()
+    expect(page.get_by_role("alert")).to_have_count(0)
+    page.get_by_role("link", name="1 failed").click()
+    expect(page.get_by_role("row")).to_have_count(2)
+    expect(page.get_by_role("row").last).to_contain_text(
+        re.compile("Cart 2.*worker died.*Ask for it again", re.DOTALL)
+    )
+    page.get_by_role("button", name="Calibrate the failed again").click()
+    expect(page.get_by_role("status")).to_have_text("2 done, 1 skipped.", timeout=20_000)
+    page.get_by_role("link", name="All 3").click()
+    page.get_by_role("link", name="Calibration of Cart 2").click()
+    expect(page.get_by_role("link", name="Cart 2")).to_be_visible()
+    page.go_back()
+
+    page.get_by_role("link", name="Test track: fleet requests").click()
+    expect(page.get_by_role("row").last).to_contain_text(re.compile("Mia.*Cart.*2 done, 1 skipped", re.DOTALL))
+    ask_for_the_carts(page, models=3, folds=5)
+    page.on("dialog", lambda asked: asked.accept())
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_role("status")).to_have_text(re.compile("[12] cancelled, 1 skipped"), timeout=20_000)

@@ -9,7 +9,7 @@ import {
   type FleetRequest,
   type VehicleFilter,
 } from "./api/types/fleet_requests.ts";
-import { counted, fixed, moment } from "./format.ts";
+import { compact, counted, fixed, moment } from "./format.ts";
 
 export interface FilterDraft {
   name: string;
@@ -49,17 +49,17 @@ export function filterInWords(asked: FleetRequest["asked"]["vehicles"]): string 
 
 /** "270 done, 6 failed, 24 skipped": the states that somebody is in. */
 export function countsInWords(counts: Counts): string {
-  const parts = VEHICLE_STATES.filter((state) => counts[state] > 0).map((state) => `${counts[state]} ${state}`);
+  const parts = VEHICLE_STATES.filter((state) => counts[state] > 0).map((state) => `${compact(counts[state])} ${state}`);
   return parts.join(", ") || "no vehicle was due";
 }
 
 /** What a dry run says, in a sentence. */
 export function dryRunInWords(found: DryRun): string {
   if (found.matched === 0) return "No vehicle is due: the filter leaves nobody now.";
-  const skipped = found.skipped > 0 ? `; ${found.skipped} would be skipped` : "";
+  const skipped = found.skipped > 0 ? `; ${compact(found.skipped)} would be skipped` : "";
   const runs = found.calibrations > 0 ? ` in ${counted(found.runs, "run")}` : "";
   const match = found.matched === 1 ? "matches" : "match";
-  return `${counted(found.matched, "vehicle")} ${match}: ${found.calibrations} would be calibrated${runs}${skipped}.`;
+  return `${counted(found.matched, "vehicle")} ${match}: ${compact(found.calibrations)} would be calibrated${runs}${skipped}.`;
 }
 
 export interface Reason {

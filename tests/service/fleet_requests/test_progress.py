@@ -16,7 +16,7 @@ from service.jobs.claims import claim, finishing
 from service.jobs.messages import COURIER
 from service.jobs.sweep import sweep
 from service.settings import get_settings
-from tests.support.work import work
+from tests.support.work import lose_every_worker, work
 from workers.tasks.running import run_job
 
 from .conftest import Vans
@@ -31,16 +31,6 @@ def job_of(context, van) -> int:
             .where(Calibration.vehicle_id == UUID(van["vehicle"]))
             .order_by(Job.id.desc())
         ).first()
-
-
-def lose_every_worker(context, job_id: int) -> None:
-    """As if each worker that tried the job had died."""
-    held = claim(context.database, job_id, "dying")
-    assert held is not None
-    with context.database.writing() as session:
-        losses = {"lost": get_settings().max_lost_leases - 1, "lease_until": now(-1)}
-        session.execute(update(Job).where(Job.id == job_id).values(losses))
-    sweep(context.database, context.store)
 
 
 def counts(request) -> dict[str, int]:
@@ -58,7 +48,8 @@ def test_one_vehicle_may_fail_be_skipped_or_be_retried_and_the_rest_is_done(vans
     assert vans.states(asked, state="running") == {"van 1": "running"}
     with context.database.writing() as session:
         session.execute(update(Job).where(Job.id == held.job_id).values(state="queued"))
-    lose_every_worker(context, job_of(context, made["van 3"]))
+    lose_every_worker(context.database, job_of(context, made["van 3"]))
+    sweep(context.database, context.store)
     seen = vans.read(asked)
     assert counts(seen) == {"matched": 6, "queued": 4, "failed": 1, "skipped": 1} and seen["state"] == "running"
     work(context)
@@ -169,7 +160,8 @@ def test_a_cancel_beside_a_retry_also_ends_what_the_retry_began(vans: Vans, cont
     van = vans.add("van")
     vans.add("other")
     asked = vans.ask().json()
-    lose_every_worker(context, job_of(context, van))
+    lose_every_worker(context.database, job_of(context, van))
+    sweep(context.database, context.store)
 
     def cancel() -> None:
         with context.database.writing() as session:

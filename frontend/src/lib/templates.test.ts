@@ -1,0 +1,19 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import type { CalibrationTemplate } from "./api/types/calibrations.ts";
+import { newTemplate, templateInWords } from "./templates.ts";
+
+test("what is as usual is not said, but models and folds are", () => {
+  assert.equal(templateInWords(newTemplate()), "pinhole, brown_conrady, kannala_brandt; 5 folds");
+});
+
+test("what was chosen is said", () => {
+  const asked: CalibrationTemplate = {
+    ...newTemplate(),
+    ...{ models: ["pinhole"], preset: "paper", search: "euler", folds: 0, seed: 0, publish: "recommended" },
+  };
+  assert.equal(
+    templateInWords(asked),
+    "pinhole; preset paper; euler; nothing held out; seed 0; recommended results published",
+  );
+});
