@@ -20,6 +20,7 @@ from tests.support.people import Api, TestClient
 from tests.support.postgres import Postgres
 from tests.support.processes import wait_until
 from tests.support.s3 import S3Server
+from tests.support.side_by_side import pytest_collection_modifyitems, pytest_xdist_make_scheduler  # noqa: F401
 
 _DATABASE = "apexcal"
 

@@ -1,0 +1,47 @@
+"""Which tests run on one process of `pytest -n`, and in which order, so that no processor is idle at the end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from xdist.scheduler.loadfile import LoadFileScheduling
+
+# Starting a service costs more than most of what is asked of it: whoever shares one stays together. Farms mostly wait
+# for processes to start and for leases to end, so they come one after the other, beside tests that compute.
+_TOGETHER = (("tests/faults/", "tests/operations/", "tests/integration/"), ("tests/apexcal/",), ("tests/e2e/",))
+
+# First who compiles the solver's kernels, which everybody else then finds beside their source; meanwhile who needs
+# none. Then what is long, so that what is short fills up the end.
+_FIRST = (
+    "tests/workers/solver/test_limits.py",
+    "tests/service/auth/",
+    "tests/service/annotations/",
+    *(folder for folders in _TOGETHER for folder in folders),
+)
+
+
+class SideBySide(LoadFileScheduling):
+    """`--dist loadfile`, where some folders count as one file."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        for folders in _TOGETHER:
+            if nodeid.startswith(folders):
+                return folders[0]
+        return super()._split_scope(nodeid)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> SideBySide | None:
+    """Only where a file's tests shall stay together anyway."""
+    if config.getoption("dist") != "loadfile":
+        return None
+    config.option.loadscopereorder = False  # by their number of tests
+    return SideBySide(config, log)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put them into that order, on every process alike."""
+    items.sort(
+        key=lambda item: next((n for n, name in enumerate(_FIRST) if item.nodeid.startswith(name)), len(_FIRST))
+    )
