@@ -9,3 +9,7 @@ class AdminError(Exception):
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message)
         self.hint = hint
+
+
+class WrongUsageError(AdminError):
+    """An argument that could name nothing, whatever the service holds."""

@@ -10,8 +10,7 @@ import typer
 from sqlalchemy import func, select
 
 from service.admin.errors import AdminError
-from service.admin.opening import JsonOption, opened, spoken, table
-from service.admin.people import as_uuid
+from service.admin.opening import JsonOption, as_id, opened, spoken, table
 from service.auth.expiry import remove_ended
 from service.db.clock import utc_now
 from service.db.fleets import Fleet
@@ -60,10 +59,14 @@ def set_end(
 ) -> None:
     """Set when a recording is deleted, or all of a fleet. A vehicle's current calibration keeps its recording."""
     end = utc_now() + timedelta(days=days) if days else None
-    with opened() as service, service.database.writing() as session:
+    if fleet:
         which = Recording.fleet_id.in_(select(Fleet.id).where(Fleet.name == recording))
-        asked = select(Recording).where(which if fleet else Recording.id == as_uuid(recording))
-        found = session.scalars(asked.with_for_update()).all()
+    else:
+        which = Recording.id == as_id(
+            recording, "recording", "For all recordings of a fleet, give its name and --fleet."
+        )
+    with opened() as service, service.database.writing() as session:
+        found = session.scalars(select(Recording).where(which).with_for_update()).all()
         if not found:
             what = f"no recording in a fleet called {recording!r}" if fleet else f"no recording {recording}"
             raise AdminError(f"there is {what}", "`apexcal admin retention show` lists the fleets.")

@@ -8,12 +8,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from typing import Annotated, Any, ParamSpec
+from uuid import UUID
 
 import typer
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
-from service.admin.errors import AdminError
+from service.admin.errors import AdminError, WrongUsageError
 from service.db.migrate import is_older, newest
 from service.db.session import Database
 from service.jobs.messages import COURIER, Sender
@@ -73,12 +74,14 @@ def _refuse_other_schema(database: Database) -> None:
 
 
 def spoken(command: Callable[P, Any]) -> Callable[P, None]:
-    """A command whose faults are sentences on standard error, with exit code 1; 2 where the settings are wrong."""
+    """A command whose faults are sentences on standard error, with exit code 1; 2 for wrong usage or settings."""
 
     @wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
             command(*args, **kwargs)
+        except WrongUsageError as error:
+            _complain(str(error), error.hint, WRONG_USAGE)
         except AdminError as error:
             _complain(str(error), error.hint)
         except SQLAlchemyError as error:
@@ -99,6 +102,14 @@ def _complain(sentence: str, hint: str, code: int = FAILED) -> None:
     if hint:
         print(hint, file=sys.stderr)
     raise typer.Exit(code)
+
+
+def as_id(text: str, what: str, hint: str) -> UUID:
+    """An id as people copy it. Raises :class:`WrongUsageError` for what is none."""
+    try:
+        return UUID(text)
+    except ValueError:
+        raise WrongUsageError(f"{text!r} is no id of a {what}", hint) from None
 
 
 def table(rows: list[dict[str, Any]], columns: tuple[str, ...]) -> str:

@@ -51,7 +51,7 @@ def jobs(
 
 @spoken
 def job(
-    id: Annotated[int, typer.Argument(help="The job's number.", max=_LARGEST)],
+    id: Annotated[int, typer.Argument(help="The job's number.", min=1, max=_LARGEST)],
     as_json: JsonOption = False,
 ) -> None:
     """Show a job and what became of each attempt.
@@ -83,7 +83,7 @@ def job(
 
 
 @spoken
-def requeue(id: Annotated[int, typer.Argument(help="The number of a failed job.", max=_LARGEST)]) -> None:
+def requeue(id: Annotated[int, typer.Argument(help="The number of a failed job.", min=1, max=_LARGEST)]) -> None:
     """Start a failed job's work anew.
 
     The recording, detection, study or run that it was for goes back to where it began, with fresh jobs.

@@ -15,7 +15,7 @@ from service.auth.sessions import make_link
 from service.db.clock import utc_now
 from service.db.people import ApiToken, Person
 from service.db.session import Database
-from service.settings import get_settings
+from service.settings import settings_or_exit
 
 _LOCAL_TOKEN = "this machine"
 
@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("--token-file", type=Path, help="write an API token of the owner to this file (mode 0600)")
     parser.add_argument("--no-link", action="store_true", help="print no sign-in link")
     chosen = parser.parse_args()
-    settings = get_settings()
+    settings = settings_or_exit()
     database = Database(settings.database)
     try:
         with database.writing() as session:
