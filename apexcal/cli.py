@@ -23,12 +23,12 @@ COMMANDS = {
     "token": "Make an API token for a program.",
     "rig": "Describe a vehicle's LiDAR and cameras to the service.",
     "upload": "Upload a recording and wait until it is ready.",
-    "reread": "Read a failed recording again, with what was not known of it.",
+    "reread": "Read again a recording that failed.",
     "suggest": "Suggest a region of interest from what moves.",
     "detect": "Find the board's vertices in a recording.",
     "clock-offset": "Estimate how far the camera's clock is from the LiDAR's.",
     "calibrate": "Calibrate a camera from marks or from a file of pairs.",
-    "admin": "Look after a service: backup and restore, people, jobs, retention.",
+    "admin": "Look after a service, as its operator.",
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
     "export": "Write a camera's current calibration, or one result.",
 }
@@ -63,7 +63,7 @@ def apexcal() -> None:
 
     The service is found by --url and --token, by APEXCAL_URL and APEXCAL_TOKEN, or, without either, in the data
     folder of an `apexcal serve` on this machine. Exit codes: 0 done; 1 the service refused or the work failed;
-    2 wrong usage; 3 the service does not answer.
+    2 wrong usage: an option, a value or a file that cannot be; 3 the service does not answer.
     """
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import urlsplit
 from uuid import UUID
 
-from apexcal.errors import ApiError, ClientError, FailedError, TokenError, TooSlowError, UnreachableError
+from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import Detections
 from apexcal.resources.fleet_requests import FleetRequests
@@ -23,7 +23,16 @@ from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
 from apexcal.transport import Document, Transport, at
 
-__all__ = ["ApiError", "Client", "ClientError", "FailedError", "TokenError", "TooSlowError", "UnreachableError"]
+__all__ = [
+    "ApiError",
+    "Client",
+    "ClientError",
+    "FailedError",
+    "InputError",
+    "TokenError",
+    "TooSlowError",
+    "UnreachableError",
+]
 
 Listener = Callable[[float, str], None]
 

@@ -7,26 +7,26 @@ import math
 from pathlib import Path
 from typing import Any, NoReturn
 
-from apexcal.errors import ClientError
+from apexcal.errors import InputError
 
 # Far more than anything that the service takes (regions: 16), far less than what Python can encode again.
 _DEEPEST = 100
 
 
 def read_document(path: Path) -> Any:
-    """A JSON file's content. Raises :class:`ClientError` that names the file where it cannot be read or sent."""
+    """A JSON file's content. Raises :class:`InputError` that names the file where it cannot be read or sent."""
     try:
         return parse_document(path.read_text(encoding="utf-8"), str(path))
     except OSError as error:
-        raise ClientError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
+        raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
     except ValueError as error:
-        raise ClientError(f"{path} is no JSON: {error}") from None
+        raise InputError(f"{path} is no JSON: {error}") from None
 
 
 def parse_document(text: str, name: str) -> Any:
     """The content of a JSON text, its numbers finite.
 
-    Raises ValueError where it is no JSON, :class:`ClientError` that begins with ``name`` where it cannot be sent.
+    Raises ValueError where it is no JSON, :class:`InputError` that begins with ``name`` where it cannot be sent.
     """
 
     def finite(number: str) -> float:
@@ -34,7 +34,7 @@ def parse_document(text: str, name: str) -> Any:
         return value if math.isfinite(value) else refuse(number)
 
     def refuse(number: str) -> NoReturn:
-        raise ClientError(f"{name} holds {number}", "Every number in it must be a finite number.")
+        raise InputError(f"{name} holds {number}", "Every number in it must be a finite number.")
 
     try:
         document = json.loads(text, parse_float=finite, parse_constant=refuse)
@@ -42,7 +42,7 @@ def parse_document(text: str, name: str) -> Any:
     except RecursionError:
         document, too_deep = None, True
     if too_deep:
-        raise ClientError(f"{name} is nested too deeply", f"Nothing here needs more than {_DEEPEST} levels.")
+        raise InputError(f"{name} is nested too deeply", f"Nothing here needs more than {_DEEPEST} levels.")
     return document
 
 

@@ -19,6 +19,10 @@ class ClientError(Exception):
         return " ".join(as_sentence(part) for part in (str(self), self.hint) if part)
 
 
+class InputError(ClientError):
+    """What the caller gave can be neither read nor sent: a file, an inequality, a number."""
+
+
 class ApiError(ClientError):
     """The service refused: an RFC 9457 problem document. ``code`` is stable, ``fields`` is the whole document."""
 
@@ -28,6 +32,11 @@ class ApiError(ClientError):
         self.code = str(fields.get("code") or "unknown")
         self.detail = str(fields.get("detail") or fields.get("title") or f"the service answered {status}")
         super().__init__(self.detail, str(fields.get("hint") or ""))
+
+    @property
+    def is_about_the_input(self) -> bool:
+        """Whether the values of the request are wrong by themselves, whatever the service holds."""
+        return self.code in ("invalid_request", "invalid_options", "unknown_detector", "unknown_model")
 
     @property
     def refused_fields(self) -> list[str]:

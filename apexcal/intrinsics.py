@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from apexcal.errors import ClientError
+from apexcal.errors import InputError
 from apexcal.transport import Document
 
 _LARGEST_BYTES = 1_000_000
@@ -24,7 +24,7 @@ _FORMS = (
 def read_intrinsics(path: Path, camera: str) -> Document:
     """A camera's lens, as ``{"width", "height", "distortion_model", "K", "D"}``; a camchain is asked by its name.
 
-    What the numbers mean is checked by the service. Raises :class:`ClientError` where the file holds no such lens.
+    What the numbers mean is checked by the service. Raises :class:`InputError` where the file holds no such lens.
     """
     document = _first_document(path)
     chain = {name: one for name, one in document.items() if isinstance(one, Mapping) and "camera_model" in one}
@@ -33,22 +33,22 @@ def read_intrinsics(path: Path, camera: str) -> Document:
     try:
         return _from_ros(document)
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise ClientError(f"{path} holds no intrinsics of a camera", _FORMS) from None
+        raise InputError(f"{path} holds no intrinsics of a camera", _FORMS) from None
 
 
 def _first_document(path: Path) -> Mapping[str, Any]:
     try:
         if path.stat().st_size > _LARGEST_BYTES:
-            raise ClientError(f"{path} is too large for a camera's intrinsics", _FORMS)
+            raise InputError(f"{path} is too large for a camera's intrinsics", _FORMS)
         # A message that was echoed ends with `---`.
         document = next(iter(yaml.safe_load_all(path.read_text(encoding="utf-8"))), None)
     except OSError as error:
-        raise ClientError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
+        raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
         reason = str(getattr(error, "problem", None) or type(error).__name__)
-        raise ClientError(f"{path} is no YAML: {reason}", _FORMS) from None
+        raise InputError(f"{path} is no YAML: {reason}", _FORMS) from None
     if not isinstance(document, Mapping):
-        raise ClientError(f"{path} holds no intrinsics of a camera", _FORMS)
+        raise InputError(f"{path} holds no intrinsics of a camera", _FORMS)
     return document
 
 
@@ -69,7 +69,7 @@ def _member(path: Path, chain: Mapping[str, Mapping[str, Any]], camera: str) -> 
     named = [one for name, one in chain.items() if camera in (name, *str(one.get("rostopic", "")).split("/"))]
     found = named or (list(chain.values()) if len(chain) == 1 else [])
     if len(found) != 1:
-        raise ClientError(
+        raise InputError(
             f"{path} has the cameras {', '.join(chain)}, and none of them is clearly {camera}",
             "Give a file with that camera alone.",
         )
@@ -78,7 +78,7 @@ def _member(path: Path, chain: Mapping[str, Mapping[str, Any]], camera: str) -> 
 
 def _from_kalibr(path: Path, camera: Mapping[str, Any]) -> Document:
     if camera["camera_model"] != "pinhole":
-        raise ClientError(
+        raise InputError(
             f"{path}: Kalibr's camera model {camera['camera_model']!r} has no equal here",
             "Calibrate as pinhole-radtan or pinhole-equi.",
         )
@@ -87,7 +87,7 @@ def _from_kalibr(path: Path, camera: Mapping[str, Any]) -> Document:
         width, height = (int(size) for size in camera["resolution"])
         model, D = str(camera["distortion_model"]), _numbers(camera["distortion_coeffs"])
     except (KeyError, TypeError, ValueError):
-        raise ClientError(f"{path} holds no complete camera of a Kalibr camchain", _FORMS) from None
+        raise InputError(f"{path} holds no complete camera of a Kalibr camchain", _FORMS) from None
     return {
         "width": width,
         "height": height,

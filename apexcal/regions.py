@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from apexcal.documents import read_document
-from apexcal.errors import ClientError
+from apexcal.errors import InputError
 from apexcal.transport import Document
 
 QUANTITIES = ("x", "y", "z", "range", "azimuth_deg", "elevation_deg")
@@ -23,19 +23,19 @@ _INEQUALITY = re.compile(
 def parse_region(inequalities: Sequence[str]) -> Document:
     """The region where all these inequalities hold, as the API takes it. Nothing of the text is evaluated.
 
-    Raises :class:`ClientError` that quotes the inequality that cannot be read.
+    Raises :class:`InputError` that quotes the inequality that cannot be read.
     """
     nodes = [_leaf(text) for text in inequalities]
     return nodes[0] if len(nodes) == 1 else {"and": nodes}
 
 
 def read_region(path: Path) -> Document:
-    """A region from a JSON file, for trees with `or` in them. Raises :class:`ClientError`."""
+    """A region from a JSON file, for trees with `or` in them. Raises :class:`InputError`."""
     document = read_document(path)
     if not isinstance(document, dict):
-        raise ClientError(f"{path} holds no region", 'A region looks like {"quantity": "x", "op": ">", "value": 0}.')
+        raise InputError(f"{path} holds no region", 'A region looks like {"quantity": "x", "op": ">", "value": 0}.')
     if not _BEGINNINGS & set(document):
-        raise ClientError(
+        raise InputError(
             f"{path} is no region",
             'A region begins with "and", "or", "not", "quantity", "box" or "polygon"; `apexcal suggest` writes one.',
         )
@@ -49,11 +49,11 @@ def _leaf(text: str) -> Document:
     except ValueError:
         value = None
     if match is None or value is None:
-        raise ClientError(
+        raise InputError(
             f"{text!r} is no inequality", f"Write for example 'z / x > 0.2'; there is {', '.join(QUANTITIES)}."
         )
     if not math.isfinite(value):
-        raise ClientError(f"{text!r} compares with a number that is too large", "It must be a finite number.")
+        raise InputError(f"{text!r} compares with a number that is too large", "It must be a finite number.")
     leaf: Document = {"quantity": match["quantity"].lower(), "op": match["op"], "value": value}
     if match["by"]:
         leaf["divided_by"] = match["by"].lower()

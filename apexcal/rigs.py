@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from apexcal.documents import read_document
-from apexcal.errors import ClientError
+from apexcal.errors import InputError
 from apexcal.transport import Document
 
 
@@ -13,9 +13,9 @@ def read_rig(path: Path, name: str = "") -> Document:
     """A rig's description from a JSON file, the simulator's ``rig.json`` among them.
 
     ``name`` stands above the file's own; where there is neither, the folder's is taken. What the description says is
-    checked by the service. Raises :class:`ClientError` where the file holds none.
+    checked by the service. Raises :class:`InputError` where the file holds none.
     """
     document = read_document(path)
     if not isinstance(document, dict) or not {"lidar", "cameras"} <= set(document):
-        raise ClientError(f"{path} describes no rig", "It needs `lidar` and `cameras`; docs/rigs.md shows one.")
+        raise InputError(f"{path} describes no rig", "It needs `lidar` and `cameras`; docs/rigs.md shows one.")
     return {**document, "name": name or document.get("name") or path.resolve().parent.name}

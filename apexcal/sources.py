@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from apexcal.errors import ClientError
+from apexcal.errors import ClientError, InputError
 
 _BLOCK = tarfile.BLOCKSIZE
 
@@ -25,12 +25,12 @@ class Source(Protocol):
 
 
 def open_source(path: Path) -> Source:
-    """The source for a file or folder. Raises :class:`ClientError` where there is nothing to upload."""
+    """The source for a file or folder. Raises :class:`InputError` where there is nothing to upload."""
     if path.is_dir():
         return FolderSource(path)
     if path.is_file():
         return FileSource(path)
-    raise ClientError(f"there is no file or folder {path}", "Give the path of a recording, or of a folder of one.")
+    raise InputError(f"there is no file or folder {path}", "Give the path of a recording, or of a folder of one.")
 
 
 class FileSource:
@@ -41,7 +41,7 @@ class FileSource:
         self.size = path.stat().st_size
         self._path = path
         if self.size == 0:
-            raise ClientError(f"{path} is empty", "Was it copied to its end?")
+            raise InputError(f"{path} is empty", "Was it copied to its end?")
 
     def read(self, offset: int, length: int) -> bytes:
         """The bytes from ``offset``. Raises :class:`ClientError` where the file has become shorter."""
@@ -72,7 +72,7 @@ class FolderSource:
         self.size = 0
         files = sorted(_files(folder))
         if not files:
-            raise ClientError(f"{folder} holds no files", "Give the folder that holds the clouds and the images.")
+            raise InputError(f"{folder} holds no files", "Give the folder that holds the clouds and the images.")
         for name, path in files:
             self._add_file(name, path)
         self._add(b"\0" * (2 * _BLOCK))

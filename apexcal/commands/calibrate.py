@@ -8,7 +8,18 @@ import typer
 
 from apexcal.client import ApiError, Client
 from apexcal.commands.calibrated import show, why_unpublished
-from apexcal.commands.camera_files import build_sets, import_sets, lenses
+from apexcal.commands.camera_files import build_sets, camera_and_file, import_sets, lenses
+from apexcal.commands.choices import (
+    Bounds,
+    Farm,
+    LensUse,
+    Loss,
+    ModelsOption,
+    Outliers,
+    Preset,
+    Search,
+    Weights,
+)
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import connected
 from apexcal.embedded.folder import DEFAULT
@@ -19,40 +30,59 @@ def calibrate(
     detection: Annotated[str, typer.Option(help="Id of a detection whose vertices people have marked.")] = "",
     pairs: Annotated[
         list[str] | None,
-        typer.Option(help="CSV of pairs: x,y,z,u,v and stamp_ns or group; several times, as CAMERA=FILE."),
+        typer.Option(
+            help="CSV of pairs: x,y,z,u,v and stamp_ns or group; several times, as CAMERA=FILE.", metavar="FILE"
+        ),
     ] = None,
     vehicle: Annotated[str, typer.Option(help="Vehicle, by name or id (with --pairs).")] = "",
     rig: Annotated[str, typer.Option(help="Rig, by name or id (with --pairs).")] = "",
     camera: Annotated[
         list[str] | None,
-        typer.Option(help="Camera; needed where the rig has several. Several times: together, and compared."),
+        typer.Option(
+            help="Camera; needed where the rig has several. Several times: together, and compared.", metavar="NAME"
+        ),
     ] = None,
-    model: Annotated[list[str] | None, typer.Option(help="Camera model; several times. Otherwise all three.")] = None,
-    preset: Annotated[str | None, typer.Option(help="default, paper or toolbox; default.")] = None,
-    search: Annotated[str | None, typer.Option(help="rotation_vector or euler; as the preset has it.")] = None,
-    bounds: Annotated[str | None, typer.Option(help="image-size or paper-table-1; as the preset has it.")] = None,
+    model: ModelsOption = None,
+    preset: Annotated[Preset | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
+    search: Annotated[
+        Search | None, typer.Option(help="Form of the rotation. Otherwise as the preset has it.")
+    ] = None,
+    bounds: Annotated[Bounds | None, typer.Option(help="Where is searched. Otherwise as the preset has it.")] = None,
+    rotation_range_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="Degrees about each axis by which the mount may be off the rig's; 180: any mount. Otherwise 30.",
+            metavar="DEG",
+            max=180,
+        ),
+    ] = None,
     stated: Annotated[
         bool, typer.Option("--stated", help="Look for focal lengths and centre near those that the recording states.")
     ] = False,
     intrinsics: Annotated[
         list[str] | None,
-        typer.Option(help="The lens as known: YAML of ROS or Kalibr. For one of several cameras: CAMERA=FILE."),
+        typer.Option(
+            help="The lens as known: YAML of ROS or Kalibr. For one of several cameras: CAMERA=FILE.", metavar="FILE"
+        ),
     ] = None,
     intrinsics_as: Annotated[
-        str | None, typer.Option(help="What --intrinsics or --stated are taken as: bounds, prior or locked; bounds.")
+        LensUse | None, typer.Option(help="What --intrinsics or --stated are taken as. Otherwise bounds.")
     ] = None,
     loss: Annotated[
-        str | None, typer.Option(help="mean, or saturating: it counts a gross error only so far; mean.")
+        Loss | None, typer.Option(help="saturating: a gross error counts only so far. Otherwise mean.")
     ] = None,
     weights: Annotated[
-        str | None, typer.Option(help="auto, equal, or covariances: by the errors that the pairs state; auto.")
+        Weights | None,
+        typer.Option(help="Whether pairs weigh by the errors that they state. Otherwise auto: where all do."),
     ] = None,
     outliers: Annotated[
-        str | None, typer.Option(help="keep or exclude the pairs that are judged not to belong; keep.")
+        Outliers | None, typer.Option(help="What becomes of pairs that are judged not to belong. Otherwise keep.")
     ] = None,
-    folds: Annotated[int | None, typer.Option(help="Held-out blocks, 0 for none; 5.", min=0)] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed; otherwise from the request's content.")] = None,
-    farm: Annotated[str | None, typer.Option(help="auto, slots or runs; auto.")] = None,
+    folds: Annotated[int | None, typer.Option(help="Held-out blocks, 0 for none. Otherwise 5.", min=0)] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed. Otherwise from the request's content.", min=0)] = None,
+    farm: Annotated[
+        Farm | None, typer.Option(help="How the work is cut; the result is the same. Otherwise auto.")
+    ] = None,
     publish: Annotated[bool, typer.Option(help="Make the recommended result the camera's current one.")] = True,
     url: UrlOption = "",
     token: TokenOption = "",
@@ -69,14 +99,12 @@ def calibrate(
             "--folds 1 holds out everything and fits nothing",
             "Give 2 or more blocks, for example --folds 5, or 0 to hold none out",
         )
-    if loss not in (None, "mean", "saturating"):
-        usage(f"--loss {loss!r} is neither mean nor saturating", "Write --loss saturating where marks may be wrong")
-    if weights not in (None, "auto", "equal", "covariances"):
-        usage(f"--weights {weights!r} is no way to weigh", "Write auto, equal or covariances")
-    if outliers not in (None, "keep", "exclude"):
-        usage(f"--outliers {outliers!r} is neither keep nor exclude", "Write --outliers exclude to leave them out")
-    if intrinsics_as not in (None, "bounds", "prior", "locked"):
-        usage(f"--intrinsics-as {intrinsics_as!r} is no way to take them", "Write bounds, prior or locked")
+    if detection and (vehicle or rig):
+        usage("a detection belongs to one rig already", "Leave out --vehicle and --rig, or give --pairs")
+    if pairs and camera and (len(camera) > 1 or len(pairs) > 1 or camera_and_file(pairs[0])[0]):
+        usage(
+            "--camera names the camera of one file of pairs", "Write several as --pairs CAMERA=FILE, without --camera"
+        )
     if stated and intrinsics:
         usage(
             "not both: --stated takes the lens that the recording states, --intrinsics the one of a file",
@@ -89,6 +117,7 @@ def calibrate(
         "preset": preset,
         "search": search,
         "bounds_preset": bounds,
+        "rotation_range_deg": rotation_range_deg,
         "intrinsics_from": "recording" if stated else None,
         "intrinsics_as": intrinsics_as,
         "loss": loss,

@@ -9,6 +9,7 @@ import typer
 
 from apexcal.cli import FAILED
 from apexcal.client import Client
+from apexcal.commands.choices import ModelsOption, Preset
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import check_id, connected, find_fleet
 from apexcal.embedded.folder import DEFAULT
@@ -27,9 +28,9 @@ def calibrate_fleet(
     new_pairs: Annotated[
         bool, typer.Option("--new-pairs", help="Only who has newer pairs than the published calibration is from.")
     ] = False,
-    model: Annotated[list[str] | None, typer.Option(help="Camera model; several times. Otherwise all three.")] = None,
-    preset: Annotated[str | None, typer.Option(help="default, paper or toolbox; default.")] = None,
-    folds: Annotated[int | None, typer.Option(help="Held-out blocks, 0 for none; 5.", min=0)] = None,
+    model: ModelsOption = None,
+    preset: Annotated[Preset | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
+    folds: Annotated[int | None, typer.Option(help="Held-out blocks, 0 for none. Otherwise 5.", min=0)] = None,
     publish: Annotated[bool, typer.Option(help="Make recommended results current, where they may be.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would come to.")] = False,
     follow: Annotated[str, typer.Option(help="Follow this request instead of asking.", metavar="REQUEST")] = "",
@@ -47,11 +48,16 @@ def calibrate_fleet(
     """
     if sum(map(bool, (follow, retry, cancel))) > 1:
         usage("--follow, --retry and --cancel are about one request each", "Give one of them")
-    _check_moment(since)
+    new = (fleet, name, rig, since, new_pairs, model, preset, folds is not None, publish, dry_run)
+    if any((follow, retry, cancel)) and any(new):
+        usage(
+            "--follow, --retry and --cancel are about a request that was made; all else says what a new one asks",
+            "Leave the others out",
+        )
     given: dict[str, Any] = {"models": model or None, "preset": preset, "folds": folds}
     calibration = {word: value for word, value in given.items() if value is not None}
     calibration["publish"] = "recommended" if publish else "none"
-    wanted = {"name": name, "rig": rig, "not_calibrated_since": since, "new_pairs": new_pairs or None}
+    wanted = {"name": name, "rig": rig, "not_calibrated_since": _moment(since), "new_pairs": new_pairs or None}
     vehicles = {word: value for word, value in wanted.items() if value is not None}
     with connected(url, token, data) as client:
         if dry_run:
@@ -80,31 +86,36 @@ def calibrate_fleet(
 
 
 def _known(client: Client, follow: str, retry: str, cancel: str) -> Document:
-    printed_by = "`apexcal calibrate-fleet`"
     if retry:
-        return client.fleet_requests.retry(check_id(retry, "fleet request", printed_by))
+        return client.fleet_requests.retry(check_id(retry, "fleet request"))
     if cancel:
-        return client.fleet_requests.cancel(check_id(cancel, "fleet request", printed_by))
-    return client.fleet_requests.get(check_id(follow, "fleet request", printed_by))
+        return client.fleet_requests.cancel(check_id(cancel, "fleet request"))
+    return client.fleet_requests.get(check_id(follow, "fleet request"))
 
 
-def _check_moment(since: str | None) -> None:
+def _moment(since: str | None) -> str | None:
+    """The moment as the service reads it, however it was written."""
     example = "Write it with its zone, as --not-since 2026-11-01T00:00:00Z"
     if since is None:
-        return
+        return None
     try:
         moment = datetime.fromisoformat(since)
     except ValueError:
         usage(f"--not-since {since!r} is no date and time", example)
     if moment.tzinfo is None:
         usage(f"--not-since {since!r} does not say of which time zone", example)
+    return moment.isoformat()
 
 
 def _counted(counts: dict[str, int]) -> str:
     if not counts["matched"]:
         return "no vehicle is due, and nothing was calibrated"
     named = [f"{count} {state}" for state, count in counts.items() if count and state != "matched"]
-    return f"{counts['matched']} vehicles, {', '.join(named)}"
+    return f"{_count(counts['matched'], 'vehicle')}, {', '.join(named)}"
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _reasons(client: Client, request_id: str) -> list[str]:
@@ -148,7 +159,7 @@ def _what_it_comes_to(found: Document) -> str:
     if found["skipped"] > len(skipped):
         skipped.append(f"  ... and {found['skipped'] - len(skipped)} more skipped")
     sentence = (
-        f"{found['matched']} vehicles match: {found['calibrations']} would be calibrated in {found['runs']} runs, "
-        f"{found['skipped']} skipped."
+        f"The filter names {_count(found['matched'], 'vehicle')}: {found['calibrations']} would be calibrated in "
+        f"{_count(found['runs'], 'run')}, {found['skipped']} skipped."
     )
     return "\n".join([sentence, *skipped])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from apexcal.client import Client, ClientError
+from apexcal.client import Client, InputError
 from apexcal.commands.common import usage
 from apexcal.commands.connect import check_id, find_camera, find_rig, find_vehicle
 from apexcal.intrinsics import read_intrinsics
@@ -32,7 +32,7 @@ def import_sets(
         try:
             texts.append(path.read_bytes())
         except OSError as error:
-            raise ClientError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
+            raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
     with_rig = find_rig(client, find_vehicle(client, "", vehicle), rig)
     of = [find_camera(with_rig, camera or "".join(cameras[:1])) for camera, _ in named]
     return [
@@ -43,7 +43,7 @@ def import_sets(
 
 def build_sets(client: Client, detection_id: str, cameras: Sequence[str]) -> list[Document]:
     """A set of the marks in each camera."""
-    found = client.detections.get(check_id(detection_id, "detection", "`apexcal detect`"))
+    found = client.detections.get(check_id(detection_id, "detection"))
     recording = client.recordings.get(found["recording_id"])
     with_rig = client.vehicles.rig(recording["rig_id"])
     of = [find_camera(with_rig, camera) for camera in cameras or [""]]

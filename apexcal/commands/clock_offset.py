@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from apexcal.commands.choices import MODELS, known_model
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say
 from apexcal.commands.connect import check_id, connected, find_camera
 from apexcal.embedded.folder import DEFAULT
@@ -22,8 +23,9 @@ def clock_offset(
     detection: Annotated[str, typer.Argument(help="Id of a detection whose vertices people have marked.")],
     camera: Annotated[str, typer.Option(help="Camera; needed where the rig has several.")] = "",
     model: Annotated[
-        str, typer.Option(help="Lens that is fitted along: pinhole, brown_conrady or kannala_brandt.")
-    ] = ("brown_conrady"),
+        str,
+        typer.Option(metavar="MODEL", callback=known_model, help=f"Lens that is fitted along: {', '.join(MODELS)}."),
+    ] = "brown_conrady",
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
@@ -35,7 +37,7 @@ def clock_offset(
     with it: `apexcal detect RECORDING ... --offset-ms OFFSET`, with or without `--interpolate`; marks are kept.
     """
     with connected(url, token, data) as client, bar("Estimating the offset", not as_json) as progress:
-        found = client.detections.get(check_id(detection, "detection", "`apexcal detect`"))
+        found = client.detections.get(check_id(detection, "detection"))
         recording = client.recordings.get(found["recording_id"])
         of = find_camera(client.vehicles.rig(recording["rig_id"]), camera)
         asked = client.detections.estimate_offset(recording["id"], detection, of, model=model)

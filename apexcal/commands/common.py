@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from apexcal.cli import FAILED, UNREACHABLE, USAGE
 from apexcal.embedded.folder import is_served, read_status
-from apexcal.errors import as_sentence
+from apexcal.errors import InputError, as_sentence
 
 UrlOption = Annotated[
     str, typer.Option("--url", envvar="APEXCAL_URL", help="Address of the service.", show_default=False)
@@ -48,6 +48,33 @@ def complain(sentence: str, hint: str = "", *, code: int = FAILED) -> NoReturn:
 def usage(sentence: str, hint: str = "") -> NoReturn:
     """Say that the command was called wrongly, and leave."""
     complain(sentence, hint, code=USAGE)
+
+
+@contextmanager
+def understood() -> Iterator[None]:
+    """What cannot be read or sent inside the block is said before anything is asked of the service."""
+    try:
+        yield
+    except InputError as error:
+        usage(str(error), error.hint)
+
+
+def check_target(file: Path, force: bool) -> None:
+    """End the command, before it does anything, where what it finds could not be written there."""
+    if file.is_dir():
+        usage(f"{file} is a folder", "Name a file in it")
+    if not file.parent.is_dir():
+        usage(f"there is no folder {file.parent}", "Make it first, or name a file elsewhere")
+    if file.exists() and not force:
+        usage(f"{file} exists already", "Name another file, or say --force")
+
+
+def write_target(file: Path, text: str) -> None:
+    """Write the outcome of a command; end it as failed where that cannot be."""
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        complain(f"cannot write {file}: {(error.strerror or '').lower()}")
 
 
 def locate(url: str, token: str, data: Path) -> tuple[str, str, str]:

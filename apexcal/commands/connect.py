@@ -8,11 +8,16 @@ from pathlib import Path
 from typing import NoReturn
 from uuid import UUID
 
-from apexcal.client import ApiError, Client, ClientError, TokenError, UnreachableError
-from apexcal.commands.common import FAILED, TOKEN_HINT, UNREACHABLE, complain, locate, usage
+from apexcal.client import ApiError, Client, ClientError, InputError, TokenError, UnreachableError
+from apexcal.commands.common import FAILED, TOKEN_HINT, UNREACHABLE, USAGE, complain, locate, usage
 from apexcal.transport import Document
 
 _SHOWN = 20
+_WHERE_IDS_ARE = {
+    "detection": "`apexcal detect` prints it, and it stands in the address of its marking page",
+    "fleet request": "`apexcal calibrate-fleet` prints it, and it stands in the address of the request's page",
+    "result": "`apexcal calibrate --json` prints it",
+}
 
 
 @contextmanager
@@ -31,12 +36,14 @@ def connected(url: str, token: str, data: Path) -> Iterator[Client]:
     except UnreachableError as error:
         complain(str(error), error.hint, code=UNREACHABLE)
     except ApiError as error:
-        complain(*_refusal(error, origin), code=FAILED)
+        complain(*_refusal(error, origin), code=USAGE if error.is_about_the_input else FAILED)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         complain(f"cannot read {error.filename}: {reason}" if error.filename else reason, code=FAILED)
     except UnicodeEncodeError:
         complain("a name or path holds bytes that are no UTF-8", "Write it again in this terminal.", code=FAILED)
+    except InputError as error:
+        usage(str(error), error.hint)
     except (ClientError, ValueError) as error:
         complain(str(error), getattr(error, "hint", ""), code=FAILED)
 
@@ -121,6 +128,8 @@ def find_vehicle(client: Client, fleet: str, wanted: str) -> Document:
 
 def find_recording(client: Client, wanted: str) -> Document:
     """A recording by id, or by name among all that the caller may see. Raises :class:`ClientError`."""
+    if not wanted.strip():
+        usage("the recording's name is empty", "Give its id or name; `apexcal upload` prints both")
     if _is_id(wanted):
         return client.recordings.get(wanted)
     return pick(
@@ -133,10 +142,10 @@ def find_recording(client: Client, wanted: str) -> Document:
     )
 
 
-def check_id(text: str, what: str, printed_by: str) -> str:
-    """The text, where it is an id. Where it is none the command was called wrongly, and says where ids come from."""
+def check_id(text: str, what: str) -> str:
+    """The text, where it is an id. Where it is none the command was called wrongly, and says where ids are."""
     if not _is_id(text):
-        usage(f"{text!r} is no id of a {what}", f"{printed_by} prints it, and it stands in the address of the page.")
+        usage(f"{text!r} is no id of a {what}", _WHERE_IDS_ARE[what])
     return text
 
 

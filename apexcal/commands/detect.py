@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from apexcal.client import FailedError
-from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
+from apexcal.commands.choices import Detector
+from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, understood, usage
 from apexcal.commands.connect import connected, find_recording
 from apexcal.documents import parse_document
 from apexcal.embedded.folder import DEFAULT
@@ -22,16 +23,22 @@ _KEEP = "Inequality that a point must meet, for example 'range < 9' or 'z / x > 
 _FEW = 0.05
 # Edges of a board that a person carries, metres. The detector takes 0 for "not known"; leaving --board out says that.
 _EDGES_M = (0.1, 3.0)
-_EXAMPLES = {"refined": "max_sigma_deg=0.1", "tolerant": "min_points=10", "strict": "min_ring_span=3"}
+_EXAMPLES: dict[Detector, str] = {
+    "refined": "max_sigma_deg=0.1",
+    "tolerant": "min_points=10",
+    "strict": "min_ring_span=3",
+}
 
 
 def detect(
     recording: Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")],
-    keep: Annotated[list[str] | None, typer.Option(help=_KEEP)] = None,
+    keep: Annotated[list[str] | None, typer.Option(help=_KEEP, metavar="INEQUALITY")] = None,
     region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
-    detector: Annotated[str, typer.Option(help="refined, tolerant or strict.")] = "refined",
+    detector: Annotated[Detector, typer.Option(help="docs/engineers.md tells them apart.")] = "refined",
     board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91 (refined).")] = "",
-    option: Annotated[list[str] | None, typer.Option(help="The detector's NAME=VALUE; several times.")] = None,
+    option: Annotated[
+        list[str] | None, typer.Option(help="An option of the detector; several times.", metavar="NAME=VALUE")
+    ] = None,
     offset_ms: Annotated[float, typer.Option(help="Added to a vertex's time before its frame is found.")] = 0.0,
     max_gap_ms: Annotated[float, typer.Option(help="Largest gap between a vertex and its frame.", min=0)] = 50.0,
     interpolate: Annotated[
@@ -49,14 +56,17 @@ def detect(
             "no region of interest",
             "Give --keep 'range < 9' (several times for several), or --region FILE; `apexcal suggest` writes one",
         )
+    if keep and region is not None:
+        usage("not both: --keep and --region are each a whole region", "Write the inequalities into the file")
     if not (math.isfinite(offset_ms) and math.isfinite(max_gap_ms)):
         usage(
             "--offset-ms and --max-gap-ms are finite numbers",
             "Both are in milliseconds, for example --offset-ms 12.5",
         )
-    options = _board(board, detector) | _options(option or [], detector)
-    with connected(url, token, data) as client, bar("Detecting", not as_json) as progress:
+    with understood():
+        options = _board(board, detector) | _options(option or [], detector)
         tree = read_region(region) if region else parse_region(keep or [])
+    with connected(url, token, data) as client, bar("Detecting", not as_json) as progress:
         of = find_recording(client, recording)
         if of["state"] == "failed":
             raise FailedError(f"the recording {of['name']!r}", "failed", of["problem"])
@@ -76,11 +86,11 @@ def detect(
     say(shown, as_json, _preview(shown["result"]) if preview else _outcome(shown))
 
 
-def _board(text: str, detector: str) -> dict[str, Any]:
+def _board(text: str, detector: Detector) -> dict[str, Any]:
     """The board's edges from ``WIDTHxHEIGHT``, metres."""
     if not text:
         return {}
-    if detector in _EXAMPLES and detector != "refined":
+    if detector != "refined":
         usage(f"--board is for refined only; {detector} does not use the board's size", "Leave --board out")
     try:
         width, height = (float(edge) for edge in re.split(r"[x×*]", text.lower()))
@@ -95,7 +105,7 @@ def _board(text: str, detector: str) -> dict[str, Any]:
     return {"board_width_m": width, "board_height_m": height}
 
 
-def _options(texts: list[str], detector: str) -> dict[str, Any]:
+def _options(texts: list[str], detector: Detector) -> dict[str, Any]:
     """``name=value`` pairs, the values as JSON."""
     options: dict[str, Any] = {}
     for text in texts:
@@ -105,8 +115,8 @@ def _options(texts: list[str], detector: str) -> dict[str, Any]:
         except ValueError:
             equals = ""
         if not equals:
-            example = _EXAMPLES.get(detector, _EXAMPLES["refined"])
-            usage(f"--option {text!r} is no option", f"Write it as name=number, for example --option {example}")
+            example = f"--option {_EXAMPLES[detector]}"
+            usage(f"--option {text!r} is no option", f"Write it as name=number, for example {example}")
     return options
 
 

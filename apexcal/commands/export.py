@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from apexcal.client import ApiError, Client
-from apexcal.commands.common import DataOption, TokenOption, UrlOption, complain, console, usage
-from apexcal.commands.connect import connected, find_camera, find_vehicle
+from apexcal.commands.common import DataOption, TokenOption, UrlOption, check_target, console, usage, write_target
+from apexcal.commands.connect import check_id, connected, find_camera, find_vehicle
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 
@@ -31,11 +31,11 @@ def export(
     """Write a camera's current calibration (intrinsics and transform, frames named), or a whole result, as JSON."""
     if result and (vehicle or camera):
         usage("a result belongs to one camera already", "Leave out --vehicle and --camera, or leave out --result")
-    if output and output.exists() and not force:
-        usage(f"{output} exists already", "Name another file, or say --force")
+    if output:
+        check_target(output, force)
     with connected(url, token, data) as client:
         if result:
-            document = client.calibrations.result(result)
+            document = client.calibrations.result(check_id(result, "result"))
         else:
             on = find_vehicle(client, fleet, vehicle)
             rigs = list(client.vehicles.rigs(on["id"]))
@@ -45,10 +45,7 @@ def export(
     if output is None:
         print(text)
         return
-    try:
-        output.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        complain(f"cannot write {output}: {(error.strerror or '').lower()}")
+    write_target(output, text + "\n")
     console(errors=True).print(f"Wrote {output}.", soft_wrap=True)
 
 

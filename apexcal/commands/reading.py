@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from apexcal.commands.choices import LidarModel
 from apexcal.commands.common import usage
 from apexcal.transport import Document
 
@@ -14,6 +15,7 @@ TopicOption = Annotated[
     list[str] | None,
     typer.Option(
         "--topic",
+        metavar="NAME=TOPIC",
         help="Which topic, folder or file is which: lidar=/velodyne_points, or a camera's name in the rig, as "
         "front=/camera/image. Several times.",
     ),
@@ -22,13 +24,13 @@ StillOption = Annotated[
     bool, typer.Option("--still", help="Still poses: the sweeps' stamps alone count, not when each point was seen.")
 ]
 LidarModelOption = Annotated[
-    str, typer.Option(help="Sensor of a packet capture: vlp16, vlp32c, hdl32e, hdl64e or alpha_prime.")
+    LidarModel | None, typer.Option(help="Sensor of a packet capture; otherwise told from its packets.")
 ]
 RingsOption = Annotated[int, typer.Option(help="How many rings the LiDAR has, where the file does not say.", min=0)]
 
 
 def reading_of(
-    topics: Sequence[str] | None, *, still: bool = False, lidar_model: str = "", rings: int = 0
+    topics: Sequence[str] | None, *, still: bool = False, lidar_model: LidarModel | None = None, rings: int = 0
 ) -> dict[str, Any]:
     """The ``reading`` of a recording. A topic that is no ``name=topic`` ends the command as wrong usage."""
     reading: dict[str, Any] = {"point_times": "stamp_only"} if still else {}

@@ -20,7 +20,7 @@ def reread(
     rig: Annotated[str, typer.Option(help="Another rig of the same vehicle, by name or id.")] = "",
     topic: TopicOption = None,
     still: StillOption = False,
-    lidar_model: LidarModelOption = "",
+    lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
     url: UrlOption = "",
     token: TokenOption = "",

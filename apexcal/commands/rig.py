@@ -16,7 +16,7 @@ from apexcal.transport import Document
 
 
 def rig(
-    description: Annotated[Path, typer.Argument(help="JSON file of the rig, as docs/rigs.md shows.")],
+    description: Annotated[Path, typer.Argument(help="JSON file of the rig, as docs/rigs.md shows.", exists=True)],
     fleet: Annotated[
         str, typer.Option(help="Fleet, by name; a new name makes one. Needed where there are several.")
     ] = "",

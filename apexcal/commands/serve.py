@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -12,10 +13,13 @@ import typer
 
 from apexcal.commands.common import complain, console, usage
 from apexcal.embedded.folder import DEFAULT, DataFolder, FolderInUseError
+from apexcal.embedded.plans import MOST_PROCESSES as MOST
 from apexcal.embedded.run import Serving, StartError
 from apexcal.embedded.run import serve as serve_embedded
 
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
+_ADDRESS = re.compile(r"https?://[^/\s#?]+(/[^\s#?]*)?$")
+_EXAMPLE = "http://<this machine's name>:8000"
 
 
 def serve(
@@ -23,7 +27,9 @@ def serve(
     host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 opens it to the network.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to listen on; 0 takes a free one.", min=0, max=65535)] = 8000,
     public_url: Annotated[str, typer.Option(help="Where colleagues' browsers find the service.")] = "",
-    workers: Annotated[int, typer.Option(help="Worker processes; 0 for one per core, at least two.", min=0)] = 0,
+    workers: Annotated[
+        int, typer.Option(help="Worker processes; 0 for one per core, at least two.", min=0, max=MOST)
+    ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Say where it is as one line of JSON.")] = False,
 ) -> None:
     """Start the whole service on this machine: API and pages, broker, workers, beat. Ctrl-C stops it.
@@ -33,8 +39,10 @@ def serve(
     if host not in _LOOPBACK and not public_url:
         usage(
             f"with --host {host} people come from elsewhere, so the service must know its own address",
-            "Add --public-url http://<this machine's name>:8000; an https address where a proxy adds encryption.",
+            f"Add --public-url {_EXAMPLE}; an https address where a proxy adds encryption",
         )
+    if public_url and not _ADDRESS.match(public_url):
+        usage(f"--public-url {public_url!r} is no address of a service", f"Write it as {_EXAMPLE}")
     try:
         serve_embedded(
             DataFolder(data.resolve()),

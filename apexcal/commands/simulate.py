@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from apexcal.commands.choices import Model
 from apexcal.commands.common import FAILED, JsonOption, bar, complain, say
 from apexcal.commands.grouped import grouped, option
 
@@ -35,7 +36,6 @@ Format = Literal["bag", "db3", "mcap", "pcap", "pcapng", "video", "folder", "tar
 Sensor = Literal[
     "vlp16", "puck-hi-res", "vlp32c", "hdl32", "hdl64", "alpha-prime", "os1-32", "os1-64", "os1-128", "lux4"
 ]
-Model = Literal["pinhole", "brown_conrady", "kannala_brandt"]
 Walk = Literal["rows", "field", "cover", "slow", "still"]
 Second = Literal["none", "beside", "behind"]
 

@@ -8,7 +8,16 @@ from typing import Annotated
 
 import typer
 
-from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
+from apexcal.commands.common import (
+    DataOption,
+    JsonOption,
+    TokenOption,
+    UrlOption,
+    bar,
+    check_target,
+    say,
+    write_target,
+)
 from apexcal.commands.connect import connected, find_recording
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
@@ -27,12 +36,11 @@ def suggest(
 
     Look at what it keeps with `apexcal detect RECORDING --region region.json --preview`, and edit it as you like.
     """
-    if out.exists() and not force:
-        usage(f"{out} exists already", "Name another file with --out, or say --force")
+    check_target(out, force)
     with connected(url, token, data) as client, bar("Looking for what moves", not as_json) as progress:
         of = find_recording(client, recording)
         done = client.wait(client.detections.suggest(of["id"]), on_progress=progress)
-        out.write_text(json.dumps(done["result"]["region"], indent=2) + "\n", encoding="utf-8")
+    write_target(out, json.dumps(done["result"]["region"], indent=2) + "\n")
     say(done, as_json, f"{_what_was_found(done['result']['facts'])}\nThe region is in {out}.")
 
 

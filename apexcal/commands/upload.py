@@ -24,7 +24,7 @@ from apexcal.transport import Document
 
 
 def upload(
-    path: Annotated[Path, typer.Argument(help="File or folder of one of the formats above.")],
+    path: Annotated[Path, typer.Argument(help="File or folder of one of the formats above.", exists=True)],
     vehicle: Annotated[str, typer.Option(help="Vehicle, by name or id; needed where there are several.")] = "",
     rig: Annotated[str, typer.Option(help="Rig, by name or id; needed where there are several.")] = "",
     fleet: Annotated[str, typer.Option(help="Fleet, by name or id.")] = "",
@@ -33,7 +33,7 @@ def upload(
     retain_days: Annotated[int, typer.Option(help="Delete it after so many days; 0 for never.", min=0)] = 0,
     topic: TopicOption = None,
     still: StillOption = False,
-    lidar_model: LidarModelOption = "",
+    lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
     new: Annotated[bool, typer.Option("--new", help="Do not go on with an upload that broke off.")] = False,
     wait: Annotated[bool, typer.Option(help="Wait until it is ready.")] = True,

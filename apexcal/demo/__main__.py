@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import sys
 import tempfile
@@ -23,10 +24,16 @@ from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 
 REPORT = Path("var/demo/report.json")
+_WHAT = (
+    "Drive the whole service with a simulated recording and, where they are, with real ones: from upload to "
+    f"calibration, in a few minutes. It keeps its data in {DEFAULT} and writes {REPORT}, below the current folder. "
+    "Exit code 1 where a step failed or a result fell short."
+)
 
 
 def main() -> int:
     """Run both halves at once and say how it went. 0: done; 1: something failed or fell short."""
+    argparse.ArgumentParser(prog="python -m apexcal.demo", description=_WHAT).parse_args()
     out = Console(highlight=False)
     began = time.monotonic()
     try:

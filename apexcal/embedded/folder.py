@@ -69,6 +69,8 @@ class DataFolder:
             lock.close()
             raise FolderInUseError(self.root, read_status(self.root)) from None
         self._lock = lock
+        # Left by one that was killed: its address may be somebody else's by now.
+        self.status.unlink(missing_ok=True)
         if len(os.fsencode(self.root / "broker.sock")) > LONGEST_SOCKET:
             self._short = _short_folder(self.root)
 

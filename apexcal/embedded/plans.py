@@ -13,6 +13,8 @@ from apexcal.embedded.children import ChildPlan
 from apexcal.embedded.folder import DataFolder
 
 QUEUES = "ingest,detect,solve,report"
+# More than this is a slip of the hand; each takes some 200 MB and two open files of its parent.
+MOST_PROCESSES = 256
 STOP_ORDER = ("api", "beat", "sweeper", "worker", "broker")
 
 

@@ -9,8 +9,9 @@ import time
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
-from apexcal.cli import COMMANDS
+from apexcal.cli import COMMANDS, app
 from apexcal.client import Client
 from apexcal.commands.connect import connected
 
@@ -53,14 +54,19 @@ def test_every_command_explains_itself(name):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--loss", "huber"], "neither mean nor saturating"),
-        (["--weights", "equals"], "auto, equal or covariances"),
-        (["--outliers", "drop"], "neither keep nor exclude"),
+        (["--loss", "huber"], "'saturating'"),
+        (["--weights", "equals"], "'covariances'"),
+        (["--outliers", "drop"], "'exclude'"),
+        (["--model", "fisheye"], "kannala_brandt (the equidistant model"),
+        (["--model", "pinhole", "--model", "ocam"], "there is no camera model 'ocam'"),
+        (["--rotation-range-deg", "181"], "180"),
+        (["--vehicle", "Car"], "belongs to one rig"),
+        (["--pairs", "a.csv"], "not both"),
     ],
 )
 def test_calibrate_refuses_words_that_it_does_not_know(words, said):
-    shown = apexcal("calibrate", "--detection", "x", *words)
-    assert shown.returncode == 2
+    shown = CliRunner().invoke(app, ["calibrate", "--detection", "x", *words])
+    assert shown.exit_code == 2
     assert said in shown.stderr
 
 
@@ -70,11 +76,28 @@ def test_calibrate_takes_the_lens_from_one_place():
     assert "--stated takes the lens that the recording states" in shown.stderr
 
 
+_NONSENSE = (
+    ["serve", "--workers", "99999999"],
+    ["serve", "--public-url", "nonsense"],
+    ["upload", "/nonexistent"],
+    ["upload", __file__, "--lidar-model", "vlp61"],
+    ["suggest", "walk", "--out", "/nonexistent/region.json"],
+    ["detect", "walk", "--keep", "x > 1", "--region", "region.json"],
+    ["calibrate-fleet", "--cancel", "01890000-0000-7000-8000-000000000000", "--name", "Van"],
+    ["export", "--output", "/"],
+)
+
+
 def test_wrong_usage_is_2():
     for words in (["nonsense"], ["upload"], ["detect", "x"], ["calibrate"], ["serve", "--host", "0.0.0.0"]):
         shown = apexcal(*words)
         assert shown.returncode == 2, words
         assert "Traceback" not in shown.stderr
+
+
+@pytest.mark.parametrize("words", _NONSENSE, ids=" ".join)
+def test_what_cannot_be_is_wrong_usage_before_anything_is_done(words):
+    assert CliRunner().invoke(app, words).exit_code == 2
 
 
 @pytest.mark.parametrize(
@@ -88,8 +111,8 @@ def test_wrong_usage_is_2():
 def test_a_number_that_is_not_finite_is_said_where_it_stands(tmp_path, words, said):
     (tmp_path / "region.json").write_text('{"quantity": "x", "op": ">", "value": Infinity}')
     words = [word.replace("{}", str(tmp_path)) for word in words]
-    refused = apexcal("detect", "x", *words, "--url", "http://127.0.0.1:9", "--token", "apx_x")
-    assert refused.returncode == 1
+    refused = CliRunner().invoke(app, ["detect", "x", *words, "--url", "http://127.0.0.1:9", "--token", "apx_x"])
+    assert refused.exit_code == 2
     assert said in refused.stderr
     assert "finite number" in refused.stderr
 
@@ -178,9 +201,14 @@ def test_a_worker_needs_the_services_environment():
     shown = apexcal("worker")
     assert shown.returncode == 2
     assert "APEXCAL_DATABASE_URL" in shown.stderr
-    shown = apexcal("worker", "--queues", "solve,paint", APEXCAL_DATABASE_URL="x", APEXCAL_BROKER_URL="y")
-    assert shown.returncode == 2
-    assert "paint" in shown.stderr
+    known = {"APEXCAL_DATABASE_URL": "x", "APEXCAL_BROKER_URL": "y", "APEXCAL_BLOB_URL": ""}
+    shown = CliRunner(env=known).invoke(app, ["worker"])
+    assert shown.exit_code == 2
+    assert "a worker needs APEXCAL_BLOB_URL" in shown.stderr
+    known["APEXCAL_BLOB_URL"] = "s3://b/p"
+    shown = CliRunner(env=known).invoke(app, ["worker", "--queues", "solve,paint,"])
+    assert shown.exit_code == 2
+    assert "'paint', ''" in shown.stderr
 
 
 def test_from_a_rig_file_to_a_calibration(embedded, simulated, tmp_path):
@@ -215,7 +243,7 @@ def test_from_a_rig_file_to_a_calibration(embedded, simulated, tmp_path):
     assert again.returncode == 2
     fisheye = ("--vehicle", rig["vehicle_id"], "--model", "fisheye")
     refused = apexcal("calibrate", "--pairs", tmp_path / "pairs.csv", *fisheye, *here)
-    assert refused.returncode == 1
+    assert refused.returncode == 2
     assert "brown_conrady" in refused.stderr
     assert "kannala_brandt" in refused.stderr
 
@@ -226,12 +254,14 @@ def test_a_preset_means_what_it_says_where_nothing_else_is_given(embedded, simul
     rig = json.loads(apexcal("rig", simulated / "rig.json", "--fleet", "Presets", "--vehicle", "Car", *here).stdout)
     (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
     wanted = ("--model", "pinhole", "--folds", 0, "--preset", "paper", "--loss", "saturating", "--weights", "equal")
+    wanted = (*wanted, "--rotation-range-deg", 12.5)
     calibrated = apexcal(
         "calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"], *wanted, *here
     )
     request = json.loads(calibrated.stdout)["request"]
     assert (request["preset"], request["search"], request["bounds_preset"]) == ("paper", "euler", "paper-table-1")
     assert (request["loss"], request["weights"], request["outliers"]) == ("saturating", "equal", "keep")
+    assert request["rotation_range_deg"] == 12.5
 
 
 def test_a_refused_rig_leaves_nothing_behind_and_every_field_is_said(embedded, owner, simulated, tmp_path):
@@ -240,7 +270,7 @@ def test_a_refused_rig_leaves_nothing_behind_and_every_field_is_said(embedded, o
     (tmp_path / "rig.json").write_text(json.dumps(rig))
     words = ("--fleet", "Refused", "--vehicle", "Car", "--data", embedded.data)
     refused = apexcal("rig", tmp_path / "rig.json", *words)
-    assert refused.returncode == 1
+    assert refused.returncode == 2
     assert "lidar.frame: " in refused.stderr
     assert "cameras.0.image_size: " in refused.stderr
     assert "Refused" not in [fleet["name"] for fleet in owner.fleets.list()]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from apexcal.embedded.folder import DataFolder, FolderInUseError, is_served
+from apexcal.embedded.folder import DataFolder, FolderInUseError, is_served, read_status
 from apexcal.rigs import read_rig
 from tests.apexcal.conftest import SERVE, start, stop
 
@@ -127,6 +127,8 @@ def test_a_killed_parent_leaves_no_child_and_a_stopped_one_neither(tmp_path):
     everyone = set().union(*families.values())
     leaders = [min(family) for family in families.values()]
     eventually(lambda: not any(everyone & session_of(leader) for leader in leaders), "the children's end", 15)
+    assert (data / "supervisor.json").exists()
+    assert not is_served(data), "what a killed one left says nothing"
     second = start(data)
     leaders = [child["pid"] for child in second.children().values()]
     try:
@@ -143,7 +145,9 @@ def test_a_killed_parent_leaves_no_child_and_a_stopped_one_neither(tmp_path):
 
 def test_the_lock_is_the_holders_and_ends_with_it(tmp_path):
     holder = DataFolder(tmp_path)
+    holder.status.write_text(json.dumps({"pid": os.getpid(), "url": "http://of.a.killed.one"}))
     holder.hold()
+    assert read_status(tmp_path) == {}, "also where its process id is somebody else's by now"
     holder.status.write_text(json.dumps({"pid": 1, "url": "http://here"}))
     with pytest.raises(FolderInUseError, match="http://here"):
         DataFolder(tmp_path).hold()

@@ -8,15 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from apexcal.commands import choices
 from service.calibrations import known_lens, model_names, transforms
 from service.calibrations.holding_out import fold_count
 from service.calibrations.schemas import CalibrationRequest, ScheduleOverrides
+from service.detections.detectors import DETECTORS
 from service.fleets.transforms import Transform
 from service.http.problems import Problem
 from workers.geometry import models as worker_models
 from workers.geometry import transforms as worker_transforms
 from workers.geometry.errors import GeometryError
 from workers.geometry.transforms import RigidTransform
+from workers.readers.recording import LidarModel
 from workers.readers.ros import camera_info
 from workers.solver import bounds as worker_bounds
 from workers.solver import presets as worker_presets
@@ -178,3 +181,20 @@ def test_a_transform_as_results_say_it_is_taken_as_a_mount():
         worker_transforms.from_document(euler_document("camera", "velodyne", (90, -105, 0), "zyx", (0, 0, 0)))
     )
     assert list(Transform.model_validate(said).rotation.model_dump()) == ["matrix"]
+
+
+def test_the_command_knows_the_same_words():
+    assert choices.MODELS == get_args(choices.Model) == model_names.MODELS
+    for theirs, ours in (
+        (model_names.PresetName, choices.Preset),
+        (model_names.SearchForm, choices.Search),
+        (model_names.BoundsPreset, choices.Bounds),
+        (model_names.Loss, choices.Loss),
+        (model_names.WeightRule, choices.Weights),
+        (model_names.OutlierRule, choices.Outliers),
+        (known_lens.UseAs, choices.LensUse),
+        (CalibrationRequest.model_fields["farm"].annotation, choices.Farm),
+    ):
+        assert get_args(theirs) == get_args(ours)
+    assert set(get_args(choices.Detector)) == set(DETECTORS)
+    assert set(get_args(choices.LidarModel)) == set(get_args(LidarModel))
