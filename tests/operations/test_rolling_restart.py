@@ -39,7 +39,7 @@ def fleet(postgres: Postgres, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 
 class Hammer(threading.Thread):
-    """A client that keeps its connection, reads and writes some times a second, and forgives nothing."""
+    """A client that keeps its connection, reads and writes a few times a second, and forgives nothing."""
 
     def __init__(self, fleet: Fleet, fleet_id: str, name: str) -> None:
         super().__init__(daemon=True)
@@ -54,7 +54,7 @@ class Hammer(threading.Thread):
             while not self.enough.is_set():
                 self._ask(client)
                 # More would only take the processors from the processes that start.
-                time.sleep(0.1)
+                time.sleep(0.25)
 
     def _ask(self, client: httpx.Client) -> None:
         name = f"{self._name} {self.asked}"
