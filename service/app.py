@@ -97,10 +97,11 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         house: tuple[Database, Store] = app.state.database, app.state.store
-        upkeep = asyncio.gather(keep_adopting(*house), _keep_house(*house, settings))
+        upkeep = [asyncio.create_task(task) for task in (keep_adopting(*house), _keep_house(*house, settings))]
         with drain.before_stopping():
             yield
-        upkeep.cancel()
+        for task in upkeep:
+            task.cancel()
         app.state.sender.close()
         app.state.publisher.close()
         app.state.database.close()
