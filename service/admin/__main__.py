@@ -17,6 +17,7 @@ from service.admin.manifest import Manifest, verify
 from service.admin.opening import FAILED, opened, spoken
 from service.admin.people import tokens, users
 from service.admin.restore import restore as bring_back
+from service.admin.serving import is_served
 from service.admin.work import job, jobs, requeue
 from service.settings import get_settings
 from service.storage.store import open_store
@@ -60,8 +61,8 @@ def backup(
     """Back up database and objects while the service works.
 
     What is written is of one moment: every row, and every object that a row names. Nothing is removed from the store
-    meanwhile. The folder is complete or not there: it appears in one step. Objects that the store has lost or changed
-    are named, and the exit code is 1; everything else is in the backup all the same.
+    meanwhile. The folder is complete or not there: it appears in one step. Objects that the store lost or changed,
+    or cannot read are named, and the exit code is 1; everything else is in the backup all the same.
     """
     with opened() as service:
         manifest = back_up(service.database, service.store, target.resolve(), report=_reporter(quiet))
@@ -105,19 +106,20 @@ def restore(
 
 
 def _name_damaged(manifest: Manifest) -> bool:
-    """Say on standard error which objects were lost or changed when the backup was made; whether there are any."""
+    """Say on standard error which objects were not whole when the backup was made; whether there are any."""
     for one in manifest.damaged:
         print(f"{one.key}: {one.what}", file=sys.stderr)
     if manifest.damaged:
         print(
-            f"apexcal admin: the store had lost or changed {len(manifest.damaged)} objects when this was backed up.",
+            f"apexcal admin: the store had lost, changed or could not read {len(manifest.damaged)} objects when this "
+            "was backed up.",
             file=sys.stderr,
         )
     return bool(manifest.damaged)
 
 
 def _refuse_served(folder: Path) -> None:
-    if (folder / "supervisor.json").exists():
+    if is_served(folder):
         raise AdminError(f"a service runs on {folder}", "Stop it first, or restore into another folder.")
 
 

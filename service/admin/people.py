@@ -13,7 +13,8 @@ from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session
 
 from service.admin.errors import AdminError
-from service.admin.opening import JsonOption, opened, spoken, table
+from service.admin.opening import JsonOption, as_id, opened, spoken, table
+from service.admin.serving import served_url
 from service.auth.sessions import make_link
 from service.db.clock import utc_now
 from service.db.fleets import Fleet
@@ -117,8 +118,9 @@ def list_tokens(
 @spoken
 def revoke_token(token: Annotated[str, typer.Argument(help="Id, as `tokens list` shows it.")]) -> None:
     """Revoke a token at once."""
+    id = as_id(token, "token", "`apexcal admin tokens list` shows them.")
     with opened() as service, service.database.writing() as session:
-        if not _revoke(session, ApiToken.id == as_uuid(token)):
+        if not _revoke(session, ApiToken.id == id):
             raise AdminError(f"there is no valid token {token}", "`apexcal admin tokens list` shows those that are.")
     print("It is revoked.")
 
@@ -130,11 +132,8 @@ def public_url(settings: Settings) -> tuple[str, bool]:
     """
     if settings.database_url or "public_url" in settings.model_fields_set:
         return settings.public_url, True
-    try:
-        status: Any = json.loads((settings.data_dir / "supervisor.json").read_text(encoding="utf-8"))
-        return str(status["public_url"]), True
-    except (OSError, ValueError, KeyError, TypeError):
-        return settings.public_url, False
+    address = served_url(settings.data_dir)
+    return (address, True) if address else (settings.public_url, False)
 
 
 def _state(token: ApiToken, moment: Any) -> str:
@@ -156,7 +155,7 @@ def _revoke(session: Session, which: Any) -> int:
 
 def find_person(session: Session, asked: str) -> Person:
     """A person by id or by a name that only one has. Raises :class:`AdminError`."""
-    found = session.scalars(select(Person).where((Person.name == asked) | (Person.id == as_uuid(asked)))).all()
+    found = session.scalars(select(Person).where((Person.name == asked) | (Person.id == _as_uuid(asked)))).all()
     if len(found) == 1:
         return found[0]
     if not found:
@@ -166,8 +165,8 @@ def find_person(session: Session, asked: str) -> Person:
     )
 
 
-def as_uuid(text: str) -> UUID:
-    """A UUID as people copy it; what is none names nothing."""
+def _as_uuid(text: str) -> UUID:
+    """The id that a name may be; most are none, and name nobody by it."""
     try:
         return UUID(text)
     except ValueError:

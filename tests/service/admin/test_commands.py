@@ -82,8 +82,10 @@ def test_every_command_says_what_it_is_for(run) -> None:
     for name in names:
         helped = run(*name.split(), "--help")
         assert helped.exit_code == 0 and len(helped.stdout.splitlines()) > 4, name
-    assert run("bogus").exit_code == 2 and run("job", "many").exit_code == 2
-    assert run("job", str(2**63)).exit_code == 2 and run("requeue", str(2**63)).exit_code == 2
+    usages = ("bogus", "job many", f"job {2**63}", f"requeue {2**63}", "job 0", "requeue 0", "jobs --state lost")
+    for wrong in (*usages, "tokens revoke ada", "retention set north --days 3", "retention set north --days -1"):
+        ended = run(*wrong.split())
+        assert ended.exit_code == 2 and ended.stderr and "Traceback" not in ended.output, wrong
 
 
 def test_people_and_tokens(run, api: Api) -> None:

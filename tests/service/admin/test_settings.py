@@ -40,7 +40,9 @@ def test_settings_that_cannot_be_used_are_named(monkeypatch: pytest.MonkeyPatch,
     get_settings.cache_clear()
 
 
-@pytest.mark.parametrize("program", ["service.db.migrate", "service.storage.prepare", "celery -A workers.sweeper"])
+@pytest.mark.parametrize(
+    "program", ["service.auth.bootstrap", "service.storage.prepare", "celery -A workers.sweeper"]
+)
 def test_programs_end_with_a_sentence_where_settings_cannot_be_used(program: str):
     environment = {**os.environ, "APEXCAL_WORKERS": "abc"}
     ended = subprocess.run(
