@@ -5,7 +5,11 @@ import type { Fleet, Rig, RigRequest, Vehicle } from "./types/fleets.ts";
 
 export const createFleet = (name: string): Promise<Fleet> => create<Fleet>("/fleets", { name });
 
-export const vehicles = (fleetId: string): Promise<Vehicle[]> => all<Vehicle>(`/fleets/${fleetId}/vehicles`);
+/** As many vehicles as the pages list; larger fleets are named by patterns. */
+export const MOST_VEHICLES = 1000;
+
+export const vehicles = (fleetId: string): Promise<Vehicle[]> =>
+  all<Vehicle>(`/fleets/${fleetId}/vehicles`, MOST_VEHICLES);
 
 export const vehicle = (id: string): Promise<Vehicle> => get<Vehicle>(`/vehicles/${id}`);
 
