@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from service.calibrations.locks import LEAST_FOCAL_PX
 from service.calibrations.model_names import INTRINSICS
 from service.db.base import Json
 from service.http.problems import Problem
@@ -32,8 +33,6 @@ MODEL_OF = {
 }
 COEFFICIENTS = {"brown_conrady": 5, "kannala_brandt": 4}
 
-# Less is no focal length of a camera, and what is divided by it may be infinite.
-_LEAST_FOCAL_PX = 1.0
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
 _FOCAL_SHARE = 0.10
 _CENTRE_SHARE = 0.05
@@ -82,7 +81,7 @@ def as_stated(camera: str, given: Json) -> Json:
             "and centre as `bounds` or `locked`.",
         )
     K = [float(value) for value in given["K"]]
-    if min(K[0], K[4]) < _LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
+    if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
         raise Problem(
             422,
             "invalid_intrinsics",

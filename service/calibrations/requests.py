@@ -9,6 +9,7 @@ from typing import Any
 
 from service.calibrations.holding_out import fold_count
 from service.calibrations.known_lens import Known, UseAs, known_lens
+from service.calibrations.locks import check_camera_locks, check_locks
 from service.calibrations.model_names import (
     ANGLES,
     EXTRINSICS,
@@ -22,7 +23,7 @@ from service.calibrations.model_names import (
     parameter_names,
 )
 from service.calibrations.schemas import CalibrationTemplate
-from service.calibrations.sources import CameraPairs, lens_notes, models_of, with_given_lenses
+from service.calibrations.sources import CameraPairs, check_given_lenses, lens_notes, models_of, with_given_lenses
 from service.calibrations.weighing import weighing, weighing_note
 from service.db.base import Json
 from service.db.fleets import RigCamera
@@ -57,16 +58,20 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
     """Check a request against its rig and pairs, and write out what the solver is to do.
 
     Raises:
-        Problem: 422 ``unknown_model``, ``unknown_parameter``, ``bounds_inside_out``, ``too_few_pairs``; of the lenses
-            ``unknown_camera``, ``intrinsics_of_another_size``, ``intrinsics_of_another_model`` and those of
-            :func:`~service.calibrations.known_lens.as_stated`.
+        Problem: 422 ``unknown_model``, ``unknown_parameter``, ``bounds_inside_out``, ``locked_out_of_bounds``,
+            ``too_few_pairs``; of the lenses ``unknown_camera``, ``intrinsics_of_another_size``,
+            ``intrinsics_of_another_model`` and those of :func:`~service.calibrations.known_lens.as_stated`.
     """
     models = list(dict.fromkeys(check_model(name) for name in wanted.models))
     common = _common(wanted, models)
     bounds = _by_name(wanted.bounds, "bounds", models, common["search"])
     _check_order(bounds)
-    sources = with_given_lenses(sources, wanted.intrinsics)
+    check_locks(common["locked"], bounds)
     use_as = wanted.intrinsics_as
+    check_given_lenses(wanted.intrinsics, models, use_as)
+    sources = with_given_lenses(sources, wanted.intrinsics)
+    for source in sources:
+        check_camera_locks(common["locked"], bounds, source.camera, _bare(source.camera.bounds), common)
     weights = {
         source.camera.name: weighing(source.camera.name, source.pairs.pairs, wanted.weights) for source in sources
     }

@@ -46,6 +46,12 @@ def with_given_lenses(sources: Sequence[CameraPairs], given: Mapping[str, GivenL
     return [_with(source, given[source.camera.name]) if source.camera.name in given else source for source in sources]
 
 
+def check_given_lenses(given: Mapping[str, GivenLens], models: Sequence[str], use_as: UseAs) -> None:
+    """Refuse lenses that are wrong whatever the rig: as ``as_stated``, and 422 ``intrinsics_of_another_model``."""
+    for name, lens in given.items():
+        _able(name, as_stated(name, lens.model_dump()), models, use_as)
+
+
 def _with(source: CameraPairs, given: GivenLens) -> CameraPairs:
     name = source.camera.name
     stated = as_stated(name, given.model_dump())
@@ -59,21 +65,19 @@ def models_of(source: CameraPairs, models: Sequence[str], use_as: UseAs) -> list
     Raises:
         Problem: 422 ``intrinsics_of_another_model`` where none can.
     """
-    if source.stated is None:
-        return list(models)
-    able = [model for model in models if known_lens(source.stated, model, use_as) is not None]
+    return list(models) if source.stated is None else _able(source.camera.name, source.stated, models, use_as)
+
+
+def _able(camera: str, stated: Json, models: Sequence[str], use_as: UseAs) -> list[str]:
+    able = [model for model in models if known_lens(stated, model, use_as) is not None]
     if able:
         return able
-    lens = source.stated["model"]
-    what = (
-        f"are of {lens}"
-        if lens
-        else f"({source.stated.get('distortion_model')}) are of a model that has no equal here"
-    )
+    lens = stated["model"]
+    what = f"are of {lens}" if lens else f"({stated.get('distortion_model')}) are of a model that has no equal here"
     raise Problem(
         422,
         "intrinsics_of_another_model",
-        f"The intrinsics of {source.camera.name} {what}, and {' and '.join(models)} cannot take them over.",
+        f"The intrinsics of {camera} {what}, and {' and '.join(models)} cannot take them over.",
         (f"Ask for {lens}, or take" if lens else "Take") + " focal lengths and centre alone: intrinsics_as bounds.",
     )
 

@@ -16,7 +16,7 @@ from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet
 from service.db.ids import new_id
 from service.fleet_requests.choosing import Chosen, choose
-from service.fleet_requests.planning import Planned, plan_vehicles
+from service.fleet_requests.planning import Planned, check_template, plan_vehicles
 from service.fleet_requests.schemas import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
 from service.http.problems import Problem
 
@@ -32,7 +32,7 @@ def ask(session: Session, fleet: Fleet, wanted: FleetRequestBody, person_id: UUI
     Raises:
         Problem: 422 of the filter, of the template, or ``fleet_request_too_large``.
     """
-    chosen = _choose(session, fleet.id, wanted.vehicles)
+    chosen = _choose(session, fleet.id, wanted)
     row = FleetRequest(
         fleet_id=fleet.id,
         asked=wanted.model_dump(mode="json", include={"vehicles", "calibration"}),
@@ -59,7 +59,7 @@ def ask(session: Session, fleet: Fleet, wanted: FleetRequestBody, person_id: UUI
 
 def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunView:
     """What :func:`ask` would come to. Raises as it does."""
-    chosen = _choose(session, fleet.id, wanted.vehicles)
+    chosen = _choose(session, fleet.id, wanted)
     skipped: list[SkippedView] = []
     runs = 0
     for planned in plan_vehicles(session, wanted.calibration, chosen):
@@ -130,8 +130,10 @@ def retry_failed(session: Session, row: FleetRequest, person_id: UUID, workers: 
     _begin(row, begun)
 
 
-def _choose(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> list[Chosen]:
-    chosen = choose(session, fleet_id, wanted)
+def _choose(session: Session, fleet_id: UUID, wanted: FleetRequestBody) -> list[Chosen]:
+    # First, so that a template that no vehicle can be calibrated by is refused on a quiet night too.
+    check_template(wanted.calibration)
+    chosen = choose(session, fleet_id, wanted.vehicles)
     if len(chosen) > _MOST_VEHICLES:
         raise _too_large(f"{len(chosen)} vehicles", f"{_MOST_VEHICLES} vehicles")
     return chosen

@@ -33,13 +33,13 @@ class Planned:
     problem: Json | None = None
 
 
-def plan_vehicles(session: Session, template: CalibrationTemplate, chosen: list[Chosen]) -> Iterator[list[Planned]]:
-    """The vehicles' plans, some at a time.
-
-    Raises:
-        Problem: what is wrong with the template itself, whatever the vehicle; before the first plan.
-    """
+def check_template(template: CalibrationTemplate) -> None:
+    """Raises :class:`Problem` 422: what is wrong with the template itself, whatever the vehicle."""
     plan_request(template, [])
+
+
+def plan_vehicles(session: Session, template: CalibrationTemplate, chosen: list[Chosen]) -> Iterator[list[Planned]]:
+    """The plans of vehicles of a template that :func:`check_template` lets pass, some at a time."""
     asked = template.model_dump()
     for chunk in in_chunks(chosen, _CHUNK):
         sets = _sets(session, chunk)
@@ -75,7 +75,12 @@ def _plan(
     ]
     try:
         if template.intrinsics_from == "recording":
-            sources = [replace(of, stated=stated_intrinsics(session, of.camera, of.pairs)) for of in sources]
+            sources = [
+                of
+                if of.camera.name in template.intrinsics
+                else replace(of, stated=stated_intrinsics(session, of.camera, of.pairs))
+                for of in sources
+            ]
         ids = [of.pairs.id for of in sources]
         alone = CalibrationRequest.model_validate({**asked, "correspondence_set_ids": ids})
         return Planned(one, rig, plan_request(alone, sources))

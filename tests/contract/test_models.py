@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from apexcal.commands import choices
-from service.calibrations import known_lens, model_names, transforms
+from service.calibrations import known_lens, locks, model_names, transforms
 from service.calibrations.holding_out import fold_count
 from service.calibrations.schemas import CalibrationRequest, ScheduleOverrides
+from service.db.fleets import RigCamera
 from service.detections.detectors import DETECTORS
 from service.fleets.transforms import Transform
 from service.http.problems import Problem
@@ -198,3 +199,18 @@ def test_the_command_knows_the_same_words():
         assert get_args(theirs) == get_args(ours)
     assert set(get_args(choices.Detector)) == set(DETECTORS)
     assert set(get_args(choices.LidarModel)) == set(get_args(LidarModel))
+
+
+def test_locks_are_held_against_the_bounds_that_the_search_has():
+    nominal = RigidTransform("c", "l", np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]), np.array([0.3, -2.0, 0.0]))
+    camera = RigCamera(image_width=1280, image_height=720, nominal=worker_transforms.to_document(nominal))
+    for preset in worker_bounds.BOUNDS_PRESETS:
+        for form in worker_models.SEARCH_FORMS:
+            ours = locks.preset_bounds(preset, form, camera, 12.5)
+            for model in worker_models.MODELS:
+                theirs = worker_bounds.preset_bounds(preset, model, form, (1280, 720), nominal, 12.5)
+                for name, interval in theirs.items():
+                    if (preset, form) == ("image-size", "euler") and name in ("alpha", "beta", "gamma"):
+                        assert ours[name] == (-np.pi, np.pi)
+                    else:
+                        assert ours[name] == pytest.approx(interval, abs=1e-12), (preset, form, name)

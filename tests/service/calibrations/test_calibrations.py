@@ -265,6 +265,13 @@ def test_the_paper_preset_means_its_own_form_and_bounds(api, engineer, rig):
         ({"priors": {"f_x": {"mean": 400, "sigma": 1e-320}}}, "invalid_request", "priors.f_x.sigma"),
         ({"priors": {"f_x": {"mean": 400, "sigma": 1e7}}}, "invalid_request", "priors.f_x.sigma"),
         ({"locked": {"f_x": 1e308}}, "invalid_request", "locked.f_x: Input should be less than or equal to 1000000"),
+        ({"locked": {"f_x": 0}}, "locked_out_of_bounds", "no camera has a focal length below 1 px"),
+        ({"locked": {"k1": 2}}, "locked_out_of_bounds", "outside of [-1, 1], the bounds of image-size"),
+        (
+            {"locked": {"f_y": 500}, "bounds": {"f_y": [510, 520]}},
+            "locked_out_of_bounds",
+            "[510, 520], the request's own bounds",
+        ),
         ({"bounds": {"t_x": [-1e200, 1e200]}}, "invalid_request", "bounds.t_x.0: Input should be greater"),
         ({"schedule": {"population": 10}}, "invalid_request", "schedule.population"),
         ({"preset": "best"}, "invalid_request", "preset"),

@@ -114,15 +114,24 @@ def test_a_quiet_night_is_a_request_that_is_done(api, vans: Vans, context):
 
 
 def test_what_is_wrong_with_the_template_refuses_the_whole_and_makes_nothing(api, vans: Vans):
+    """Also where the filter leaves nobody."""
     vans.add("van")
+    lens = {"width": 640, "height": 480, "distortion_model": "equidistant", "D": [0.0] * 4}
+    lens["K"] = [500.0, 0.0, 320.0, 0.0, 500.0, 240.0, 0.0, 0.0, 1.0]
+    as_prior = {"intrinsics_as": "prior"}
     for calibration, code in (
         ({"models": ["fisheye"]}, "unknown_model"),
         ({"locked": {"nonsense": 1.0}}, "unknown_parameter"),
         ({"bounds": {"f_x": [900.0, 300.0]}}, "bounds_inside_out"),
+        ({"locked": {"f_x": -400.0}}, "locked_out_of_bounds"),
+        ({"intrinsics": {"front": lens | {"distortion_model": "nonsense"}}}, "unknown_distortion_model"),
+        ({"intrinsics": {"front": lens | {"K": [0.0] * 9}}}, "invalid_intrinsics"),
+        ({"models": ["pinhole"], "intrinsics": {"front": lens}, **as_prior}, "intrinsics_of_another_model"),
         ({"correspondence_set_ids": [str(uuid4())]}, "invalid_request"),
     ):
-        answer = vans.ask(calibration=calibration)
-        assert (answer.status_code, answer.json()["code"]) == (422, code)
+        for vehicles in ({}, {"name": "nobody"}, {"new_pairs": True}):
+            answer = vans.ask(vehicles, calibration=calibration)
+            assert (answer.status_code, answer.json()["code"]) == (422, code)
     with api.database.reading() as session:
         assert session.scalars(select(FleetRequest.id)).all() == []
         assert session.scalars(select(Job.id)).all() == []
