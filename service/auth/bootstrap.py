@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from datetime import timedelta
 from pathlib import Path
 
 from sqlalchemy import select, update
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
@@ -75,6 +77,11 @@ def main() -> None:
             write_private(chosen.token_file, token + "\n")
         if link:
             print(link)
+    except SQLAlchemyError as error:
+        said = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
+        sys.exit(f"The database: {said}. Did `python -m service.db.migrate` run?")
+    except OSError as error:
+        sys.exit(f"{error.filename}: {error.strerror}")
     finally:
         database.close()
 
