@@ -21,7 +21,7 @@ from workers.readers.normalised.manifest import Manifest
 
 ROOT = Path(__file__).parents[3]
 RUNNER = Path(__file__).with_name("fuzz_runner.py")
-SHORT = 300
+SHORT = 150
 LONG = 10_000
 
 

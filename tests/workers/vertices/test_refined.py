@@ -26,9 +26,15 @@ def detected(recorded, options=SIZE, indices=None, **more):
     return detect_range(recorded.source, REGION, "refined", options, indices=indices or recorded.all, **more)
 
 
-def test_most_boards_give_a_vertex_whose_stated_error_holds():
+@pytest.fixture(scope="module")
+def whole():
+    """A walk of 30 s and what is found in it, at once."""
     recorded = walk(27, 30.0)
-    found = detected(recorded)
+    return recorded, detected(recorded)
+
+
+def test_most_boards_give_a_vertex_whose_stated_error_holds(whole):
+    recorded, found = whole
     wrong, scaled = errors(recorded, found.vertices)
     visible = np.count_nonzero(recorded.rings >= 2)
     assert len(found.vertices) > 0.65 * visible
@@ -58,14 +64,13 @@ def test_a_vertex_says_when_and_from_what_it_was_measured():
         assert np.linalg.eigvalsh(covariance).min() > 0
 
 
-def test_shards_give_what_the_whole_gives():
-    recorded = walk(27, 30.0)
-    whole = detected(recorded)
+def test_shards_give_what_the_whole_gives(whole):
+    recorded, found = whole
     parts = [detected(recorded, indices=range(first, first + 75), margin=3) for first in range(0, 300, 75)]
-    assert [vertex for part in parts for vertex in part.vertices] == whole.vertices
+    assert [vertex for part in parts for vertex in part.vertices] == found.vertices
     reasons = [part.rejected for part in parts]
-    assert {name: sum(part.get(name, 0) for part in reasons) for name in whole.rejected} == whole.rejected
-    beside = [vertex for vertex in whole.vertices if vertex.sweep_index in (72, 73, 74, 150, 151, 152)]
+    assert {name: sum(part.get(name, 0) for part in reasons) for name in found.rejected} == found.rejected
+    beside = [vertex for vertex in found.vertices if vertex.sweep_index in (72, 73, 74, 150, 151, 152)]
     assert list(parts[1].context) == beside
 
 
