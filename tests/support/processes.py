@@ -5,7 +5,7 @@ import ctypes
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +32,21 @@ def start(command: list[str], log: Path, **options: Any) -> subprocess.Popen[byt
 
 def stop(child: subprocess.Popen[bytes], how: signal.Signals = signal.SIGTERM) -> None:
     """End a child, kindly first."""
-    with contextlib.suppress(ProcessLookupError):
-        child.send_signal(how)
-    try:
-        child.wait(10)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        child.wait()
+    stop_all([child], how)
+
+
+def stop_all(children: Iterable[subprocess.Popen[bytes]], how: signal.Signals = signal.SIGTERM) -> None:
+    """End children, kindly first; they end side by side."""
+    told = list(children)
+    for child in told:
+        with contextlib.suppress(ProcessLookupError):
+            child.send_signal(how)
+    for child in told:
+        try:
+            child.wait(10)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
 
 
 def wait_until(true: Callable[[], bool], what: str, seconds: float = 20.0) -> None:

@@ -64,10 +64,12 @@ class Campaign:
         self._size = size
         # A disk that belongs to others as well is not filled.
         self._kinds = [kind for kind in KINDS if own_disk or kind != "disk_full"]
-        self._walks = record(logs, size.walks)
         self._ledger = Ledger()
         self._expected = Expected()
-        self._plant = Plant(data, logs, random, s3=s3)
+        with ThreadPoolExecutor(1) as pool:
+            walks = pool.submit(record, logs, size.walks)
+            self._plant = Plant(data, logs, random, s3=s3)
+            self._walks = walks.result()
         self._store = self._plant.store()
         self._injected: dict[str, int] = {}
         self._left_to_audit = 0

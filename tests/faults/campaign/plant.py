@@ -20,7 +20,7 @@ from service.storage.store import Store
 from tests.faults.farm import QUICK, free_port
 from tests.support.broker import Broker
 from tests.support.postgres import Postgres
-from tests.support.processes import start, stop, wait_until
+from tests.support.processes import start, stop, stop_all, wait_until
 from tests.support.s3 import S3Server
 
 # A pause before a dead process is started again, in seconds.
@@ -123,8 +123,8 @@ class Plant:
 
     def stop_service(self) -> None:
         """Stop what could still write; the database goes on."""
-        for name in (*self._commands(), "broker"):
-            stop(self.parts.pop(name).child)
+        stop_all(self.parts.pop(name).child for name in self._commands())
+        stop(self.parts.pop("broker").child)
 
     def close(self) -> None:
         """Stop everything."""
