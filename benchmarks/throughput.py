@@ -29,6 +29,7 @@ import numpy as np
 
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.manifest import Manifest
 from workers.simulation.background import paint_background
 from workers.simulation.render import Renderer, encode_jpeg
 from workers.simulation.rig import START_NS, Rig
@@ -105,6 +106,7 @@ def _ingestion(source: Path, out: Path, seconds: float) -> dict[str, float]:
     wall: list[float] = []
     cpu: list[float] = []
     bare: list[float] = []
+    manifest: Manifest | None = None
     with _one_core():
         for _ in range(_ROUNDS):
             shutil.rmtree(out, ignore_errors=True)
@@ -118,6 +120,7 @@ def _ingestion(source: Path, out: Path, seconds: float) -> dict[str, float]:
         began = time.perf_counter()
         subprocess.run([sys.executable, "-m", "workers.readers", "--help"], check=True, capture_output=True)
         start = time.perf_counter() - began
+    assert manifest is not None
     lidar, camera = manifest.sensors
     return {
         "ingest_times_real_time": seconds / min(wall),

@@ -22,6 +22,7 @@ from workers.readers.normalised.manifest import (
 )
 from workers.readers.normalised.mcap_files import CameraWriter, LidarWriter
 from workers.readers.normalised.stamps import (
+    StampReport,
     overlap_warning,
     partial_ends,
     report_stamps,
@@ -60,23 +61,8 @@ class _Lidar:
         report = report_stamps(stamps, "lidar")
         points = np.array(self.points, np.int64)[report.order]
         write_table(out_dir / "lidar.sweeps.json", SweepTable(stamps[report.order].tolist(), points.tolist()))
-        manifest = SensorManifest(
-            kind="lidar",
-            name="lidar",
-            topic=self.sensor.name,
-            frame_id=self.sensor.frame_id,
-            file="lidar.mcap",
-            frames="lidar.sweeps.json",
-            count=len(stamps),
-            first_ns=report.first_ns,
-            last_ns=report.last_ns,
-            rate_hz=report.rate_hz,
-            gaps=report.gaps,
-            gap_count=report.gap_count,
-            missing=report.missing,
-            jumps=report.jumps,
-            backwards=report.backwards,
-            twins=report.twins,
+        manifest = replace(
+            _described("lidar", self.sensor, "lidar.mcap", "lidar.sweeps.json", report),
             stamp_convention=facts.stamp_convention,
             time_source=facts.time_source,
             ring_count=facts.ring_count,
@@ -134,23 +120,8 @@ class _Camera:
             ImageSize(*size, count)
             for size, count in Counter(zip(self.widths, self.heights, strict=True)).most_common(100)
         ]
-        manifest = SensorManifest(
-            kind="camera",
-            name=self.name,
-            topic=self.sensor.name,
-            frame_id=self.sensor.frame_id,
-            file=self.writer.path.name,
-            frames=f"camera-{self.name}.frames.json",
-            count=len(stamps),
-            first_ns=report.first_ns,
-            last_ns=report.last_ns,
-            rate_hz=report.rate_hz,
-            gaps=report.gaps,
-            gap_count=report.gap_count,
-            missing=report.missing,
-            jumps=report.jumps,
-            backwards=report.backwards,
-            twins=report.twins,
+        manifest = replace(
+            _described(self.name, self.sensor, self.writer.path.name, f"camera-{self.name}.frames.json", report),
             transcoded=self.transcoded > 0,
             width=table.width[0],
             height=table.height[0],
@@ -159,6 +130,28 @@ class _Camera:
             notes=list(self.transcodings),
         )
         return manifest, [*report.warnings, *_size_warnings(self.name, sizes, self.sensor)]
+
+
+def _described(name: str, sensor: Sensor, file: str, frames: str, report: StampReport) -> SensorManifest:
+    """What is told of a LiDAR and of a camera alike."""
+    return SensorManifest(
+        kind=sensor.kind,
+        name=name,
+        topic=sensor.name,
+        frame_id=sensor.frame_id,
+        file=file,
+        frames=frames,
+        count=len(report.order),
+        first_ns=report.first_ns,
+        last_ns=report.last_ns,
+        rate_hz=report.rate_hz,
+        gaps=report.gaps,
+        gap_count=report.gap_count,
+        missing=report.missing,
+        jumps=report.jumps,
+        backwards=report.backwards,
+        twins=report.twins,
+    )
 
 
 def _size_warnings(name: str, sizes: list[ImageSize], sensor: Sensor) -> list[str]:
