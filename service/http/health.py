@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import redis
@@ -34,13 +35,14 @@ def install(app: FastAPI) -> None:
     """Give the application the parts that /readyz looks at."""
     settings: Settings = app.state.settings
     database: Database = app.state.database
-    # A store of its own, which gives up about when nobody waits any more.
-    store = Store(settings.blobs, replace(settings.s3, timeout_s=min(PATIENCE_S, settings.store_timeout_s)))
+    # A store of its own, which gives up about when nobody waits any more; opening one of S3 takes 10 ms.
+    options = replace(settings.s3, timeout_s=min(PATIENCE_S, settings.store_timeout_s))
+    store = cache(lambda: Store(settings.blobs, options))
     probe = f"probe/{new_id().hex}"
     app.state.parts = [
         Part("database", lambda: _database(database)),
         Part("broker", lambda: _broker(settings)),
-        Part("store", lambda: _store(store, probe, settings), _STORE_FRESH_S),
+        Part("store", lambda: _store(store(), probe, settings), _STORE_FRESH_S),
         Part("sweep", lambda: _sweep(database, settings)),
         *([Part("children", lambda: _children(settings))] if settings.supervisor_status else []),
         Part("workers", lambda: _workers(database)),
