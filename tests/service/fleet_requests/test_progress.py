@@ -16,6 +16,7 @@ from service.jobs.claims import claim, finishing
 from service.jobs.messages import COURIER
 from service.jobs.sweep import sweep
 from service.settings import get_settings
+from tests.service.jobs.support import statements
 from tests.support.work import lose_every_worker, work
 from workers.tasks.running import run_job
 
@@ -72,12 +73,13 @@ def test_one_vehicle_may_fail_be_skipped_or_be_retried_and_the_rest_is_done(vans
     )
 
 
-def test_a_cancelled_request_keeps_what_is_done_and_ends_the_rest(vans: Vans, context):
+def test_a_cancelled_request_keeps_what_is_done_and_ends_the_rest(api, vans: Vans, context):
     made = [vans.add(f"van {n}") for n in range(4)]
     asked = vans.ask().json()
     run_job(context, job_of(context, made[0]))
     running = claim(context.database, job_of(context, made[1]), "somebody")
-    answer = vans.engineer.post(f"/fleet-requests/{asked['id']}/cancel")
+    with statements(api.database) as said:
+        answer = vans.engineer.post(f"/fleet-requests/{asked['id']}/cancel")
     assert answer.status_code == 202 and answer.json()["cancel_requested"]
     sweep(context.database, context.store)
     assert counts(vans.read(asked)) == {"matched": 4, "running": 1, "done": 1, "cancelled": 2}
@@ -89,6 +91,10 @@ def test_a_cancelled_request_keeps_what_is_done_and_ends_the_rest(vans: Vans, co
     assert (before["state"], counts(before)) == ("cancelled", counts(ended)), "what has ended stays as it is"
     unmoved = vans.engineer.post(f"/fleet-requests/{asked['id']}/retry").json()
     assert counts(unmoved) == counts(ended), "cancelled vehicles did not fail"
+    one = vans.ask({"name": "van 0"}).json()
+    with statements(api.database) as alone:
+        vans.engineer.post(f"/fleet-requests/{one['id']}/cancel")
+    assert alone == said, "one vehicle takes as many as three, and as a thousand"
 
 
 def test_vehicles_that_end_at_the_same_moment_are_each_counted_once(vans: Vans, context):
