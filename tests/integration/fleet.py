@@ -104,17 +104,22 @@ class Fleet:
             wait_until(lambda name=name: self.healthy(name) or self._fail_if_dead(), f"the health of {name}", seconds)
 
     def stop(self) -> dict[str, int]:
-        """Stop everything, the newest first, as compose does; the exit codes."""
+        """Stop our services side by side, and then the broker that they need, as compose does; the exit codes."""
         codes = {}
-        for name, child in reversed(self._children.items()):
-            child.terminate()
-            try:
-                codes[name] = child.wait(_GRACE_S)
-            except subprocess.TimeoutExpired:
-                child.kill()
-                codes[name] = child.wait()
-        self._children.clear()
+        for names in (self._children.keys() - {"valkey"}, self._children.keys() & {"valkey"}):
+            for name in names:
+                self._children[name].terminate()
+            for name in names:
+                codes[name] = self._ended(self._children.pop(name))
         return codes
+
+    @staticmethod
+    def _ended(child: subprocess.Popen[bytes]) -> int:
+        try:
+            return child.wait(_GRACE_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            return child.wait()
 
     def _part(self, name: str) -> Any:
         return part(self.document, name, self._substitutes | {"/tmp/alive": str(self.root / f"{name}.alive")})
