@@ -13,6 +13,7 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from apexcal.demo import report
+from apexcal.demo.__main__ import main
 from apexcal.demo.annotators import BLUNDERS, NOISE_PX, _look
 from apexcal.demo.job import MODELS
 from apexcal.demo.real import find_data
@@ -143,6 +144,16 @@ def test_the_table_fits_80_characters_and_loses_nothing():
     rows = [line.split()[0] for line in table.splitlines() if line.strip()]
     below = rows.index(GOOD["simulated"]["model"])
     assert rows[below + 1 : below + 3] == ["refined", "(its"] and "(the truth)" in table
+
+
+def test_help_runs_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["demo", "--help"])
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == 0
+    assert "var/demo/report.json" in capsys.readouterr().out
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
