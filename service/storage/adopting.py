@@ -41,17 +41,27 @@ class StrangeFolderError(Exception):
 def adopt(database: Database, store: Store) -> None:
     """Mark the store's folder as this database's, unless it is. Nothing is done with a bucket.
 
-    Raises :class:`StrangeFolderError`, and SQLAlchemy's errors where the database cannot say what it knows.
+    Raises :class:`StrangeFolderError`; SQLAlchemy's errors where the database cannot say what it knows, OSError where the
+    folder cannot be looked into.
     """
     if store.is_prepared():
         return
     stored = select(Blob.key).where(Blob.state == "stored")
     with database.reading() as session:
         newest = session.scalars(stored.order_by(Blob.created_at.desc()).limit(_LOOKED_FOR)).all()
-        if newest and not any(store.local_path(key) for key in newest):
+        if newest and not any(_is_there(store, key) for key in newest):
             count = session.scalar(select(func.count()).select_from(stored.subquery())) or 0
             raise StrangeFolderError(str(store.folder), count)
     store.prepare()
+
+
+def _is_there(store: Store, key: str) -> bool:
+    assert store.folder
+    try:
+        (store.folder / key).stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False  # any other error says nothing of whose folder it is
+    return True
 
 
 def adopt_if_known(database: Database, store: Store) -> None:

@@ -61,3 +61,12 @@ def test_without_its_database_a_folder_waits(settings: Settings, folder: Path, t
     away = Database(f"sqlite:///{tmp_path / 'none' / 'apexcal.db'}")
     adopt_if_known(away, store)
     assert not store.is_prepared()
+
+
+def test_a_folder_that_cannot_be_looked_into_is_not_called_strange(database: Database, folder: Path) -> None:
+    with database.writing() as session:
+        session.add(Blob(key="loop/b", state="stored"))
+    (folder / "loop").symlink_to(folder / "loop")  # a read error: too many levels of links
+    store = Store(folder.as_uri())
+    adopt_if_known(database, store)
+    assert not store.is_prepared()
