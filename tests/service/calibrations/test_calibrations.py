@@ -8,6 +8,7 @@ from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceS
 from service.db.jobs import Job
 from service.db.recordings import Sensor
 from tests.service.detections.seeding import seed_answer, seed_marking, seed_rig
+from tests.support.databases import one_database
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -244,6 +245,7 @@ def test_the_paper_preset_means_its_own_form_and_bounds(api, engineer, rig):
     assert documents(api, named.json()["id"])[("pinhole", -1)]["search"] == "rotation_vector"
 
 
+@one_database
 @pytest.mark.parametrize(
     ("body", "code", "says"),
     [

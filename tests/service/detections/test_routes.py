@@ -6,6 +6,7 @@ from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Recording
 from tests.service.detections.seeding import seed_marking, seed_recording, seed_rig
+from tests.support.databases import one_database
 
 pytestmark = pytest.mark.usefixtures("broker")
 
@@ -58,6 +59,7 @@ def test_the_same_request_sent_again_makes_one_detection(api, fleet, engineer):
         assert session.query(Detection).count() == 1
 
 
+@one_database
 @pytest.mark.parametrize(
     ("change", "code", "says"),
     [

@@ -6,6 +6,7 @@ from sqlalchemy.exc import OperationalError
 
 from service.http.problems import Problem
 from service.http.web import Pages
+from tests.support.databases import one_database
 from tests.support.people import Api
 
 
@@ -25,6 +26,7 @@ def test_no_such_address_and_method(api: Api) -> None:
     assert "GET" in document["hint"]
 
 
+@one_database
 @pytest.mark.parametrize(
     ("body", "field", "says"),
     [
@@ -124,6 +126,7 @@ def test_a_schema_of_another_version_is_said(api: Api) -> None:
         assert "python -m service.db.migrate" in document["hint"]
 
 
+@one_database
 @pytest.mark.parametrize("host", ["[", "]", "[::1", "127.0.0.1:x", "a b"])
 @pytest.mark.parametrize("origin", ["http://[", "null"])
 def test_hosts_and_origins_that_are_none_are_refused(api: Api, host: str, origin: str) -> None:
