@@ -23,7 +23,7 @@ from service.db.models import Job
 from service.db.session import Database
 from tests.faults.results import Documents, documents
 from tests.support.broker import Broker
-from tests.support.processes import start, stop, wait_until
+from tests.support.processes import start, stop, stop_all, wait_until
 
 LEASE_S = 2.0
 QUICK = {"LEASE_S": str(LEASE_S), "RENEW_S": "0.4", "RESEND_S": "1", "SWEEP_S": "0.5", "MIN_FREE_BYTES": "0"}
@@ -63,11 +63,13 @@ class Farm:
                 self.start(name)
             token = root / "owner.token"
             self._run("service.auth.bootstrap", "--token-file", str(token))
-            wait_until(self._ready, "the farm's start", 60)
+            wait_until(self._ready, "the farm's start", 150)
         except BaseException:
             self._stop()
             raise
         self.client = Client(f"http://127.0.0.1:{self.port}", token.read_text().strip())
+        # On a busy machine an API starts more slowly than people have patience for.
+        self.client._http._pauses_s = (0.5,) * 240
 
     def start(self, name: str) -> None:
         """Start one kind of process."""
@@ -87,12 +89,16 @@ class Farm:
         """Whether it ended."""
         return self._children[name].poll() is not None
 
-    def restart_worker(self, processes: int, queues: str = plans.QUEUES) -> None:
-        """Another number of pool processes, or other queues."""
-        stop(self._children["worker"])
+    def use_worker(self, processes: int, queues: str = plans.QUEUES) -> None:
+        """Another number of pool processes, or other queues; a worker that is up with these stays."""
         command = self._commands["worker"]
-        command[command.index("--concurrency") + 1] = str(processes)
-        command[command.index("-Q") + 1] = queues
+        places = command.index("--concurrency") + 1, command.index("-Q") + 1
+        wanted = (str(processes), queues)
+        if tuple(command[place] for place in places) == wanted and not self.is_dead("worker"):
+            return
+        stop(self._children["worker"])
+        for place, word in zip(places, wanted, strict=True):
+            command[place] = word
         self.start("worker")
 
     def kill_who_works_on(self, kind: str, part: str | None = None) -> int:
@@ -108,7 +114,7 @@ class Farm:
                         return True
             return False
 
-        wait_until(working, f"work on {kind}", 20)
+        wait_until(working, f"work on {kind}", 120)
         job_id, worker = found[-1]
         os.kill(int(worker.rpartition(":")[2]), signal.SIGKILL)
         return job_id
@@ -123,7 +129,7 @@ class Farm:
         with self.database.reading() as session:
             return documents(session, UUID(calibration["id"]))
 
-    def finished(self, work: dict[str, Any], seconds: float = 60.0) -> dict[str, Any]:
+    def finished(self, work: dict[str, Any], seconds: float = 150.0) -> dict[str, Any]:
         """Follow it to its end, whatever becomes of the API meanwhile."""
         return self.client.wait(work, timeout_s=seconds)
 
@@ -133,8 +139,7 @@ class Farm:
         self._stop()
 
     def _stop(self) -> None:
-        for child in reversed(self._children.values()):
-            stop(child)
+        stop_all(self._children.values())
         self.database.close()
         self.broker.close()
 
