@@ -41,8 +41,8 @@ class StrangeFolderError(Exception):
 def adopt(database: Database, store: Store) -> None:
     """Mark the store's folder as this database's, unless it is. Nothing is done with a bucket.
 
-    Raises :class:`StrangeFolderError`; SQLAlchemy's errors where the database cannot say what it knows, OSError where the
-    folder cannot be looked into.
+    Raises :class:`StrangeFolderError`; SQLAlchemy's errors where the database does not say what it knows, and OSError
+    where the folder cannot be looked into.
     """
     if store.is_prepared():
         return
