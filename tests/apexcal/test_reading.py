@@ -22,7 +22,7 @@ def test_topics_become_the_reading():
 
 
 @pytest.mark.parametrize("text", ["front", "=x", "front="])
-@pytest.mark.parametrize("words", [["upload", "walk.bag", "--vehicle", "R1"], ["reread", "walk"]])
+@pytest.mark.parametrize("words", [["upload", __file__, "--vehicle", "R1"], ["reread", "walk"]])
 def test_a_topic_without_a_name_is_wrong_usage(words, text):
     shown = CliRunner().invoke(app, [*words, "--topic", text])
     assert (shown.exit_code, type(shown.exception)) == (USAGE, SystemExit)
