@@ -8,6 +8,7 @@ import pytest
 from sqlalchemy import func, select
 
 from service.db.models import Blob, CameraFrame, Sensor, UploadPart
+from tests.support.databases import one_database
 from tests.support.uploads import RIG, new_recording, upload
 from tests.support.work import work
 from tests.workers.readers.making_recordings import (
@@ -68,6 +69,7 @@ BAD = {
 }
 
 
+@one_database
 @pytest.mark.usefixtures("broker")
 @pytest.mark.parametrize("kind", BAD)
 def test_it_fails_with_its_reason_and_keeps_the_original(api, context, tmp_path, kind):
@@ -124,6 +126,7 @@ def test_a_whole_whose_checksum_is_wrong_fails_before_it_is_read(api, context, t
     assert (failed["state"], failed["problem"]["code"]) == ("failed", "checksum_mismatch")
 
 
+@one_database
 @pytest.mark.usefixtures("broker")
 @pytest.mark.parametrize(("reading", "source"), [({}, "per_point"), ({"point_times": "stamp_only"}, "stamp_only")])
 def test_what_the_owner_knows_of_the_file_reaches_the_reader(api, context, tmp_path, reading, source):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from apexcal.client import Client
 from apexcal.rigs import read_rig
@@ -115,6 +115,7 @@ def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Tra
 def browser() -> Iterator[Browser]:
     """A Chromium."""
     chromium = find_chromium()
+    expect.set_options(timeout=15_000)
     with sync_playwright() as playwright:
         opened = playwright.chromium.launch(
             executable_path=chromium.executable, env=dict(chromium.environment), args=["--no-sandbox"]

@@ -30,8 +30,11 @@ from service.db.models import (
     Vehicle,
     Vertex,
 )
+from tests.support.databases import one_database
 from tests.support.people import Api
 from tests.support.uploads import RIG
+
+pytestmark = one_database
 
 OPEN = {("post", "/v1/sign-in"), ("get", "/healthz"), ("get", "/readyz")}
 # Routes that name no fleet: they answer everybody who is signed in, each from their own fleets.
