@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import timedelta
+from math import ceil
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -88,7 +89,7 @@ class Campaign:
         engineer = Engineer(self._plant.url, token, self._ledger, until)
         recordings = self._calm(engineer)
         after("undisturbed work done")
-        self._storm(engineer, self._annotators(engineer, until), recordings)
+        self._storm(engineer, self._annotators(engineer, sum(recordings.values()), until), recordings)
         after("all asked for, nothing strikes any more")
         self._quiet()
         after("quiet")
@@ -132,10 +133,10 @@ class Campaign:
         assert all(self._expected.calibrations.values()), "undisturbed calibrations found nothing"
         return {one.result(): engineer.frames(one.result()) for one in sent.values()}
 
-    def _annotators(self, engineer: Engineer, until: float) -> list[Annotator]:
-        """As many people as wanted, each of whom marks frame after frame."""
+    def _annotators(self, engineer: Engineer, frames: int, until: float) -> list[Annotator]:
+        """People enough for the marks: each has one place in each frame, and some of the places stay empty."""
         made: list[Annotator] = []
-        for number in range(8):
+        for number in range(max(8, ceil(1.25 * self._size.marks / frames))):
             secret, person = new_secret("apx_"), Person(id=new_id(), name=f"annotator {number}")
             with self._plant.database.writing() as session:
                 session.add(person)
@@ -199,7 +200,6 @@ class Campaign:
             for recording, frames in recordings.items()
             for frame in range(frames)
         ]
-        assert len(places) >= self._size.marks, f"only {len(places)} marks can be made"
         chosen = self._random.sample(places, self._size.marks)
         return [self._mark(person, recording, frame) for person, recording, frame in chosen]
 
