@@ -3,9 +3,9 @@
 import fcntl
 import json
 import os
+import resource
 import subprocess
 import sys
-import time
 
 import pytest
 import typer
@@ -28,14 +28,16 @@ def apexcal(*words: object, **environment: str) -> subprocess.CompletedProcess[s
 
 
 def test_help_names_every_command_at_once():
+    """By processor time, which a busy machine does not stretch as it does the clock's."""
     taken = []
     for _ in range(3):
-        began = time.perf_counter()
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         shown = apexcal("--help")
-        taken.append(time.perf_counter() - began)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        taken.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     assert shown.returncode == 0
     assert all(f"  {name} " in shown.stdout for name in COMMANDS)
-    assert min(taken) < 0.6, "the help loads something heavy"
+    assert min(taken) < 0.4, "the help loads something heavy"
 
 
 def test_help_loads_neither_the_client_nor_numbers():
