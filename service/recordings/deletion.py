@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session, aliased
 from service.calibration_runs.fleet_progress import drop_calibrations
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.detections import Detection
+from service.db.fleet_requests import FleetRequestVehicle
 from service.db.recordings import Recording, Sensor, UploadPart
 from service.db.studies import Study
 from service.http.problems import Problem
@@ -27,6 +28,12 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     # Jobs first, as workers lock them before the rows that they work for; then again, for one made meanwhile.
     abandon(session, _subjects(session, recording_id))
     session.execute(select(Recording.id).where(Recording.id == recording_id).with_for_update())
+    # A retry of a fleet request holds its failed vehicles, then the sets; a cancel holds only the keys of these.
+    failed = select(FleetRequestVehicle.id).where(
+        FleetRequestVehicle.calibration_id.in_(_calibrations(session, recording_id)),
+        FleetRequestVehicle.state == "failed",
+    )
+    session.execute(failed.order_by(FleetRequestVehicle.id).with_for_update(key_share=True)).all()
     # A calibration being asked for holds its sets, not the recording: wait for it, so that its runs are seen below.
     session.execute(
         select(CorrespondenceSet.id).where(CorrespondenceSet.recording_id == recording_id).with_for_update()

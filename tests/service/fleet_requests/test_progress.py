@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from uuid import UUID
 
 import pytest
@@ -10,11 +11,22 @@ from sqlalchemy import select, update
 from service.calibration_runs.fleet_progress import drop_calibrations
 from service.calibration_runs.solving import end_run
 from service.db.clock import now
-from service.db.models import Calibration, CalibrationRun, FleetRequest, FleetRequestVehicle, Job
+from service.db.models import (
+    Calibration,
+    CalibrationRun,
+    CorrespondenceSet,
+    FleetRequest,
+    FleetRequestVehicle,
+    Job,
+    Recording,
+    Rig,
+)
+from service.fleet_requests import asking
 from service.fleet_requests.asking import ask_all_to_end, retry_failed
 from service.jobs.claims import claim, finishing
 from service.jobs.messages import COURIER
 from service.jobs.sweep import sweep
+from service.recordings.deletion import delete_recording
 from service.settings import get_settings
 from tests.service.jobs.support import statements
 from tests.support.work import lose_every_worker, work
@@ -184,3 +196,38 @@ def test_a_cancel_beside_a_retry_also_ends_what_the_retry_began(vans: Vans, cont
     sweep(context.database, context.store)
     ended = vans.read(asked)
     assert (ended["state"], counts(ended)) == ("cancelled", {"matched": 2, "cancelled": 2})
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_a_recording_is_deleted_beside_a_retry_of_its_vehicle(vans: Vans, context, monkeypatch):
+    """Each holds rows that the other wants; in another order PostgreSQL would end one of them."""
+    van = vans.add("van")
+    vans.add("other")
+    asked = vans.ask().json()
+    lose_every_worker(context.database, job_of(context, van))
+    sweep(context.database, context.store)
+    with context.database.writing() as session:
+        rig = session.get_one(Rig, UUID(van["rig"]))
+        of = {"fleet_id": rig.fleet_id, "vehicle_id": rig.vehicle_id, "rig_id": rig.id}
+        session.add(recording := Recording(**of, name="walk", file_name="walk.bag", state="ready"))
+        session.flush()
+        session.get_one(CorrespondenceSet, UUID(van["set"])).recording_id = recording.id
+
+    def delete() -> None:
+        with context.database.writing() as session:
+            delete_recording(session, recording.id, with_published=True)
+
+    plan = asking.plan_vehicles
+    with ThreadPoolExecutor() as pool, context.database.writing() as session:
+
+        def plan_while_one_deletes(*given):
+            deleting.append(pool.submit(delete))
+            time.sleep(0.3)
+            return plan(*given)
+
+        deleting = []
+        monkeypatch.setattr(asking, "plan_vehicles", plan_while_one_deletes)
+        retry_failed(session, session.get_one(FleetRequest, UUID(asked["id"])), vans.engineer.person_id, 2)
+        session.commit()
+        deleting[0].result(timeout=10)
+    assert vans.states(asked) == {"van": "cancelled", "other": "queued"}
