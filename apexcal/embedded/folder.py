@@ -10,6 +10,7 @@ import os
 import shutil
 import stat
 import tempfile
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -63,11 +64,9 @@ class DataFolder:
         self.root.mkdir(parents=True, exist_ok=True, mode=0o700)
         self.logs.mkdir(exist_ok=True)
         lock = (self.root / "serve.lock").open("a+")
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        if not _taken(lock):
             lock.close()
-            raise FolderInUseError(self.root, read_status(self.root)) from None
+            raise FolderInUseError(self.root, read_status(self.root))
         self._lock = lock
         # Left by one that was killed: its address may be somebody else's by now.
         self.status.unlink(missing_ok=True)
@@ -82,6 +81,16 @@ class DataFolder:
         if self._lock:
             self._lock.close()
             self._lock = None
+
+
+def _taken(lock: IO[str]) -> bool:
+    """Whether the lock is ours now. Who only looks (:func:`is_served`) has it for less than a pause."""
+    for pause in (0.01, 0.02, 0.05, 0.1, 0.0):
+        with contextlib.suppress(BlockingIOError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        time.sleep(pause)
+    return False
 
 
 def _short_folder(root: Path) -> Path:
@@ -109,8 +118,9 @@ def read_status(root: Path) -> dict[str, Any]:
 def is_served(root: Path) -> bool:
     """Whether an embedded service holds ``root`` now."""
     try:
-        with (root / "serve.lock").open("r+") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with (root / "serve.lock").open() as lock:
+            # Shared: who looks is no holder to others who look.
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
     except OSError:

@@ -14,8 +14,9 @@ from typing import Any
 def is_served(folder: Path) -> bool:
     """Whether an embedded service holds the folder now."""
     try:
-        with (folder / "serve.lock").open("r+") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with (folder / "serve.lock").open() as lock:
+            # Shared: who looks is no holder to others who look.
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
     except OSError:

@@ -1,10 +1,12 @@
 """`apexcal serve`: what dies comes back, nothing outlives it, and it says clearly why it does not start."""
 
+import fcntl
 import json
 import os
 import signal
 import socket
 import subprocess
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -152,5 +154,11 @@ def test_the_lock_is_the_holders_and_ends_with_it(tmp_path):
     with pytest.raises(FolderInUseError, match="http://here"):
         DataFolder(tmp_path).hold()
     assert is_served(tmp_path)
+    holder.release()
+    with (tmp_path / "serve.lock").open() as looking:
+        fcntl.flock(looking, fcntl.LOCK_SH)
+        assert not is_served(tmp_path), "who looks holds nothing"
+        threading.Timer(0.03, looking.close).start()
+        holder.hold()
     holder.release()
     assert not is_served(tmp_path)
