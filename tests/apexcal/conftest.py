@@ -11,6 +11,7 @@ import pytest
 
 from apexcal.client import Client
 from apexcal.embedded.folder import read_status
+from tests.support.processes import die_with_parent
 
 SERVE = (sys.executable, "-m", "apexcal.cli", "serve", "--port", "0", "--workers", "2", "--json")
 
@@ -36,7 +37,8 @@ class Embedded:
 
 
 def start(data: Path, *more: str) -> Embedded:
-    process = subprocess.Popen([*SERVE, "--data", str(data), *more], stdout=subprocess.PIPE, text=True)
+    command = [*SERVE, "--data", str(data), *more]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=die_with_parent)
     line = process.stdout.readline()
     assert line, f"the service did not start: exit code {process.wait()}"
     return Embedded(process, data, json.loads(line))
