@@ -91,7 +91,7 @@ def _bring_up(
     if supervisor.stopping:
         return ""
     _run("service.db.migrate", (), settings, "the database could not be brought up to date")
-    if _has_lost_blobs(folder, settings):
+    if _lacks_marker(folder, settings):
         _run("service.storage.prepare", (), settings, "the recordings are not in their place")
     supervisor.start(plans.api(folder, settings, host, port))
     supervisor.start(plans.worker(folder, settings, workers))
@@ -105,14 +105,13 @@ def _bring_up(
     return link.group(0) if link else ""
 
 
-def _has_lost_blobs(folder: DataFolder, settings: Mapping[str, str]) -> bool:
-    """Whether an earlier start left a database and its folder of objects is away or empty.
+def _lacks_marker(folder: DataFolder, settings: Mapping[str, str]) -> bool:
+    """Whether an earlier start left a database, and nothing says yet that the folder of objects is its own.
 
-    The API would refuse to start too, and say so in its log only.
+    Where it is not, the API would refuse to start too, and say so in its log only.
     """
-    blobs = folder.root / "blobs"
     kept_here = not settings.get("APEXCAL_BLOB_URL") and folder.owner_token.exists()
-    return kept_here and not (blobs.is_dir() and any(blobs.iterdir()))
+    return kept_here and not (folder.root / "blobs" / ".apexcal-store").exists()
 
 
 def _wait(supervisor: Supervisor, ready: Callable[[], bool], what: str, log: Path) -> None:
@@ -131,7 +130,7 @@ def _run(module: str, arguments: tuple[str, ...], settings: Mapping[str, str], f
     )
     if done.returncode != 0:
         lines = (done.stderr.strip() or done.stdout.strip()).splitlines()
-        raise StartError(f"{failure}: {lines[-1] if lines else 'no reason given'}", "Nothing was changed or lost.")
+        raise StartError(f"{failure}: {lines[-1] if lines else 'no reason given'}", "Nothing was changed.")
     return done.stdout
 
 

@@ -34,7 +34,8 @@ class StrangeFolderError(Exception):
         )
         self.hint = (
             "Is its disk mounted, and its path right? If the objects are lost, restore a backup into a new database "
-            "and a new folder; or go on without them: `python -m service.storage.prepare --anew`."
+            "and a new folder; or go on without them: `python -m service.storage.prepare --anew` with this service's "
+            "settings (embedded: APEXCAL_DATA_DIR)."
         )
 
 

@@ -97,7 +97,7 @@ def main() -> int:
     except SQLAlchemyError as error:
         print(f"the database does not say what the folder should hold: {type(error).__name__}", file=sys.stderr)
         return 1
-    except (StoreUnavailableError, httpx.TransportError) as error:
+    except (OSError, httpx.TransportError) as error:  # the store's own errors among them
         print(f"the blob store at {settings.blobs} cannot be written: {error}", file=sys.stderr)
         return 1
     print(f"the blob store at {settings.blobs} can be written{'; its bucket was made' if made else ''}")

@@ -5,18 +5,21 @@ import json
 import os
 import signal
 import socket
+import sqlite3
 import subprocess
 import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from apexcal.embedded.folder import DataFolder, FolderInUseError, is_served, read_status
 from apexcal.rigs import read_rig
+from service.storage.marker import MARKER
 from tests.apexcal.conftest import SERVE, start, stop
 
 pytestmark = pytest.mark.faults
@@ -116,6 +119,17 @@ def test_the_folder_is_its_owners_alone(embedded):
     assert (embedded.data / "owner.token").stat().st_mode & 0o077 == 0
 
 
+def is_refused_on_another_disk(data: Path) -> None:
+    with closing(sqlite3.connect(data / "apexcal.db")) as rows, rows:
+        rows.execute("INSERT INTO blob (key, state, size, created_at) VALUES ('a/b', 'stored', 1, 1)")
+    (data / "blobs" / MARKER).unlink()
+    (data / "blobs" / "lost+found").mkdir()
+    refused = subprocess.run([*SERVE, "--data", str(data)], capture_output=True, text=True, timeout=40)
+    assert refused.returncode == 1
+    assert "disk mounted" in refused.stderr and "--anew" in refused.stderr
+    assert not (data / "blobs" / MARKER).exists()
+
+
 def test_a_killed_parent_leaves_no_child_and_a_stopped_one_neither(tmp_path):
     """Also with a path that is too long for a socket, which then lies elsewhere."""
     data = tmp_path / ("deep" * 20) / "data"
@@ -143,6 +157,7 @@ def test_a_killed_parent_leaves_no_child_and_a_stopped_one_neither(tmp_path):
     assert not any(session_of(leader) for leader in leaders)
     assert not is_served(data)
     assert not (data / "supervisor.json").exists()
+    is_refused_on_another_disk(data)
 
 
 def test_the_lock_is_the_holders_and_ends_with_it(tmp_path):

@@ -63,10 +63,15 @@ def test_without_its_database_a_folder_waits(settings: Settings, folder: Path, t
     assert not store.is_prepared()
 
 
-def test_a_folder_that_cannot_be_looked_into_is_not_called_strange(database: Database, folder: Path) -> None:
+def test_a_folder_that_cannot_be_looked_into_is_not_called_strange(
+    database: Database, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
     with database.writing() as session:
         session.add(Blob(key="loop/b", state="stored"))
     (folder / "loop").symlink_to(folder / "loop")  # a read error: too many levels of links
     store = Store(folder.as_uri())
     adopt_if_known(database, store)
     assert not store.is_prepared()
+    monkeypatch.setattr("sys.argv", ["prepare"])
+    assert prepare.main() == 1
+    assert "links" in capsys.readouterr().err
