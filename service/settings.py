@@ -64,6 +64,7 @@ class Settings(BaseSettings):
     resend_s: float = Field(default=10.0, description="first resend of an unclaimed job; doubles each time")
     sweep_s: float = Field(default=2.0, description="period of the sweep")
     max_lost_leases: int = Field(default=5, description="a job that loses this many leases fails")
+    max_stumbles: int = Field(default=30, description="a job whose surroundings fail so often fails: after an hour")
     task_limit_s: int = Field(default=1800, description="a task that runs longer is ended and its lease expires")
 
     part_bytes: int = Field(default=16 * MIB, description="size of an upload part that clients are told to use")

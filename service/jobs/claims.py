@@ -27,9 +27,6 @@ from service.settings import get_settings
 
 log = logging.getLogger(__name__)
 
-# How much longer a job waits after each stumble than after the one before.
-_LONGER = 4
-
 # Built once: SQLAlchemy takes ten times longer to build such a statement than to run it.
 _CLAIM = (
     update(Job)
@@ -181,15 +178,15 @@ def give_back(database: Database, held: Claim) -> None:
             note(session, given, "given_back")
 
 
-def stumble(database: Database, held: Claim, problem: Json, after_s: float) -> None:
-    """Put back a job whose surroundings failed, counted as a loss, for ``after_s`` seconds and longer each time.
+def stumble(database: Database, held: Claim, problem: Json, after_s: float, *, suspect: bool = False) -> None:
+    """Put back a job whose surroundings failed, for ``after_s`` seconds and longer each time.
 
-    A store or disk may be away for minutes: with five losses and 2 s at first a job outlasts nearly three of them.
+    A store or disk may be away for an hour. ``suspect``: the job itself may be why, so that it counts as lost.
     """
     with database.writing() as session:
         job = session.scalars(select(Job).where(_MINE).with_for_update(), _mine(held)).one_or_none()
         if job:
-            lose(session, job, "stumbled", problem, after_s * _LONGER**job.lost)
+            lose(session, job, "lost" if suspect else "stumbled", problem, after_s)
 
 
 def require_mine(session: Session, held: Claim) -> None:

@@ -2,34 +2,44 @@
 
 from __future__ import annotations
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
 from service.db.clock import now
-from service.db.jobs import Job
+from service.db.jobs import Job, JobEvent
 from service.jobs.history import note
 from service.jobs.parents import tell_parent
 from service.settings import get_settings
 
+# How much longer a job waits after each loss than after the one before, and the longest.
+_LONGER = 4
+_LONGEST_S = 128.0
+
 
 def lose(session: Session, job: Job, what: str, problem: Json, after_s: float = 0.0) -> None:
-    """Count a loss, ``lost`` or ``stumbled``, of a running job whose row the caller has locked.
+    """Count a loss of a running job whose row the caller has locked; a cancelled one ends.
 
-    It is queued again and sent after ``after_s`` seconds; a cancelled one ends, and the last loss that a job may have
-    ends it as failed with ``problem``.
+    ``lost`` with its worker, which may be the job's own doing: ``max_lost_leases`` of them end it as failed with
+    ``problem``. ``stumbled`` over its surroundings, such as a store that is away: only ``max_stumbles`` do, which take
+    about an hour. Until then it is queued again and sent after ``after_s`` seconds, longer each time.
     """
     note(session, job, what, problem)
     job.lost += 1
     job.lease_until = None
     if job.cancel_requested:
         end(session, job, "cancelled", None)
-    elif job.lost >= get_settings().max_lost_leases:
+        return
+    counted = select(func.count()).where(JobEvent.job_id == job.id, JobEvent.what == what)
+    times = session.scalar(counted) or 0
+    settings = get_settings()
+    if times >= (settings.max_lost_leases if what == "lost" else settings.max_stumbles):
         end(session, job, "failed", problem)
     else:
         job.state = "queued"
         job.sends = 0
-        job.send_after = session.scalar(select(now(after_s)))
+        longer = min(after_s * _LONGER ** min(times - 1, 10), _LONGEST_S)
+        job.send_after = session.scalar(select(now(longer)))
 
 
 def end(session: Session, job: Job, state: str, problem: Json | None) -> None:

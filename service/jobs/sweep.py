@@ -117,7 +117,8 @@ def _recover(session: Session, job: Job) -> None:
 def _worker_lost(job: Job) -> Json:
     return {
         "code": "worker_lost",
-        "detail": f"The work was started {job.attempt} times and its worker died or stalled {job.lost + 1} times.",
+        "detail": f"The work was started {job.attempt} times, and {get_settings().max_lost_leases} times its worker "
+        "died or stalled.",
         "hint": "The input may need more memory or time than a worker has; the operator's log of the worker "
         f"{job.worker} tells more. Ask for it again after that.",
     }

@@ -41,8 +41,9 @@ WORK: dict[str, Work] = {
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError, ReservationEndedError)
-# The same where a process that read an upload says it: the file has no part in it.
+# The same where a process that read an upload says it; the file may have a part in that it was killed.
 _PASSING_CODES = ("ingest_disk_full", "ingest_killed")
+_SUSPECT_CODES = ("ingest_killed",)
 _TRY_AGAIN_S = 2.0
 
 
@@ -75,7 +76,8 @@ def _do(context: Context, held: Claim) -> None:
         said = "\n".join([error.code, *getattr(error, "__notes__", [])])
         if error.code in _PASSING_CODES:
             log.warning("job %d stumbled; it is tried again: %s", held.job_id, said)
-            stumble(context.database, held, _refusal(error), _TRY_AGAIN_S)
+            suspect = error.code in _SUSPECT_CODES
+            stumble(context.database, held, _refusal(error), _TRY_AGAIN_S, suspect=suspect)
         else:
             log.info("job %d refused its input: %s", held.job_id, said)
             _end(context, held, "failed", _refusal(error))

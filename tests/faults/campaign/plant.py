@@ -146,6 +146,8 @@ class Plant:
             "APEXCAL_PART_BYTES": str(1024 * 1024),
             # So that a store that hangs is noticed within the time that it hangs for.
             "APEXCAL_STORE_TIMEOUT_S": "2",
+            # Strikes are so close together that five hit the same innocent job. The limit has tests of its own.
+            "APEXCAL_MAX_LOST_LEASES": "25",
             **(self.s3.environment(self._bucket) if self.s3 else {}),
             **{f"APEXCAL_{name}": value for name, value in QUICK.items()},
         }

@@ -137,23 +137,35 @@ def test_a_drained_worker_gives_back_without_a_loss(database):
     assert (row.state, row.lost, row.attempt) == ("queued", 0, 1)
 
 
-def test_a_job_waits_longer_after_each_stumble_so_that_it_outlasts_an_outage_of_minutes(database):
+def test_a_job_waits_longer_after_each_stumble_and_outlasts_an_outage_of_an_hour(database):
     (job_id,) = make_jobs(database, make_fleet(database), 1)
     waits: list[float] = []
-    for _ in range(get_settings().max_lost_leases - 1):
+    for _ in range(get_settings().max_stumbles - 1):
         held = claim(database, job_id, "w")
         assert held
         stumble(database, held, {"code": "surroundings_failed"}, 2.0)
         with database.reading() as session:
             send_after, at = session.execute(select(Job.send_after, now()).where(Job.id == job_id)).one()
         waits.append((send_after - at).total_seconds())
-    assert waits == pytest.approx([2.0, 8.0, 32.0, 128.0], abs=1.0)
+    assert waits[:5] == pytest.approx([2.0, 8.0, 32.0, 128.0, 128.0], abs=1.0)
+    assert max(waits) == pytest.approx(128.0, abs=1.0) and sum(waits) > 3000
+
+
+def test_what_may_be_the_jobs_own_doing_counts_as_a_lost_worker_whatever_it_stumbled_over_before(database):
+    _, (run_id,) = make_calibration(database)
+    (job_id,) = make_jobs(database, make_fleet(database, "other"), 1, run_id)
+    for suspect in [False] * 7 + [True] * get_settings().max_lost_leases:
+        assert job(database, job_id).state == "queued"
+        held = claim(database, job_id, "w")
+        assert held
+        stumble(database, held, {"code": "ingest_killed"}, 0.0, suspect=suspect)
+    assert (job(database, job_id).state, job(database, job_id).problem) == ("failed", {"code": "ingest_killed"})
 
 
 def test_a_job_whose_surroundings_always_fail_ends_with_the_reason(database):
     calibration_id, (run_id,) = make_calibration(database)
     (job_id,) = make_jobs(database, make_fleet(database, "other"), 1, run_id)
-    for _ in range(get_settings().max_lost_leases):
+    for _ in range(get_settings().max_stumbles):
         held = claim(database, job_id, "w")
         assert held
         stumble(database, held, {"code": "surroundings_failed"}, 0.0)
