@@ -21,8 +21,8 @@ def lose(session: Session, job: Job, what: str, problem: Json, after_s: float = 
     """Count a loss of a running job whose row the caller has locked; a cancelled one ends.
 
     ``lost`` with its worker, which may be the job's own doing: ``max_lost_leases`` of them end it as failed with
-    ``problem``. ``stumbled`` over its surroundings, such as a store that is away: only ``max_stumbles`` do, which take
-    about an hour. Until then it is queued again and sent after ``after_s`` seconds, longer each time.
+    ``problem``. ``stumbled`` over its surroundings, such as a store that is away: only ``max_stumbles`` do, which
+    take about an hour. Until then it is queued again and sent after ``after_s`` seconds, longer each time.
     """
     note(session, job, what, problem)
     job.lost += 1
