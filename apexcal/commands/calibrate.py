@@ -12,6 +12,7 @@ from apexcal.commands.camera_files import build_sets, camera_and_file, import_se
 from apexcal.commands.choices import (
     Bounds,
     Farm,
+    FoldsOption,
     LensUse,
     Loss,
     ModelsOption,
@@ -53,6 +54,7 @@ def calibrate(
         typer.Option(
             help="Degrees about each axis by which the mount may be off the rig's; 180: any mount. Otherwise 30.",
             metavar="DEG",
+            min=0,
             max=180,
         ),
     ] = None,
@@ -78,7 +80,7 @@ def calibrate(
     outliers: Annotated[
         Outliers | None, typer.Option(help="What becomes of pairs that are judged not to belong. Otherwise keep.")
     ] = None,
-    folds: Annotated[int | None, typer.Option(help="Held-out blocks, 0 for none. Otherwise 5.", min=0)] = None,
+    folds: FoldsOption = None,
     seed: Annotated[int | None, typer.Option(help="Seed. Otherwise from the request's content.", min=0)] = None,
     farm: Annotated[
         Farm | None, typer.Option(help="How the work is cut; the result is the same. Otherwise auto.")
@@ -94,11 +96,6 @@ def calibrate(
         usage("not both: --detection takes the pairs from marks, --pairs from a file", "Leave one of them out")
     if not detection and not pairs:
         usage("calibrate needs either --detection or --pairs", "Give the id of a marked detection, or a CSV file")
-    if folds == 1:
-        usage(
-            "--folds 1 holds out everything and fits nothing",
-            "Give 2 or more blocks, for example --folds 5, or 0 to hold none out",
-        )
     if detection and (vehicle or rig):
         usage("a detection belongs to one rig already", "Leave out --vehicle and --rig, or give --pairs")
     if pairs and camera and (len(camera) > 1 or len(pairs) > 1 or camera_and_file(pairs[0])[0]):

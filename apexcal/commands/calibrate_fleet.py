@@ -9,7 +9,7 @@ import typer
 
 from apexcal.cli import FAILED
 from apexcal.client import Client
-from apexcal.commands.choices import ModelsOption, Preset
+from apexcal.commands.choices import FoldsOption, ModelsOption, Preset
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import check_id, connected, find_fleet
 from apexcal.embedded.folder import DEFAULT
@@ -30,12 +30,16 @@ def calibrate_fleet(
     ] = False,
     model: ModelsOption = None,
     preset: Annotated[Preset | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
-    folds: Annotated[int | None, typer.Option(help="Held-out blocks, 0 for none. Otherwise 5.", min=0)] = None,
+    folds: FoldsOption = None,
     publish: Annotated[bool, typer.Option(help="Make recommended results current, where they may be.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would come to.")] = False,
-    follow: Annotated[str, typer.Option(help="Follow this request instead of asking.", metavar="REQUEST")] = "",
-    retry: Annotated[str, typer.Option(help="Calibrate the failed of this request again.", metavar="REQUEST")] = "",
-    cancel: Annotated[str, typer.Option(help="End this request.", metavar="REQUEST")] = "",
+    follow: Annotated[
+        str | None, typer.Option(help="Follow this request instead of asking.", metavar="REQUEST")
+    ] = None,
+    retry: Annotated[
+        str | None, typer.Option(help="Calibrate the failed of this request again.", metavar="REQUEST")
+    ] = None,
+    cancel: Annotated[str | None, typer.Option(help="End this request.", metavar="REQUEST")] = None,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
@@ -46,10 +50,12 @@ def calibrate_fleet(
     Where --not-since or --new-pairs leave nobody, nothing is done, and that is no error. Exit code 1 where a vehicle
     failed or was cancelled.
     """
-    if sum(map(bool, (follow, retry, cancel))) > 1:
+    # An empty id is one that is wrong: taken for none, a mistyped cancel would ask for the whole fleet.
+    known = [one for one in (follow, retry, cancel) if one is not None]
+    if len(known) > 1:
         usage("--follow, --retry and --cancel are about one request each", "Give one of them")
     new = (fleet, name, rig, since, new_pairs, model, preset, folds is not None, publish, dry_run)
-    if any((follow, retry, cancel)) and any(new):
+    if known and any(new):
         usage(
             "--follow, --retry and --cancel are about a request that was made; all else says what a new one asks",
             "Leave the others out",
@@ -64,11 +70,11 @@ def calibrate_fleet(
             found = client.fleet_requests.preview(find_fleet(client, fleet)["id"], vehicles, **calibration)
             say(found, as_json, _what_it_comes_to(found))
             return
-        if follow or retry or cancel:
+        if known:
             request = _known(client, follow, retry, cancel)
         else:
             request = client.fleet_requests.create(find_fleet(client, fleet)["id"], vehicles, **calibration)
-        if cancel:
+        if cancel is not None:
             say(request, as_json, f"The request {request['id']} is asked to end: {_counted(request['counts'])}.")
             return
         with bar("Calibrating", not as_json) as progress:
@@ -85,12 +91,12 @@ def calibrate_fleet(
         raise typer.Exit(FAILED)
 
 
-def _known(client: Client, follow: str, retry: str, cancel: str) -> Document:
-    if retry:
+def _known(client: Client, follow: str | None, retry: str | None, cancel: str | None) -> Document:
+    if retry is not None:
         return client.fleet_requests.retry(check_id(retry, "fleet request"))
-    if cancel:
+    if cancel is not None:
         return client.fleet_requests.cancel(check_id(cancel, "fleet request"))
-    return client.fleet_requests.get(check_id(follow, "fleet request"))
+    return client.fleet_requests.get(check_id(follow or "", "fleet request"))
 
 
 def _moment(since: str | None) -> str | None:

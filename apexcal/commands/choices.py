@@ -39,6 +39,18 @@ def _known_models(names: list[str] | None) -> list[str] | None:
     return names and [known_model(name) for name in names]
 
 
+def _some_left(folds: int | None) -> int | None:
+    if folds == 1:
+        usage(
+            "--folds 1 holds out everything and fits nothing",
+            "Give 2 or more blocks, for example --folds 5, or 0 to hold none out",
+        )
+    return folds
+
+
+FoldsOption = Annotated[
+    int | None, typer.Option(help="Held-out blocks, 0 for none. Otherwise 5.", min=0, callback=_some_left)
+]
 ModelsOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -55,6 +55,11 @@ def test_a_fleet_is_calibrated_from_the_command_line(fleet: dict, owner: Client,
     assert again.exit_code == 0 and "is done: 1 vehicle, 1 done." in again.stdout
     both = typed("calibrate-fleet", "--retry", request["id"], "--cancel", request["id"], *where)
     assert both.exit_code == 2
+    for word in ("--follow", "--retry", "--cancel"):
+        nothing = typed("calibrate-fleet", word, "", *where)
+        assert nothing.exit_code == 2 and "'' is no id of a fleet request" in nothing.stderr
+    assert next(iter(owner.fleet_requests.list(fleet["id"])))["id"] == request["id"], "nothing new was asked"
+    assert typed(*ask, "--folds", "1", "--dry-run").exit_code == 2
 
 
 def test_the_client_asks_follows_and_cancels(fleet: dict, owner: Client):

@@ -126,11 +126,14 @@ def test_a_number_that_is_not_finite_is_said_where_it_stands(tmp_path, words, sa
     assert "finite number" in refused.stderr
 
 
-def test_a_shift_in_time_that_is_not_finite_is_wrong_usage():
+def test_a_shift_or_a_range_that_is_not_finite_is_wrong_usage():
     for shift in ("nan", "inf"):
         refused = apexcal("detect", "x", "--keep", "x > 1", "--offset-ms", shift, "--url", "http://127.0.0.1:9")
         assert refused.returncode == 2
         assert "--offset-ms" in refused.stderr
+    refused = CliRunner().invoke(app, ["calibrate", "--pairs", "x", "--rotation-range-deg", "-inf"])
+    assert refused.exit_code == 2
+    assert "--rotation-range-deg" in refused.stderr
 
 
 def test_a_token_that_is_none_is_said_with_where_it_is_from(embedded, tmp_path):
