@@ -91,6 +91,8 @@ def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Sess
             return
         last = found[-1]
         for job_id in found:
+            if time.monotonic() >= end:
+                return
             _decide(database, job_id, which, decide)
 
 

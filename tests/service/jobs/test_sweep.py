@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from datetime import timedelta
+from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import delete, select
@@ -52,6 +53,25 @@ def test_jobs_that_cannot_be_decided_keep_the_sweep_from_no_other(database, stor
         let_lease_expire(database, job_id)
     sweep(database, store)
     assert states(database) == ["running"] * 3 + ["queued"]
+
+
+def test_decisions_that_take_long_keep_the_sweep_no_longer_than_two_periods(database, store, monkeypatch):
+    for job_id in make_jobs(database, make_fleet(database), 4):
+        claim(database, job_id, "w")
+        let_lease_expire(database, job_id)
+    clock = [0.0]
+    recover = sweep_module._recover
+
+    def decide(session, row):
+        clock[0] += 1.5 * get_settings().sweep_s
+        recover(session, row)
+
+    monkeypatch.setattr(sweep_module, "_recover", decide)
+    monkeypatch.setattr(sweep_module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    sweep(database, store)
+    assert states(database) == ["queued"] * 2 + ["running"] * 2
+    sweep(database, store)
+    assert states(database) == ["queued"] * 4
 
 
 def test_a_live_lease_is_left_alone(database, store):
