@@ -1,11 +1,12 @@
 """Workers in this process: every job that is there, done as a pool process does it."""
 
-from sqlalchemy import select, update
+from sqlalchemy import select
 
 from service.db.clock import now
 from service.db.jobs import Job
 from service.db.session import Database
 from service.jobs.claims import claim
+from service.jobs.history import note
 from service.settings import get_settings
 from workers.tasks.context import Context
 from workers.tasks.running import run_job
@@ -26,5 +27,7 @@ def lose_every_worker(database: Database, job_id: int) -> None:
     """As if each worker that tried the job had died: the next sweep ends it."""
     assert claim(database, job_id, "dying") is not None
     with database.writing() as session:
-        losses = {"lost": get_settings().max_lost_leases - 1, "lease_until": now(-1)}
-        session.execute(update(Job).where(Job.id == job_id).values(losses))
+        row = session.get_one(Job, job_id)
+        row.lease_until = now(-1)
+        for _ in range(get_settings().max_lost_leases - 1):
+            note(session, row, "lost")

@@ -29,6 +29,7 @@ from service.jobs.sweep import sweep
 from service.recordings.deletion import delete_recording
 from service.settings import get_settings
 from tests.service.jobs.support import statements
+from tests.support.databases import one_database
 from tests.support.work import lose_every_worker, work
 from workers.tasks.running import run_job
 
@@ -107,6 +108,16 @@ def test_a_cancelled_request_keeps_what_is_done_and_ends_the_rest(api, vans: Van
     with statements(api.database) as alone:
         vans.engineer.post(f"/fleet-requests/{one['id']}/cancel")
     assert alone == said, "one vehicle takes as many as three, and as a thousand"
+
+
+@one_database
+def test_a_run_that_ends_its_vehicle_is_as_many_statements_as_decision_25_says(vans: Vans, context):
+    van = vans.add("van")
+    vans.ask()
+    job_id = job_of(context, van)
+    with statements(context.database) as seen:
+        run_job(context, job_id)
+    assert len(seen) == 17, seen
 
 
 def test_vehicles_that_end_at_the_same_moment_are_each_counted_once(vans: Vans, context):
