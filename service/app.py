@@ -80,6 +80,14 @@ async def _keep_house(database: Database, store: Store, settings: Settings) -> N
                 log.exception("%s failed; it is tried again", task.__name__)
 
 
+def _opened(settings: Settings) -> Store:
+    try:
+        return open_store(settings)
+    except OSError as error:
+        hint = "Name a folder that this process may make and write."
+        raise SystemExit(f"{settings.blobs} cannot be used as a store: {error}. {hint}") from None
+
+
 def create_app(settings: Settings | None = None) -> FastAPI:
     """The application of these settings; by default of the environment's, in a process of its own.
 
@@ -118,7 +126,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.settings = settings
     app.state.drain = drain
     app.state.database = Database(settings.database)
-    app.state.store = open_store(settings)
+    app.state.store = _opened(settings)
     adopt_if_known(app.state.database, app.state.store)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)

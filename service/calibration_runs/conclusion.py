@@ -20,6 +20,9 @@ from service.db.clock import utc_now
 
 FULL = -1
 
+Blocks = dict[int, Mapping[int, float]]
+"""Errors of held-out pairs in pixels: by fold, then by the pairs' indices."""
+
 
 class RunRow(NamedTuple):
     """What the end of a calibration asks of each of its runs; ``fold`` is FULL for a fit to all pairs."""
@@ -79,7 +82,8 @@ def conclude(
 
 
 def _camera_summary(choice: Choice, of_camera: Sequence[Result], work: Mapping[UUID, Json]) -> Json:
-    models = {r.model: _model_summary(r, of_camera, work[r.run_id]) for r in of_camera if r.fold == FULL}
+    heldout = _heldout(of_camera)
+    models = {r.model: _model_summary(r, heldout[r.model], work[r.run_id]) for r in of_camera if r.fold == FULL}
     for model, difference in choice.behind.items():
         models[model]["behind"] = asdict(difference)
     return {"recommended": choice.recommended, "why": choice.why, "models": models}
@@ -97,24 +101,46 @@ def results_of(session: Session, calibration_id: UUID) -> Sequence[Result]:
 
 def choices(results: Sequence[Result]) -> dict[str, Choice]:
     """For each camera that has a fit to all its pairs, which model to take; in the order of their names."""
-    candidates: dict[str, dict[str, Candidate]] = defaultdict(dict)
-    for full in sorted(results, key=lambda result: (result.camera, result.model)):
-        if full.fold == FULL:
-            document = full.document
-            candidates[full.camera][full.model] = Candidate(
-                document["free_parameters"], document["polished"]["mean_px"], _heldout(full, results)
-            )
-    return {camera: choose(models) for camera, models in candidates.items()}
+    cameras: dict[str, list[Result]] = defaultdict(list)
+    for result in sorted(results, key=lambda result: (result.camera, result.model)):
+        cameras[result.camera].append(result)
+    return {
+        camera: choose(_candidates(of_camera))
+        for camera, of_camera in cameras.items()
+        if any(result.fold == FULL for result in of_camera)
+    }
 
 
-def _heldout(full: Result, results: Sequence[Result]) -> dict[int, Mapping[int, float]]:
-    """The errors of each held-out block of a model by the pairs' indices."""
-    blocks: dict[int, Mapping[int, float]] = {}
-    for result in results:
+def _candidates(of_camera: Sequence[Result]) -> dict[str, Candidate]:
+    heldout = _heldout(of_camera)
+    documents = {result.model: result.document for result in of_camera if result.fold == FULL}
+    return {
+        model: Candidate(document["free_parameters"], document["polished"]["mean_px"], heldout[model])
+        for model, document in documents.items()
+    }
+
+
+def _heldout(of_camera: Sequence[Result]) -> dict[str, Blocks]:
+    """Each model's errors in its held-out blocks.
+
+    Without the pairs that every model's fit to all pairs left out as ones that do not belong: they speak against no
+    model. What only some leave out stays, or a lens that a model lacks would not count against it.
+    """
+    left_out = [
+        {outlier["index"] for outlier in result.document.get("outliers", []) if outlier["excluded"]}
+        for result in of_camera
+        if result.fold == FULL
+    ]
+    wrong: set[int] = set.intersection(*left_out) if left_out else set()
+    models: dict[str, Blocks] = defaultdict(dict)
+    for result in of_camera:
         block = result.document.get("heldout")
-        if block and result.fold != FULL and (result.camera, result.model) == (full.camera, full.model):
-            blocks[result.fold] = dict(zip(block["indices"], block["errors_px"], strict=True))
-    return blocks
+        if block and result.fold != FULL:
+            errors = zip(block["indices"], block["errors_px"], strict=True)
+            belonging = {index: error for index, error in errors if index not in wrong}
+            if belonging:
+                models[result.model][result.fold] = belonging
+    return models
 
 
 def _state(runs: Sequence[RunRow], fitted: Sequence[Result]) -> str:
@@ -135,14 +161,9 @@ def _work(session: Session, calibration_id: UUID) -> dict[UUID, Json]:
     return work
 
 
-def _model_summary(full: Result, of_camera: Sequence[Result], work: Json) -> Json:
+def _model_summary(full: Result, blocks: Blocks, work: Json) -> Json:
     document = full.document
-    heldout = [
-        error
-        for result in of_camera
-        if result.model == full.model and result.fold != FULL
-        for error in result.document.get("heldout", {}).get("errors_px", [])
-    ]
+    heldout = [error for block in blocks.values() for error in block.values()]
     stages = ("ga", "polished", "baseline", "linear_baseline")
     summary: Json = {stage: _stage(document.get(stage)) for stage in stages}
     return summary | {

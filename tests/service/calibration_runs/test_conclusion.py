@@ -124,8 +124,8 @@ def end_model(database, runs, mean_px, model, **more):
         end(database, run_id, found=found | {"heldout": {"errors_px": errors, "indices": range_of(fold)}})
 
 
-def range_of(fold):
-    return list(range(10 * fold, 10 * fold + 10))
+def range_of(fold, count=10):
+    return list(range(count * fold, count * fold + count))
 
 
 @pytest.mark.parametrize(("folds", "given"), [(2, 1), (0, 0)])
@@ -203,6 +203,23 @@ def test_a_result_that_foretells_worse_than_the_current_one_does_not_publish_its
     assert takes_over or front["not_published"] == [
         f"Held-out pairs lie 1.01 px off; of the vehicle's current result {before_px:.2f}."
     ]
+
+
+def test_pairs_that_every_fit_left_out_are_not_held_against_any_model(database):
+    calibration_id, runs = two_models(database)
+    excluded = {"pinhole": (3, 4), "brown_conrady": (4,)}
+    for model, (full, *folds) in runs.items():
+        outliers = [{"index": index, "excluded": True} for index in excluded[model]]
+        end(database, full, found=document(1.0, model=model, outliers=outliers))
+        for fold, run_id in enumerate(folds):
+            errors = [1.0] * 3 + [9.0, 500.0] if fold == 0 else [1.0] * 5
+            found = document(1.0, model=model)
+            end(database, run_id, found=found | {"heldout": {"errors_px": errors, "indices": range_of(fold, 5)}})
+    _, summary, published = ended(database, calibration_id)
+    models = summary["cameras"]["front"]["models"]
+    assert [models[name]["heldout_pairs"] for name in runs] == [9, 9]
+    assert models["brown_conrady"]["heldout_mean_px"] == pytest.approx((8 * 1.0 + 9.0) / 9)
+    assert len(published) == 1
 
 
 def test_the_alarm_of_a_rig_keeps_back_the_cameras_that_it_names(database):
