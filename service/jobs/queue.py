@@ -105,10 +105,18 @@ def release(session: Session, fleet_id: UUID, queue: str) -> None:
 
 def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:
     """Ask for the end of these subjects' jobs. Running ones look at it with each renewal; the sweep ends the rest."""
-    session.execute(
-        update(Job)
+    # Locked in one order, as by everybody who takes several.
+    unended = (
+        select(Job.id)
         .where(Job.subject_id.in_(subjects if isinstance(subjects, Select) else list(subjects)))
         .where(Job.state.in_(_UNENDED), ~Job.cancel_requested)
+        .order_by(Job.id)
+        .with_for_update()
+        .cte("unended")
+    )
+    session.execute(
+        update(Job)
+        .where(Job.id.in_(select(unended.c.id)))
         .values(cancel_requested=True)
         .execution_options(synchronize_session=False)
     )

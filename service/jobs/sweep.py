@@ -22,7 +22,7 @@ from service.db.jobs import Heartbeat, Job
 from service.db.session import Database, post
 from service.jobs.losses import end, lose
 from service.jobs.messages import COURIER, Message
-from service.jobs.queue import release
+from service.jobs.queue import cancel, release
 from service.jobs.retention import forget_workers
 from service.jobs.totals import tally
 from service.settings import get_settings
@@ -65,15 +65,8 @@ def _beat(session: Session) -> None:
 
 def _spread_cancels(session: Session) -> None:
     """Flag the jobs that a cancelled run got after the cancel looked."""
-    flagged = select(CalibrationRun.id).where(
-        CalibrationRun.cancel_requested, CalibrationRun.state.in_(("queued", "running"))
-    )
-    session.execute(
-        update(Job)
-        .where(Job.state.in_(("queued", "running")), ~Job.cancel_requested, Job.subject_id.in_(flagged))
-        .values(cancel_requested=True)
-        .execution_options(synchronize_session=False)
-    )
+    unended = CalibrationRun.state.in_(("queued", "running"))
+    cancel(session, select(CalibrationRun.id).where(CalibrationRun.cancel_requested, unended))
 
 
 def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], None]) -> None:
