@@ -44,7 +44,7 @@ _IMPORTED = {
 
 @router.post("/detections/{detection_id}/correspondence-sets", status_code=201, response_model=SetView)
 def build_set(detection_id: UUID, wanted: BuildRequest, access: WriteAccess) -> JSONResponse:
-    """Make pairs of what people marked; the same content is found again, with 200. [engineer]"""
+    """Make pairs of what people marked; the same content is found again, with 200, and is the newest. [engineer]"""
     detection = access.find(Detection, detection_id, "engineer")
     recording = access.find(Recording, detection.recording_id, "engineer")
     camera = find_camera(access.session, recording.id, wanted.camera)
@@ -98,7 +98,7 @@ def import_set(
     columns: Annotated[Columns, Depends(_imported)],
     access: WriteAccess,
 ) -> JSONResponse:
-    """Import pairs, as CSV or JSON; the same content is found again, with 200. [engineer]"""
+    """Import pairs, as CSV or JSON; the same content is found again, with 200, and is the newest again. [engineer]"""
     rig = access.find(Rig, rig_id, "engineer")
     of = rig_camera(access.session, rig, camera)
     row = CorrespondenceSet(
@@ -136,7 +136,7 @@ def read_set(set_id: UUID, access: ReadAccess, conditions: Conditional) -> SetWi
 
 @router.get("/rigs/{rig_id}/correspondence-sets")
 def list_sets(rig_id: UUID, access: ReadAccess, window: Paging) -> Page[SetView]:
-    """A rig's correspondence sets, newest first, without their pairs."""
+    """A rig's correspondence sets, the last made first, without their pairs."""
     rig = access.find(Rig, rig_id)
     statement = summaries().where(CorrespondenceSet.rig_id == rig.id)
     rows, following = fetch(access.session, statement, CorrespondenceSet.id, window, newest_first=True)

@@ -1,15 +1,16 @@
-"""Correspondence sets: immutable, and one row for one content."""
+"""Correspondence sets: immutable pairs, and one row for one content."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy import Select, select
+from sqlalchemy import Select, select, update
 from sqlalchemy.orm import Session, defer
 
 from service.calibrations.pairs import Columns
 from service.calibrations.schemas import SetView, SetWithPairs
 from service.db.calibrations import CorrespondenceSet
+from service.db.clock import utc_now
 from service.db.fleets import Rig, RigCamera
 from service.detections.digests import content_hash
 from service.http.problems import Problem
@@ -31,7 +32,7 @@ def rig_camera(session: Session, rig: Rig, name: str) -> RigCamera:
 
 
 def keep_set(session: Session, wanted: CorrespondenceSet) -> tuple[CorrespondenceSet, bool]:
-    """The stored set of this content, and whether it is new.
+    """The stored set of this content, and whether it is new. It is the newest of its camera either way.
 
     What it came from belongs to the content: a set goes with its recording, and no other's with it.
     ``wanted`` has everything but its hash and count. The rig's row is locked, so that of two who bring the same
@@ -49,6 +50,9 @@ def keep_set(session: Session, wanted: CorrespondenceSet) -> tuple[Correspondenc
         )
     )
     if known is not None:
+        # A statement, not the object: its recording may be deleted at this moment, and then there is nothing to say.
+        of = update(CorrespondenceSet).where(CorrespondenceSet.id == known.id)
+        session.execute(of.values(brought_at=utc_now()), execution_options={"synchronize_session": False})
         return known, False
     session.add(wanted)
     session.flush()

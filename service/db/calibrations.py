@@ -16,7 +16,8 @@ class CorrespondenceSet(Base):
     """Immutable 3D-2D pairs of one camera.
 
     ``pairs`` is an object of equally long lists: x y z (metres, LiDAR frame), u v (pixels), and where known
-    stamp_ns, group, gap_ns, marks.
+    stamp_ns, group, gap_ns, marks. ``brought_at`` is when the same content last came again: by it, or else by
+    ``created_at``, sets are newer than others.
     """
 
     __tablename__ = "correspondence_set"
@@ -36,6 +37,7 @@ class CorrespondenceSet(Base):
     notes: Mapped[list[Any]] = mapped_column(default=list)
     created_by: Mapped[UUID | None] = refers_to("person.id")
     created_at: Mapped[Created]
+    brought_at: Mapped[datetime | None]
 
 
 class Calibration(Base):

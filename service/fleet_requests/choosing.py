@@ -1,7 +1,8 @@
 """Which vehicles a filter names, and which pairs of each are the newest. A handful of queries, however many vehicles.
 
 The rule of the newest pairs: of the vehicle's rigs (those that the filter names) the one with the newest
-correspondence set; of this rig, for each of its cameras, the camera's newest set, imported or made of marks.
+correspondence set; of this rig, for each of its cameras, the camera's newest set, imported or made of marks. A set
+that was brought again is as new as that.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class Chosen:
 
 
 def choose(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> list[Chosen]:
-    """The vehicles of a fleet that the filter names, in the order of their names.
+    """The vehicles of a fleet that the filter names, in the order of their names: 2 before 10.
 
     Empty where vehicles are named, and of those none is due by ``not_calibrated_since`` and ``new_pairs``: a quiet
     night is no mistake, a pattern that matches nothing is one.
@@ -55,7 +56,14 @@ def choose(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> list[Chos
     if wanted.new_pairs:
         published = _published_sets(session, fleet_id)
         chosen = [one for one in chosen if any(published.get((one.id, c)) != of for c, of in one.sets.items())]
-    return sorted(chosen, key=lambda one: (one.name, one.id))
+    return sorted(chosen, key=lambda one: (_as_people_order(one.name), one.id))
+
+
+def _as_people_order(name: str) -> tuple[list[tuple[bool, int, str]], str]:
+    """A key that orders names as the pages do: numbers by their size, whatever the case of the letters."""
+    parts = re.split(r"(\d+)", name.casefold())
+    # Every second part is a number; an empty text before a leading one says nothing.
+    return [(not i % 2, int(part) if i % 2 else 0, part) for i, part in enumerate(parts) if part], name
 
 
 def _no_match(session: Session, fleet_id: UUID) -> Problem:
@@ -104,14 +112,15 @@ def _with_rig(session: Session, fleet_id: UUID, pattern: str) -> set[UUID]:
 
 def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> dict[UUID, dict[str, UUID]]:
     """By vehicle, the newest set of each camera of the rig whose newest set is the newest."""
+    brought_at = func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at)
     ranked = (
         select(
             *(CorrespondenceSet.id, CorrespondenceSet.vehicle_id, CorrespondenceSet.rig_id),
-            *(CorrespondenceSet.camera, CorrespondenceSet.created_at, Rig.name.label("rig")),
+            *(CorrespondenceSet.camera, brought_at.label("brought_at"), Rig.name.label("rig")),
             func.row_number()
             .over(
                 partition_by=(CorrespondenceSet.rig_id, CorrespondenceSet.camera),
-                order_by=(CorrespondenceSet.created_at.desc(), CorrespondenceSet.id.desc()),
+                order_by=(brought_at.desc(), CorrespondenceSet.id.desc()),
             )
             .label("age"),
         )
@@ -120,7 +129,7 @@ def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> d
         .where(CorrespondenceSet.fleet_id == fleet_id)
         .subquery()
     )
-    rows = session.execute(select(ranked).where(ranked.c.age == 1).order_by(ranked.c.created_at, ranked.c.id)).all()
+    rows = session.execute(select(ranked).where(ranked.c.age == 1).order_by(ranked.c.brought_at, ranked.c.id)).all()
     if rig_pattern is not None:
         matches = _matcher(rig_pattern)
         rows = [row for row in rows if matches.fullmatch(row.rig)]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+from uuid import UUID
 
 from sqlalchemy import select
+from sqlalchemy.exc import OperationalError
 
 from service.db.clock import utc_now
 from service.db.recordings import Recording
@@ -30,19 +32,30 @@ def delete_overdue(database: Database) -> int:
     deleted = 0
     for recording_id in overdue:
         try:
-            with database.writing() as session:
-                row = session.get(Recording, recording_id)
-                if row is None:
-                    continue
-                hint(session, row.fleet_id, "recording", recording_id)
-                session.expunge(row)
-                delete_recording(session, recording_id, with_published=False)
-            deleted += 1
-            log.info("deleted recording %s: its retention has ended", recording_id)
-        except Problem:
-            with database.writing() as session:
-                row = session.get(Recording, recording_id, with_for_update=True)
-                if row is not None and _WAITS not in row.warnings:
-                    row.warnings = [*row.warnings, _WAITS]
-                    row.version += 1
+            deleted += _delete(database, recording_id)
+        except OperationalError as error:
+            # A deadlock, or a database that is busy: the others need not wait for the next round too.
+            log.warning(
+                "recording %s, whose retention has ended, is left for the next time: %s", recording_id, error.orig
+            )
     return deleted
+
+
+def _delete(database: Database, recording_id: UUID) -> bool:
+    try:
+        with database.writing() as session:
+            row = session.get(Recording, recording_id)
+            if row is None:
+                return False
+            hint(session, row.fleet_id, "recording", recording_id)
+            session.expunge(row)
+            delete_recording(session, recording_id, with_published=False)
+    except Problem:
+        with database.writing() as session:
+            row = session.get(Recording, recording_id, with_for_update=True)
+            if row is not None and _WAITS not in row.warnings:
+                row.warnings = [*row.warnings, _WAITS]
+                row.version += 1
+        return False
+    log.info("deleted recording %s: its retention has ended", recording_id)
+    return True

@@ -54,6 +54,9 @@ def test_the_newest_pairs_of_the_rig_with_the_newest_pairs_are_taken(api, vans: 
     assert sets_of(api.database, van["vehicle"]) == [newest]
     vans.ask({"rig": "sec*"})
     assert sets_of(api.database, van["vehicle"]) == [on_second]
+    assert vans.mark(van["rig"], 40) == van["set"], "the same pairs are the same set"
+    vans.ask()
+    assert sets_of(api.database, van["vehicle"]) == [van["set"]], "and newer than what was brought in between"
 
 
 def test_filters_name_vehicles_by_id_name_and_rig(vans: Vans):

@@ -5,6 +5,7 @@ from uuid import UUID
 
 import pytest
 from sqlalchemy import delete, func, select, update
+from sqlalchemy.exc import OperationalError
 
 from service.db.clock import utc_now
 from service.db.ids import new_id
@@ -302,6 +303,8 @@ def test_what_stays_does_not_keep_the_rest(api: Api, monkeypatch) -> None:
         session.execute(update(Recording).values(retain_until=utc_now() - timedelta(seconds=1)))
 
     def delete_only_the_last(session, recording_id, *, with_published):
+        if recording_id == ids[0]:
+            raise OperationalError("DELETE", {}, Exception("deadlock detected"))
         if recording_id != ids[-1]:
             raise Problem(409, "calibration_in_use", "It is in use.")
         delete_recording(session, recording_id, with_published=with_published)
