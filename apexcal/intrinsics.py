@@ -5,7 +5,8 @@ ROS: the YAML of ``camera_calibration`` and of a ``CameraInfo`` message. Kalibr:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +32,8 @@ def read_intrinsics(path: Path, camera: str) -> Document:
     if chain:
         return _from_kalibr(path, _member(path, chain, camera))
     try:
-        return _from_ros(document)
-    except (KeyError, TypeError, ValueError, AttributeError):
+        return _from_ros(path, document)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise InputError(f"{path} holds no intrinsics of a camera", _FORMS) from None
 
 
@@ -52,15 +53,16 @@ def _first_document(path: Path) -> Mapping[str, Any]:
     return document
 
 
-def _from_ros(document: Mapping[str, Any]) -> Document:
-    K = document.get("camera_matrix", document.get("K", document.get("k")))
-    D = document.get("distortion_coefficients", document.get("D", document.get("d", [])))
+def _from_ros(path: Path, document: Mapping[str, Any]) -> Document:
+    matrix = next(name for name in ("camera_matrix", "K", "k") if name in document or name == "k")
+    distortion = next(name for name in ("distortion_coefficients", "D", "d") if name in document or name == "d")
+    K, D = document.get(matrix), document.get(distortion, [])
     return {
         "width": int(document["image_width"] if "image_width" in document else document["width"]),
         "height": int(document["image_height"] if "image_height" in document else document["height"]),
         "distortion_model": str(document["distortion_model"]),
-        "K": _numbers(K["data"] if isinstance(K, Mapping) else K),
-        "D": _numbers(D["data"] if isinstance(D, Mapping) else D),
+        "K": _numbers(path, matrix, K["data"] if isinstance(K, Mapping) else K),
+        "D": _numbers(path, distortion, D["data"] if isinstance(D, Mapping) else D),
     }
 
 
@@ -83,10 +85,11 @@ def _from_kalibr(path: Path, camera: Mapping[str, Any]) -> Document:
             "Calibrate as pinhole-radtan or pinhole-equi.",
         )
     try:
-        f_x, f_y, c_x, c_y = _numbers(camera["intrinsics"])
+        f_x, f_y, c_x, c_y = _numbers(path, "intrinsics", camera["intrinsics"])
         width, height = (int(size) for size in camera["resolution"])
-        model, D = str(camera["distortion_model"]), _numbers(camera["distortion_coeffs"])
-    except (KeyError, TypeError, ValueError):
+        model = str(camera["distortion_model"])
+        D = _numbers(path, "distortion_coeffs", camera["distortion_coeffs"])
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise InputError(f"{path} holds no complete camera of a Kalibr camchain", _FORMS) from None
     return {
         "width": width,
@@ -97,5 +100,9 @@ def _from_kalibr(path: Path, camera: Mapping[str, Any]) -> Document:
     }
 
 
-def _numbers(values: Sequence[Any]) -> list[float]:
-    return [float(value) for value in values]
+def _numbers(path: Path, field: str, values: Any) -> list[float]:
+    numbers = [float(value) for value in values]
+    strange = next((number for number in numbers if not math.isfinite(number)), None)
+    if strange is not None:
+        raise InputError(f"{path}: {field} holds {strange}", "Every number in it must be a finite number.")
+    return numbers

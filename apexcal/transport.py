@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import time
 import uuid
@@ -13,7 +14,7 @@ from urllib.parse import SplitResult, quote, urlsplit
 
 import httpx
 
-from apexcal.errors import ApiError, TokenError, UnreachableError
+from apexcal.errors import ApiError, InputError, TokenError, UnreachableError
 
 Document = dict[str, Any]
 
@@ -111,11 +112,14 @@ class Transport:
         content: bytes | None = None,
         headers: Mapping[str, str] | None = None,
     ) -> httpx.Response:
-        """One request, tried again while the service is away or busy. Raises ApiError, UnreachableError.
+        """One request, tried again while the service is away or busy. Raises ApiError, InputError, UnreachableError.
 
         Every request of this client may be repeated: reads and deletes by nature, parts by their digest, edits by
         their version, creations by their key.
         """
+        strange = _not_finite(json)
+        if strange is not None:
+            raise InputError(f"{strange or 'what would be sent'} is not a finite number", "JSON has no such numbers.")
         request = {"params": params, "json": json, "content": content, "headers": headers}
         # A service that never answered is more likely misspelt than restarting.
         pauses_s = self._pauses_s if self._reached else self._pauses_s[:2]
@@ -191,6 +195,16 @@ def problem_of(response: httpx.Response) -> ApiError:
             "hint": "Is this the address of an apexcal service?",
         }
     return ApiError(response.status_code, fields)
+
+
+def _not_finite(document: Any, at: str = "") -> str | None:
+    """Where in a document a number stands that JSON cannot hold, its steps joined by dots; None where none does."""
+    if isinstance(document, float):
+        return None if math.isfinite(document) else at
+    steps = document.items() if isinstance(document, Mapping) else ()
+    steps = enumerate(document) if isinstance(document, list | tuple) else steps
+    inside = (_not_finite(one, f"{at}.{step}" if at else str(step)) for step, one in steps)
+    return next((found for found in inside if found is not None), None)
 
 
 def _given(query: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,13 @@ import typer
 
 from apexcal.client import ApiError, Client
 from apexcal.commands.calibrated import show, why_unpublished
-from apexcal.commands.camera_files import build_sets, camera_and_file, import_sets, lenses
+from apexcal.commands.camera_files import (
+    camera_and_file,
+    lenses,
+    pairs_of_files,
+    pairs_of_marks,
+    saying_what_stays,
+)
 from apexcal.commands.choices import (
     Bounds,
     Farm,
@@ -25,6 +31,12 @@ from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOpti
 from apexcal.commands.connect import connected
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
+
+
+def _check_range(degrees: float | None) -> float | None:
+    if degrees is not None and not 0.0 < degrees <= 180.0:  # which NaN is not either
+        raise typer.BadParameter(f"{degrees:g} is not above 0 and at most 180 degrees.")
+    return degrees
 
 
 def calibrate(
@@ -52,10 +64,10 @@ def calibrate(
     rotation_range_deg: Annotated[
         float | None,
         typer.Option(
-            help="Degrees about each axis by which the mount may be off the rig's; 180: any mount. Otherwise 30.",
+            help="Degrees about each axis by which the mount may be off the rig's: above 0; 180 is any mount. "
+            "Otherwise 30.",
             metavar="DEG",
-            min=0,
-            max=180,
+            callback=_check_range,
         ),
     ] = None,
     stated: Annotated[
@@ -126,15 +138,22 @@ def calibrate(
     }
     with connected(url, token, data) as client:
         cameras = camera or []
-        sets = import_sets(client, pairs, vehicle, rig, cameras) if pairs else build_sets(client, detection, cameras)
-        given["intrinsics"] = lenses(intrinsics or [], [one["camera"] for one in sets]) or None
-        calibration = client.calibrations.create(
-            sets[0]["vehicle_id"],
-            [one["id"] for one in sets],
-            model or None,
-            **{name: value for name, value in given.items() if value is not None},
-            publish="recommended" if publish else "none",
+        of_cameras = (
+            pairs_of_files(client, pairs, vehicle, rig, cameras)
+            if pairs
+            else pairs_of_marks(client, detection, cameras)
         )
+        given["intrinsics"] = lenses(intrinsics or [], [one.camera for one in of_cameras]) or None
+        sets: list[Document] = []
+        with saying_what_stays(sets):
+            sets.extend(one.make() for one in of_cameras)
+            calibration = client.calibrations.create(
+                sets[0]["vehicle_id"],
+                [one["id"] for one in sets],
+                model or None,
+                **{name: value for name, value in given.items() if value is not None},
+                publish="recommended" if publish else "none",
+            )
         with bar("Calibrating", not as_json) as progress:
             calibration = client.wait(calibration, on_progress=progress)
         published = [] if as_json else _publications(client, calibration, wanted=publish)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
-from apexcal.client import Client, InputError
-from apexcal.commands.common import usage
+from rich.markup import escape
+
+from apexcal.client import ApiError, Client, InputError
+from apexcal.commands.common import console, usage
 from apexcal.commands.connect import check_id, find_camera, find_rig, find_vehicle
 from apexcal.intrinsics import read_intrinsics
 from apexcal.transport import Document
@@ -20,10 +25,17 @@ def camera_and_file(text: str) -> tuple[str, Path]:
     return camera, Path(file)
 
 
-def import_sets(
+class PairsOf(NamedTuple):
+    """A camera, and what makes the correspondence set of its pairs."""
+
+    camera: str
+    make: Callable[[], Document]
+
+
+def pairs_of_files(
     client: Client, files: Sequence[str], vehicle: str, rig: str, cameras: Sequence[str]
-) -> list[Document]:
-    """A set of each file. With several files each names its camera."""
+) -> list[PairsOf]:
+    """The camera of each file, and its import. With several files each names its camera."""
     named = [camera_and_file(text) for text in files]
     if len(named) > 1 and not all(camera for camera, _ in named):
         usage("several --pairs, and one names no camera", "Write each as --pairs CAMERA=FILE")
@@ -35,19 +47,36 @@ def import_sets(
             raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
     with_rig = find_rig(client, find_vehicle(client, "", vehicle), rig)
     of = [find_camera(with_rig, camera or "".join(cameras[:1])) for camera, _ in named]
+    bring = client.correspondence_sets.import_csv
     return [
-        client.correspondence_sets.import_csv(with_rig["id"], camera, text)
-        for camera, text in zip(of, texts, strict=True)
+        PairsOf(camera, partial(bring, with_rig["id"], camera, text)) for camera, text in zip(of, texts, strict=True)
     ]
 
 
-def build_sets(client: Client, detection_id: str, cameras: Sequence[str]) -> list[Document]:
-    """A set of the marks in each camera."""
+def pairs_of_marks(client: Client, detection_id: str, cameras: Sequence[str]) -> list[PairsOf]:
+    """Each camera, and what makes pairs of the marks in it."""
     found = client.detections.get(check_id(detection_id, "detection"))
     recording = client.recordings.get(found["recording_id"])
     with_rig = client.vehicles.rig(recording["rig_id"])
     of = [find_camera(with_rig, camera) for camera in cameras or [""]]
-    return [client.correspondence_sets.build(detection_id, camera) for camera in of]
+    return [PairsOf(camera, partial(client.correspondence_sets.build, detection_id, camera)) for camera in of]
+
+
+@contextmanager
+def saying_what_stays(sets: Sequence[Document]) -> Iterator[None]:
+    """Where the service refuses what the block asks for, say which of the sets were imported: they stay."""
+    try:
+        yield
+    except ApiError:
+        for one in sets:
+            if one["source"] == "import":
+                pairs = "1 pair" if one["count"] == 1 else f"{one['count']} pairs"
+                sentence = (
+                    f"Imported all the same: {pairs} of {one['camera']}, as the correspondence set {one['id']}. "
+                    "It is this camera's newest until others are imported, or older ones again."
+                )
+                console(errors=True).print(escape(sentence), soft_wrap=True)
+        raise
 
 
 def lenses(files: Sequence[str], cameras: Sequence[str]) -> dict[str, Document]:

@@ -159,11 +159,10 @@ def find_camera(rig: Document, wanted: str) -> str:
     names = [str(camera["name"]) for camera in rig["cameras"]]
     if wanted in names:
         return wanted
-    which = f"Say which one with --camera: {', '.join(names)}."
     if wanted:
-        raise ClientError(f"the rig has no camera {wanted!r}", which)
+        usage(f"the rig has no camera {wanted!r}", f"Its cameras are {', '.join(names)}")
     if len(names) != 1:
-        usage("the rig has several cameras", which)
+        usage("the rig has several cameras", f"Say which one with --camera: {', '.join(names)}")
     return names[0]
 
 

@@ -31,6 +31,7 @@ MODEL_OF = {
     "kannala_brandt": "kannala_brandt",
     "kannala_brandt4": "kannala_brandt",
 }
+FOCAL_AND_CENTRE = ("f_x", "f_y", "c_x", "c_y")
 COEFFICIENTS = {"brown_conrady": 5, "kannala_brandt": 4}
 
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.

@@ -30,6 +30,11 @@ _TABLE_1: dict[str, Interval] = {
 # About the nominal mount's angles, which are several where it looks straight ahead: any angle may be right.
 _ANY_ANGLES: dict[str, Interval] = dict.fromkeys(("alpha", "beta", "gamma"), (-pi, pi))
 
+_OF_LENS = (
+    "The lens as stated has it: is it in pixels of these images? Where it is right, give the rig bounds of {} that "
+    "hold it, or take the lens as bounds (intrinsics_as: bounds; --intrinsics-as bounds)."
+)
+
 
 def check_locks(locked: Mapping[str, float], bounds: Mapping[str, Interval]) -> None:
     """Refuse what is wrong whatever the camera: 422 ``locked_out_of_bounds``.
@@ -51,6 +56,7 @@ def check_locks(locked: Mapping[str, float], bounds: Mapping[str, Interval]) -> 
 
 def check_camera_locks(
     locked: Mapping[str, float],
+    of_lens: Mapping[str, float],
     bounds: Mapping[str, Interval],
     camera: RigCamera,
     rig: Mapping[str, Interval],
@@ -58,16 +64,18 @@ def check_camera_locks(
 ) -> None:
     """Refuse what lies where this camera would not be looked for: 422 ``locked_out_of_bounds``.
 
+    ``locked`` are the request's own values, ``of_lens`` those at which it holds the lens that is stated of the camera.
     ``bounds`` are the request's, which go before ``rig``, the rig's of this camera, and these before the preset's;
     ``fit`` is the part of the solver's document that all fits share.
     """
     preset: BoundsPreset = fit["bounds_preset"]
     found = preset_bounds(preset, fit["search"], camera, fit["rotation_range_deg"])
-    for name, value in locked.items():
+    for name, value in {**of_lens, **locked}.items():
         if name in bounds:
             continue
         whose = "the rig's bounds" if name in rig else f"the bounds of {preset}"
-        _check(name, value, rig.get(name) or found[name], whose, f" of {camera.name}")
+        hint = _OF_LENS if name in of_lens else ""
+        _check(name, value, rig.get(name) or found[name], whose, f" of {camera.name}", hint)
 
 
 def preset_bounds(
@@ -90,7 +98,7 @@ def preset_bounds(
     )
 
 
-def _check(name: str, value: float, interval: Interval, whose: str, of: str) -> None:
+def _check(name: str, value: float, interval: Interval, whose: str, of: str, hint: str = "") -> None:
     low, high = interval
     if low <= value <= high:
         return
@@ -99,7 +107,7 @@ def _check(name: str, value: float, interval: Interval, whose: str, of: str) -> 
         422,
         "locked_out_of_bounds",
         f"{name}{of} is locked at {value:g}{unit}, outside of [{low:g}, {high:g}]{unit}, {whose}.",
-        f"Correct it; where it is right, give `bounds` of {name} that hold it.",
+        hint.format(name) or f"Correct it; where it is right, give `bounds` of {name} that hold it.",
         parameter=name,
         bounds=[low, high],
     )

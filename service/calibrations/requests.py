@@ -23,7 +23,14 @@ from service.calibrations.model_names import (
     parameter_names,
 )
 from service.calibrations.schemas import CalibrationTemplate
-from service.calibrations.sources import CameraPairs, check_given_lenses, lens_notes, models_of, with_given_lenses
+from service.calibrations.sources import (
+    CameraPairs,
+    check_given_lenses,
+    lens_notes,
+    locked_by_lens,
+    models_of,
+    with_given_lenses,
+)
 from service.calibrations.weighing import weighing, weighing_note
 from service.db.base import Json
 from service.db.fleets import RigCamera
@@ -70,8 +77,10 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
     use_as = wanted.intrinsics_as
     check_given_lenses(wanted.intrinsics, models, use_as)
     sources = with_given_lenses(sources, wanted.intrinsics)
+    settled = {*bounds, *common["locked"]}
     for source in sources:
-        check_camera_locks(common["locked"], bounds, source.camera, _bare(source.camera.bounds), common)
+        of_lens = locked_by_lens(source, models, use_as, settled | set(common["priors"]))
+        check_camera_locks(common["locked"], of_lens, bounds, source.camera, _bare(source.camera.bounds), common)
     weights = {
         source.camera.name: weighing(source.camera.name, source.pairs.pairs, wanted.weights) for source in sources
     }
@@ -89,7 +98,6 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
         }
     )
     seed = wanted.seed if wanted.seed is not None else int(digest[:13], 16)  # 52 bits
-    settled = {*bounds, *common["locked"]}
     notes = [note for source in sources for note in [*_notes(source), *lens_notes(source, models, use_as, settled)]]
     fits: list[Fit] = []
     for source, document in documents:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from service.calibrations.known_lens import UseAs, as_stated, known_lens, near_stated
+from service.calibrations.known_lens import FOCAL_AND_CENTRE, UseAs, as_stated, known_lens, near_stated
 from service.calibrations.schemas import GivenLens
 from service.calibrations.stated import check_size
 from service.db.base import Json
@@ -66,6 +66,20 @@ def models_of(source: CameraPairs, models: Sequence[str], use_as: UseAs) -> list
         Problem: 422 ``intrinsics_of_another_model`` where none can.
     """
     return list(models) if source.stated is None else _able(source.camera.name, source.stated, models, use_as)
+
+
+def locked_by_lens(
+    source: CameraPairs, models: Sequence[str], use_as: UseAs, asked: Collection[str]
+) -> dict[str, float]:
+    """Focal lengths and principal point (pixels) at which the camera's stated lens holds them, where it locks any.
+
+    Those in ``asked`` are the request's own. The distortion is not among them: any may be right that was measured.
+    """
+    if source.stated is None or use_as != "locked":
+        return {}
+    known = known_lens(source.stated, models_of(source, models, use_as)[0], use_as)
+    locked = known.locked if known else {}
+    return {name: locked[name] for name in FOCAL_AND_CENTRE if name in locked and name not in asked}
 
 
 def _able(camera: str, stated: Json, models: Sequence[str], use_as: UseAs) -> list[str]:

@@ -67,7 +67,9 @@ def test_the_operators_command_explains_itself_in_a_program_of_its_own():
         (["--outliers", "drop"], "'exclude'"),
         (["--model", "fisheye"], "kannala_brandt (the equidistant model"),
         (["--model", "pinhole", "--model", "ocam"], "there is no camera model 'ocam'"),
-        (["--rotation-range-deg", "181"], "180"),
+        (["--rotation-range-deg", "181"], "at most 180 degrees"),
+        (["--rotation-range-deg", "0"], "0 is not above 0"),
+        (["--rotation-range-deg", "nan"], "nan is not above 0"),
         (["--vehicle", "Car"], "belongs to one rig"),
         (["--pairs", "a.csv"], "not both"),
     ],
@@ -331,6 +333,12 @@ def test_calibrate_says_what_became_of_its_result(embedded, simulated, tmp_path)
         shown = apexcal(*calibrate, *more, *here)
         assert said in shown.stdout, shown.stdout + shown.stderr
     assert apexcal(*calibrate, "--folds", 1, *here).returncode == 2
+    for more, said in (
+        (("--seed", 10**19), "pairs of front, as the correspondence set"),
+        (("--camera", "nose"), "Its cameras are front"),
+    ):
+        refused = CliRunner().invoke(app, [*map(str, (*calibrate, *more, *here))])
+        assert refused.exit_code == 2 and said in refused.stderr, refused.output
     both = apexcal(*calibrate, "--detection", "x", *here)
     assert both.returncode == 2
     assert "not both" in both.stderr

@@ -74,6 +74,9 @@ def test_a_camchain_by_topic_or_name(tmp_path, camera):
         ("a: [", "is no YAML"),
         ("!!python/object/apply:os.system ['true']", "is no YAML"),
         ("x" * 1_000_001, "is too large"),
+        (CAMERA_INFO.replace("500.0", ".nan"), "k holds nan"),
+        (CAMCHAIN.replace("0.4", "-.inf"), "distortion_coeffs holds -inf"),
+        (CAMERA_INFO.replace("640", ".inf"), "holds no intrinsics of a camera"),
     ],
 )
 def test_what_is_no_lens_is_refused_by_the_files_name(tmp_path, text, says):

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from apexcal.client import Client, TokenError
+from apexcal.client import Client, InputError, TokenError
 from apexcal.transport import Transport, at
 
 HOSTILE = "../../fleets?a=b#c"
@@ -67,3 +67,8 @@ def test_no_method_lets_an_id_lead_elsewhere():
 def test_a_token_that_no_header_carries_is_said(token):
     with pytest.raises(TokenError, match="ASCII"):
         Transport("http://127.0.0.1:9", token)
+
+
+def test_a_number_that_json_cannot_hold_is_said_where_it_stands():
+    with Client("http://127.0.0.1:9") as client, pytest.raises(InputError, match=r"^priors\.f_x\.1 is not a finite"):
+        client.calibrations.create("vehicle", ["set"], priors={"f_x": (500.0, float("inf"))})

@@ -142,6 +142,11 @@ def test_a_given_lens_as_priors_and_as_bounds(api, engineer, rig):
         ({"K": [1e-310, 1.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0]}, "invalid_intrinsics", "no camera matrix"),
         ({"models": ["kannala_brandt"]}, "intrinsics_of_another_model", "are of brown_conrady"),
         ({"K": [1.0]}, "invalid_request", "intrinsics.front.K"),
+        (
+            {"K": [500.0, 0.0, 320.0, 0.0, 43100.0, 240.0, 0.0, 0.0, 1.0]},
+            "locked_out_of_bounds",
+            "f_y of front is locked at 43100, outside of [128, 1920], the bounds of image-size",
+        ),
     ],
 )
 def test_a_lens_that_cannot_be_taken_over_is_refused(api, engineer, rig, changed, code, says):
