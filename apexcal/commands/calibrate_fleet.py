@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 from typing import Annotated, Any
 
@@ -84,8 +85,10 @@ def calibrate_fleet(
         ]
         if not as_json:
             lines += _reasons(client, request["id"])
+            outcomes = _outcomes(client, request["id"])
+            lines += _doubts(outcomes)
             if request["asked"]["calibration"]["publish"] == "recommended":
-                lines += _publications(client, request["id"])
+                lines += _publications(outcomes)
     say(request, as_json, "\n".join(lines))
     if request["state"] != "done":
         raise typer.Exit(FAILED)
@@ -135,13 +138,38 @@ def _reasons(client: Client, request_id: str) -> list[str]:
     return lines
 
 
-def _publications(client: Client, request_id: str) -> list[str]:
-    """Which vehicles were given nothing and why, the first of them; and how many cameras were given something."""
-    outcomes = [
+def _outcomes(client: Client, request_id: str) -> list[tuple[str, str, Document]]:
+    """Vehicle, camera and what its calibration recommends."""
+    return [
         (row["vehicle"], camera, found)
         for row in client.fleet_requests.vehicles(request_id)
         for camera, found in row["cameras"].items()
     ]
+
+
+def _doubts(outcomes: Sequence[tuple[str, str, Document]]) -> list[str]:
+    """Which results are no good although they are there, the first of them; and how many have warnings."""
+    # A service of the version before does not say it.
+    doubtful = [one for one in outcomes if (one[2].get("status") or "ok") != "ok"]
+    lines = [
+        f"  {vehicle} done, but not ok: {camera} is {found['status'].replace('_', ' ')}{_warned(found)}"
+        for vehicle, camera, found in doubtful[:_SHOWN]
+    ]
+    if len(doubtful) > _SHOWN:
+        lines.append(f"  ... and {len(doubtful) - _SHOWN} more done, but not ok")
+    warned = sum(found.get("warnings", 0) > 0 for _, _, found in outcomes)
+    if warned:
+        lines.append(f"{warned} of {_count(len(outcomes), 'calibrated camera')} came with warnings.")
+    return lines
+
+
+def _warned(found: Document) -> str:
+    count = found.get("warnings", 0)
+    return f", {_count(count, 'warning')}" if count else ""
+
+
+def _publications(outcomes: Sequence[tuple[str, str, Document]]) -> list[str]:
+    """Which vehicles were given nothing and why, the first of them; and how many cameras were given something."""
     withheld = [one for one in outcomes if not one[2].get("published")]
     lines = [
         f"  {vehicle}: nothing published for {camera}: {_first_of(found.get('not_published') or [])}"

@@ -56,7 +56,7 @@ def choose(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> list[Chos
     if wanted.new_pairs:
         published = _published_sets(session, fleet_id)
         chosen = [one for one in chosen if any(published.get((one.id, c)) != of for c, of in one.sets.items())]
-    return sorted(chosen, key=lambda one: (_as_people_order(one.name), one.id))
+    return sorted(chosen, key=lambda one: (*_as_people_order(one.name), one.id))
 
 
 def _as_people_order(name: str) -> tuple[list[tuple[bool, int, str]], str]:

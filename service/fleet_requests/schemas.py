@@ -54,7 +54,8 @@ class Counts(Sent):
 class FleetRequestView(Sent):
     """A fleet request: what was asked and by whom, how far it is, and how many vehicles came to what.
 
-    ``asked_by`` is null where the person is no longer known.
+    ``asked_by`` is null where the person is no longer known. ``published`` counts vehicles that a result of it was
+    published for, by itself or by a person; null while it runs, and where no publication was asked for.
     """
 
     id: UUID
@@ -63,6 +64,7 @@ class FleetRequestView(Sent):
     asked: Json
     asked_by: str | None
     counts: Counts
+    published: int | None
     progress: ProgressView
     seconds_left: int | None
     cancel_requested: bool
@@ -73,13 +75,16 @@ class FleetRequestView(Sent):
 class CameraOutcome(Sent):
     """What a vehicle's calibration recommends for a camera, and its mean errors in pixels.
 
-    ``published`` says whether it became the camera's current calibration, ``not_published`` why it did not; null and
-    empty where nobody asked for it.
+    ``status`` is the result's: where it is not ``ok`` the errors say little, however small. ``warnings`` counts those
+    of the result. ``published`` says whether it became the camera's current calibration, ``not_published`` why it did
+    not; null and empty where nobody asked for it.
     """
 
     model: str | None
     mean_px: float | None
     heldout_mean_px: float | None
+    status: str | None
+    warnings: int
     published: bool | None
     not_published: list[str]
 

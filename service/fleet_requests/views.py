@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session, aliased
 
 from service.calibrations.schemas import ProgressView
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun
+from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
 from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Vehicle
@@ -62,7 +62,29 @@ def request_views(session: Session, rows: Sequence[FleetRequest]) -> list[FleetR
     """Fleet requests with their counts, and the names of who asked."""
     running = _running(session, [row.id for row in rows if row.remaining])
     names = _names(session, {row.created_by for row in rows if row.created_by})
-    return [_request_view(row, running.get(row.id, 0), names.get(row.created_by)) for row in rows]
+    publishing = [row.id for row in rows if not row.remaining and _asked_to_publish(row)]
+    published = dict.fromkeys(publishing, 0) | _published(session, publishing)
+    return [
+        _request_view(row, running.get(row.id, 0), published.get(row.id), names.get(row.created_by)) for row in rows
+    ]
+
+
+def _asked_to_publish(row: FleetRequest) -> bool:
+    return row.asked["calibration"].get("publish") == "recommended"
+
+
+def _published(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:
+    """For how many vehicles of each request a result of it was published. Only of those that have ended: it takes
+    a look at each of their results."""
+    of = FleetRequestVehicle.fleet_request_id
+    statement = (
+        select(of, func.count(FleetRequestVehicle.vehicle_id.distinct()))
+        .join(Result, Result.calibration_id == FleetRequestVehicle.calibration_id)
+        .join(Publication, Publication.result_id == Result.id)
+        .where(of.in_(ids))
+        .group_by(of)
+    )
+    return {row[0]: row[1] for row in session.execute(statement)} if ids else {}
 
 
 def _running(session: Session, ids: Sequence[UUID]) -> dict[UUID, int]:
@@ -78,7 +100,7 @@ def _names(session: Session, ids: set[UUID]) -> dict[UUID | None, str]:
     return {row[0]: row[1] for row in rows}
 
 
-def _request_view(row: FleetRequest, running: int, asked_by: str | None) -> FleetRequestView:
+def _request_view(row: FleetRequest, running: int, published: int | None, asked_by: str | None) -> FleetRequestView:
     running = min(running, row.remaining)
     ended = row.matched - row.remaining
     message = f"{ended} of {row.matched} vehicles have ended" if row.matched else "no vehicle matched"
@@ -99,6 +121,7 @@ def _request_view(row: FleetRequest, running: int, asked_by: str | None) -> Flee
             cancelled=row.cancelled,
             skipped=row.skipped,
         ),
+        published=published,
         progress=ProgressView(fraction=round(ended / row.matched, 4) if row.matched else 1.0, message=message),
         seconds_left=_seconds_left(row),
         cancel_requested=row.cancel_requested,
@@ -145,6 +168,8 @@ def _outcome(found: Json) -> CameraOutcome:
         model=model,
         mean_px=summary.get("polished", {}).get("mean_px"),
         heldout_mean_px=summary.get("heldout_mean_px"),
+        status=summary.get("status"),
+        warnings=len(summary.get("alarms", [])),
         published=found.get("published"),
         not_published=found.get("not_published", []),
     )

@@ -60,6 +60,12 @@ def test_a_fleet_is_calibrated_from_the_command_line(fleet: dict, owner: Client,
         assert nothing.exit_code == 2 and "'' is no id of a fleet request" in nothing.stderr
     assert next(iter(owner.fleet_requests.list(fleet["id"])))["id"] == request["id"], "nothing new was asked"
     assert typed(*ask, "--folds", "1", "--dry-run").exit_code == 2
+    (van,) = (one for one in owner.vehicles.list(fleet["id"]) if one["name"] == "van 1")
+    rig = owner.vehicles.create_rig(van["id"], LEVEL_RIG)
+    owner.correspondence_sets.import_pairs(rig["id"], "front", pairs(1) * 40)
+    poor = typed(*ask, "--name", "van *")
+    assert poor.exit_code == 0 and "van 1 done, but not ok: front is not determined, 3 warnings" in poor.stdout
+    assert "1 of 1 calibrated camera came with warnings." in poor.stdout
 
 
 def test_the_client_asks_follows_and_cancels(fleet: dict, owner: Client):

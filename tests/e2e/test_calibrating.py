@@ -61,11 +61,36 @@ def test_an_engineer_calibrates_and_publishes(sign_in: Callable[[str, str], Page
     assert current["model"] == "brown_conrady"
 
 
-def add_cart(track: Track, name: str, count: int) -> tuple[str, str]:
-    """A vehicle with this many pairs; its id and that of its set."""
+def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, str], Page], track: Track) -> None:
+    vehicle, pairs_of_one = add_cart(track, "Sledge", 40, vertices=1)
+    wanted = {"models": ["pinhole"], "folds": 0, "publish": "recommended"}
+    track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], **wanted), timeout_s=60)
+    page = sign_in("Rex", "reviewer")
+    page.goto(f"{track.url}/vehicles/{vehicle}")
+    calibration = page.get_by_role("row").last
+    expect(calibration).to_contain_text("not determined, 3 warnings")
+    calibration.get_by_role("link").click()
+    publish = page.get_by_role("button", name="Publish for the vehicle")
+    expect(publish).not_to_have_class(re.compile("primary"))
+    with page.expect_event("dialog") as asking:
+        page.once("dialog", lambda question: question.dismiss())
+        publish.click()
+    asked = asking.value.message
+    assert "is not_determined" in asked and "No pairs were held out" in asked
+    expect(publish).to_be_enabled()
+    expect(page.get_by_text("None published yet.")).to_be_visible()
+    page.once("dialog", lambda question: question.accept())
+    publish.click()
+    expect(page.get_by_text("Published: the current calibration")).to_be_visible()
+
+
+def add_cart(track: Track, name: str, count: int, vertices: int | None = None) -> tuple[str, str]:
+    """A vehicle with this many pairs, of so many vertices; its id and that of its set."""
     vehicle = track.owner.vehicles.create(track.fleet_id, name)
     rig = track.owner.vehicles.create_rig(vehicle["id"], LEVEL_RIG)
-    made = track.owner.correspondence_sets.import_pairs(rig["id"], "front", pairs(count))
+    made = track.owner.correspondence_sets.import_pairs(
+        rig["id"], "front", pairs(vertices or count) * (count // (vertices or count))
+    )
     return vehicle["id"], made["id"]
 
 

@@ -41,15 +41,16 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
 
     The document's `intrinsics` and `transform` (T_camera_lidar) are the polished ones; `ga`, `polished`,
     `baseline` (least squares from the centre of the bounds) and `linear_baseline` (direct linear transformation
-    with RANSAC, then least squares; null where no linear camera fits) stand side by side over the same pairs, each
-    with mean and RMS distance in px, what it minimised and its parameters (search form: radians, metres, pixels).
-    `parameters` and `std` are in people's units (degrees, metres, pixels). `outliers` names the pairs that the
-    others speak against; where the problem says `exclude` the polish leaves them out, and `kept` has its errors on
-    the rest. `weights` says whether the pairs weighed equally or by stated covariances; then `noise_scale` says how
-    many times larger the errors are than stated (the deviations here are scaled by it), and `sigma_px` is the noise
-    of a typical pair. `status` is `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the
-    polish ran out), `not_determined` (the pairs do not hold every free parameter) or `not_explained` (half of them
-    lie far from where it projects them).
+    with RANSAC, then least squares; null where no linear camera fits) stand side by side, each over the pairs that
+    it was given (`ga` over all, also where the others leave outliers out), with mean and RMS distance in px, what
+    it minimised and its parameters (search form: radians, metres, pixels). `parameters` and `std` are in people's
+    units (degrees, metres, pixels). `outliers` names the pairs that the others speak against; where the problem
+    says `exclude` the polish leaves them out, and `kept` has its errors on the rest. `weights` says whether the
+    pairs weighed equally or by stated covariances; then `noise_scale` says how many times larger the errors are
+    than stated (the deviations here are scaled by it), and `sigma_px` is the noise of a typical pair. `status` is
+    `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the polish ran out),
+    `not_determined` (the pairs do not hold every free parameter) or `not_explained` (half of them lie far from
+    where it projects them).
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:

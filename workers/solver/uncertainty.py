@@ -62,10 +62,10 @@ class Uncertainty:
         return factor * self.std
 
     def worst_correlation(self) -> tuple[str, str, float] | None:
-        """The two parameters that can be told apart least, and their correlation."""
-        if len(self.names) < 2:
-            return None
+        """The two parameters that can be told apart least, and their correlation; None where no two correlate."""
         strict = np.triu(np.abs(self.correlation), 1)
+        if not np.any(strict):
+            return None
         i, j = np.unravel_index(int(np.argmax(strict)), strict.shape)
         return self.names[i], self.names[j], float(self.correlation[i, j])
 

@@ -10,6 +10,7 @@ import {
   newFilter,
   outcomeInWords,
   partOf,
+  publishedInWords,
   skippedByReason,
 } from "./fleet_requests.ts";
 
@@ -46,6 +47,8 @@ test("a filter in words", () => {
 test("counts name the states that somebody is in", () => {
   assert.equal(countsInWords(counts({ matched: 9, done: 6, failed: 1, skipped: 2 })), "6 done, 1 failed, 2 skipped");
   assert.equal(countsInWords(counts({})), "no vehicle was due");
+  assert.equal(publishedInWords({ published: 0, counts: counts({ done: 4 }) }), "published for 0 of 4");
+  assert.equal(publishedInWords({ published: null, counts: counts({ done: 4 }) }), "");
 });
 
 test("a dry run in a sentence", () => {
@@ -72,7 +75,8 @@ test("who would be skipped, by what is wrong, the commonest first", () => {
 });
 
 test("a camera's outcome", () => {
-  const outcome = { model: "pinhole", mean_px: 1.2, heldout_mean_px: 1.345, published: true, not_published: [] };
+  const sound = { status: "ok", warnings: 0, published: true, not_published: [] };
+  const outcome = { model: "pinhole", mean_px: 1.2, heldout_mean_px: 1.345, ...sound };
   assert.equal(outcomeInWords("front", outcome), "front: pinhole, 1.34 px held out, published");
   const poor = { ...outcome, heldout_mean_px: null, published: false };
   assert.equal(outcomeInWords("front", poor), "front: pinhole, 1.20 px on fitted pairs");

@@ -53,6 +53,11 @@ export function countsInWords(counts: Counts): string {
   return parts.join(", ") || "no vehicle was due";
 }
 
+/** "published for 2 of 4": of those that are done; empty where nobody asked for it, or it is not known yet. */
+export function publishedInWords({ published, counts }: Pick<FleetRequest, "published" | "counts">): string {
+  return typeof published === "number" ? `published for ${compact(published)} of ${compact(counts.done)}` : "";
+}
+
 /** What a dry run says, in a sentence. */
 export function dryRunInWords(found: DryRun): string {
   if (found.matched === 0) return "No vehicle is due: the filter leaves nobody now.";

@@ -5,10 +5,15 @@ export interface Histogram {
   counts: number[];
 }
 
-/** `count` bins from 0 to about the 98th percentile; the last bin also holds everything larger. */
-export function histogram(values: readonly number[], count: number): Histogram {
-  const sorted = values.filter(Number.isFinite).sort((a, b) => a - b);
-  const high = sorted[Math.min(sorted.length - 1, Math.floor(sorted.length * 0.98))] ?? 1;
+/**
+ * `count` bins from 0 to about the 98th percentile of `scale`; the last bin also holds everything larger.
+ * Where some values are known to be far off, `scale` is the others: else a few of them press all into the first bin.
+ */
+export function histogram(values: readonly number[], count: number, scale = values): Histogram {
+  const ascending = (some: readonly number[]): number[] => some.filter(Number.isFinite).sort((a, b) => a - b);
+  const sorted = ascending(values);
+  const scaling = ascending(scale);
+  const high = scaling[Math.min(scaling.length - 1, Math.floor(scaling.length * 0.98))] ?? 1;
   const width = Math.max(high, 1e-9) / count;
   const counts = new Array<number>(count).fill(0);
   for (const value of sorted) {

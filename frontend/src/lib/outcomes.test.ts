@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { errorOf, mergedNotes, outcomeOf } from "./outcomes.ts";
+import { caution, errorOf, mergedNotes, outcomesOf } from "./outcomes.ts";
 
 test("an outcome says whether the error is of held-out pairs", () => {
   assert.equal(errorOf({ result_id: "1", heldout_mean_px: 1.5 }), "1.50 px held out");
@@ -10,8 +10,20 @@ test("an outcome says whether the error is of held-out pairs", () => {
     front: { recommended: "pinhole", why: "", models: { pinhole: fitted } },
     left: { recommended: null, why: "", models: {} },
   };
-  assert.equal(outcomeOf({ cameras }), "front: pinhole 2.00 px on fitted pairs, none held out; left: none");
-  assert.equal(outcomeOf(null), "");
+  const said = outcomesOf({ cameras }).map((one) => one.said);
+  assert.deepEqual(said, ["front: pinhole 2.00 px on fitted pairs, none held out", "left: none"]);
+  assert.deepEqual(outcomesOf(null), []);
+});
+
+test("an outcome that is not ok says so, however small its error", () => {
+  const poor = { result_id: "1", heldout_mean_px: 0, status: "not_determined", alarms: ["a", "b"] };
+  const cameras = { front: { recommended: "pinhole", why: "", models: { pinhole: poor } } };
+  assert.deepEqual(outcomesOf({ cameras }), [
+    { said: "front: pinhole 0.00 px held out", caution: "not determined, 2 warnings", doubtful: true },
+  ]);
+  assert.equal(caution("ok", 0), "");
+  assert.equal(caution("ok", 1), "1 warning");
+  assert.equal(caution(undefined, 0), "", "a summary of before says nothing of it");
 });
 
 test("what holds for several cameras is said once", () => {

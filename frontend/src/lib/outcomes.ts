@@ -1,16 +1,35 @@
 /** What a calibration came to, in a line. */
 
 import type { CalibrationSummary, CameraSummary, ModelSummary } from "./api/types/calibrations.ts";
-import { fixed } from "./format.ts";
+import { counted, fixed, words } from "./format.ts";
+
+export interface Outcome {
+  said: string;
+  /** What speaks against it; empty where nothing does. */
+  caution: string;
+  /** Whether its status is another than `ok`. */
+  doubtful: boolean;
+}
 
 /** Each camera's recommended model with its error. */
-export function outcomeOf(summary: CalibrationSummary | null): string {
-  return Object.entries(summary?.cameras ?? {})
-    .map(([camera, found]) => {
-      const chosen = recommended(found);
-      return `${camera}: ${found.recommended ?? "none"}${chosen ? ` ${errorOf(chosen)}` : ""}`;
-    })
-    .join("; ");
+export function outcomesOf(summary: CalibrationSummary | null): Outcome[] {
+  return Object.entries(summary?.cameras ?? {}).map(([camera, found]) => {
+    const chosen = recommended(found);
+    return {
+      said: `${camera}: ${found.recommended ?? "none"}${chosen ? ` ${errorOf(chosen)}` : ""}`,
+      caution: caution(chosen?.status, chosen?.alarms?.length ?? 0),
+      doubtful: isDoubtful(chosen?.status),
+    };
+  });
+}
+
+/** However small its errors are, such a result is no good. */
+export const isDoubtful = (status: string | null | undefined): boolean => (status ?? "ok") !== "ok";
+
+/** A status other than `ok`, and how many warnings there are: "not determined, 3 warnings". */
+export function caution(status: string | null | undefined, warnings: number): string {
+  const parts = [...(isDoubtful(status) ? [words(status ?? "")] : []), ...(warnings > 0 ? [counted(warnings, "warning")] : [])];
+  return parts.join(", ");
 }
 
 export const recommended = (found: CameraSummary): ModelSummary | undefined =>

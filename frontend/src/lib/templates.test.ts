@@ -14,6 +14,6 @@ test("what was chosen is said", () => {
   };
   assert.equal(
     templateInWords(asked),
-    "pinhole; preset paper; euler; nothing held out; seed 0; recommended results published",
+    "pinhole; preset paper; euler; nothing held out; seed 0; publish what is recommended",
   );
 });

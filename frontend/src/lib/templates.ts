@@ -30,6 +30,6 @@ export function templateInWords(asked: Partial<CalibrationTemplate>): string {
   const folds = asked.folds ?? usual.folds;
   parts.push(folds === 0 ? "nothing held out" : counted(folds, "fold"));
   if (typeof asked.seed === "number") parts.push(`seed ${asked.seed}`);
-  if (asked.publish === "recommended") parts.push("recommended results published");
+  if (asked.publish === "recommended") parts.push("publish what is recommended");
   return parts.join("; ");
 }

@@ -103,6 +103,7 @@ def test_a_quiet_night_is_a_request_that_is_done(api, vans: Vans, context):
     (van,) = vans.engineer.get(f"/fleet-requests/{asked['id']}/vehicles").json()["items"]
     front = van["cameras"]["front"]
     assert (front["published"], front["not_published"]) == (True, [])
+    assert (front["status"], vans.read(asked)["published"]) == ("ok", 1)
     quiet = vans.ask({"new_pairs": True})
     assert quiet.status_code == 202, quiet.text
     made = quiet.json()
@@ -112,7 +113,7 @@ def test_a_quiet_night_is_a_request_that_is_done(api, vans: Vans, context):
     unheld = vans.ask(calibration=QUICK | {"publish": "recommended"}).json()
     work(context)
     (van,) = vans.engineer.get(f"/fleet-requests/{unheld['id']}/vehicles").json()["items"]
-    assert van["cameras"]["front"]["published"] is False
+    assert van["cameras"]["front"]["published"] is False and vans.read(unheld)["published"] == 0
     assert van["cameras"]["front"]["not_published"] == ["No pairs were held out to judge it by."]
 
 
@@ -184,8 +185,8 @@ def test_a_fleet_request_is_its_fleets_and_an_engineers(api, vans: Vans):
 
 
 def test_vehicles_come_in_pages_and_by_state(vans: Vans):
-    for name in ("c", "a", "b"):
-        vans.add(name, 40 if name != "b" else None)
+    for name in ("van 10", "Van 2", "van 9"):
+        vans.add(name, 40 if name != "van 9" else None)
     asked = vans.ask().json()
     path, names, after = f"/fleet-requests/{asked['id']}/vehicles", [], None
     while True:
@@ -194,7 +195,7 @@ def test_vehicles_come_in_pages_and_by_state(vans: Vans):
         after = page["next"]
         if after is None:
             break
-    assert names == ["a", "b", "c"]
-    assert vans.states(asked, state="skipped") == {"b": "skipped"}
-    assert vans.states(asked, state="queued") == {"a": "queued", "c": "queued"}
+    assert names == ["Van 2", "van 9", "van 10"], "as people order names"
+    assert vans.states(asked, state="skipped") == {"van 9": "skipped"}
+    assert vans.states(asked, state="queued") == {"Van 2": "queued", "van 10": "queued"}
     assert vans.engineer.get(path, params={"state": "nonsense"}).status_code == 422

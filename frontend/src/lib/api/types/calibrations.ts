@@ -57,6 +57,7 @@ export interface Errors {
 
 export interface ModelSummary {
   result_id: string | null;
+  status?: string;
   ga?: Errors | null;
   polished?: Errors | null;
   /** Least squares from the centre of the bounds. */

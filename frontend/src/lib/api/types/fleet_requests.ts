@@ -37,6 +37,8 @@ export interface FleetRequest {
   };
   asked_by: string | null;
   counts: Counts;
+  /** For how many vehicles a result was published; null while it runs, and where nobody asked for it. */
+  published: number | null;
   progress: JobProgress;
   seconds_left: number | null;
   cancel_requested: boolean;
@@ -49,6 +51,9 @@ export interface CameraOutcome {
   model: string | null;
   mean_px: number | null;
   heldout_mean_px: number | null;
+  /** Of the recommended result; where it is not `ok` the errors say little. */
+  status: string | null;
+  warnings: number;
   published: boolean | null;
   not_published: string[];
 }

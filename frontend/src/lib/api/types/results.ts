@@ -22,6 +22,8 @@ export interface Result {
   status?: string;
   message?: string;
   pairs?: number;
+  /** The pairs of the fit: fewer than `pairs` where outliers were left out. */
+  kept?: { pairs: number };
   free_parameters?: number;
   parameters?: Record<string, number>;
   std?: Record<string, number | null>;
