@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +16,7 @@ from service.admin.backup import back_up
 from service.admin.errors import AdminError
 from service.admin.keeping import retention
 from service.admin.manifest import Manifest, verify
-from service.admin.opening import FAILED, opened, spoken
+from service.admin.opening import FAILED, GIVEN_FOLDER, opened, program, spoken
 from service.admin.people import tokens, users
 from service.admin.restore import restore as bring_back
 from service.admin.serving import is_served
@@ -45,7 +47,9 @@ def admin(
 ) -> None:
     """See ``_HELP``."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s %(message)s")
+    os.environ.pop(GIVEN_FOLDER, None)
     if data is not None:
+        os.environ[GIVEN_FOLDER] = str(data)
         os.environ["APEXCAL_DATA_DIR"] = str(data.resolve())
         for name in ("APEXCAL_DATABASE_URL", "APEXCAL_BLOB_URL", "APEXCAL_BROKER_URL"):
             os.environ.pop(name, None)
@@ -91,15 +95,16 @@ def restore(
     """
     if check:
         manifest, blobs = verify(source.resolve())
-        print(f"{source} is whole: {len(manifest.tables)} tables, {len(blobs)} objects, made {manifest.made_at}.")
+        if not quiet:
+            how = "holds what could be backed up" if manifest.damaged else "is whole"
+            print(f"{source} {how}: {len(manifest.tables)} tables, {len(blobs)} objects, made {manifest.made_at}.")
         if _name_damaged(manifest):
             raise typer.Exit(FAILED)
         return
     settings = get_settings()
-    if not settings.database_url:
-        settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _refuse_served(settings.data_dir)
-    manifest = bring_back(settings.database, open_store(settings), source.resolve(), report=_reporter(quiet))
+    own = nullcontext() if settings.database_url else _made(settings.data_dir)
+    with own:
+        manifest = bring_back(settings.database, open_store(settings), source.resolve(), report=_reporter(quiet))
     if not quiet:
         print(f"Restored what was backed up {manifest.made_at}. Start the service.")
     _name_damaged(manifest)
@@ -118,9 +123,20 @@ def _name_damaged(manifest: Manifest) -> bool:
     return bool(manifest.damaged)
 
 
-def _refuse_served(folder: Path) -> None:
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """The folder, made where it is missing; a refusal in the block takes with it what is empty of it."""
     if is_served(folder):
         raise AdminError(f"a service runs on {folder}", "Stop it first, or restore into another folder.")
+    missing = [one for one in (folder / "blobs", folder, *folder.parents) if not one.exists()]
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):  # what has something in it stays, and so does all above
+            for one in missing:
+                one.rmdir()
+        raise
 
 
 def _reporter(quiet: bool):  # noqa: ANN202 - a function of one line
@@ -128,4 +144,4 @@ def _reporter(quiet: bool):  # noqa: ANN202 - a function of one line
 
 
 if __name__ == "__main__":
-    app(prog_name=os.environ.get("APEXCAL_ADMIN_NAME", "python -m service.admin"))
+    app(prog_name=program())

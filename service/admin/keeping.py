@@ -10,7 +10,7 @@ import typer
 from sqlalchemy import func, select
 
 from service.admin.errors import AdminError
-from service.admin.opening import JsonOption, as_id, opened, spoken, table
+from service.admin.opening import JsonOption, as_id, command, opened, spoken, table
 from service.auth.expiry import remove_ended
 from service.db.clock import utc_now
 from service.db.fleets import Fleet
@@ -69,7 +69,7 @@ def set_end(
         found = session.scalars(select(Recording).where(which).with_for_update()).all()
         if not found:
             what = f"no recording in a fleet called {recording!r}" if fleet else f"no recording {recording}"
-            raise AdminError(f"there is {what}", "`apexcal admin retention show` lists the fleets.")
+            raise AdminError(f"there is {what}", f"{command('retention show')} lists the fleets.")
         for row in found:
             row.retain_until = end
             row.version += 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +25,8 @@ from service.storage.errors import StoreFullError, StoreUnavailableError
 from service.storage.store import Store, open_store
 
 FAILED, WRONG_USAGE = 1, 2
+# The variable that holds what --data gave, as it was typed.
+GIVEN_FOLDER = "APEXCAL_ADMIN_DATA"
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 P = ParamSpec("P")
 
@@ -102,6 +106,18 @@ def _complain(sentence: str, hint: str, code: int = FAILED) -> None:
     if hint:
         print(hint, file=sys.stderr)
     raise typer.Exit(code)
+
+
+def command(words: str) -> str:
+    """A command of this program as it is to be typed now: on the folder that this one was given, where it was."""
+    folder = os.environ.get(GIVEN_FOLDER)
+    data = f"--data {shlex.quote(folder)} " if folder else ""
+    return f"`{program()} {data}{words}`"
+
+
+def program() -> str:
+    """How this program was called."""
+    return os.environ.get("APEXCAL_ADMIN_NAME", "python -m service.admin")
 
 
 def as_id(text: str, what: str, hint: str) -> UUID:

@@ -13,7 +13,7 @@ from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session
 
 from service.admin.errors import AdminError
-from service.admin.opening import JsonOption, as_id, opened, spoken, table
+from service.admin.opening import JsonOption, as_id, command, opened, spoken, table
 from service.admin.serving import served_url
 from service.auth.sessions import make_link
 from service.db.clock import utc_now
@@ -118,10 +118,10 @@ def list_tokens(
 @spoken
 def revoke_token(token: Annotated[str, typer.Argument(help="Id, as `tokens list` shows it.")]) -> None:
     """Revoke a token at once."""
-    id = as_id(token, "token", "`apexcal admin tokens list` shows them.")
+    id = as_id(token, "token", f"{command('tokens list')} shows them.")
     with opened() as service, service.database.writing() as session:
         if not _revoke(session, ApiToken.id == id):
-            raise AdminError(f"there is no valid token {token}", "`apexcal admin tokens list` shows those that are.")
+            raise AdminError(f"there is no valid token {token}", f"{command('tokens list')} shows those that are.")
     print("It is revoked.")
 
 
@@ -159,9 +159,9 @@ def find_person(session: Session, asked: str) -> Person:
     if len(found) == 1:
         return found[0]
     if not found:
-        raise AdminError(f"there is nobody called {asked!r}", "`apexcal admin users list` shows names and ids.")
+        raise AdminError(f"there is nobody called {asked!r}", f"{command('users list')} shows names and ids.")
     raise AdminError(
-        f"{len(found)} people are called {asked!r}", "Say which one by its id: `apexcal admin users list`."
+        f"{len(found)} people are called {asked!r}", f"Say which one by its id: {command('users list')}."
     )
 
 

@@ -11,7 +11,7 @@ import typer
 from sqlalchemy import select
 
 from service.admin.errors import AdminError
-from service.admin.opening import JsonOption, opened, spoken, table
+from service.admin.opening import JsonOption, command, opened, spoken, table
 from service.admin.requeue import CannotRequeueError
 from service.admin.requeue import requeue as start_again
 from service.db.jobs import Job, JobEvent
@@ -92,7 +92,7 @@ def requeue(id: Annotated[int, typer.Argument(help="The number of a failed job."
         try:
             fresh = [row.id for row in start_again(session, id)]
         except CannotRequeueError as error:
-            raise AdminError(str(error), f"`apexcal admin job {id}` shows how it is.") from None
+            raise AdminError(str(error), f"{command(f'job {id}')} shows how it is.") from None
     print(f"Its work begins anew with job {', '.join(map(str, fresh))}.")
 
 
@@ -122,9 +122,21 @@ def _event(event: JobEvent) -> dict[str, Any]:
 
 
 def _for_people(document: dict[str, Any]) -> str:
-    head = "\n".join(f"{name:<12}{value}" for name, value in document.items() if name != "history")
+    shown = {name: value for name, value in document.items() if name != "history" and value not in (None, {}, "")}
+    if document["state"] != "running":
+        shown.pop("progress", None)  # of an attempt that has ended
+    head = "\n".join(f"{name:<12}{_words(name, value)}" for name, value in shown.items())
     columns = ("attempt", "what", "worker", "started_at", "at", "reason")
     return f"{head}\n\n{table(document['history'], columns)}"
+
+
+def _words(name: str, value: Any) -> str:
+    """A field of a job for people; what is a document in the row as a line."""
+    if name == "problem":
+        return ": ".join(str(value[part]) for part in ("code", "detail") if value.get(part))
+    if name == "progress":
+        return f"{value.get('fraction', 0.0):.0%} {value.get('message') or ''}".rstrip()
+    return json.dumps(value) if isinstance(value, dict) else str(value)
 
 
 def _time(moment: datetime | None) -> str | None:

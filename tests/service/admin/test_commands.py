@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from sqlalchemy import select, update
 from typer.testing import CliRunner, Result
 
 from service.admin import __main__ as commands
+from service.admin.opening import GIVEN_FOLDER, command
 from service.db.clock import now, utc_now
 from service.db.models import (
     ApiToken,
@@ -29,6 +31,7 @@ from service.db.session import Database
 from service.jobs.claims import claim, finishing
 from service.jobs.queue import enqueue, enqueue_all
 from service.jobs.totals import tally
+from service.settings import get_settings
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.jobs.support import make_calibration, make_fleet, make_jobs
 from tests.support.people import Api
@@ -116,7 +119,7 @@ def test_people_and_tokens(run, api: Api) -> None:
         assert session.scalar(select(ApiToken.revoked_at).where(ApiToken.person_id == ada.person_id))
 
 
-def test_a_jobs_history_is_shown(run, database: Database) -> None:
+def test_a_jobs_history_is_shown(run, database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     _, (run_id,) = make_calibration(database)
     failed, running, waits = make_jobs(database, make_fleet(database, "other"), 3, run_id)
     fail(database, failed)
@@ -127,9 +130,27 @@ def test_a_jobs_history_is_shown(run, database: Database) -> None:
     ]
     assert said(run("job", str(running), "--json"))["history"][-1]["what"] == "running"
     assert "host:7" in run("job", str(running)).stdout
+    for_people = run("job", str(failed)).stdout.split("\n\n")[0]
+    assert "problem     worker_lost\n" in for_people + "\n" and "None" not in for_people and "{}" not in for_people
+    refused(run("requeue", str(waits)), f"admin job {waits}` shows how it is")
+    monkeypatch.setenv(GIVEN_FOLDER, "a b")
+    assert command("jobs").endswith("admin --data 'a b' jobs`")
     assert [row["id"] for row in said(run("jobs", "--json"))] == [waits, running, failed]
     assert [row["id"] for row in said(run("jobs", "--state", "failed", "--json"))] == [failed]
     refused(run("job", "4711"), "there is no job 4711")
+
+
+def test_a_refused_restore_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("APEXCAL_DATABASE_URL", "APEXCAL_BLOB_URL"):
+        monkeypatch.setenv(name, "")
+    (tmp_path / "theirs").mkdir()
+    for there in ("theirs", "new/folder"):
+        monkeypatch.setenv("APEXCAL_DATA_DIR", str(tmp_path / there))
+        get_settings.cache_clear()
+        refused(CliRunner().invoke(commands.app, ["restore", str(tmp_path)]), "no finished backup")
+    get_settings.cache_clear()
+    assert [str(one.relative_to(tmp_path)) for one in tmp_path.rglob("*") if "blobs" in one.name] == []
+    assert (tmp_path / "theirs").exists() and not (tmp_path / "new").exists()
 
 
 def test_a_failed_run_is_started_again_from_its_beginning(run, database: Database) -> None:

@@ -255,8 +255,10 @@ def test_what_the_store_lost_or_changed_is_named_and_all_else_is_backed_up(
             "recordings/lost: missing",
             "apexcal admin: the store had lost, changed or could not read 3 objects when this was backed up.",
         ]
-    assert "All else is backed up" in made.stderr and "is whole" in checked.stdout
-    assert typed("restore", "--check", str(tmp_path / "one")).exit_code == 0
+    assert "All else is backed up" in made.stderr and "holds what could be backed up" in checked.stdout
+    assert "is whole" in typed("restore", "--check", str(tmp_path / "one")).stdout
+    quiet = typed("restore", "--check", "--quiet", str(tmp_path / "two"))
+    assert (quiet.exit_code, quiet.stdout) == (1, "") and "recordings/lost: missing" in quiet.stderr
     there = elsewhere("sqlite")
     restore(there.database, open_store(there), tmp_path / "two")
     brought = {one.key: b"".join(open_store(there).stream(one.key)) for one in open_store(there).list()}
