@@ -68,7 +68,7 @@ def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, st
     page = sign_in("Rex", "reviewer")
     page.goto(f"{track.url}/vehicles/{vehicle}")
     calibration = page.get_by_role("row").last
-    expect(calibration).to_contain_text("not determined, 3 warnings")
+    expect(calibration).to_contain_text(re.compile("not determined, [0-9] warnings"))
     calibration.get_by_role("link").click()
     publish = page.get_by_role("button", name="Publish for the vehicle")
     expect(publish).not_to_have_class(re.compile("primary"))
