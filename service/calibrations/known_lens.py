@@ -69,7 +69,7 @@ def as_stated(camera: str, given: Json) -> Json:
             "unknown_distortion_model",
             f"The intrinsics of {camera} are of the distortion model {name!r}, which is none here.",
             f"Known are {', '.join(sorted(one for one in MODEL_OF if one))}. Leave the intrinsics out, or give their "
-            "focal lengths and centre as `bounds`.",
+            "focal lengths and centre as bounds of the rig or the request.",
         )
     size, D = COEFFICIENTS[model], [float(value) for value in given["D"]]
     if any(D[size:]):
@@ -79,7 +79,7 @@ def as_stated(camera: str, given: Json) -> Json:
             f"The intrinsics of {camera} have {len(D)} coefficients ({name}), and {model} has {size}: the further "
             "ones are not zero, and no model here has them.",
             "Calibrate the lens as plumb_bob (k1 k2 p1 p2 k3) or equidistant (k1 k2 k3 k4), or give focal lengths "
-            "and centre as `bounds` or `locked`.",
+            "and centre as bounds of the rig or the request.",
         )
     K = [float(value) for value in given["K"]]
     if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:

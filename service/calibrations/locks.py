@@ -64,7 +64,7 @@ def check_camera_locks(
 ) -> None:
     """Refuse what lies where this camera would not be looked for: 422 ``locked_out_of_bounds``.
 
-    ``locked`` are the request's own values, ``of_lens`` those at which it holds the lens that is stated of the camera.
+    ``locked`` are the request's own values, ``of_lens`` those at which it holds the camera's stated lens.
     ``bounds`` are the request's, which go before ``rig``, the rig's of this camera, and these before the preset's;
     ``fit`` is the part of the solver's document that all fits share.
     """
@@ -107,7 +107,8 @@ def _check(name: str, value: float, interval: Interval, whose: str, of: str, hin
         422,
         "locked_out_of_bounds",
         f"{name}{of} is locked at {value:g}{unit}, outside of [{low:g}, {high:g}]{unit}, {whose}.",
-        hint.format(name) or f"Correct it; where it is right, give `bounds` of {name} that hold it.",
+        hint.format(name)
+        or f"Correct it; where it is right, give bounds of {name} that hold it, in the request or the rig.",
         parameter=name,
         bounds=[low, high],
     )

@@ -181,10 +181,11 @@ def _folds(source: CameraPairs, document: Json, wanted: int) -> tuple[int, str |
     free = len(parameter_names(model, document["search"])) - len(document["locked"])
     pairs = source.pairs.count
     if pairs < max(free, 1):
+        noun = "pair" if pairs == 1 else "pairs"
         raise Problem(
             422,
             "too_few_pairs",
-            f"{source.camera.name} has {pairs} pairs, and {model} has {free} free parameters.",
+            f"{source.camera.name} has {pairs} {noun}, and {model} has {free} free parameters.",
             "Mark more vertices, or lock what is known (intrinsics, lever arm), or ask for a smaller model.",
             pairs=pairs,
             free_parameters=free,

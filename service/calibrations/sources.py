@@ -92,7 +92,8 @@ def _able(camera: str, stated: Json, models: Sequence[str], use_as: UseAs) -> li
         422,
         "intrinsics_of_another_model",
         f"The intrinsics of {camera} {what}, and {' and '.join(models)} cannot take them over.",
-        (f"Ask for {lens}, or take" if lens else "Take") + " focal lengths and centre alone: intrinsics_as bounds.",
+        (f"Ask for {lens}, or take" if lens else "Take") + " focal lengths and centre alone "
+        "(intrinsics_as: bounds; --intrinsics-as bounds).",
     )
 
 

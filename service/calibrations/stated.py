@@ -27,7 +27,7 @@ def stated_intrinsics(session: Session, camera: RigCamera, pairs: Correspondence
             422,
             "no_intrinsics_stated",
             f"The pairs of {camera.name} come from no recording that states its intrinsics.",
-            "Leave intrinsics_from out, or give bounds.",
+            "Do not ask for the recording's (intrinsics_from: recording; --stated), or give the lens as intrinsics.",
         )
     check_size(stated, camera, f"The recording states intrinsics of {camera.name}")
     return stated

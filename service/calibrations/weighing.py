@@ -23,7 +23,8 @@ def weighing(camera: str, pairs: Json, wanted: WeightRule) -> Json:
             422,
             "no_covariances",
             f"The pairs of {camera} state no standard deviations that they could weigh by.",
-            f"Detect with `refined`, import the columns {', '.join(SIGMAS)} or {MARK_SIGMA}, or leave `weights` out.",
+            f"Detect with `refined`, import the columns {', '.join(SIGMAS)} or {MARK_SIGMA}, or leave the choice of "
+            "weights out (weights: covariances; --weights covariances).",
             camera=camera,
         )
     return {}
@@ -33,7 +34,7 @@ def weighing_note(camera: str, document: Json) -> list[str]:
     """A sentence where the pairs weigh by their errors."""
     if "weights" not in document:
         return []
-    return [f"{camera}: pairs weigh by the standard deviations that they state; `weights: equal` counts all alike."]
+    return [f"{camera}: pairs weigh by the standard deviations that they state (weights: equal counts all alike)."]
 
 
 def states_errors(pairs: Json) -> bool:

@@ -226,6 +226,13 @@ def _of_validation(errors: Sequence[Any]) -> Problem:
     )
 
 
+# Where the library's own sentence speaks of itself, and not of what people wrote.
+_PLAINLY = {
+    "extra_forbidden": "is not known here; check its spelling, or leave it out",
+    "uuid_parsing": "is no id; an id looks like 0192f0c1-2d3e-7a4b-8c5d-6e7f8a9b0c1d",
+}
+
+
 def _field_error(error: Mapping[str, Any]) -> dict[str, str]:
     where, *path = error.get("loc", ("request",))
     # pydantic puts the tags of unions between the names; what people wrote has no such step.
@@ -235,5 +242,8 @@ def _field_error(error: Mapping[str, Any]) -> dict[str, str]:
         return {"field": "body", "message": f"is no JSON: {error.get('ctx', {}).get('error', message)} at {names[0]}"}
     if error.get("type") == "missing" and not names:
         return {"field": str(where), "message": "is missing; send a JSON object with Content-Type: application/json"}
+    message = _PLAINLY.get(str(error.get("type")), message)
+    if str(error.get("ctx", {}).get("pattern", "")).startswith(r"^[^\x00"):
+        message = "holds characters that it may not: line breaks, tabs or other control characters"
     field = ".".join(names) or str(where)
     return {"field": field if where == "body" else f"{where} {field}", "message": message}

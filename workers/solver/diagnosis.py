@@ -17,6 +17,7 @@ from workers.solver.uncertainty import Uncertainty
 _SLOTS_DIFFER: Final = 0.02
 _SLOTS_DIFFER_PX: Final = 0.01
 _STAGES_DIFFER: Final = 0.25
+_STAGES_DIFFER_PX: Final = 0.05
 _BASELINE_BETTER: Final = 1e-3
 _EXACT_PX: Final = 1e-4
 _LISTED: Final = 5
@@ -84,8 +85,13 @@ def _outlier_alarms(problem: FitProblem, outliers: list[Outlier], excluded: bool
         return []
     listed = ", ".join(f"{one.index} ({one.residual_px:.1f} px)" for one in outliers[:_LISTED])
     more = f" and {len(outliers) - _LISTED} more" if len(outliers) > _LISTED else ""
-    what = "were left out" if excluded else "are in the fit; ask for `outliers: exclude` to leave them out"
-    found = [f"Pairs that do not belong: {listed}{more}. They {what}. Check their marks and their frames' times."]
+    what = (
+        "were left out" if excluded else "are in the fit; to leave them out: outliers: exclude, or --outliers exclude"
+    )
+    found = [
+        f"Pairs that do not belong, counted from 0: {listed}{more}. They {what}. "
+        "Check their marks and their frames' times."
+    ]
     if len(outliers) > _MANY * np.count_nonzero(problem.weights):
         found.append(
             f"{len(outliers)} of {np.count_nonzero(problem.weights)} pairs do not belong to the fit, too many to "
@@ -121,7 +127,8 @@ def several_optima(
 
 
 def _search_alarms(ga_px: tuple[float, float], polished: Fit) -> list[str]:
-    if polished.rms_px >= ga_px[1] * (1.0 - _STAGES_DIFFER):
+    # Below what a mark can be placed to, a share of the error says nothing of where the search ended.
+    if polished.rms_px >= ga_px[1] * (1.0 - _STAGES_DIFFER) or ga_px[1] - polished.rms_px < _STAGES_DIFFER_PX:
         return []
     return [
         f"The polish lowered the RMS from {ga_px[1]:.3f} to {polished.rms_px:.3f} px: "

@@ -91,6 +91,17 @@ def test_pairs_left_out_say_nothing_against_the_search():
     assert any("genetic algorithm" in alarm for alarm in said(far)["alarms"])
 
 
+def test_a_search_that_ends_below_what_can_be_marked_had_come_near():
+    exact, truth = simulated("pinhole", 47, noise_px=0.0)
+    for off_by_m, said in ((1e-4, False), (1e-2, True)):
+        found = np.array(truth)
+        found[3] += off_by_m
+        searched = {"best_parameters": tuple(found), "best_loss": 0.1, "slot_losses": (0.1,), "history": (0.1,)}
+        solution = solve_finish(exact, replace(start(exact), iteration=1, **searched))
+        assert solution["polished"]["rms_px"] < 1e-3 < solution["ga"]["rms_px"]
+        assert any("genetic algorithm" in alarm for alarm in solution["alarms"]) == said
+
+
 def test_documents_describe_the_same_solution():
     problem, _ = simulated("brown_conrady", 50)
     solution = solve(problem)
