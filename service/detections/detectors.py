@@ -80,9 +80,12 @@ def resolve_options(detector: str, options: dict[str, Any]) -> dict[str, Any]:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         name = ".".join(str(step) for step in first["loc"])
+        is_unknown = first["type"] == "extra_forbidden"
         raise Problem(
             422,
             "invalid_options",
-            f"options.{name} of the detector {detector}: {first['msg']}.",
+            f"The detector {detector} has no option {name}."
+            if is_unknown
+            else f"The option {name} of the detector {detector}: {first['msg']}.",
             f"Its options are {', '.join(known.model_fields)}.",
         ) from None
