@@ -154,7 +154,15 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         id=new_id(), detection_id=detection.id, vertex_id=vertex.id, sensor_id=sensor.id, person_id=person.id
     )
     task.leased_until = utc_now()
-    request = FleetRequest(id=new_id(), fleet_id=rig.fleet_id, asked={}, state="done", matched=1, remaining=0, wave=0)
+    request = FleetRequest(
+        id=new_id(),
+        fleet_id=rig.fleet_id,
+        asked={"vehicles": {}, "calibration": {}},
+        state="done",
+        matched=1,
+        remaining=0,
+        wave=0,
+    )
     own = (detection, preview, suggestion, offset, apex, vertex, pairs, calibration, run, result, token, task)
     for row in (*own, request):
         session.add(row)
