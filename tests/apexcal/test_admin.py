@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from apexcal.commands.admin import folder_first
-from service.admin.__main__ import _refuse_served
+from service.admin.__main__ import _made
 from service.admin.errors import AdminError
 from service.admin.people import public_url
 from service.settings import Settings
@@ -46,11 +46,12 @@ def test_an_address_is_known_where_it_is_stated_or_the_service_runs(tmp_path: Pa
     assert public_url(stopped) == (stopped.public_url, False)
     (tmp_path / "supervisor.json").write_text('{"url": "x", "public_url": "http://127.0.0.1:4711"}')
     assert public_url(stopped) == (stopped.public_url, False), "a killed service leaves its status behind"
-    _refuse_served(tmp_path)
+    with _made(tmp_path):
+        pass
     with (tmp_path / "serve.lock").open("a") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         assert public_url(stopped) == ("http://127.0.0.1:4711", True)
-        with pytest.raises(AdminError, match="a service runs on"):
-            _refuse_served(tmp_path)
+        with pytest.raises(AdminError, match="a service runs on"), _made(tmp_path):
+            pass
     stated = "https://cal.example.org"
     assert public_url(Settings(data_dir=tmp_path, public_url=stated)) == (stated, True)

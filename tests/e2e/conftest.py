@@ -42,7 +42,7 @@ class Track:
     image_size: tuple[int, int]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
     """Starts simulating a recording; called, it waits for the folder with recording.bag and rig.json."""
     folder = tmp_path_factory.mktemp("simulated")
@@ -57,7 +57,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
     return wait
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def served(simulated: Callable[[], Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     """`apexcal serve` on an empty folder: what it says about itself."""
     assert WEB.exists(), "the pages are not built: run `make frontend`"
@@ -84,7 +84,7 @@ def said_by(child: subprocess.Popen[bytes], log: Path) -> dict[str, Any]:
     raise AssertionError(f"the service did not start:\n{log.read_text()}")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Track]:
     """The service after an upload, an ingestion and a detection over HTTP."""
     with Client(served["url"], Path(served["owner_token_file"]).read_text().strip()) as owner:
@@ -111,7 +111,7 @@ def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Tra
         )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     """A Chromium."""
     chromium = find_chromium()
