@@ -85,17 +85,18 @@ $(STAMPS)/uv: requirements/bootstrap.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/bootstrap.lock
 	@mkdir -p $(STAMPS) && touch $@
 
+# Compiled at once: a caller whose environment keeps Python from writing bytecode would compile anew at every start.
 # uv must install into our environment, whichever one the caller's shell has activated.
 $(STAMPS)/installed: export VIRTUAL_ENV = $(CURDIR)/$(VENV)
 $(STAMPS)/installed: $(STAMPS)/uv requirements/dev.lock pyproject.toml
-	$(BIN)/uv pip install --quiet --require-hashes -r requirements/dev.lock
+	$(BIN)/uv pip install --quiet --compile-bytecode --require-hashes -r requirements/dev.lock
 	$(BIN)/uv pip install --quiet --no-deps --no-build-isolation -e .
 	@touch $@
 
 # The benchmarks' peers are large, and only they need them.
 $(STAMPS)/bench: export VIRTUAL_ENV = $(CURDIR)/$(VENV)
 $(STAMPS)/bench: $(STAMPS)/installed requirements/bench.lock
-	$(BIN)/uv pip install --quiet --require-hashes -r requirements/bench.lock
+	$(BIN)/uv pip install --quiet --compile-bytecode --require-hashes -r requirements/bench.lock
 	@touch $@
 
 $(STAMPS)/node_modules: $(STAMPS)/installed frontend/package.json frontend/package-lock.json
