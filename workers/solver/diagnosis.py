@@ -63,7 +63,8 @@ def alarms(
     says; outliers: as judged, and whether the fit left them out.
     """
     p = np.array(polished.parameters)
-    found = misfit(problem, p) + point_alarms(problem, p) + parameter_alarms(problem, p, spread)
+    of_points = point_alarms(problem, p)
+    found = misfit(problem, p) + of_points + parameter_alarms(problem, p, spread)
     edge = at_bounds(problem, p)
     if edge:
         found.append(
@@ -74,8 +75,8 @@ def alarms(
             f"The residuals are {spread.noise_scale:.1f} times what vertices and marks state of their errors, and "
             "the standard deviations are scaled by that: marks or times are worse than stated, or the model is wrong."
         )
-    if is_determined(problem, p, spread):
-        # Of a fit that can be anything the pairs' residuals say nothing.
+    if not of_points and spread.rank == len(spread.names):
+        # Of points without extent any fit is one of many, and any pair would be named.
         found += _outlier_alarms(problem, outliers, excluded)
     return found + elsewhere + _search_alarms(ga_px, polished)
 

@@ -146,7 +146,7 @@ def weighted_residuals(
     rows, derivatives = [root * residuals], [root[:, None] * jacobian]
     for name, (mean, sigma) in problem.priors.items():
         index = problem.names.index(name)
-        strength = problem.mark_sigma_px / sigma
+        strength = problem.noise_scale * problem.mark_sigma_px / sigma
         row = np.zeros((1, len(p)))
         row[0, index] = strength
         rows.append(np.array([strength * (p[index] - mean)]))

@@ -37,7 +37,8 @@ class FitProblem:
     points (N, 3) float64, metres, LiDAR frame; pixels (N, 2) float64; weights (N,) float64 >= 0. Bounds, locks and
     priors go by parameter name in radians, metres and pixels; `bounds` holds every parameter, locked ones with
     both ends at their value. `loss` is what the genetic algorithm minimises: the weighted mean distance in pixels,
-    or the mean of d / (1 + d / saturation_px). A prior (mean, sigma) weighs against marks of `mark_sigma_px`.
+    or the mean of d / (1 + d / saturation_px). A prior (mean, sigma) weighs against marks of `mark_sigma_px`
+    times `noise_scale`.
     `outliers`: whether the polish keeps the pairs that are judged not to belong, or leaves them out.
     `covariances`: of the pairs' errors, by which they then weigh (`weighting` makes `whitening` (N, 2, 2) of them and
     sets `mark_sigma_px` to the typical pair's); without them all pairs weigh as `weights` says.
@@ -61,6 +62,7 @@ class FitProblem:
     fold: int = -1
     saturation_px: float = 20.0
     mark_sigma_px: float = 1.0
+    noise_scale: float = 1.0
     outliers: OutlierRule = "keep"
     covariances: Covariances | None = field(default=None, repr=False)
     whitening: NDArray[np.float64] | None = field(default=None, repr=False)

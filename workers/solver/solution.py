@@ -4,7 +4,6 @@
 import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Final
@@ -21,12 +20,12 @@ from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.degeneracy import arbitrary, is_determined, point_alarms
 from workers.solver.diagnosis import alarms, at_bounds, misfit, several_optima
 from workers.solver.errors import SolveError
-from workers.solver.outliers import Outlier, judge, without
-from workers.solver.polish import Fit, cost_of, distances, mean_and_rms, polish
+from workers.solver.estimate import estimate
+from workers.solver.polish import Fit, cost_of, distances, mean_and_rms
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import State
-from workers.solver.uncertainty import Uncertainty, uncertainty
+from workers.solver.uncertainty import Uncertainty
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
@@ -55,9 +54,9 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     """
     if not state.best_parameters:
         raise SolveError("bad_schedule", "The run has no iteration to finish from.", "Run at least one.")
-    polished, outliers, kept = _polished(problem, state)
-    p = np.array(polished.parameters)
-    spread = uncertainty(kept, p)
+    found = estimate(problem, np.array(state.best_parameters))
+    polished, outliers, kept, spread = found.fit, found.outliers, found.fitted, found.spread
+    p = found.parameters
     plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
     compared = _compared(whitened(kept, p), polished, plain)
     elsewhere = several_optima(kept, state, polished, compared, spread)
@@ -102,17 +101,6 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "cpu": cpu_document(),
         "versions": versions_document(),
     }
-
-
-def _polished(problem: FitProblem, state: State) -> tuple[Fit, list[Outlier], FitProblem]:
-    # The fit, the pairs that do not belong, and the problem as it was fitted (without them where so asked).
-    fit = polish(problem, state.best_parameters)
-    outliers = judge(problem, np.array(fit.parameters))
-    if problem.outliers == "keep" or not outliers:
-        return fit, outliers, problem
-    # What is left is honest: plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
-    kept = without(replace(problem, loss="mean"), outliers)
-    return polish(kept, fit.parameters), outliers, kept
 
 
 def _compared(problem: FitProblem, polished: Fit, plain: Mapping[str, Fit | None]) -> dict[str, tuple[Fit, float]]:

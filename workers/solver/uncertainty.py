@@ -43,7 +43,7 @@ class Uncertainty:
     rank: int
     sigma_px: float
     condition: float = 1.0
-    freedom: int | None = None
+    freedom: float | None = None
     undetermined: tuple[dict[str, float], ...] = ()
     noise_scale: float | None = None
 
@@ -94,18 +94,21 @@ class Uncertainty:
 
 
 def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:
-    """Covariance sigma^2 (J^T J)^-1 of the free parameters at p (D,), sigma^2 from the residuals.
+    """Covariance of the free parameters at p (D,): (J^T J / sigma^2 + P)^-1, P the inverse variances of the priors.
 
-    With the priors' rows in J, all rows whitened where the pairs state covariances, so that sigma only scales those.
-    Holds for independent errors, of one size or of the sizes stated, and says nothing about a systematic error of
-    the marks or the vertices.
+    sigma^2 comes from the marks' residuals alone, over their degrees of freedom: two for each pair, less what the
+    parameters take of them (the trace of the marks' part of the hat matrix; a prior takes its share of a parameter
+    upon itself). Rows are whitened where the pairs state covariances; sigma then scales those. Holds for independent
+    errors, of one size or of the sizes stated, and says nothing about a systematic error of the marks or vertices.
     """
     problem = whitened(problem, p)
     residuals, J = weighted_residuals(problem, p, turns_are_free(problem))
-    freedom = 2 * int(np.count_nonzero(problem.weights)) + len(problem.priors) - len(problem.free)
-    if freedom <= 0:
-        return _spread(problem, J, problem.mark_sigma_px, None)
-    return _spread(problem, J, float(np.sqrt(residuals @ residuals / freedom)), freedom)
+    of_marks = residuals[: 2 * len(problem.points)]
+    freedom = 2 * int(np.count_nonzero(problem.weights)) - _taken(J, len(of_marks))
+    # The trace is a sum of rounded numbers: less than one degree is none.
+    if freedom < 0.999:
+        return _spread(problem, J, problem.noise_scale * problem.mark_sigma_px, None)
+    return _spread(problem, J, float(np.sqrt(of_marks @ of_marks / freedom)), freedom)
 
 
 def plan_uncertainty(problem: FitProblem, p: Floats, sigma_px: float | None = None) -> Uncertainty:
@@ -125,6 +128,14 @@ def plan_uncertainty(problem: FitProblem, p: Floats, sigma_px: float | None = No
     return _spread(problem, J, problem.mark_sigma_px if sigma_px is None else sigma_px, None)
 
 
+def _taken(J: Floats, of_marks: int) -> float:
+    # Degrees of freedom that the parameters take of the first rows: the trace of those rows of the hat matrix.
+    lengths = np.linalg.norm(J, axis=0)
+    U, s, _ = np.linalg.svd(J / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)
+    kept = s > _RANK_TOLERANCE * s[0] if s.size else s > 0.0
+    return float(np.sum(U[:of_marks, kept] ** 2))
+
+
 def turns_are_free(problem: FitProblem) -> bool:
     """Whether the rotations' deviations are of turns about the camera's axes, not of the search's parameters."""
     return not any(name in problem.priors or name in problem.locked for name in problem.names[:3]) and bool(
@@ -132,7 +143,10 @@ def turns_are_free(problem: FitProblem) -> bool:
     )
 
 
-def _spread(problem: FitProblem, J: Floats, sigma: float, freedom: int | None) -> Uncertainty:
+def _spread(problem: FitProblem, rows: Floats, sigma: float, freedom: float | None) -> Uncertainty:
+    # A prior's rows were made under the noise that the problem states; sigma is what is known of it by now.
+    of_marks = 2 * len(problem.points)
+    J = np.concatenate([rows[:of_marks], rows[of_marks:] * (sigma / (problem.noise_scale * problem.mark_sigma_px))])
     local = turns_are_free(problem)
     indices: list[int] = problem.free.tolist()
     names = tuple(_ROTATION_AXES[i] if local and i < 3 else problem.names[i] for i in indices)

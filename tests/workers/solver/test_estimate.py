@@ -1,0 +1,110 @@
+"""What a result states of its noise and deviations, on marks that are wrong and beside priors.
+
+The covariances are computed again here, from the problem's own numbers with plain NumPy.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import residual_pairs, simulated
+from workers.solver.estimate import estimate
+from workers.solver.residuals import predict
+from workers.solver.schedule import start
+from workers.solver.solution import solve_finish
+
+
+def spoiled(problem, share, seed=0):
+    """The problem with this share of its marks anywhere in the image, and which they are."""
+    rng = np.random.default_rng(seed)
+    wrong = rng.choice(len(problem.points), max(1, round(share * len(problem.points))), replace=False)
+    marks = problem.pixels.copy()
+    marks[wrong] = rng.uniform(0, problem.image_size, (len(wrong), 2))
+    return replace(problem, pixels=marks), set(wrong.tolist())
+
+
+def finish(problem, parameters):
+    searched = {"best_parameters": tuple(parameters), "best_loss": 2.0, "slot_losses": (2.0,), "history": (2.0,)}
+    return solve_finish(problem, replace(start(problem), iteration=1, stopped="converged", **searched))
+
+
+@pytest.mark.parametrize("share", [0.004, 0.1, 0.3])
+def test_wrong_marks_that_a_robust_loss_ignores_do_not_widen_what_it_states(share):
+    clean, truth = simulated("pinhole", 47, loss="saturating")
+    problem, wrong = spoiled(clean, share)
+    solution = finish(problem, truth)
+    assert solution["status"] == "ok"
+    assert 0.8 < solution["sigma_px"] < 1.25, "the marks that belong have 1 px of noise"
+    alone = finish(clean, truth)
+    for name, std in solution["std"].items():
+        assert std == pytest.approx(alone["std"][name], rel=0.5), name
+    assert {one["index"] for one in solution["outliers"]} <= wrong
+
+
+@pytest.mark.parametrize("model", ["pinhole", "kannala_brandt"])
+def test_intervals_beside_wrong_marks_hold_their_share(model):
+    held = []
+    for seed in range(25):
+        clean, truth = simulated(model, 900 + seed, loss="saturating")
+        found = estimate(spoiled(clean, 0.1, seed)[0], truth)
+        held += (np.abs(found.parameters - truth) <= found.spread.half_width95)[3:].tolist()
+    assert 0.88 <= np.mean(held) <= 0.99
+
+
+def test_a_few_wrong_marks_are_named_also_where_the_pairs_hold_too_little():
+    problem, truth = simulated("brown_conrady", 48)
+    # A narrow rig: nothing but a small patch far ahead.
+    ahead = np.argsort(np.hypot(*(problem.pixels - np.array(problem.image_size) / 2).T))[:40]
+    narrow = replace(
+        problem, points=problem.points[ahead], pixels=problem.pixels[ahead].copy(), weights=problem.weights[ahead]
+    )
+    narrow.pixels[:3] += (60.0, -45.0)
+    solution = finish(narrow, truth)
+    assert solution["status"] == "not_determined"
+    assert {one["index"] for one in solution["outliers"]} == {0, 1, 2}
+    assert any(alarm.startswith("Pairs that do not belong") for alarm in solution["alarms"])
+
+
+@pytest.mark.parametrize("noise_px", [0.3, 1.0, 3.0])
+def test_intervals_beside_a_prior_hold_their_share(noise_px):
+    """The prior's own error is drawn too: mean off the truth by its sigma."""
+    held = []
+    for seed in range(40):
+        clean, truth = simulated("pinhole", 700 + seed, noise_px=noise_px)
+        rng = np.random.default_rng(seed)
+        priors = {f"t_{axis}": (truth[3 + i] + 0.05 * rng.normal(), 0.05) for i, axis in enumerate("xyz")}
+        found = estimate(replace(clean, priors=priors), truth)
+        held += (np.abs(found.parameters - truth) <= found.spread.half_width95)[3:6].tolist()
+    # 120 intervals, three of a rig correlated: 0.95 within three deviations of 60 independent ones.
+    assert np.mean(held) >= 0.86
+
+
+def test_the_covariance_is_that_of_marks_and_priors_each_with_its_own_sigma():
+    clean, truth = simulated("pinhole", 49, noise_px=0.3)
+    sigmas = {"t_x": 0.05, "t_y": 0.02, "f_x": 2.0}
+    names = clean.names
+    priors = {name: (truth[names.index(name)], sigma) for name, sigma in sigmas.items()}
+    found = estimate(replace(clean, priors=priors), truth)
+    p, problem = found.parameters, found.fitted
+
+    def moved(index, by):
+        q = p.copy()
+        q[index] += by
+        return predict(problem, q)[0].ravel()
+
+    steps = [1e-6] * 6 + [1e-3] * 4
+    J = np.stack([(moved(i, h) - moved(i, -h)) / (2 * h) for i, h in enumerate(steps)], axis=1)
+    P = np.diag([1.0 / sigmas[name] ** 2 if name in sigmas else 0.0 for name in names])
+    residuals = residual_pairs(problem, p).ravel()
+    sigma = 0.3
+    for _ in range(20):
+        A = J.T @ J / sigma**2 + P
+        taken = np.trace(np.linalg.solve(A, J.T @ J / sigma**2))
+        sigma = np.sqrt(residuals @ residuals / (len(residuals) - taken))
+    assert found.spread.sigma_px == pytest.approx(sigma, rel=2e-3)
+    expected = np.sqrt(np.diag(np.linalg.inv(A)))[3:]
+    np.testing.assert_allclose(found.spread.std[3:], expected, rtol=5e-3)
+    # And it is the optimum under that noise.
+    gradient = J.T @ residuals / sigma**2 + P @ (p - truth)
+    np.testing.assert_allclose(gradient * found.spread.std.clip(max=1.0), 0.0, atol=0.05)
