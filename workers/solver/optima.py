@@ -10,6 +10,7 @@ from workers.geometry.rotations import vector_from_rotation
 from workers.solver.polish import Fit, cost_of, polish, weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
+from workers.solver.uncertainty import uncertainty
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
@@ -26,10 +27,12 @@ def other_optima(problem: FitProblem, polished: Fit, starts: Iterable[tuple[floa
     """Fits that ended far from `polished` and nearly as low, the lowest first, one for each place.
 
     starts: parameter vectors (D,) to descend from, such as the bests of the first iteration's slots, each of which
-    looked in the whole bounds. Distances count in the polished fit's standard deviations, so
-    that two ends of a valley along which the pairs determine nothing are one place.
+    looked in the whole bounds. Distances count in the polished fit's standard deviations. None where the pairs leave
+    a direction open: the ends of such a valley are one place, however far apart.
     """
     best = np.array(polished.parameters)
+    if uncertainty(problem, best).rank < len(problem.free):
+        return []
     here = whitened(problem, best)
     J = weighted_residuals(here, best)[1]
     freedom = max(2 * int(np.count_nonzero(problem.weights)) - len(problem.free), 1)
