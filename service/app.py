@@ -20,6 +20,7 @@ from service.calibrations import routes as calibrations
 from service.db.session import Database
 from service.detections import routes as detections
 from service.events import routes as events
+from service.events.fanout import Fanout
 from service.events.hints import COURIER as HINTS
 from service.events.hints import Publisher
 from service.fleet_requests import routes as fleet_requests
@@ -106,7 +107,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         house: tuple[Database, Store] = app.state.database, app.state.store
-        upkeep = [asyncio.create_task(task) for task in (keep_adopting(*house), _keep_house(*house, settings))]
+        app.state.fanout = Fanout(settings.events, app.state.database, drain)
+        tasks = (keep_adopting(*house), _keep_house(*house, settings), app.state.fanout.run())
+        upkeep = [asyncio.create_task(task) for task in tasks]
         with drain.before_stopping():
             yield
         for task in upkeep:

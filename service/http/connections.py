@@ -147,7 +147,8 @@ class PatientProtocol(H11Protocol):
 
     def _make_room(self) -> None:
         settings = get_settings()
-        everybody = [one for one in self.connections if isinstance(one, PatientProtocol)]
+        here = (one for one in self.connections if isinstance(one, PatientProtocol))
+        everybody = [one for one in here if not one.transport.is_closing()]
         neighbours = [one for one in everybody if self._origin is not None and one._origin == self._origin]
         if len(everybody) > min(settings.connections, _most_files()):
             self._end_one_of(everybody)
@@ -156,7 +157,7 @@ class PatientProtocol(H11Protocol):
 
     def _end_one_of(self, crowd: Iterable[PatientProtocol]) -> None:
         """End who has asked for nothing for longest, else who leaves an answer lying, else this connection."""
-        others = [one for one in crowd if one is not self and not one.transport.is_closing()]
+        others = [one for one in crowd if one is not self]
         idle = [one for one in others if one.is_idle] or [one for one in others if one.is_stalled]
         (min(idle, key=lambda one: one.since) if idle else self)._end()
 
