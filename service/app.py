@@ -62,7 +62,7 @@ ROUTERS: tuple[APIRouter, ...] = (
 
 _UPKEEP_S = 600.0
 # Below what clients and proxies wait for an answer.
-_PATIENCE_S = 20.0
+_PATIENCE_S = 30.0
 
 log = logging.getLogger(__name__)
 
@@ -136,7 +136,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.publisher = Publisher(settings.events)
     # An import of 32 MiB takes some 130 MB while it is read, an answer of 100,000 pairs 20 MB and then 6.
     app.state.imports = Places(total=4, each=1, patience_s=_PATIENCE_S)
-    app.state.long_answers = Places(total=8, each=2, patience_s=_PATIENCE_S)
+    app.state.long_answers = Places(total=8, each=4, patience_s=_PATIENCE_S)
     app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})
 
     for room in (problems, store_problems, etags, idempotency):

@@ -102,9 +102,9 @@ class Child:
         return False
 
     def bound_log(self) -> None:
-        """Once the log is too long, keep its end beside it and begin anew; the child goes on writing to the same file.
+        """Once the log is too long, keep its end beside it and empty it; the child goes on writing to the same file.
 
-        The child appends, so that its next line stands at the beginning. A line written at this very moment may be lost.
+        The child appends, so its next line stands at the beginning. A line of this very moment may be lost.
         """
         log = self.plan.log
         if not log.exists() or log.stat().st_size <= _LOG_BYTES:

@@ -5,12 +5,12 @@ A hundred thousand pairs as objects take 70 MB, as JSON 16 MB; as columns of num
 
 from __future__ import annotations
 
-import json
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
+from pydantic_core import to_json
 from sqlalchemy import select
 
 from service.calibrations.sets import set_view
@@ -18,7 +18,7 @@ from service.db.calibrations import CorrespondenceSet
 from service.db.session import Database
 from service.http.problems import not_found
 
-_AT_ONCE = 1000
+_AT_ONCE = 2000
 
 Compact = Mapping[str, Sequence[Any]]
 
@@ -32,16 +32,16 @@ def pairs_of(database: Database, set_id: UUID) -> Compact:
     return {name: _compact(values) for name, values in columns.items()}
 
 
-def set_in_pieces(row: CorrespondenceSet, columns: Compact) -> Iterator[str]:
+def set_in_pieces(row: CorrespondenceSet, columns: Compact) -> Iterator[bytes]:
     """The JSON of a set with its pairs, in the form in which pairs are imported."""
     head = set_view(row, columns.get("flagged")).model_dump_json()
-    yield head.removesuffix("}") + ',"pairs":['
+    yield head.removesuffix("}").encode() + b',"pairs":['
     names = list(columns)
     for start in range(0, row.count, _AT_ONCE):
         piece = (values[start : start + _AT_ONCE] for values in columns.values())
         pairs = [dict(zip(names, values, strict=True)) for values in zip(*piece, strict=True)]
-        yield ("," if start else "") + json.dumps(pairs, separators=(",", ":"), ensure_ascii=False)[1:-1]
-    yield "]}"
+        yield (b"," if start else b"") + to_json(pairs)[1:-1]
+    yield b"]}"
 
 
 def _compact(values: list[Any]) -> Sequence[Any]:

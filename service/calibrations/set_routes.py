@@ -162,8 +162,10 @@ def _found(set_id: UUID, request: Request, identity: CurrentIdentity, conditions
     database: Database = request.app.state.database
     with database.reading() as session:
         access = Access(session, identity)
-        session.get(CorrespondenceSet, set_id, options=[defer(CorrespondenceSet.pairs)])
+        # As long as it is held, the session finds this one, and loads no pairs with it.
+        without_pairs = session.get(CorrespondenceSet, set_id, options=[defer(CorrespondenceSet.pairs)])
         row = access.find(CorrespondenceSet, set_id)
+        assert row is without_pairs
         if row.source == "annotations":
             access.need(row.fleet_id, "reviewer")
     conditions.offer(content_etag(row.content_hash))
