@@ -15,15 +15,18 @@ from service.annotations import routes as annotations
 from service.auth import member_routes, token_routes
 from service.auth import routes as auth
 from service.auth.expiry import remove_ended
+from service.auth.gate import Gate
 from service.calibrations import routes as calibrations
 from service.db.session import Database
 from service.detections import routes as detections
 from service.events import routes as events
+from service.events.fanout import Fanout
 from service.events.hints import COURIER as HINTS
 from service.events.hints import Publisher
 from service.fleet_requests import routes as fleet_requests
 from service.fleets import routes as fleets
-from service.http import draining, etags, headers, health, idempotency, jobs, metrics, problems, watching, web
+from service.http import bodies, draining, etags, headers, health, idempotency, jobs, metrics, problems, watching, web
+from service.http.places import Places
 from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
 from service.jobs.retention import forget_jobs
@@ -31,15 +34,12 @@ from service.observability import logs
 from service.recordings import direct_routes, frame_routes, original_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue
-from service.settings import MIB, Settings, settings_or_exit
+from service.settings import Settings, settings_or_exit
 from service.storage import problems as store_problems
 from service.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.storage.audit import audit_if_due
 from service.storage.store import Store, open_store
 from service.studies import routes as studies
-
-# JSON bodies; the largest are imported correspondences. Upload parts have their own limit.
-_MAX_BODY_BYTES = 32 * MIB
 
 ROUTERS: tuple[APIRouter, ...] = (
     auth.router,
@@ -61,6 +61,8 @@ ROUTERS: tuple[APIRouter, ...] = (
 )
 
 _UPKEEP_S = 600.0
+# Below what clients and proxies wait for an answer.
+_PATIENCE_S = 30.0
 
 log = logging.getLogger(__name__)
 
@@ -105,7 +107,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         house: tuple[Database, Store] = app.state.database, app.state.store
-        upkeep = [asyncio.create_task(task) for task in (keep_adopting(*house), _keep_house(*house, settings))]
+        app.state.fanout = Fanout(settings.events, app.state.database, drain)
+        tasks = (keep_adopting(*house), _keep_house(*house, settings), app.state.fanout.run())
+        upkeep = [asyncio.create_task(task) for task in tasks]
         with drain.before_stopping():
             yield
         for task in upkeep:
@@ -130,6 +134,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     adopt_if_known(app.state.database, app.state.store)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)
+    # An import of 32 MiB takes some 130 MB while it is read, an answer of 100,000 pairs 20 MB and then 6.
+    app.state.imports = Places(total=4, each=1, patience_s=_PATIENCE_S)
+    app.state.long_answers = Places(total=8, each=4, patience_s=_PATIENCE_S)
     app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})
 
     for room in (problems, store_problems, etags, idempotency):
@@ -139,6 +146,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(watching.Watched, figures=metrics.install(app, version("apexcal")))
     health.install(app)
     for router in ROUTERS:
-        app.include_router(router, prefix="/v1", max_body_size=_MAX_BODY_BYTES)
+        app.include_router(router, prefix="/v1", max_body_size=bodies.DEFAULT)
+    app.router.middleware_stack = Gate(app.router.middleware_stack)
     web.install(app)
     return app

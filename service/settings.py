@@ -82,6 +82,10 @@ class Settings(BaseSettings):
         default=SecretStr(""), description="bearer token of /metrics; empty: open to the service's own host only"
     )
     drain_s: float = Field(default=0.0, ge=0, description="how long /readyz says 503 before the API stops listening")
+    connections: int = Field(default=1000, ge=16, description="open connections of an API process")
+    connections_per_address: int = Field(
+        default=250, ge=16, description="of those, from one address (IPv6: one network of 64 bits); loopback has none"
+    )
     job_days: int = Field(default=90, ge=1, description="ended jobs and their history go after this many days")
 
     session_days: int = Field(default=30, description="a browser session ends after this many days")

@@ -13,6 +13,7 @@ from service.app import create_app
 from service.db.migrate import upgrade
 from service.db.models import Base
 from service.db.session import Database
+from service.http.connections import PatientProtocol
 from service.settings import Settings, get_settings
 from service.storage.store import open_store
 from tests.support.broker import Broker
@@ -144,7 +145,10 @@ def client(api: Api) -> TestClient:
 @pytest.fixture
 def served(api: Api) -> Iterator[tuple[Api, str]]:
     """The application behind a real HTTP server, and its address: for streams, which a test client joins up."""
-    server = uvicorn.Server(uvicorn.Config(api.app, port=0, log_level="warning", timeout_graceful_shutdown=1))
+    config = uvicorn.Config(
+        api.app, port=0, log_level="warning", timeout_graceful_shutdown=1, http=PatientProtocol, ws="none"
+    )
+    server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)
     thread.start()
     wait_until(lambda: server.started, "the start of the HTTP server")

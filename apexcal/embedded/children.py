@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 _FIRST_DELAY_S = 0.2
 _LONGEST_DELAY_S = 10.0
 _STEADY_S = 20.0
+# A hundred thousand lines, and as many of before: a day of a busy service.
 _LOG_BYTES = 10 * 1024 * 1024
 
 
@@ -68,10 +70,8 @@ class Child:
 
     def start(self) -> None:
         """Start the process in a session of its own, so that a terminal's Ctrl-C reaches the supervisor alone."""
-        log = self.plan.log
-        if log.exists() and log.stat().st_size > _LOG_BYTES:
-            log.replace(log.with_suffix(".log.1"))
-        with log.open("ab") as output:
+        self.bound_log()
+        with self.plan.log.open("ab") as output:
             self._process = subprocess.Popen(
                 self.plan.command,
                 env=dict(self.plan.environment),
@@ -100,6 +100,20 @@ class Child:
             self.start()
             return True
         return False
+
+    def bound_log(self) -> None:
+        """Once the log is too long, keep its end beside it and empty it; the child goes on writing to the same file.
+
+        The child appends, so its next line stands at the beginning. A line of this very moment may be lost.
+        """
+        log = self.plan.log
+        if not log.exists() or log.stat().st_size <= _LOG_BYTES:
+            return
+        # A full disk keeps nothing beside it.
+        with contextlib.suppress(OSError), log.open("rb") as full, log.with_suffix(".log.1").open("wb") as kept:
+            full.seek(-_LOG_BYTES, os.SEEK_END)
+            shutil.copyfileobj(full, kept)
+        os.truncate(log, 0)
 
     def due_in(self) -> float:
         """Seconds until a restart is due; infinite when none is."""

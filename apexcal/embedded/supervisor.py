@@ -79,6 +79,8 @@ class Supervisor:
         if select.select([self._wake], [], [], min(due, nap_s))[0]:
             os.read(self._wake, 4096)
         if not self.stopping:
+            for child in self._children:
+                child.bound_log()
             changed = [child.look() for child in self._children]
             if any(changed):
                 self._write()

@@ -12,11 +12,13 @@ from typing import Annotated, Any, TypeVar
 from uuid import UUID
 
 from fastapi import Depends, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
+from starlette.types import Scope
 
 from service.auth.origins import check_origin
 from service.auth.roles import Role, least, rank
@@ -30,6 +32,7 @@ from service.http.idempotency import RequestKey, kept_answer, of_caller, repeat,
 from service.http.problems import Problem, not_found
 
 COOKIE = "apexcal_session"
+_SCOPE = "apexcal.identity"
 
 ModelT = TypeVar("ModelT")
 
@@ -161,6 +164,25 @@ def identify(request: Request) -> Identity:
     raise _not_signed_in("The request carries neither a session nor an API token.")
 
 
+def renewed(session: Session, identity: Identity) -> Identity | None:
+    """Who the same credential identifies now; None where it has ended."""
+    look_up = _by_token if identity.credential.startswith(TOKEN_PREFIX) else _by_cookie
+    try:
+        return look_up(session, identity.credential)
+    except Problem:
+        return None
+
+
+def keep_identity(scope: Scope, identity: Identity) -> None:
+    """Note on the request who sends it, so that nobody looks it up again."""
+    scope[_SCOPE] = identity
+
+
+async def _identity(request: Request) -> Identity:
+    known: Identity | None = request.scope.get(_SCOPE)
+    return known or await run_in_threadpool(identify, request)
+
+
 def _by_token(session: Session, secret: str) -> Identity:
     found = session.execute(
         select(ApiToken, Person)
@@ -199,7 +221,7 @@ def _not_signed_in(detail: str) -> Problem:
     )
 
 
-CurrentIdentity = Annotated[Identity, Depends(identify)]
+CurrentIdentity = Annotated[Identity, Depends(_identity)]
 
 
 def _read_access(request: Request, identity: CurrentIdentity) -> Iterator[Access]:

@@ -14,12 +14,13 @@ from service.auth.sessions import sign_in, sign_out
 from service.db.fleets import Fleet
 from service.db.people import Membership
 from service.db.session import Database
+from service.http.bodies import SIGN_IN
 from service.settings import Settings
 
 router = APIRouter(tags=["people"])
 
 
-@router.post("/sign-in")
+@router.post("/sign-in", max_body_size=SIGN_IN)
 def post_sign_in(body: SignIn, request: Request, response: Response) -> Me:
     """Consume a one-time sign-in link; the session comes as a cookie."""
     settings: Settings = request.app.state.settings

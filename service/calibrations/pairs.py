@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
+from service.calibrations.long_lists import NoDocumentError, elements_of
 from service.http.problems import Problem
 
 REQUIRED = ("x", "y", "z", "u", "v")
@@ -22,6 +22,8 @@ _OPTIONAL = ("stamp_ns", "group", *SIGMAS, MARK_SIGMA)
 Columns = dict[str, list[Any]]
 
 MAX_PAIRS = 100_000
+# As many pairs in JSON, with 320 letters each: every member that a pair may have, in all its digits.
+MAX_BYTES = 32 * 1024 * 1024
 _INT64 = 2**63
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _HINT = (
@@ -44,7 +46,9 @@ def read_csv(text: str) -> Columns:
     Raises:
         Problem: 422 ``invalid_pairs``, naming line and column.
     """
-    reader = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""), strict=True)
+    # Read from bytes: a StringIO of the text would take four bytes for each letter.
+    lines = io.TextIOWrapper(io.BytesIO(text.removeprefix("\ufeff").encode()), "utf-8", newline="")
+    reader = csv.reader(lines, strict=True)
     try:
         header = [name.strip().lower() for name in next(reader, [])]
         places = _places(header)
@@ -63,22 +67,20 @@ def read_json(body: bytes) -> Columns:
         Problem: 422 ``invalid_pairs``, naming the pair and its member.
     """
     try:
-        document = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise invalid(f"The body is no JSON: {error}.") from None
-    pairs = document.get("pairs") if isinstance(document, dict) else None
-    if not isinstance(pairs, list):
-        raise invalid('The body has no list "pairs".')
+        return _columns(_rows(elements_of(body, "pairs")), "member")
+    except NoDocumentError as error:
+        raise invalid(f"The body is no JSON that holds pairs: {error}.") from None
+
+
+def _rows(pairs: Iterable[Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
     known = {*REQUIRED, *_OPTIONAL, "pose"}
-    rows: list[tuple[str, Mapping[str, Any]]] = []
     for number, pair in enumerate(pairs):
         if not isinstance(pair, dict):
             raise invalid(f"pairs[{number}] is no object.")
         row = {name: value for name, value in pair.items() if name in known and value is not None}
         if "pose" in row:
             row.setdefault("group", row.pop("pose"))
-        rows.append((f"pairs[{number}]", row))
-    return _columns(iter(rows), "member")
+        yield f"pairs[{number}]", row
 
 
 def _places(header: list[str]) -> dict[str, int]:

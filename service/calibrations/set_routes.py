@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from typing import Annotated
 from uuid import UUID
 
 from fastapi import APIRouter, Depends, Query, Request
-from fastapi.responses import JSONResponse
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import JSONResponse, StreamingResponse
+from sqlalchemy.orm import defer
 
-from service.auth.access import CurrentIdentity, ReadAccess, WriteAccess
+from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.calibrations.building import build
-from service.calibrations.pairs import Columns, invalid, read_csv, read_json
+from service.calibrations.long_answers import pairs_of, set_in_pieces
+from service.calibrations.pairs import MAX_BYTES, Columns, invalid, read_csv, read_json
 from service.calibrations.schemas import BuildRequest, SetView, SetWithPairs
-from service.calibrations.sets import keep_set, notes_on_image, rig_camera, set_view, set_with_pairs, summaries
+from service.calibrations.sets import keep_set, notes_on_image, rig_camera, set_view, summaries
 from service.db.calibrations import CorrespondenceSet
 from service.db.detections import Detection
 from service.db.fleets import Rig
 from service.db.recordings import Recording
+from service.db.session import Database
 from service.detections.queries import find_camera
 from service.events.hints import hint
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging, fetch
+from service.http.places import Places
 from service.http.problems import Problem
 
 router = APIRouter()
+
+# An import holds one of few places while its body arrives. 15 MB, as 100,000 pairs usually have, need 50 kB/s.
+_RECEIVING_S = 300.0
 
 _IMPORTED = {
     "requestBody": {
@@ -64,38 +74,64 @@ def build_set(detection_id: UUID, wanted: BuildRequest, access: WriteAccess) -> 
     return _keep(access, row)
 
 
-class _Raw(NamedTuple):
-    media_type: str
-    body: bytes
+def _importing(rig_id: UUID, request: Request, identity: CurrentIdentity) -> None:
+    """Refuse who may not import to this rig, before the body is read."""
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        Access(session, identity).find(Rig, rig_id, "engineer")
 
 
-async def _raw(request: Request) -> _Raw:
+async def _imported(
+    request: Request, identity: CurrentIdentity, allowed: Annotated[None, Depends(_importing)]
+) -> AsyncIterator[Columns]:
+    """The pairs in the body, read before any transaction begins and in a thread."""
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    return _Raw(media_type, await request.body())
+    if media_type not in _READERS:
+        raise Problem(
+            415,
+            "unsupported_media_type",
+            f"Pairs come as text/csv or application/json, not as {media_type or 'an unnamed type'}.",
+            "Name the type in Content-Type.",
+        )
+    places: Places = request.app.state.imports
+    async with places.take(identity.person.id):
+        yield await run_in_threadpool(_READERS[media_type], await _whole_body(request))
 
 
-def _imported(identity: CurrentIdentity, raw: Annotated[_Raw, Depends(_raw)]) -> Columns:
-    """The pairs in the body of somebody who is signed in, read before any transaction begins."""
-    if raw.media_type == "application/json":
-        return read_json(raw.body)
-    if raw.media_type == "text/csv":
-        try:
-            return read_csv(raw.body.decode("utf-8"))
-        except UnicodeDecodeError as error:
-            raise invalid(f"The file is no UTF-8 text: byte {error.start}.") from None
-    raise Problem(
-        415,
-        "unsupported_media_type",
-        f"Pairs come as text/csv or application/json, not as {raw.media_type or 'an unnamed type'}.",
-        "Name the type in Content-Type.",
-    )
+async def _whole_body(request: Request) -> bytes:
+    try:
+        async with asyncio.timeout(_RECEIVING_S):
+            return await request.body()
+    except TimeoutError:
+        raise Problem(
+            408,
+            "body_too_slow",
+            f"The pairs did not arrive within {_RECEIVING_S:.0f} s.",
+            "Send them as CSV, which is half as long, or over a better line.",
+        ) from None
 
 
-@router.post("/rigs/{rig_id}/correspondence-sets", status_code=201, response_model=SetView, openapi_extra=_IMPORTED)
+def _read_csv_bytes(body: bytes) -> Columns:
+    try:
+        return read_csv(body.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise invalid(f"The file is no UTF-8 text: byte {error.start}.") from None
+
+
+_READERS: dict[str, Callable[[bytes], Columns]] = {"text/csv": _read_csv_bytes, "application/json": read_json}
+
+
+@router.post(
+    "/rigs/{rig_id}/correspondence-sets",
+    status_code=201,
+    response_model=SetView,
+    openapi_extra=_IMPORTED,
+    max_body_size=MAX_BYTES,
+)
 def import_set(
     rig_id: UUID,
     camera: Annotated[str, Query(max_length=200)],
-    columns: Annotated[Columns, Depends(_imported)],
+    columns: Annotated[Columns, Depends(_imported, scope="function")],
     access: WriteAccess,
 ) -> JSONResponse:
     """Import pairs, as CSV or JSON; the same content is found again, with 200, and is the newest again. [engineer]"""
@@ -121,17 +157,40 @@ def _keep(access: WriteAccess, wanted: CorrespondenceSet) -> JSONResponse:
     return access.answer(set_view(row, row.pairs.get("flagged")), 201 if is_new else 200)
 
 
-@router.get("/correspondence-sets/{set_id}")
-def read_set(set_id: UUID, access: ReadAccess, conditions: Conditional) -> SetWithPairs:
+def _found(set_id: UUID, request: Request, identity: CurrentIdentity, conditions: Conditional) -> CorrespondenceSet:
+    """The set without its pairs. The session ends here: none is held while the answer is made and sent."""
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        access = Access(session, identity)
+        # As long as it is held, the session finds this one, and loads no pairs with it.
+        without_pairs = session.get(CorrespondenceSet, set_id, options=[defer(CorrespondenceSet.pairs)])
+        row = access.find(CorrespondenceSet, set_id)
+        assert row is without_pairs
+        if row.source == "annotations":
+            access.need(row.fleet_id, "reviewer")
+    conditions.offer(content_etag(row.content_hash))
+    return row
+
+
+async def _place(
+    request: Request, identity: CurrentIdentity, found: Annotated[CorrespondenceSet, Depends(_found)]
+) -> AsyncIterator[CorrespondenceSet]:
+    """A place among those whose pairs are in memory, until the answer is sent."""
+    places: Places = request.app.state.long_answers
+    async with places.take(identity.person.id):
+        yield found
+
+
+@router.get("/correspondence-sets/{set_id}", response_model=SetWithPairs)
+async def read_set(request: Request, found: Annotated[CorrespondenceSet, Depends(_place)]) -> StreamingResponse:
     """A correspondence set with its pairs, in the form in which they are imported. [reviewer, if made of marks]
 
     Who marks sees nothing of what others marked before an own answer.
     """
-    row = access.find(CorrespondenceSet, set_id)
-    if row.source == "annotations":
-        access.need(row.fleet_id, "reviewer")
-    conditions.offer(content_etag(row.content_hash))
-    return set_with_pairs(row)
+    database: Database = request.app.state.database
+    columns = await run_in_threadpool(pairs_of, database, found.id)
+    headers = {"ETag": content_etag(found.content_hash)}
+    return StreamingResponse(set_in_pieces(found, columns), media_type="application/json", headers=headers)
 
 
 @router.get("/rigs/{rig_id}/correspondence-sets")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from sqlalchemy import Select, select, update
 from sqlalchemy.orm import Session, defer
 
 from service.calibrations.pairs import Columns
-from service.calibrations.schemas import SetView, SetWithPairs
+from service.calibrations.schemas import SetView
 from service.db.calibrations import CorrespondenceSet
 from service.db.clock import utc_now
 from service.db.fleets import Rig, RigCamera
@@ -80,31 +81,20 @@ def summaries() -> Select[*tuple[Any, ...]]:
     return select(CorrespondenceSet, flagged).options(defer(CorrespondenceSet.pairs))
 
 
-def set_view(row: CorrespondenceSet, flagged: list[bool] | None) -> SetView:
+def set_view(row: CorrespondenceSet, flagged: Iterable[bool] | None) -> SetView:
     """A set without its pairs."""
-    return SetView(**_members(row, flagged))
-
-
-def set_with_pairs(row: CorrespondenceSet) -> SetWithPairs:
-    """A set with its pairs, in the form in which pairs are imported."""
-    names = list(row.pairs)
-    pairs = [dict(zip(names, values, strict=True)) for values in zip(*row.pairs.values(), strict=True)]
-    return SetWithPairs(**_members(row, row.pairs.get("flagged")), pairs=pairs)
-
-
-def _members(row: CorrespondenceSet, flagged: list[bool] | None) -> dict[str, Any]:
-    return {
-        "id": row.id,
-        "fleet_id": row.fleet_id,
-        "vehicle_id": row.vehicle_id,
-        "rig_id": row.rig_id,
-        "recording_id": row.recording_id,
-        "detection_id": row.detection_id,
-        "camera": row.camera,
-        "source": row.source,
-        "count": row.count,
-        "content_hash": row.content_hash,
-        "notes": row.notes,
-        "flagged": sum(flagged or []),
-        "created_at": row.created_at,
-    }
+    return SetView(
+        id=row.id,
+        fleet_id=row.fleet_id,
+        vehicle_id=row.vehicle_id,
+        rig_id=row.rig_id,
+        recording_id=row.recording_id,
+        detection_id=row.detection_id,
+        camera=row.camera,
+        source="import" if row.source == "import" else "annotations",
+        count=row.count,
+        content_hash=row.content_hash,
+        notes=row.notes,
+        flagged=sum(flagged or ()),
+        created_at=row.created_at,
+    )

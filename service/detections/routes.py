@@ -16,6 +16,7 @@ from service.detections.queries import find_camera, new_detection, ready_recordi
 from service.detections.schemas import DetectionRequest, DetectionView, Quality, VertexView
 from service.detections.views import detection_view, jobs_of, vertex_views
 from service.events.hints import hint
+from service.http.bodies import DOCUMENT
 from service.http.pages import LongPaging, Page, Paging, fetch
 from service.jobs.queue import cancel, enqueue_all
 
@@ -24,7 +25,12 @@ router = APIRouter(tags=["detections"])
 Camera = Annotated[str | None, Query(max_length=200, description="a camera's name in the rig")]
 
 
-@router.post("/recordings/{recording_id}/detections", status_code=202, response_model=DetectionView)
+@router.post(
+    "/recordings/{recording_id}/detections",
+    status_code=202,
+    response_model=DetectionView,
+    max_body_size=DOCUMENT,
+)
 def ask_detection(
     recording_id: UUID, wanted: DetectionRequest, access: WriteAccess, request: Request
 ) -> JSONResponse:

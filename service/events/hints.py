@@ -37,9 +37,19 @@ def hint(session: Session, fleet_id: UUID, kind: str, id: UUID | int | str) -> N
     post(session, COURIER, Hint(fleet_id, kind, str(id)))
 
 
+_CHANNEL = "apexcal:fleet:"
+# The pattern of all of them.
+EVERY_CHANNEL = _CHANNEL + "*"
+
+
 def channel(fleet_id: UUID) -> str:
     """The broker's channel of a fleet."""
-    return f"apexcal:fleet:{fleet_id}"
+    return f"{_CHANNEL}{fleet_id}"
+
+
+def fleet_of(channel: str) -> UUID:
+    """The fleet of a channel."""
+    return UUID(channel.removeprefix(_CHANNEL))
 
 
 class Publisher:

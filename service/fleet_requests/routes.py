@@ -24,6 +24,7 @@ from service.fleet_requests.schemas import (
     VehicleState,
 )
 from service.fleet_requests.views import in_state, request_views, vehicle_view, vehicles_of
+from service.http.bodies import DOCUMENT
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging, fetch
 
@@ -35,6 +36,7 @@ router = APIRouter(tags=["fleet requests"])
     status_code=202,
     response_model=FleetRequestView,
     responses={200: {"model": DryRunView, "description": "a dry run: nothing was made"}},
+    max_body_size=DOCUMENT,
 )
 def ask_fleet(id: UUID, wanted: FleetRequestBody, access: WriteAccess, request: Request) -> JSONResponse:
     """Calibrate every vehicle that a filter names, each from its newest pairs. [engineer]"""

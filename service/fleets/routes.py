@@ -16,6 +16,7 @@ from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.ids import new_id
 from service.events.hints import hint
 from service.fleets.schemas import FleetOut, Named, NewRig, RigOut, VehicleOut
+from service.http.bodies import DOCUMENT
 from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem
@@ -105,7 +106,7 @@ def patch_vehicle(id: UUID, body: Named, access: WriteAccess, conditions: Condit
     return VehicleOut.model_validate(vehicle)
 
 
-@router.post("/vehicles/{id}/rigs", status_code=201, response_model=RigOut)
+@router.post("/vehicles/{id}/rigs", status_code=201, response_model=RigOut, max_body_size=DOCUMENT)
 def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
     """Describe what a vehicle carries: one LiDAR and its cameras."""
     vehicle = access.find(Vehicle, id, "engineer", lock=True)

@@ -15,6 +15,8 @@ from service.observability.http_figures import HttpFigures
 # Asked every few seconds by machines: figures yes, lines no.
 _UNLOGGED = frozenset(("/healthz", "/readyz", "/metrics"))
 _API = "/v1/"
+# Ours have at most 250 letters; a line of the log is not for a stranger to fill.
+_LONGEST_PATH = 500
 # nginx's number for a client that left before its answer began.
 _CLIENT_LEFT = 499
 
@@ -57,7 +59,8 @@ class Watched:
     def _note(self, scope: Scope, status: int, seconds: float) -> None:
         self._figures.answered(scope["method"], route_of(scope), status, seconds)
         if scope["path"] not in _UNLOGGED:
-            what = {"method": scope["method"], "path": quote(scope["path"]), "status": status}
+            path = quote(scope["path"])[:_LONGEST_PATH]
+            what = {"method": scope["method"], "path": path, "status": status}
             text = "%s %s %d in %.0f ms"
             log.info(text, *what.values(), seconds * 1000, extra={**what, "ms": round(seconds * 1000, 1)})
 

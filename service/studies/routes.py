@@ -14,6 +14,7 @@ from service.db.jobs import Job
 from service.db.recordings import Recording
 from service.db.studies import Study
 from service.detections.queries import done_detection, find_camera, ready_recording
+from service.http.bodies import DOCUMENT
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import not_found
 from service.jobs.queue import enqueue
@@ -31,7 +32,12 @@ from service.studies.views import offset_view, preview_view, suggestion_view
 router = APIRouter(tags=["studies"])
 
 
-@router.post("/recordings/{recording_id}/region-previews", status_code=202, response_model=PreviewView)
+@router.post(
+    "/recordings/{recording_id}/region-previews",
+    status_code=202,
+    response_model=PreviewView,
+    max_body_size=DOCUMENT,
+)
 def ask_preview(recording_id: UUID, wanted: PreviewRequest, access: WriteAccess) -> JSONResponse:
     """Count what a region keeps. [engineer]"""
     recording = ready_recording(access, recording_id, "engineer")

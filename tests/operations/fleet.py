@@ -23,7 +23,10 @@ from tests.support.processes import start, stop, wait_until
 DRAIN_S = 2.0
 # Written past every logger, from the handler of the signal.
 _CELERY_SAYS = "worker: Warm shutdown (MainProcess)"
-_API = ("-m", "uvicorn", "service.app:create_app", "--factory", "--host", "127.0.0.1", "--no-access-log")
+_API = (
+    *("-m", "uvicorn", "service.app:create_app", "--factory", "--host", "127.0.0.1", "--no-access-log"),
+    *("--http", "service.http.connections:PatientProtocol"),
+)
 
 
 class Fleet:

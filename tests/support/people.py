@@ -27,9 +27,14 @@ class Actor:
     token: str
     client: TestClient
 
+    @property
+    def headers(self) -> dict[str, str]:
+        """What signs this person in."""
+        return {"Authorization": f"Bearer {self.token}"}
+
     def request(self, method: str, path: str, **options: Any) -> Any:
         """Send a request to /v1 as this person and return the response."""
-        headers = {"Authorization": f"Bearer {self.token}", **options.pop("headers", {})}
+        headers = {**self.headers, **options.pop("headers", {})}
         return self.client.request(method, f"/v1{path}", headers=headers, **options)
 
     def get(self, path: str, **options: Any) -> Any:

@@ -20,9 +20,10 @@ def check_document(answer, status: int, code: str) -> dict:
 
 def test_no_such_address_and_method(api: Api) -> None:
     check_document(api.client.get("/v1/nothing"), 404, "no_such_route")
-    check_document(api.client.post("/v1/nothing"), 404, "no_such_route")
-    check_document(api.client.post("/nothing"), 404, "no_such_route")
-    document = check_document(api.client.put("/v1/me"), 405, "method_not_allowed")
+    owner = api.owner()
+    check_document(owner.post("/nothing"), 404, "no_such_route")
+    check_document(api.client.post("/nothing", headers=owner.headers), 404, "no_such_route")
+    document = check_document(owner.put("/me"), 405, "method_not_allowed")
     assert "GET" in document["hint"]
 
 

@@ -1,0 +1,184 @@
+"""Connections with deadlines and a limit: uvicorn's protocol, which by itself waits for its clients for ever.
+
+``uvicorn --http service.http.connections:PatientProtocol``. A proxy in front does the same and more; this is what the
+service withstands without one. Slow is allowed, silent is not: a body or an answer takes as long as it moves.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import resource
+import socket
+import sys
+from collections.abc import Callable, Iterable
+from ipaddress import ip_address, ip_network
+
+import h11
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from service.settings import get_settings
+
+# Apache's mod_reqtimeout gives the head of a request 20 s, and asks for 500 bytes a second.
+HEAD_S = 20.0
+_BYTES_PER_S = 500
+# nginx waits 60 s for the next bytes of a body and for a client that takes none of an answer: a bad line may pause.
+WINDOW_S = 60.0
+# What still comes of a body that was answered already, such as a part from somebody who is not signed in.
+UNWANTED_S = 10.0
+# A peer that vanished without a word: the pings of an event stream, every 15 s, stay unacknowledged.
+_VANISHED_MS = 60_000
+# What a process opens beside connections: database, broker, objects in transit.
+_OTHER_FILES = 256
+
+
+class PatientProtocol(H11Protocol):
+    """One connection. At each moment it waits for one thing of its client at most, and not for ever."""
+
+    since = 0.0
+    _origin: str | None = None
+    _reading: asyncio.TimerHandle | None = None
+    _writing: asyncio.TimerHandle | None = None
+    _arrived = 0
+    _unsent = 0
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take the connection; where it is one too many, let one go that has asked for nothing."""
+        super().connection_made(transport)
+        # So the protocol hears of each byte that the client does not take, and adds none meanwhile.
+        transport.set_write_buffer_limits(high=0)
+        _notice_the_vanished(transport)
+        self._origin = _origin(self.client)
+        self.since = self.loop.time()
+        self._wait(HEAD_S, self._end)
+        self._make_room()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
+        super().connection_lost(exc)
+        self._stop_waiting()
+        self._stop_writing()
+
+    def data_received(self, data: bytes) -> None:
+        """Go on with the request, and see what is waited for now."""
+        before = self.conn.their_state
+        self._arrived += len(data)
+        super().data_received(data)
+        self._look_at_request(before)
+
+    def on_response_complete(self) -> None:
+        """Wait for the next request, not for long where this one's body still comes."""
+        super().on_response_complete()
+        self.since = self.loop.time()
+        if self.conn.their_state is h11.SEND_BODY and self.cycle.response_complete:
+            self._wait(UNWANTED_S, self._end)
+        elif self.conn.their_state is h11.SEND_BODY:  # the next request's: it came with this one
+            self._wait_for_body()
+        else:  # uvicorn ends what stays idle
+            self._stop_waiting()
+
+    def pause_writing(self) -> None:
+        """The client takes no more at the moment: see in a while that it went on."""
+        super().pause_writing()
+        self._stop_writing()
+        self._unsent = self.transport.get_write_buffer_size()
+        self._writing = self.loop.call_later(WINDOW_S, self._look_at_writing)
+
+    def resume_writing(self) -> None:
+        """The client took all that there was."""
+        super().resume_writing()
+        self._stop_writing()
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing is asked for: no head of a request is complete, or all are answered."""
+        return self.cycle is None or self.cycle.response_complete
+
+    @property
+    def is_stalled(self) -> bool:
+        """Whether the client leaves its answer lying."""
+        return self._writing is not None
+
+    def _look_at_request(self, before: object) -> None:
+        now = self.conn.their_state
+        if now is h11.SEND_BODY:
+            if before is not h11.SEND_BODY:
+                self._wait_for_body()
+        elif now is not h11.IDLE:
+            self._stop_waiting()
+        elif before is not h11.IDLE or self._reading is None:
+            self._wait(HEAD_S, self._end)
+
+    def _look_at_body(self) -> None:
+        # Where the service does not read, or has not told the client to send, the client is not slow.
+        is_awaited = not self.flow.read_paused and not self.cycle.waiting_for_100_continue
+        if is_awaited and self._arrived < WINDOW_S * _BYTES_PER_S:
+            self._end()
+        else:
+            self._wait_for_body()
+
+    def _look_at_writing(self) -> None:
+        if self._unsent - self.transport.get_write_buffer_size() < WINDOW_S * _BYTES_PER_S:
+            self._end()
+        else:
+            self.pause_writing()
+
+    def _wait_for_body(self) -> None:
+        self._arrived = 0
+        self._wait(WINDOW_S, self._look_at_body)
+
+    def _wait(self, seconds: float, then: Callable[[], None]) -> None:
+        self._stop_waiting()
+        self._reading = self.loop.call_later(seconds, then)
+
+    def _stop_waiting(self) -> None:
+        if self._reading:
+            self._reading.cancel()
+        self._reading = None
+
+    def _stop_writing(self) -> None:
+        if self._writing:
+            self._writing.cancel()
+        self._writing = None
+
+    def _end(self) -> None:
+        self._stop_waiting()
+        self._stop_writing()
+        self.transport.abort()
+
+    def _make_room(self) -> None:
+        settings = get_settings()
+        here = (one for one in self.connections if isinstance(one, PatientProtocol))
+        everybody = [one for one in here if not one.transport.is_closing()]
+        neighbours = [one for one in everybody if self._origin is not None and one._origin == self._origin]
+        if len(everybody) > min(settings.connections, _most_files()):
+            self._end_one_of(everybody)
+        elif len(neighbours) > settings.connections_per_address:
+            self._end_one_of(neighbours)
+
+    def _end_one_of(self, crowd: Iterable[PatientProtocol]) -> None:
+        """End who has asked for nothing for longest, else who leaves an answer lying, else this connection."""
+        others = [one for one in crowd if one is not self]
+        idle = [one for one in others if one.is_idle] or [one for one in others if one.is_stalled]
+        (min(idle, key=lambda one: one.since) if idle else self)._end()
+
+
+def _origin(client: tuple[str, int] | None) -> str | None:
+    """Whose connections are counted together; nobody's from this host, where a proxy brings everybody's."""
+    if client is None:
+        return None
+    address = ip_address(client[0].partition("%")[0])
+    if address.is_loopback:
+        return None
+    # One line has 2^64 addresses of IPv6.
+    return str(ip_network((address, 64), strict=False)) if address.version == 6 else str(address)
+
+
+def _notice_the_vanished(transport: asyncio.Transport) -> None:
+    found: socket.socket | None = transport.get_extra_info("socket")
+    if found is not None and found.family != socket.AF_UNIX and hasattr(socket, "TCP_USER_TIMEOUT"):
+        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _VANISHED_MS)
+
+
+def _most_files() -> int:
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return sys.maxsize if soft == resource.RLIM_INFINITY else max(soft - _OTHER_FILES, 64)
