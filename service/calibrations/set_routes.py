@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Depends, Request
 from fastapi.responses import JSONResponse
 
 from service.auth.access import CurrentIdentity, ReadAccess, WriteAccess
@@ -22,6 +22,7 @@ from service.events.hints import hint
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem
+from service.http.schemas import Sought
 
 router = APIRouter()
 
@@ -94,7 +95,7 @@ def _imported(identity: CurrentIdentity, raw: Annotated[_Raw, Depends(_raw)]) ->
 @router.post("/rigs/{rig_id}/correspondence-sets", status_code=201, response_model=SetView, openapi_extra=_IMPORTED)
 def import_set(
     rig_id: UUID,
-    camera: Annotated[str, Query(max_length=200)],
+    camera: Sought,
     columns: Annotated[Columns, Depends(_imported)],
     access: WriteAccess,
 ) -> JSONResponse:

@@ -17,11 +17,12 @@ from service.detections.schemas import DetectionRequest, DetectionView, Quality,
 from service.detections.views import detection_view, jobs_of, vertex_views
 from service.events.hints import hint
 from service.http.pages import LongPaging, Page, Paging, fetch
+from service.http.schemas import Sought
 from service.jobs.queue import cancel, enqueue_all
 
 router = APIRouter(tags=["detections"])
 
-Camera = Annotated[str | None, Query(max_length=200, description="a camera's name in the rig")]
+Camera = Annotated[Sought | None, Query(description="a camera's name in the rig")]
 
 
 @router.post("/recordings/{recording_id}/detections", status_code=202, response_model=DetectionView)

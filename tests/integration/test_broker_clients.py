@@ -69,7 +69,11 @@ def is_warm(database: Database) -> bool:
 def envelope(body: object, **changed: object) -> dict[str, object]:
     """A message as Celery sends it."""
     headers = {"id": "1", "task": RUN_JOB, "lang": "py", "argsrepr": "", "kwargsrepr": ""}
-    properties = {"body_encoding": "base64", "delivery_tag": "1", "delivery_info": {"exchange": "", "routing_key": "x"}}
+    properties = {
+        "body_encoding": "base64",
+        "delivery_tag": "1",
+        "delivery_info": {"exchange": "", "routing_key": "x"},
+    }
     text = base64.b64encode(json.dumps(body).encode()).decode()
     usual = {"content-type": "application/json", "content-encoding": "utf-8"}
     return {"body": text, "headers": headers, "properties": properties, **usual, **changed}
