@@ -1,5 +1,5 @@
 # One image for every part of a fleet: the API, the workers, the sweep. What a container does is its command.
-FROM python:3.11.14-slim-bookworm AS build
+FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa184956261b4301ebaf6dbb0a3543d AS build
 RUN apt-get update && apt-get install --yes --no-install-recommends make && rm -rf /var/lib/apt/lists/*
 WORKDIR /src
 COPY requirements requirements
@@ -11,7 +11,7 @@ COPY frontend frontend
 # The wheel holds the built pages; node comes out of the locked development requirements.
 RUN make frontend && .venv/bin/uv build --wheel --no-build-isolation --python .venv/bin/python --out-dir /wheels
 
-FROM python:3.11.14-slim-bookworm
+FROM python:3.11.14-slim-bookworm@sha256:65a93d69fa75478d554f4ad27c85c1e69fa184956261b4301ebaf6dbb0a3543d
 COPY requirements/bootstrap.lock requirements/app.lock /tmp/requirements/
 # Compiled here, for containers run on a file system that they cannot write.
 RUN python -m pip install --no-cache-dir --require-hashes -r /tmp/requirements/bootstrap.lock \

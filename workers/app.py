@@ -15,7 +15,7 @@ from celery.signals import celeryd_init, setup_logging
 from service.jobs.queue import QUEUES
 from service.observability import logs
 from service.settings import get_settings, settings_or_exit
-from workers import alive
+from workers import alive, transport
 
 
 @celeryd_init.connect
@@ -31,6 +31,7 @@ def start_logging(loglevel: Any = logging.INFO, **_: object) -> None:
 def make_app(tasks: str) -> Celery:
     """A Celery application that knows the tasks of one module."""
     settings = settings_or_exit()
+    transport.install()
     app = Celery("apexcal", broker=settings.broker, include=[tasks])
     app.conf.update(
         task_serializer="json",
@@ -44,6 +45,8 @@ def make_app(tasks: str) -> Celery:
         worker_hijack_root_logger=False,
         worker_redirect_stdouts=False,
         worker_send_task_events=False,
+        # Nobody orders a worker through the broker: not to end, not to leave a queue (docs/operators.md, The broker).
+        worker_enable_remote_control=False,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,
         broker_transport_options={"socket_connect_timeout": 5, "socket_keepalive": True},

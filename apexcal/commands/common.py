@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.segment import Segment
 
 from apexcal.cli import FAILED, UNREACHABLE, USAGE
 from apexcal.embedded.folder import is_served, read_status
@@ -31,9 +32,25 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the outcome as J
 TOKEN_HINT = "An engineer makes one with `apexcal token NAME --role ROLE`"
 
 
+class _Terminal(Console):
+    """A console on which no name can order the terminal about: what cannot be seen is spelled out."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """The pieces that are written."""
+        for piece in super().render(renderable, options):
+            yield piece if piece.control else Segment(visible(piece.text), piece.style)
+
+
+def visible(text: str) -> str:
+    """The text, its line ends kept, with everything else that cannot be seen spelled as in JSON."""
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() or one == "\n" else json.dumps(one)[1:-1] for one in text)
+
+
 def console(*, errors: bool = False) -> Console:
     """The terminal: results on standard output, everything else on standard error."""
-    return Console(stderr=errors, highlight=False)
+    return _Terminal(stderr=errors, highlight=False)
 
 
 def complain(sentence: str, hint: str = "", *, code: int = FAILED) -> NoReturn:
@@ -106,7 +123,7 @@ def locate(url: str, token: str, data: Path) -> tuple[str, str, str]:
 def say(outcome: Any, as_json: bool, sentence: str) -> None:
     """The outcome of a command: a sentence for people, or the whole document for programs."""
     if as_json:
-        print(json.dumps(outcome, indent=2, ensure_ascii=False))
+        print(visible(json.dumps(outcome, indent=2, ensure_ascii=False)))
     else:
         console().print(escape(sentence), soft_wrap=True)
 

@@ -20,6 +20,7 @@ from service.admin.errors import AdminError, WrongUsageError
 from service.db.migrate import is_older, newest
 from service.db.session import Database
 from service.jobs.messages import COURIER, Sender
+from service.observability.logs import visible
 from service.settings import Settings, SettingsError, get_settings
 from service.storage.errors import StoreFullError, StoreUnavailableError
 from service.storage.store import Store, open_store
@@ -102,7 +103,7 @@ def spoken(command: Callable[P, Any]) -> Callable[P, None]:
 
 
 def _complain(sentence: str, hint: str, code: int = FAILED) -> None:
-    print(f"apexcal admin: {sentence}.", file=sys.stderr)
+    print(f"apexcal admin: {visible(sentence)}.", file=sys.stderr)
     if hint:
         print(hint, file=sys.stderr)
     raise typer.Exit(code)
@@ -130,8 +131,12 @@ def as_id(text: str, what: str, hint: str) -> UUID:
 
 def table(rows: list[dict[str, Any]], columns: tuple[str, ...]) -> str:
     """Rows as aligned text, one line each, under their columns' names."""
-    lines = [columns, *(tuple(str(row[name] if row[name] is not None else "-") for name in columns) for row in rows)]
+    lines = [columns, *(tuple(_cell(row[name]) for name in columns) for row in rows)]
     widths = [max(len(line[number]) for line in lines) for number in range(len(columns))]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
     )
+
+
+def _cell(value: Any) -> str:
+    return visible(str(value)) if value is not None else "-"

@@ -19,6 +19,7 @@ from service.auth.sessions import make_link
 from service.db.clock import utc_now
 from service.db.fleets import Fleet
 from service.db.people import ApiToken, BrowserSession, Membership, Person, SignInLink
+from service.observability.logs import visible
 from service.settings import Settings
 
 users = typer.Typer(no_args_is_help=True, help="List people, make sign-in links, shut somebody out.")
@@ -43,7 +44,7 @@ def list_users(as_json: JsonOption = False) -> None:
             for person in session.scalars(select(Person).order_by(Person.name, Person.id))
         ]
     if as_json:
-        print(json.dumps(rows, indent=2, ensure_ascii=False))
+        print(json.dumps(rows, indent=2))
     else:
         print(table([{**row, "roles": ", ".join(row["roles"])} for row in rows], ("id", "name", "roles")))
 
@@ -56,7 +57,7 @@ def link(person: Annotated[str, typer.Argument(help="Name or id, as `users list`
         found = find_person(session, person)
         address, is_known = public_url(service.settings)
         made, until = make_link(session, found.id, address, service.settings.invitation_hours)
-        name = found.name
+        name = visible(found.name)
     print(f"{name} signs in with this link, which works once until {until:%Y-%m-%d %H:%M} UTC:\n{made}")
     if not is_known:
         print(
@@ -79,7 +80,7 @@ def shut_out(person: Annotated[str, typer.Argument(help="Name or id, as `users l
             for ways in (BrowserSession, SignInLink)
         ]
         ended.append(_revoke(session, ApiToken.person_id == found.id))
-        name = found.name
+        name = visible(found.name)
     print(f"{name}: {ended[0]} sessions, {ended[1]} links and {ended[2]} tokens ended.")
 
 
@@ -111,7 +112,7 @@ def list_tokens(
         ]
     rows = [row for row in rows if everything or row["state"] == "valid"]
     columns = ("id", "name", "person", "fleet", "role", "state", "expires_at")
-    print(json.dumps(rows, indent=2, ensure_ascii=False) if as_json else table(rows, columns))
+    print(json.dumps(rows, indent=2) if as_json else table(rows, columns))
 
 
 @tokens.command("revoke")

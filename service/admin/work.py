@@ -15,6 +15,7 @@ from service.admin.opening import JsonOption, command, opened, spoken, table
 from service.admin.requeue import CannotRequeueError
 from service.admin.requeue import requeue as start_again
 from service.db.jobs import Job, JobEvent
+from service.observability.logs import visible
 
 
 class State(StrEnum):
@@ -125,7 +126,7 @@ def _for_people(document: dict[str, Any]) -> str:
     shown = {name: value for name, value in document.items() if name != "history" and value not in (None, {}, "")}
     if document["state"] != "running":
         shown.pop("progress", None)  # of an attempt that has ended
-    head = "\n".join(f"{name:<12}{_words(name, value)}" for name, value in shown.items())
+    head = "\n".join(f"{name:<12}{visible(_words(name, value))}" for name, value in shown.items())
     columns = ("attempt", "what", "worker", "started_at", "at", "reason")
     return f"{head}\n\n{table(document['history'], columns)}"
 

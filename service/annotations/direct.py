@@ -17,6 +17,7 @@ from service.db.recordings import CameraFrame, Recording, Sensor
 from service.detections.queries import find_camera
 from service.http.etags import Conditional, Conditions, version_etag
 from service.http.problems import Problem, not_found
+from service.http.schemas import Sought
 
 router = APIRouter()
 
@@ -26,7 +27,7 @@ FrameIndex = Annotated[int, Path(ge=0, le=2**31 - 1)]
 
 @router.get(MARK)
 def read_mark(
-    recording_id: UUID, camera: str, index: FrameIndex, access: ReadAccess, conditions: Conditional
+    recording_id: UUID, camera: Sought, index: FrameIndex, access: ReadAccess, conditions: Conditional
 ) -> MarkView:
     """One's own mark in a frame."""
     sensor, frame = _frame(access, recording_id, camera, index, "viewer")
@@ -39,7 +40,7 @@ def read_mark(
 @router.put(MARK)
 def put_mark(
     recording_id: UUID,
-    camera: str,
+    camera: Sought,
     index: FrameIndex,
     pixel: Pixel,
     access: WriteAccess,
@@ -56,7 +57,7 @@ def put_mark(
 @router.delete(MARK, status_code=204)
 def delete_mark(
     recording_id: UUID,
-    camera: str,
+    camera: Sought,
     index: FrameIndex,
     access: WriteAccess,
     conditions: Conditional,

@@ -29,11 +29,12 @@ from service.detections.queries import done_detection, find_camera
 from service.events.hints import hint
 from service.http.pages import LongPaging, Page, fetch
 from service.http.problems import Problem
+from service.http.schemas import Sought
 
 router = APIRouter(tags=["annotations"])
 router.include_router(direct.router)
 
-CameraQuery = Annotated[str, Query(max_length=200, description="a camera's name in the rig")]
+CameraQuery = Annotated[Sought, Query(description="a camera's name in the rig")]
 
 
 @router.post(

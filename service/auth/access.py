@@ -64,11 +64,23 @@ class Access:
     """A session together with what its person may do with it."""
 
     def __init__(self, session: Session, identity: Identity, asked: RequestKey | None = None) -> None:
-        self.session = session
+        self._session = session
         self.identity = identity
         self.person = identity.person
         self._asked = asked
+        self._is_known_new = False
         self._took: tuple[UUID, Role] | None = None
+
+    @property
+    def session(self) -> Session:
+        """The session. Its first use looks whether this request was answered before, and raises that answer.
+
+        Not earlier: what a dependency locks stays locked until the route gets a thread, which others may wait in.
+        """
+        if not self._is_known_new:
+            self._is_known_new = True
+            self._replay()
+        return self._session
 
     def role(self, fleet_id: UUID) -> Role | None:
         """The person's role in a fleet, or None."""
@@ -136,7 +148,7 @@ class Access:
             )
         )
 
-    def replay(self) -> None:
+    def _replay(self) -> None:
         """Raises what repeats the answer that this request got before; nothing where it is new.
 
         Raises :class:`Problem` where its key belongs to another request, and where who asks may no longer make it.
@@ -237,9 +249,7 @@ def _write_access(
     if asked:
         asked = of_caller(asked, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
     with database.writing() as session:
-        access = Access(session, identity, asked)
-        access.replay()
-        yield access
+        yield Access(session, identity, asked)
 
 
 ReadAccess = Annotated[Access, Depends(_read_access, scope="function")]

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Depends, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse, StreamingResponse
 from sqlalchemy.orm import defer
@@ -29,6 +29,7 @@ from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.places import Places
 from service.http.problems import Problem
+from service.http.schemas import Sought
 
 router = APIRouter()
 
@@ -130,8 +131,13 @@ _READERS: dict[str, Callable[[bytes], Columns]] = {"text/csv": _read_csv_bytes, 
 )
 def import_set(
     rig_id: UUID,
+<<<<<<< HEAD
     camera: Annotated[str, Query(max_length=200)],
     columns: Annotated[Columns, Depends(_imported, scope="function")],
+=======
+    camera: Sought,
+    columns: Annotated[Columns, Depends(_imported)],
+>>>>>>> 3387fe2d3ff46878edc19c50d89ddeb4054dc572
     access: WriteAccess,
 ) -> JSONResponse:
     """Import pairs, as CSV or JSON; the same content is found again, with 200, and is the newest again. [engineer]"""

@@ -18,11 +18,12 @@ from service.detections.views import detection_view, jobs_of, vertex_views
 from service.events.hints import hint
 from service.http.bodies import DOCUMENT
 from service.http.pages import LongPaging, Page, Paging, fetch
+from service.http.schemas import Sought
 from service.jobs.queue import cancel, enqueue_all
 
 router = APIRouter(tags=["detections"])
 
-Camera = Annotated[str | None, Query(max_length=200, description="a camera's name in the rig")]
+Camera = Annotated[Sought | None, Query(description="a camera's name in the rig")]
 
 
 @router.post(

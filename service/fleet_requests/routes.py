@@ -38,11 +38,15 @@ router = APIRouter(tags=["fleet requests"])
     responses={200: {"model": DryRunView, "description": "a dry run: nothing was made"}},
     max_body_size=DOCUMENT,
 )
-def ask_fleet(id: UUID, wanted: FleetRequestBody, access: WriteAccess, request: Request) -> JSONResponse:
+def ask_fleet(
+    id: UUID, wanted: FleetRequestBody, access: WriteAccess, reader: ReadAccess, request: Request
+) -> JSONResponse:
     """Calibrate every vehicle that a filter names, each from its newest pairs. [engineer]"""
-    fleet = access.find(Fleet, id, "engineer")
     if wanted.dry_run:
-        return access.answer(preview(access.session, fleet, wanted), 200)
+        # Asked at every pause in typing: it must not wait for SQLite's one writer.
+        fleet = reader.find(Fleet, id, "engineer")
+        return reader.answer(preview(reader.session, fleet, wanted), 200)
+    fleet = access.find(Fleet, id, "engineer")
     row = ask(access.session, fleet, wanted, access.person.id, request.app.state.settings.workers)
     access.session.flush()
     hint(access.session, fleet.id, "fleet_request", row.id)
@@ -89,10 +93,10 @@ def cancel_fleet_request(fleet_request_id: UUID, access: WriteAccess) -> FleetRe
     return request_views(access.session, [row])[0]
 
 
-@router.post("/fleet-requests/{fleet_request_id}/retry", status_code=202)
-def retry_fleet_request(fleet_request_id: UUID, access: WriteAccess, request: Request) -> FleetRequestView:
+@router.post("/fleet-requests/{fleet_request_id}/retry", status_code=202, response_model=FleetRequestView)
+def retry_fleet_request(fleet_request_id: UUID, access: WriteAccess, request: Request) -> JSONResponse:
     """Calibrate the failed vehicles again, each from its newest pairs; none failed, nothing changes. [engineer]"""
     row = access.find(FleetRequest, fleet_request_id, "engineer")
     retry_failed(access.session, row, access.person.id, request.app.state.settings.workers)
     hint(access.session, row.fleet_id, "fleet_request", row.id)
-    return request_views(access.session, [row])[0]
+    return access.answer(request_views(access.session, [row])[0], 202)

@@ -12,7 +12,7 @@ from service.auth.roles import Role
 from service.calibrations.model_names import ANGLES, EXTRINSICS, MODELS, all_names
 from service.db.fleets import Rig
 from service.fleets.transforms import Transform, check_frames
-from service.http.schemas import Magnitude, Name, Received, Sent
+from service.http.schemas import Magnitude, Name, Received, Sent, Topic
 
 # A camera's name stands in addresses.
 CameraName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -53,7 +53,7 @@ class Lidar(Received):
     """The rig's LiDAR: its frame, and its topic where a recording has several."""
 
     frame: Name
-    topic: Name | None = None
+    topic: Topic | None = None
 
 
 class Camera(Received):
@@ -61,7 +61,7 @@ class Camera(Received):
 
     name: CameraName
     frame: Name
-    topic: Name | None = None
+    topic: Topic | None = None
     image_size: tuple[Pixels, Pixels]
     nominal: Transform
     bounds: dict[str, tuple[Magnitude, Magnitude]] = Field(default_factory=dict, max_length=40)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Mapping, Sequence
 from http import HTTPStatus
@@ -57,9 +58,17 @@ class Problem(Exception):  # noqa: N818 - it is the document, not only an error
 
     def response(self) -> JSONResponse:
         """The document as an answer."""
-        return JSONResponse(
+        return _ProblemResponse(
             self.document(), status_code=self.status, media_type=MEDIA_TYPE, headers=dict(self.headers or {})
         )
+
+
+class _ProblemResponse(JSONResponse):
+    """Also says what it refuses where that is no text: half a surrogate pair goes out as JSON spells it."""
+
+    def render(self, content: Any) -> bytes:
+        """The document's bytes."""
+        return json.dumps(content, ensure_ascii=False, allow_nan=False).encode(errors="backslashreplace")
 
 
 def not_found() -> Problem:
@@ -243,7 +252,7 @@ def _field_error(error: Mapping[str, Any]) -> dict[str, str]:
     if error.get("type") == "missing" and not names:
         return {"field": str(where), "message": "is missing; send a JSON object with Content-Type: application/json"}
     message = _PLAINLY.get(str(error.get("type")), message)
-    if str(error.get("ctx", {}).get("pattern", "")).startswith(r"^[^\x00"):
-        message = "holds characters that it may not: line breaks, tabs or other control characters"
+    if error.get("ctx", {}).get("pattern") == r"^[^\x00]*$":
+        message = "holds U+0000, a control character that no text has"
     field = ".".join(names) or str(where)
     return {"field": field if where == "body" else f"{where} {field}", "message": message}

@@ -30,8 +30,8 @@ class Pages:
         await self._response(path)(scope, receive, send)
 
     def _response(self, path: str) -> Response:
-        asked = (self._root / path).resolve() if "\0" not in path else self._root
-        if asked.is_relative_to(self._root) and asked.is_file() and asked.name != "index.html":
+        asked = self._file(path)
+        if asked:
             # Vite names the files under assets/ by their content.
             forever = asked.is_relative_to(self._root / "assets")
             return FileResponse(
@@ -43,6 +43,15 @@ class Pages:
         if not index.is_file():
             return HTMLResponse(_NOT_BUILT)
         return FileResponse(index, headers={"Cache-Control": "no-cache"})
+
+    def _file(self, path: str) -> Path | None:
+        """The file at this address, where there is one; what no file can be called is none."""
+        try:
+            asked = (self._root / path).resolve()
+            is_ours = asked.is_relative_to(self._root) and asked.is_file() and asked.name != "index.html"
+        except (OSError, ValueError):  # longer than names may be; with a NUL
+            return None
+        return asked if is_ours else None
 
 
 def install(app: FastAPI, web: Path = WEB) -> None:

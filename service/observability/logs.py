@@ -1,6 +1,7 @@
 """How processes log: lines for people, or one JSON object a line for machines, each with the id of its request.
 
-A line never holds a query string, a header or a body, so no secret gets into it by way of a request.
+A line never holds a query string, a header or a body, so no secret gets into it by way of a request. What cannot be
+seen is escaped here, for all lines: a name or path from outside must not begin a line of its own or order a terminal.
 """
 
 from __future__ import annotations
@@ -40,6 +41,13 @@ def _fields() -> dict[str, Any]:
     return {**({"request_id": request_id} if request_id else {}), **_about.get()}
 
 
+def visible(text: str) -> str:
+    """The text with everything that cannot be seen spelled as in JSON: line ends, escapes, directions, surrogates."""
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() else json.dumps(one)[1:-1] for one in text)
+
+
 class JsonLines(logging.Formatter):
     """One JSON object a line: time (UTC), level, logger, message, what it is about, and a traceback where one is."""
 
@@ -57,7 +65,7 @@ class JsonLines(logging.Formatter):
         }
         if record.exc_info:
             line["exception"] = self.formatException(record.exc_info)
-        return json.dumps(line, default=str, ensure_ascii=False)
+        return visible(json.dumps(line, default=str, ensure_ascii=False))
 
 
 class TextLines(logging.Formatter):
@@ -71,6 +79,22 @@ class TextLines(logging.Formatter):
         found = " ".join(f"{name}={value}" for name, value in _fields().items())
         record.about = f" [{found}]" if found else ""
         return super().format(record)
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's own name
+        """The line itself, which is one."""
+        return visible(super().formatMessage(record))
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802
+        """The traceback, indented: what an error says may look like a line of the log."""
+        return _indented(super().formatException(ei))
+
+    def formatStack(self, stack_info: str) -> str:  # noqa: N802
+        """A stack, indented too."""
+        return _indented(super().formatStack(stack_info))
+
+
+def _indented(text: str) -> str:
+    return "\n".join("  " + visible(line) for line in text.split("\n"))
 
 
 def configure(form: str, level: int = logging.INFO) -> None:

@@ -16,6 +16,7 @@ from service.db.session import Database
 from service.http.etags import Conditional, content_etag
 from service.http.pages import LongPaging, Page, fetch
 from service.http.problems import Problem
+from service.http.schemas import Sought
 from service.recordings.presigning import Presigner
 from service.recordings.queries import find_camera
 from service.recordings.schemas import BlobAddress, FrameView
@@ -30,7 +31,7 @@ _SHOWN = frozenset(("image/jpeg", "image/png", "image/webp"))
 @router.get("/recordings/{id}/cameras/{camera}/frames")
 def get_frames(
     id: UUID,
-    camera: str,
+    camera: Sought,
     access: ReadAccess,
     paging: LongPaging,
     from_ns: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
@@ -64,7 +65,7 @@ class _Found:
 
 def _find(
     id: UUID,
-    camera: str,
+    camera: Sought,
     index: Annotated[int, Path(ge=0, lt=2**31)],
     request: Request,
     identity: CurrentIdentity,

@@ -6,18 +6,15 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 from uuid import UUID
 
-from pydantic import Field, StringConstraints
+from pydantic import Field
 
 from service.http.jobs import JobView
-from service.http.schemas import Name, Received, Sent
+from service.http.schemas import Name, Received, Sent, Topic
 
 MAX_PARTS = 100_000
 
 RecordingState = Literal["uploading", "queued", "ingesting", "ready", "failed"]
 MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
-
-
-Topic = Annotated[str, StringConstraints(min_length=1, max_length=300, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
 class Topics(Received):

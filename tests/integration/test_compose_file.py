@@ -16,9 +16,11 @@ VARIABLES = {name: f"given-{name.lower().replace('_', '-')}" for name in demande
 # What each service may say, out of the Compose Specification: a misspelt word would be ignored or refused.
 KEYS = {
     *("image", "build", "user", "entrypoint", "command", "environment", "volumes", "networks", "ports", "depends_on"),
-    *("restart", "init", "read_only", "tmpfs", "cap_drop", "security_opt", "shm_size", "mem_limit"),
+    *("restart", "init", "read_only", "tmpfs", "cap_drop", "security_opt", "shm_size", "mem_limit", "pids_limit"),
     *("stop_grace_period", "healthcheck"),
 }
+# A tag may be moved to another image; the digest is the image. The tag says to people which one it is.
+PINNED = r":\d+(\.\d+)+[a-z-]*@sha256:[0-9a-f]{64}$"
 HEALTH = {"test", "interval", "timeout", "retries", "start_period"}
 ONCE = {"migrations", "bucket", "durable"}
 
@@ -71,9 +73,17 @@ def test_containers_can_do_little(services: dict[str, dict]) -> None:
         assert service["cap_drop"] == ["ALL"] and service["security_opt"] == ["no-new-privileges:true"], name
         assert service["user"] not in ("root", "0", "0:0") and service["user"], name
         assert re.fullmatch(r"\d+[mg]", service["mem_limit"]), name
-        assert re.search(r":\d+(\.\d+)+$", service["image"]), f"{name}: pin {service['image']} to a version"
+        assert 128 <= service["pids_limit"] <= 4096, name
+        pinned = PINNED if "build" not in service else r":\d+(\.\d+)+$"
+        assert re.search(pinned, service["image"]), f"{name}: pin {service['image']} to a version and its digest"
         assert service["restart"] == ("no" if name in ONCE else "unless-stopped"), name
         assert ("healthcheck" in service) == (name not in ONCE), name
+
+
+def test_images_are_built_on_a_pinned_one() -> None:
+    bases = [line.split()[1] for line in (ROOT / "Dockerfile").read_text().splitlines() if line.startswith("FROM ")]
+    assert len(bases) == 2 and len(set(bases)) == 1
+    assert re.search(PINNED, bases[0]), bases[0]
 
 
 def test_only_the_doors_are_open(document: dict, services: dict[str, dict]) -> None:

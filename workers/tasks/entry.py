@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import signal
 import sys
@@ -28,12 +29,18 @@ from workers.tasks.running import run_job
 from workers.tasks.warming import warm_up
 
 _PR_SET_PDEATHSIG = 1
+_LARGEST_ID = 2**63 - 1  # of the column
+
+log = logging.getLogger(__name__)
 
 
 @app.task(name=RUN_JOB)
 def look_at_job(job_id: int) -> None:
     """Claim the job and do it, or drop the message."""
-    run_job(get_context(), job_id)
+    if isinstance(job_id, int) and 0 < job_id <= _LARGEST_ID:
+        run_job(get_context(), job_id)
+    else:
+        log.warning("dropped a message: it names no job")
 
 
 @worker_init.connect

@@ -1,11 +1,13 @@
 """What a filter names, which pairs are taken, and what one request comes to for many vehicles."""
 
+import time
 from datetime import UTC, datetime, timedelta
 from uuid import UUID, uuid4
 
-from sqlalchemy import select
+import pytest
+from sqlalchemy import select, update
 
-from service.db.models import Calibration, CalibrationRun, FleetRequest, Job
+from service.db.models import Calibration, CalibrationRun, Fleet, FleetRequest, Job
 from service.db.session import Database
 from tests.support.work import work
 
@@ -160,6 +162,18 @@ def test_a_dry_run_says_who_would_be_skipped_and_makes_nothing(api, vans: Vans):
     assert [one["vehicle"] for one in found["skipped_vehicles"]] == ["none"]
     with api.database.reading() as session:
         assert session.scalars(select(FleetRequest.id)).all() == []
+
+
+@pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+def test_a_dry_run_waits_for_no_writer(api, vans: Vans):
+    """SQLite has one writer at a time: whoever types a filter must not wait for it, nor be it."""
+    vans.add("van")
+    with api.database.writing() as session:
+        session.execute(update(Fleet).values(version=Fleet.version))
+        began = time.monotonic()
+        answer = vans.ask(dry_run=True, headers={"Idempotency-Key": "typing"})
+        assert time.monotonic() - began < 10, "a writer waits for 30 s"
+    assert (answer.status_code, answer.json()["matched"]) == (200, 1)
 
 
 def test_a_request_for_nobody_with_pairs_has_ended_when_it_is_made(vans: Vans):

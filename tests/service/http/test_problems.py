@@ -33,7 +33,8 @@ def test_no_such_address_and_method(api: Api) -> None:
     [
         ({"json": {}}, "name", "required"),
         ({"json": {"name": ""}}, "name", "at least 1"),
-        ({"json": {"name": "a\u0000b"}}, "name", "control characters"),
+        ({"json": {"name": "a\u202eb"}}, "name", "direction"),
+        ({"json": {"name": "a\u0000b"}}, "body", "control character"),
         ({"json": {"name": "x" * 201}}, "name", "at most 200"),
         ({"json": {"name": "x", "nmae": "y"}}, "nmae", "not known here"),
         ({"content": b"{", "headers": {"Content-Type": "application/json"}}, "body", "no JSON"),
@@ -143,3 +144,14 @@ def test_hosts_and_origins_that_are_none_are_refused(api: Api, host: str, origin
 def test_a_link_that_is_none_is_unknown(api: Api) -> None:
     for link in ("http://[", "//[x", "#", " ", "http://[#x"):
         check_document(api.client.post("/v1/sign-in", json={"link": link}), 404, "link_unknown")
+
+
+@one_database
+@pytest.mark.parametrize(
+    "path", ["%0a" + "x" * 230, "x" * 300, "%00", "a/" * 600 + "x" * 300, "%ff%fe%0a" + "x" * 230]
+)
+def test_an_address_that_no_file_can_have_is_a_page(api: Api, path: str) -> None:
+    answer = api.client.get(f"/{path}")
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8"), answer.text
+    check_document(api.client.get(f"/assets/{path}"), 404, "no_such_route")
+    check_document(api.client.get(f"/v1/{path}"), 404, "no_such_route")

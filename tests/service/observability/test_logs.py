@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import logging
+import sys
 
 import pytest
 
@@ -76,3 +77,27 @@ def test_a_failure_that_nobody_foresaw_can_be_found_by_its_id(api: Api, written,
     assert answer.json()["request_id"] == answer.headers[request_ids.HEADER] == "find-me"
     assert {line["request_id"] for line in written()} == {"find-me"}
     assert any("ZeroDivisionError" in line.get("exception", "") for line in written())
+
+
+FORGED = "GET /\n2026-01-01 00:00:00,000 ERROR service forged\r\x1b[2J\u2028\u202e\x9b\udc80"
+
+
+def test_a_line_for_people_stays_one_line_whatever_is_in_it() -> None:
+    record = logging.LogRecord("service", logging.INFO, "", 0, "%s came", (FORGED,), None)
+    with about(kind="a\nb"):
+        line = TextLines().format(record)
+    assert line.isprintable() and line.endswith("came") and "kind=a\\nb" in line
+    try:
+        raise ValueError(FORGED)
+    except ValueError:
+        record.exc_info = sys.exc_info()
+    first, *below = TextLines().format(record).splitlines()
+    assert first.isprintable() and below
+    assert all(line.startswith("  ") and line.isprintable() for line in below)
+    assert "ValueError: GET /" in below[-2] or "ValueError: GET /" in below[-1]
+
+
+def test_a_line_for_machines_orders_no_terminal_and_says_the_same() -> None:
+    record = logging.LogRecord("service", logging.INFO, "", 0, FORGED, (), None)
+    line = JsonLines().format(record)
+    assert line.isprintable() and json.loads(line)["message"] == FORGED
