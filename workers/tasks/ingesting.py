@@ -81,7 +81,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
 
 
 def _limits(settings: Settings, size: int) -> Limits:
-    """Four fifths of the task's time are for the reading; the rest is for joining the parts and storing the results."""
+    """Four fifths of the task's time are for the reading, the rest for joining the parts and storing the results."""
     wall_s = settings.ingest_wall_s + settings.ingest_wall_s_per_mib * size / MIB
     return Limits(
         memory_bytes=settings.ingest_memory_bytes,

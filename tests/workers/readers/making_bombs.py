@@ -1,7 +1,8 @@
-"""Small files that would take a reader's time, memory or disk: each is whole, and most would be read as a recording."""
+"""Small files that would take a reader's time, memory or disk; most would be read as a recording."""
 
 import sqlite3
 import struct
+import zipfile
 
 import numpy as np
 from fuzz_seeds import pcd
@@ -20,6 +21,7 @@ from making_recordings import (
     write_bag,
 )
 from making_ros2 import TYPES, as_cdr, convert, rig, write_mcap, write_ros2
+from making_videos import write_video
 from mcap.writer import CompressionType
 from pypcd4 import Encoding
 from rosbags.rosbag1 import Writer as BagWriter
@@ -79,14 +81,16 @@ def _many(path, data, count, default=False):
     with sqlite3.connect(file, isolation_level=None) as db:
         (topic,) = db.execute("SELECT id FROM topics WHERE name = ?", [_CAMERA]).fetchone()
         db.execute("BEGIN")
-        db.execute("INSERT INTO messages (id, topic_id, timestamp, own) SELECT id, topic_id, timestamp, data FROM kept")
+        columns = "id, topic_id, timestamp"
+        db.execute(f"INSERT INTO messages ({columns}, own) SELECT {columns}, data FROM kept")
         rows = ((100 + i, topic, START_NS + i * PERIOD_NS) for i in range(count))
-        db.executemany("INSERT INTO messages (id, topic_id, timestamp) VALUES (?, ?, ?)", rows)
+        db.executemany(f"INSERT INTO messages ({columns}) VALUES (?, ?, ?)", rows)
         db.execute("COMMIT")
         if default:
             db.execute("ALTER TABLE messages DROP COLUMN own")
             db.execute(f"ALTER TABLE messages ADD COLUMN {data}")
-            db.execute("UPDATE messages SET data = (SELECT data FROM kept WHERE kept.id = messages.id) WHERE id < 100")
+            own = "SELECT data FROM kept WHERE kept.id = messages.id"
+            db.execute(f"UPDATE messages SET data = ({own}) WHERE id < 100")
         db.execute("DROP TABLE kept")
         db.execute("VACUUM")
     db.close()
@@ -189,14 +193,61 @@ def flat_images(path, count=60, compression=BagWriter.CompressionFormat.LZ4):
     """Raw images of one grey, 8 megapixels each, in packed chunks."""
     pixels = np.full((2000, 4000), 7, np.uint8)
     stamps = [START_NS + i * PERIOD_NS for i in range(count)]
-    return write_bag(path, [*clouds(2), *(("/a", IMAGE, s, raw_image(s, pixels, "mono8")) for s in stamps)], compression)
+    return write_bag(
+        path, [*clouds(2), *(("/a", IMAGE, s, raw_image(s, pixels, "mono8")) for s in stamps)], compression
+    )
 
 
-def claiming_pcd(points=9_000_000):
-    """A packed PCD whose header claims points that its bytes cannot hold."""
+def many_frames(path, count=400):
+    """A still video: a hundred bytes a frame, each of which becomes a JPEG."""
+    folder = path.with_suffix(".parts")
+    folder.mkdir()
+    write_video(folder / "still.mp4", times_ms=[33 * i for i in range(count)], size=(1280, 720))
+    write_bag(folder / "lidar.bag", clouds(2))
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in sorted(folder.iterdir()):
+            archive.write(file, file.name)
+    return path
+
+
+def packed_zeros(path, size=60_000_000):
+    """A zip with a bag that is mostly a hole."""
+    bag = write_bag(path.with_suffix(".bag"), clouds(2))
+    with bag.open("r+b") as file:
+        file.truncate(size)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(bag, "a.bag")
+    return path
+
+
+def claiming_clouds(path):
+    """Packed PCD files whose headers claim points that their bytes cannot hold."""
+    with zipfile.ZipFile(path, "w") as archive:
+        for i in range(2):
+            archive.writestr(f"clouds/{START_NS + i * PERIOD_NS}.pcd", _claiming_pcd())
+    return path
+
+
+def _claiming_pcd(points=9_000_000):
     data = pcd(Encoding.BINARY_COMPRESSED)
     start = data.index(b"DATA binary_compressed\n") + len(b"DATA binary_compressed\n")
     old = int(data[data.index(b"POINTS ") + 7 :].split()[0])
     head = data[:start].replace(b"%d" % old, b"%d" % points)
     packed, unpacked = struct.unpack_from("<II", data, start)
     return head + struct.pack("<II", packed, unpacked // old * points) + data[start + 8 :]
+
+
+# Short forms, for whoever damages them; each is past the limits as it is, or was before there were any.
+BOMBS = {
+    "endless_view": endless_view,
+    "endless_messages": endless_messages,
+    "generated_column": generated_column,
+    "default_column": default_column,
+    "zstd_chunks": zstd_chunks,
+    "endless_tree": endless_tree,
+    "repeated_index": lambda path: repeated_index(path, 200),
+    "flat_images": lambda path: flat_images(path, 8),
+    "many_frames": lambda path: many_frames(path, 60),
+    "packed_zeros": packed_zeros,
+    "claiming_clouds": claiming_clouds,
+}
