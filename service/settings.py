@@ -75,6 +75,14 @@ class Settings(BaseSettings):
     )
     ingest_cpu_s: int = Field(default=1200, description="processor time of a process that decodes uploads")
     ingest_file_bytes: int = Field(default=16 * 1024 * MIB, description="largest file that such a process writes")
+    ingest_wall_s: float = Field(default=120.0, gt=0, description="time by the clock that any upload may take it")
+    ingest_wall_s_per_mib: float = Field(
+        default=10.0, ge=0, description="and for each MiB of the upload; never past four fifths of task_limit_s"
+    )
+    ingest_silence_s: float = Field(default=60.0, gt=0, description="such a process is ended when it gets nowhere")
+    ingest_output_ratio: float = Field(default=20.0, gt=0, description="bytes it may write for each one uploaded")
+    ingest_video_ratio: float = Field(default=300.0, gt=0, description="the same where it decodes video")
+    ingest_output_floor_bytes: int = Field(default=16 * MIB, gt=0, description="what it may write in any case")
 
     mark_lease_s: float = Field(default=120.0, description="how long a person keeps a marking task unanswered")
     log: Literal["", "text", "json"] = Field(default="", description="empty: json on PostgreSQL, else text")

@@ -1,8 +1,9 @@
 """The ingest child: ``python -m workers.readers SOURCE OUT --request JSON``.
 
-Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}`` and at the end ``{"manifest": {...},
+Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}``, ``{"beat": true}`` where work goes on
+without messages, and at the end ``{"manifest": {...},
 "used": {"cpu_s", "resident_bytes"}}`` or ``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and
-limits it is what ``ingest_limited`` starts; without them it is a command for people.
+``--limits`` it is what ``ingest_limited`` starts; without them it is a command for people.
 """
 
 from __future__ import annotations
@@ -13,13 +14,17 @@ import json
 import os
 import resource
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Final
 
 from workers.readers.confine import confine
+from workers.readers.isolation.isolate import isolate
 from workers.readers.normalised.normalise import normalise
+from workers.readers.output import OutputLimitError, ReserveError, limit_output
+from workers.readers.pulse import tell_beats
 from workers.readers.recording import ReadError, ReadOptions
 
 _OPTIONS: Final = (
@@ -43,21 +48,29 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("out", type=Path)
     parser.add_argument("--request", type=json.loads, default={}, help="JSON: lidar, cameras, image_sizes, options")
     parser.add_argument("--parent", type=int, help="pid of the starter; the child dies with it")
-    parser.add_argument("--memory-bytes", type=int)
-    parser.add_argument("--cpu-s", type=int)
-    parser.add_argument("--file-bytes", type=int)
+    parser.add_argument("--limits", type=json.loads, default={}, help="JSON: limits of memory, time and output")
     return parser.parse_args(argv)
+
+
+def _take_limits(arguments: argparse.Namespace) -> None:
+    """Whatever holds for this process, before it opens anything."""
+    limits: dict[str, int] = arguments.limits
+    confine(
+        parent=arguments.parent,
+        memory_bytes=limits.get("memory_bytes"),
+        cpu_s=limits.get("cpu_s"),
+        file_bytes=limits.get("file_bytes"),
+    )
+    limit_output(limits.get("output_bytes"), limits.get("video_output_bytes"), limits.get("reserve_bytes", 0))
+    if arguments.parent is not None:
+        tell_beats(lambda: _say({"beat": True}))
+        isolate([arguments.source], [arguments.out, Path(tempfile.gettempdir())])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one ingestion; the exit code is 0 only with a manifest."""
     arguments = _arguments(argv)
-    confine(
-        parent=arguments.parent,
-        memory_bytes=arguments.memory_bytes,
-        cpu_s=arguments.cpu_s,
-        file_bytes=arguments.file_bytes,
-    )
+    _take_limits(arguments)
     request: dict[str, Any] = arguments.request
     try:
         options = ReadOptions(**request.get("options", {}))
@@ -77,6 +90,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _error(error.code, error.message, error.hint, error.fields)
     except MemoryError:
         return _error("ingest_memory_limit", "", "")
+    except OutputLimitError:
+        return _error("ingest_output_limit", "", "")
+    except ReserveError:
+        return _error("ingest_disk_full", "", "")
     except OSError as error:
         if error.errno == errno.EFBIG:
             return _error("ingest_file_limit", "", "")

@@ -10,6 +10,8 @@ import sys
 from typing import Final
 
 _PR_SET_PDEATHSIG: Final = 1
+# An ingestion has its recording, one file for each sensor and a few of the libraries' open at once.
+_OPEN_FILES: Final = 1024
 
 
 def confine(*, parent: int | None, memory_bytes: int | None, cpu_s: int | None, file_bytes: int | None) -> None:
@@ -30,6 +32,8 @@ def confine(*, parent: int | None, memory_bytes: int | None, cpu_s: int | None, 
             ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it died before the line above
             os._exit(1)
+        open_files = min(_OPEN_FILES, resource.getrlimit(resource.RLIMIT_NOFILE)[1])
+        resource.setrlimit(resource.RLIMIT_NOFILE, (open_files, open_files))
     limits = ((resource.RLIMIT_AS, memory_bytes), (resource.RLIMIT_FSIZE, file_bytes))
     for kind, limit in limits:
         if limit is not None:

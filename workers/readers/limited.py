@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import re
@@ -11,15 +10,19 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO, Any, Final, cast
+from typing import Any, Final, cast
 
+from workers.readers.isolation.isolate import Isolation
+from workers.readers.limits import Limits
 from workers.readers.normalised.manifest import Manifest
 from workers.readers.progress import OnProgress, Progress
 from workers.readers.recording import ReadError
+from workers.readers.supervise import TalksTooMuchError, supervise
 
-_LINE_BYTES: Final = 64 * 1024 * 1024
+_LOOK_AT_DISK_S: Final = 1.0
 _ROOT: Final = Path(__file__).parents[2]
 # The child decodes strangers' bytes: it gets no password that the worker's environment may hold.
 _ENVIRONMENT: Final = (
@@ -38,11 +41,10 @@ def ingest_limited(
     out_dir: str | Path,
     request: Mapping[str, Any],
     *,
-    memory_bytes: int = 3 * 1024**3,
-    cpu_s: int = 3600,
-    file_bytes: int = 64 * 1024**3,
+    limits: Limits | None = None,
     name: str | None = None,
     on_progress: OnProgress | None = None,
+    must_stop: Callable[[], None] | None = None,
 ) -> Manifest:
     """Normalise a recording in a child process; see :func:`workers.readers.normalised.normalise.normalise`.
 
@@ -54,35 +56,31 @@ def ingest_limited(
         out_dir: a folder that is not there yet, or is empty.
         request: ``lidar`` (topic), ``cameras`` (names, or names with topics), ``image_sizes`` (names with width and
             height) and ``options`` (the fields of :class:`ReadOptions`), each of them optional.
-        memory_bytes: the child's address space; its libraries alone take about 0.4 GB of it.
-        cpu_s: the child's processor seconds.
-        file_bytes: the largest file that it may write.
+        limits: what it may take.
         name: what its owner calls the recording, for messages; None: the name of ``source``.
-        on_progress: called a few times a second; what it raises stops the child and comes out of here.
+        on_progress: called a few times a second while messages are read.
+        must_stop: called a few times a second in any case. What one of them raises kills the child and comes out of
+            here.
 
     Raises:
         ReadError: the recording cannot be used, or ``request_invalid``, ``ingest_memory_limit``,
-            ``ingest_cpu_limit``, ``ingest_file_limit``, ``ingest_disk_full``, ``ingest_crashed``, ``ingest_killed``.
+            ``ingest_cpu_limit``, ``ingest_time_limit``, ``ingest_silent``, ``ingest_file_limit``,
+            ``ingest_output_limit``, ``ingest_disk_full``, ``ingest_crashed``, ``ingest_killed``.
         ValueError: ``out_dir`` holds something.
     """
-    out = Path(out_dir)
+    out, source = Path(out_dir), Path(source)
     out.mkdir(parents=True, exist_ok=True)
     if any(out.iterdir()):
         raise ValueError(f"{out} is not empty")
-    command = [
-        *(sys.executable, "-m", "workers.readers", os.fspath(Path(source).absolute()), os.fspath(out.absolute())),
-        *("--request", json.dumps(dict(request)), "--parent", str(os.getpid())),
-        *("--memory-bytes", str(memory_bytes), "--cpu-s", str(cpu_s), "--file-bytes", str(file_bytes)),
-    ]
-    limits = {"memory_bytes": memory_bytes, "cpu_s": cpu_s, "file_bytes": file_bytes}
     try:
         # What the child unpacks lies beside its results, and goes although the child may be killed.
         with tempfile.TemporaryDirectory(prefix="unpacking-", dir=out.parent) as scratch:
-            return _run(command, scratch, name or Path(source).name, limits, on_progress)
+            ingestion = _Ingestion(source, out, Path(scratch), limits or Limits(), name or source.name)
+            return ingestion.run(request, on_progress, must_stop)
     except ReadError as error:
         shutil.rmtree(out, ignore_errors=True)
         if name is not None:
-            error.message = _renamed(error.message, Path(source).name, name)
+            error.message = _renamed(error.message, source.name, name)
         raise
     except BaseException:
         shutil.rmtree(out, ignore_errors=True)
@@ -97,102 +95,190 @@ def _renamed(message: str, source: str, name: str) -> str:
     return re.sub(rf"^{re.escape(source)}(?![\w/.-])", lambda _: name, message)
 
 
-def _run(
-    command: list[str], scratch: str, name: str, limits: Mapping[str, int], on_progress: OnProgress | None
-) -> Manifest:
-    environment = {key: os.environ[key] for key in _ENVIRONMENT if key in os.environ}
-    # One thread: every further one of OpenBLAS reserves address space.
-    environment |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "TMPDIR": str(Path(scratch).resolve())}
-    with tempfile.TemporaryFile() as errors:
-        child = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, cwd=_ROOT, env=environment
-        )
+def isolation_here() -> Isolation:
+    """What isolates the children that read uploads on this machine; one child is started to find out."""
+    command = [sys.executable, "-m", "workers.readers.isolation.isolate"]
+    said = subprocess.run(command, cwd=_ROOT, env=_environment(), stdout=subprocess.PIPE, check=True, timeout=60)
+    return Isolation(**json.loads(said.stdout))
+
+
+def _environment() -> dict[str, str]:
+    return {key: os.environ[key] for key in _ENVIRONMENT if key in os.environ}
+
+
+class _Ingestion:
+    """One child, and what its starter watches."""
+
+    def __init__(self, source: Path, out: Path, scratch: Path, limits: Limits, name: str) -> None:
+        self._source, self._out, self._scratch = source, out, scratch
+        self._limits, self._name = limits, name
+        self._size = _bytes_of(source)
+        self._last: dict[str, Any] = {}
+        self._on_progress: OnProgress | None = None
+        self._must_stop: Callable[[], None] | None = None
+        self._began = self._heard = time.monotonic()
+        self._disk_due = 0.0
+
+    def run(
+        self, request: Mapping[str, Any], on_progress: OnProgress | None, must_stop: Callable[[], None] | None
+    ) -> Manifest:
+        """Start the child and follow it to its end."""
+        self._on_progress, self._must_stop = on_progress, must_stop
+        # One thread: every further one of OpenBLAS reserves address space.
+        one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
+        environment = _environment() | one | {"TMPDIR": str(self._scratch.resolve())}
         try:
-            assert child.stdout is not None
-            last = _follow(child.stdout, on_progress)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                child.wait(timeout=10)
-        finally:
-            if child.poll() is None:
-                child.kill()
-                child.wait()
-            if child.stdout is not None:
-                child.stdout.close()
-        errors.seek(max(0, errors.seek(0, os.SEEK_END) - 4000))
-        said = errors.read().decode(errors="replace")
-    if child.returncode == 0 and "manifest" in last:
-        return Manifest.from_json(last["manifest"])
-    raise _failure(child.returncode, last.get("error"), name, limits, said)
+            ended = supervise(
+                self._command(request), folder=_ROOT, environment=environment, take=self._take, look=self._look
+            )
+        except TalksTooMuchError as error:
+            raise self._crashed("it printed without end") from error
+        if ended.code == 0 and "manifest" in self._last:
+            return Manifest.from_json(self._last["manifest"])
+        raised = self._explain(ended.code, self._last.get("error"), ended.complaint)
+        if ended.complaint:
+            raised.add_note(f"The reading process said:\n{ended.complaint}")
+        raise raised
 
+    def _command(self, request: Mapping[str, Any]) -> list[str]:
+        limits = {
+            "memory_bytes": self._limits.memory_bytes,
+            "cpu_s": self._limits.cpu_s,
+            "file_bytes": self._limits.file_bytes,
+            "output_bytes": self._limits.output_bytes(self._size, video=False),
+            "video_output_bytes": self._limits.output_bytes(self._size, video=True),
+            "reserve_bytes": self._limits.reserve_bytes,
+        }
+        return [
+            *(sys.executable, "-m", "workers.readers"),
+            *(os.fspath(self._source.absolute()), os.fspath(self._out.absolute())),
+            *("--request", json.dumps(dict(request)), "--parent", str(os.getpid()), "--limits", json.dumps(limits)),
+        ]
 
-def _follow(stdout: IO[bytes], on_progress: OnProgress | None) -> dict[str, Any]:
-    """Pass progress on; the last line that is no progress, or nothing."""
-    last: dict[str, Any] = {}
-    while line := stdout.readline(_LINE_BYTES):
+    def _take(self, line: bytes) -> None:
+        """A line of the child: progress, a sign of life, or its last word."""
         try:
             said: Any = json.loads(line)
-        except ValueError:  # a line cut short by the child's death, or what a library has to say
-            continue
+        except ValueError:  # what a library has to say
+            return
         if not isinstance(said, dict):
-            continue
+            return
+        self._heard = time.monotonic()
         spoken = cast("dict[str, Any]", said)
-        if "progress" not in spoken:
-            last = spoken
-        elif on_progress is not None:
-            on_progress(Progress(**spoken["progress"]))
-    return last
+        if "progress" in spoken:
+            if self._on_progress is not None:
+                self._on_progress(Progress(**spoken["progress"]))
+        elif "beat" not in spoken:
+            self._last = spoken
+
+    def _look(self) -> None:
+        """Whatever is to end the child before it ends itself."""
+        if self._must_stop is not None:
+            self._must_stop()
+        now = time.monotonic()
+        limits = self._limits
+        if now - self._began > limits.wall_s:
+            raise self._refused(
+                "ingest_time_limit", f"took more than the {limits.wall_s:.0f} s allowed for a recording of its size"
+            )
+        if now - self._heard > limits.silence_s:
+            raise self._refused("ingest_silent", f"got nowhere for {limits.silence_s:.0f} s")
+        if now >= self._disk_due:
+            self._look_at_disk()
+            # Ten thousand files of a folder take a tenth of a second to look at.
+            self._disk_due = time.monotonic() + _LOOK_AT_DISK_S + 20 * (time.monotonic() - now)
+
+    def _look_at_disk(self) -> None:
+        """The child counts what it writes; this holds although what it reads may have taken it over."""
+        if _stored(self._out) + _stored(self._scratch) > self._limits.output_bytes(self._size, video=True):
+            raise self._grown()
+        if shutil.disk_usage(self._out).free < self._limits.reserve_bytes:
+            raise self._disk_full()
+
+    def _explain(self, code: int, error: Mapping[str, Any] | None, stderr: str) -> ReadError:
+        kind = error["code"] if error else ""
+        limits, name = self._limits, self._name
+        if error and error["message"]:
+            return ReadError(kind, error["message"], error["hint"], error["fields"])
+        if kind == "ingest_memory_limit" or "MemoryError" in stderr or "std::bad_alloc" in stderr:
+            return ReadError(
+                "ingest_memory_limit",
+                f"Reading {name} took more than the {_size(limits.memory_bytes)} of memory allowed for it.",
+                "A message in it may be damaged and claim a huge size. If it really is this large, raise the limit.",
+            )
+        if kind == "ingest_file_limit" or code == -signal.SIGXFSZ:
+            return ReadError(
+                "ingest_file_limit",
+                f"A sensor of {name}, or a file packed in it, takes more than {_size(limits.file_bytes)}.",
+                "Split the recording, or raise the limit.",
+            )
+        if kind == "ingest_output_limit":
+            return self._grown()
+        if kind == "ingest_disk_full":
+            return self._disk_full()
+        if code == -signal.SIGXCPU:
+            return ReadError(
+                "ingest_cpu_limit",
+                f"Reading {name} took more than the {limits.cpu_s} s of processor time allowed for it.",
+                "Split the recording, or raise the limit.",
+            )
+        if code == -signal.SIGKILL:
+            return ReadError(
+                "ingest_killed",
+                f"The process that read {name} was killed, perhaps because the machine ran out of memory.",
+                "Try again; if it happens again, split the recording or use a larger machine.",
+            )
+        return self._crashed(f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}")
+
+    def _refused(self, code: str, why: str) -> ReadError:
+        return ReadError(
+            code,
+            f"Reading {self._name} {why}.",
+            "The file may be damaged, or made to keep its reader busy. If it is a real recording, split it, or raise "
+            "the limit.",
+        )
+
+    def _grown(self) -> ReadError:
+        return ReadError(
+            "ingest_output_limit",
+            f"Reading {self._name} ({_size(self._size)}) would store more than a recording of its size can hold.",
+            "Its content is packed far tighter than recorders pack, or is named again and again. If it is a real "
+            "recording, upload it without compression, or raise the limit.",
+        )
+
+    def _disk_full(self) -> ReadError:
+        return ReadError(
+            "ingest_disk_full", f"The disk was full while {self._name} was read.", "Make room, then try again."
+        )
+
+    def _crashed(self, how: str) -> ReadError:
+        return ReadError(
+            "ingest_crashed",
+            f"The process that read {self._name} ended without a result ({how}).",
+            "The file may be damaged in a way that is not known yet. The original is kept; please report it.",
+        )
 
 
-def _failure(
-    code: int, error: Mapping[str, Any] | None, name: str, limits: Mapping[str, int], stderr: str
-) -> ReadError:
-    raised = _explain(code, error, name, limits, stderr)
-    if stderr:
-        raised.add_note(f"The reading process said:\n{stderr}")
-    return raised
+def _bytes_of(source: Path) -> int:
+    """Size of a file, or of all files in a folder."""
+    if not source.is_dir():
+        return source.stat().st_size if source.exists() else 0
+    return sum(file.lstat().st_size for file in source.rglob("*") if not file.is_dir())
 
 
-def _explain(
-    code: int, error: Mapping[str, Any] | None, name: str, limits: Mapping[str, int], stderr: str
-) -> ReadError:
-    kind = error["code"] if error else ""
-    if error and error["message"]:
-        return ReadError(kind, error["message"], error["hint"], error["fields"])
-    if kind == "ingest_memory_limit" or "MemoryError" in stderr or "std::bad_alloc" in stderr:
-        return ReadError(
-            "ingest_memory_limit",
-            f"Reading {name} took more than the {_size(limits['memory_bytes'])} of memory allowed for it.",
-            "A message in it may be damaged and claim a huge size. If it really is this large, raise the limit.",
-        )
-    if kind == "ingest_file_limit" or code == -signal.SIGXFSZ:
-        return ReadError(
-            "ingest_file_limit",
-            f"A sensor of {name}, or a file packed in it, takes more than the {_size(limits['file_bytes'])} allowed.",
-            "Split the recording, or raise the limit.",
-        )
-    if kind == "ingest_disk_full":
-        return ReadError(
-            "ingest_disk_full", f"The disk was full while {name} was read.", "Make room, then try again."
-        )
-    if code == -signal.SIGXCPU:
-        return ReadError(
-            "ingest_cpu_limit",
-            f"Reading {name} took more than the {limits['cpu_s']} s of processor time allowed for it.",
-            "Split the recording, or raise the limit.",
-        )
-    if code == -signal.SIGKILL:
-        return ReadError(
-            "ingest_killed",
-            f"The process that read {name} was killed, perhaps because the machine ran out of memory.",
-            "Try again; if it happens again, split the recording or use a larger machine.",
-        )
-    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-    return ReadError(
-        "ingest_crashed",
-        f"The process that read {name} ended without a result ({how}).",
-        "The file may be damaged in a way that is not known yet. The original is kept; please report it.",
-    )
+def _stored(folder: Path) -> int:
+    """Bytes that a folder takes on the disk; files come and go meanwhile."""
+    count = 0
+    for place, _, files in os.walk(folder):
+        for name in files:
+            try:
+                count += (Path(place) / name).lstat().st_blocks * 512
+            except FileNotFoundError:
+                continue
+    return count
 
 
 def _size(count: int) -> str:
+    if count < 1024**2:
+        return f"{max(1, count // 1024)} kB"
     return f"{count / 1024**3:.1f} GB" if count >= 1024**3 else f"{count / 1024**2:.0f} MB"

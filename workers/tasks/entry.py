@@ -21,12 +21,16 @@ from celery.signals import (
 from service.jobs.messages import RUN_JOB
 from service.settings import get_settings
 from workers.app import app
+from workers.readers.isolation.isolate import hide_from_others
+from workers.readers.limited import isolation_here
 from workers.tasks.context import get_context
 from workers.tasks.drain import DRAIN_SIGNAL, listen_for_drain
 from workers.tasks.leftovers import remove_leftovers
 from workers.tasks.presence import Presence
 from workers.tasks.running import run_job
 from workers.tasks.warming import warm_up
+
+log = logging.getLogger(__name__)
 
 _PR_SET_PDEATHSIG = 1
 _LARGEST_ID = 2**63 - 1  # of the column
@@ -46,6 +50,8 @@ def look_at_job(job_id: int) -> None:
 @worker_init.connect
 def prepare_parent(sender: Any, **_: object) -> None:
     """Compile in the parent, so that every forked child has the machine code already."""
+    hide_from_others()
+    log.info("processes that read uploads have %s", isolation_here())
     remove_leftovers(get_settings().scratch)
     presence = Presence.of(sender)
     presence.say(warm=False)
@@ -81,6 +87,7 @@ def end_presence(sender: Any, **_: object) -> None:
 @worker_process_init.connect
 def prepare_child(**_: object) -> None:
     """Die with the parent, and when it is told to stop give the job in hand back."""
+    hide_from_others()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() == 1:

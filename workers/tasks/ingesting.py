@@ -17,11 +17,14 @@ from service.db.fleets import RigCamera
 from service.db.models import Rig
 from service.db.recordings import CameraFrame, Recording, Sensor, UploadPart
 from service.jobs.claims import Claim, Lease, require_mine
+from service.settings import MIB, Settings
 from service.storage.blobs import condemn, keep, reserve
 from workers.readers.limited import ingest_limited
+from workers.readers.limits import Limits
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
+from workers.tasks.watching import Watch
 
 _OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
 
@@ -48,10 +51,9 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             source,
             out,
             request,
-            memory_bytes=context.settings.ingest_memory_bytes,
-            cpu_s=context.settings.ingest_cpu_s,
-            file_bytes=context.settings.ingest_file_bytes,
+            limits=_limits(context.settings, recording.size),
             name=recording.file_name,
+            must_stop=Watch(context.database, held, lease).look,
             on_progress=lambda progress: lease.report(
                 0.1 + 0.8 * (progress.share or 0.0), f"{progress.done} messages normalised", progress.seconds_left
             ),
@@ -76,6 +78,22 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
                 session.execute(insert(CameraFrame), rows)
 
     return write
+
+
+def _limits(settings: Settings, size: int) -> Limits:
+    """Four fifths of the task's time are for the reading, the rest for joining the parts and storing the results."""
+    wall_s = settings.ingest_wall_s + settings.ingest_wall_s_per_mib * size / MIB
+    return Limits(
+        memory_bytes=settings.ingest_memory_bytes,
+        cpu_s=settings.ingest_cpu_s,
+        wall_s=min(wall_s, 0.8 * settings.task_limit_s),
+        silence_s=settings.ingest_silence_s,
+        file_bytes=settings.ingest_file_bytes,
+        output_ratio=settings.ingest_output_ratio,
+        video_ratio=settings.ingest_video_ratio,
+        output_floor_bytes=settings.ingest_output_floor_bytes,
+        reserve_bytes=settings.min_free_bytes,
+    )
 
 
 def _request(recording: Recording, rig: Rig, cameras: Sequence[RigCamera]) -> Json:

@@ -82,8 +82,23 @@ def fill(rng, data, others):
     return data[:start] + bytes([rng.choice((0, 0xFF, rng.randrange(256)))]) * (end - start) + data[end:]
 
 
+def point_elsewhere(rng, data, others):
+    """What may be an offset, a page or a count gets the value of another: so things overlap, repeat, and go round."""
+    width = rng.choice((2, 4, 4, 8))
+    source, place = rng.randrange(len(data)), rng.randrange(len(data))
+    number = data[source : source + width]
+    return data[:place] + number + data[place + len(number) :]
+
+
+def repeat_at_end(rng, data, others):
+    """The end of the file, where many formats have their index, several times over."""
+    size = rng.choice((50, 400, 4096))
+    return data + data[-size:] * rng.choice((1, 10, 200))
+
+
 MUTATIONS = (
     *(flip_bits, truncate, cut_out, repeat, overwrite, splice, set_length, set_length, set_number, swap_words, fill),
+    *(point_elsewhere, point_elsewhere, repeat_at_end),
 )
 
 

@@ -190,6 +190,14 @@ def video(folder):
         yield write_video(folder / f"v.{suffix}", codec=codec, times_ms=(0, 67, 133)).read_bytes()
 
 
+def bombs(folder):
+    """Files that were made to keep a reader busy, or to fill its disk."""
+    from making_bombs import BOMBS  # it makes them of what is here
+
+    for name, build in BOMBS.items():
+        yield build(folder / name).read_bytes()
+
+
 def video_members():
     """A capture with a video beside it."""
     return {
@@ -219,6 +227,7 @@ SEEDS = {
     "tar": tar,
     "archives": archives,
     "video": video,
+    "bombs": bombs,
 }
 WHOLE: dict[str, list[bytes]] = {}
 

@@ -14,6 +14,7 @@ from rosbags.rosbag1 import Writer
 
 from workers.readers import limited
 from workers.readers.limited import ingest_limited
+from workers.readers.limits import Limits
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError
 
@@ -33,9 +34,15 @@ def slow(tmp_path_factory):
     return write_bag(tmp_path_factory.mktemp("slow") / "slow.bag", [*clouds(2), *frames])
 
 
-def failure(source, out, **limits):
+def failure(source, out, *, name=None, on_progress=None, must_stop=None, **limits):
     with pytest.raises(ReadError) as caught:
-        ingest_limited(source, out, {"cameras": ["front"]}, **limits)
+        ingest_limited(
+            *(source, out, {"cameras": ["front"]}),
+            limits=Limits(**limits),
+            name=name,
+            on_progress=on_progress,
+            must_stop=must_stop,
+        )
     assert caught.value.message and caught.value.hint
     assert not out.exists()
     return caught.value

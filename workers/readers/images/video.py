@@ -19,13 +19,24 @@ from av.video.stream import VideoStream
 
 from workers.readers.images.headers import MAX_PIXELS, check_size
 from workers.readers.images.video_times import FrameTable, VideoClock
+from workers.readers.output import video_is_decoded
+from workers.readers.pulse import beat
 from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
 
 # On frames of 1920 x 1208 pixels 8 ms and 0.9 MB, 1.6 grey levels RMS off what the video holds; as PNG they take
 # 75 ms and 4 MB. What the video's own compression cost is not undone by either.
 JPEG_QUALITY: Final = 95
 _TRANSCODED: Final = f"Frames of a video were decoded and encoded anew as JPEG of quality {JPEG_QUALITY}."
-_OPTIONS: Final = {"protocol_whitelist": "file", "max_pixels": str(MAX_PIXELS)}
+# What cameras and their recorders write; FFmpeg has hundreds more, and each is code that an upload could reach.
+CODECS: Final = (
+    *("h264", "hevc", "av1", "libdav1d", "vp8", "vp9", "libvpx", "libvpx-vp9"),
+    *("mpeg4", "msmpeg4v3", "mpeg2video", "mjpeg", "prores", "dnxhd", "ffv1", "huffyuv", "ffvhuff", "rawvideo"),
+)
+_OPTIONS: Final = {
+    "protocol_whitelist": "file",
+    "codec_whitelist": ",".join(CODECS),
+    "max_pixels": str(MAX_PIXELS),
+}
 _FORMATS: Final = ((b"RIFF", 0, "avi"), (b"\x1aE\xdf\xa3", 0, "matroska"), (b"ftyp", 4, "mov"))
 
 
@@ -144,6 +155,7 @@ class VideoRecording:
         size = max(1, self._path.stat().st_size)
         try:
             for packet in container.demux(stream):
+                beat()
                 self._share = min(1.0, max(self._share, (packet.pos or 0) / size))
                 for frame in _pictures(packet):
                     check_size(frame.width, frame.height, f"{self._name}, frame {number}")
@@ -227,6 +239,13 @@ class VideoRecording:
                 f"{self._name} uses a codec that is not known here.",
                 "Convert it to H.264: `ffmpeg -i IN -crf 12 OUT.mp4`.",
             )
+        if context.name not in CODECS:
+            raise ReadError(
+                "video_unsupported",
+                f"{self._name} uses the codec {context.name}, which is not read.",
+                f"Convert it to one of {', '.join(CODECS)}.",
+            )
+        video_is_decoded()
         context.thread_count = 1
         context.options = {"max_pixels": _OPTIONS["max_pixels"]}
         return stream

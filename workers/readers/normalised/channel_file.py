@@ -30,6 +30,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from workers.readers.output import create
+
 Part = bytes | bytearray | memoryview
 
 CHUNK_BYTES: Final = 1 << 20
@@ -52,7 +54,7 @@ class ChannelFile:
     def __init__(self, path: Path, topic: str, schema: tuple[str, str], level: int | None) -> None:
         self.path = path
         self.count = 0
-        self._file: BinaryIO = path.open("wb")
+        self._file: BinaryIO = create(path)
         self._compressor = None if level is None else zstandard.ZstdCompressor(level=level)
         self._schema = Schema(id=1, name=schema[0], encoding="ros2msg", data=schema[1].encode())
         self._channel = Channel(id=_CHANNEL, schema_id=1, topic=topic, message_encoding="cdr", metadata={})

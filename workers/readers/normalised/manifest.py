@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
+from workers.readers.output import create
 from workers.readers.recording import StampConvention, TimeSource
 
 MAX_GAPS_LISTED: Final = 1000
@@ -186,7 +188,7 @@ class SweepTable:
 
 def write_table(path: Path, table: FrameTable | SweepTable) -> None:
     """Write a table as JSON, a column per key."""
-    with path.open("w") as file:
+    with TextIOWrapper(create(path), "ascii") as file:
         json.dump(asdict(table), file, separators=(",", ":"))
 
 

@@ -14,6 +14,7 @@ from workers.readers.normalised.cdr import IMAGE_SCHEMA, POINT_CLOUD_SCHEMA, enc
 from workers.readers.normalised.channel_file import ChannelFile
 from workers.readers.normalised.lidar_file import METADATA_NAME
 from workers.readers.normalised.ros2_definitions import COMPRESSED_IMAGE, POINT_CLOUD2
+from workers.readers.pulse import beat
 from workers.readers.recording import Frame, ReadError, Sweep
 
 # Of 18,701 points of a VLP-16 (449 kB): level 3 takes 2.0 ms and leaves 63 %, level 1 takes 1.2 ms and leaves 65 %,
@@ -111,6 +112,7 @@ class CameraWriter:
         offsets = array("q")
         with self.path.open("rb") as file:
             for start, length in self._messages(file):
+                beat()
                 number = len(offsets)
                 offsets.append(start + length - self.lengths[number])
                 file.seek(offsets[number])

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 
 from workers.readers.damage import damage, damage_proof
+from workers.readers.pulse import beat
 from workers.readers.recording import ReadError
 from workers.readers.ros.foxglove import foxglove_decoder
 from workers.readers.ros.mcap_records import (
@@ -142,6 +143,7 @@ class McapBag:
                 if whole:
                     self._note_end(place)
                 return
+            beat()
             kind, size = head
             if kind in (DATA_END, FOOTER):
                 return

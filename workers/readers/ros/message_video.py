@@ -11,6 +11,7 @@ from av.codec.context import Flags
 
 from workers.readers.images.headers import MAX_PIXELS, check_size
 from workers.readers.images.video import JPEG_QUALITY
+from workers.readers.output import video_is_decoded
 from workers.readers.recording import Frame, ReadError
 
 # Formats of foxglove.CompressedVideo to the decoders of FFmpeg.
@@ -32,6 +33,7 @@ class MessageVideo:
                 f"{where} holds video as {codec[:20]!r}, which is not read.",
                 f"Record it as one of {', '.join(_CODECS)}, or as CompressedImage.",
             )
+        video_is_decoded()
         self._where = where
         self._context: Any = av.CodecContext.create(_CODECS[codec.lower()], "r")
         self._context.thread_count = 1

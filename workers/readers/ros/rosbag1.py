@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
+from rosbags.rosbag1.reader import Chunk
 from rosbags.serde import SerdeError
 
 from workers.readers.damage import damage, damage_proof
+from workers.readers.pulse import beat
 from workers.readers.recording import ReadError, ReadOptions
 from workers.readers.ros.ros_types import ros_decoder
 from workers.readers.ros.topic_messages import Decoder, Topic
@@ -41,6 +43,15 @@ class Rosbag1Recording(TopicRecording):
             raise
 
 
+class _Reader(Reader):
+    """Says that it goes on while it reads the index of a long bag."""
+
+    def read_chunk(self) -> Chunk:
+        """The head of a chunk."""
+        beat()
+        return super().read_chunk()
+
+
 class _Bag:
     """A ROS 1 bag as a container of topics."""
 
@@ -50,13 +61,24 @@ class _Bag:
     def __init__(self, path: Path) -> None:
         _check_ends(path)
         self._path = path
-        self._bag = Reader(path)
+        self._bag = _Reader(path)
         self._connections: dict[str, list[Connection]] = {}
         self.warnings: list[str] = []
         with _damage(path):
             self._bag.open()
             for connection in self._bag.connections:
                 self._connections.setdefault(connection.topic, []).append(connection)
+            self._check_index()
+
+    def _check_index(self) -> None:
+        """Refuse an index that names a message twice: a small bag would be read without end.
+
+        Raises:
+            ReaderError: it does.
+        """
+        for entries in self._bag.indexes.values():
+            if len({(entry.chunk_pos, entry.offset) for entry in entries}) < len(entries):
+                raise ReaderError("its index names the same message more than once")
 
     @property
     def topics(self) -> Sequence[Topic]:

@@ -34,7 +34,7 @@ class Rosbag2Recording(TopicRecording):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        container = _BagFolder(path) if path.is_dir() else _open_file(path, Scratch(path.name, path.stat().st_size))
+        container = _BagFolder(path) if path.is_dir() else _open_file(path, Scratch(path.name))
         try:
             super().__init__(container, options)
         except BaseException:
@@ -66,10 +66,9 @@ class _BagFolder:
     """The files of a bag, one after the other."""
 
     def __init__(self, path: Path) -> None:
-        sizes = [file.stat().st_size for file in path.iterdir() if file.is_file() and not file.is_symlink()]
         self._sizes: list[int] = []
         self._done = 0
-        self._scratch = Scratch(path.name, sum(sizes))
+        self._scratch = Scratch(path.name)
         self._files: list[Container] = []
         self.warnings: list[str] = []
         try:

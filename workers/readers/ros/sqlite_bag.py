@@ -17,9 +17,9 @@ from workers.readers.bounded import decompress_zstd
 from workers.readers.damage import damage, damage_proof
 from workers.readers.recording import ReadError
 from workers.readers.ros.ros_types import ros_decoder
+from workers.readers.ros.sqlite_file import MAX_VALUE_BYTES, SqliteFile
 from workers.readers.ros.topic_messages import Decoder, Topic
 
-_MAX_MESSAGE_BYTES: Final = 256 * 1024**2
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _TIMES: Final = 2000
 _HINT: Final = "Copy or upload the bag again; `sqlite3 FILE .recover` may save what is left of a damaged one."
@@ -29,7 +29,7 @@ class SqliteBag:
     """One .db3 file.
 
     Raises:
-        ReadError: ``recording_damaged``, ``not_a_recording``.
+        ReadError: ``recording_damaged``, ``not_a_recording``, ``sqlite_not_plain``.
     """
 
     format = "rosbag2_sqlite3"
@@ -38,15 +38,13 @@ class SqliteBag:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.warnings: list[str] = []
-        # A bag is uploaded alone: a journal beside it would be another file's.
-        uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
-        self._db = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
+        with self._damage():
+            self._file = SqliteFile(path)
         try:
             with self._damage():
-                self._prepare()
                 self._ids, self._topics = self._read_topics()
         except BaseException:
-            self._db.close()
+            self._file.close()
             raise
 
     @contextmanager
@@ -55,30 +53,28 @@ class SqliteBag:
         with damage(self._path.name, "a ROS 2 bag in SQLite", _HINT, *kinds):
             yield
 
-    def _prepare(self) -> None:
-        self._db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_MESSAGE_BYTES)
-        for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "query_only=ON", "cache_size=-4000"):
-            self._db.execute(f"PRAGMA {pragma}")
-        tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        if not {"topics", "messages"} <= tables:
+    def _read_topics(self) -> tuple[dict[str, list[int]], list[Topic]]:
+        if not {"topics", "messages"} <= self._file.tables:
             raise ReadError(
                 "not_a_recording",
                 f"{self._path.name} is an SQLite file without the tables of a ROS 2 bag.",
                 "Upload the .db3 file that `ros2 bag record` wrote.",
             )
-
-    def _read_topics(self) -> tuple[dict[str, list[int]], list[Topic]]:
         definitions: dict[str, tuple[str, str]] = {}
-        if self._db.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
-            rows = self._db.execute(
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            )
+        if "message_definitions" in self._file.tables:
+            rows = self._file.rows("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
             definitions = {str(kind): (str(text), str(form)) for kind, form, text in rows}
-        counts: dict[int, int] = dict(self._db.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+        some = "SELECT topic_id FROM messages LIMIT ?"  # a table whose pages lie in a circle has no end
+        most = self._file.most_rows
+        counts: dict[int, int] = dict(
+            self._file.rows(f"SELECT topic_id, count(*) FROM ({some}) GROUP BY topic_id", [most])
+        )
+        if sum(counts.values()) >= most:
+            raise sqlite3.DatabaseError("it has more messages than room for them")
         ids: dict[str, list[int]] = {}
         topics: list[Topic] = []
-        rows = self._db.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
-        for number, name, kind, encoding in rows.fetchall():
+        rows = self._file.rows("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
+        for number, name, kind, encoding in rows:
             ids.setdefault(str(name), []).append(int(number))
             if len(ids[name]) == 1:
                 text, form = definitions.get(str(kind), ("", ""))
@@ -101,7 +97,7 @@ class SqliteBag:
         marks = ",".join("?" * len(by_id))
         with self._damage():
             query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
-            for topic_id, log_ns, data in self._db.execute(query, list(by_id)):
+            for topic_id, log_ns, data in self._file.rows(query, list(by_id)):
                 yield by_id[topic_id], int(log_ns), _message(data)
 
     def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
@@ -109,13 +105,12 @@ class SqliteBag:
         with self._damage():
             numbers = self._ids[name]
             marks = ",".join("?" * len(numbers))
-            rows = self._db.execute(f"SELECT id FROM messages WHERE topic_id IN ({marks}) ORDER BY id", numbers)
+            rows = self._file.rows(f"SELECT id FROM messages WHERE topic_id IN ({marks}) ORDER BY id", numbers)
             every = np.fromiter((row for (row,) in rows), np.int64)
             chosen = np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))
             for row in every[chosen].tolist():
-                log_ns, data = self._db.execute(
-                    "SELECT timestamp, data FROM messages WHERE id = ?", (row,)
-                ).fetchone()
+                one = "SELECT timestamp, data FROM messages WHERE id = ? LIMIT 1"
+                ((log_ns, data),) = self._file.rows(one, [row])
                 yield int(log_ns), _message(data)
 
     def times(self, name: str) -> NDArray[np.int64]:
@@ -124,15 +119,15 @@ class SqliteBag:
             numbers = self._ids[name]
             marks = ",".join("?" * len(numbers))
             query = f"SELECT timestamp FROM messages WHERE topic_id IN ({marks}) ORDER BY id LIMIT {_TIMES}"
-            return np.fromiter((time for (time,) in self._db.execute(query, numbers)), np.int64)
+            return np.fromiter((time for (time,) in self._file.rows(query, numbers)), np.int64)
 
     def close(self) -> None:
         """Close the file."""
-        self._db.close()
+        self._file.close()
 
 
 def _message(data: bytes) -> bytes:
     """A message, decompressed where the recorder packed each by itself; CDR never begins with zstd's magic."""
     if data[:4] == _ZSTD:
-        return decompress_zstd(data, _MAX_MESSAGE_BYTES)
+        return decompress_zstd(data, MAX_VALUE_BYTES)
     return data

@@ -36,7 +36,7 @@ class _Unpacked:
 
     def __init__(self, path: Path, packing: str) -> None:
         self.name = path.name
-        self._scratch = Scratch(path.name, path.stat().st_size)
+        self._scratch = Scratch(path.name)
         inner = next((path.name[: -len(s)] for s in _SUFFIXES if path.name.lower().endswith(s)), path.name)
         try:
             file = self._scratch.unpack(path, packing, inner if inner.strip(".") else "recording")

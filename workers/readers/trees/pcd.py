@@ -15,6 +15,8 @@ from workers.readers.clouds.pointcloud2 import MAX_POINTS
 from workers.readers.recording import ReadError
 
 _HEADER_BYTES: Final = 4096
+# The longest copy of LZF takes 3 bytes and gives 264.
+LZF_LIMIT: Final = 88
 _NUMBER: Final = re.compile(rb"^(SIZE|COUNT|POINTS)\s+([\d ]+)$", re.MULTILINE)
 
 
@@ -82,6 +84,8 @@ def _check_claims(data: bytes, where: str) -> bytes:
         packed, unpacked = struct.unpack_from("<II", data, start.end())
         if body - 8 < packed:
             raise _truncated(where, f"{body - 8} of {packed} bytes of compressed points are there")
+        if unpacked > LZF_LIMIT * packed:
+            raise _damaged(where, f"{packed} bytes cannot hold the {unpacked} that they claim to unpack to")
         if unpacked != bytes_needed:
             raise _damaged(where, f"it unpacks to {unpacked} bytes where {points} points take {bytes_needed}")
     return encoding

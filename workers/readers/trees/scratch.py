@@ -10,10 +10,12 @@ import zlib
 from pathlib import Path
 from typing import IO, Final, Protocol, cast
 
+from workers.readers.output import OutputLimitError, create
 from workers.readers.recording import ReadError
 
 MAX_UNPACKED_BYTES: Final = 256 * 1024**3
-# Recordings pack to a third or a tenth. What grows more, and past a size that does no harm, is made to fill disks.
+# Recordings pack to a third or a tenth. What claims to grow more, and past a size that does no harm, is made to fill
+# disks; what is written of it is counted in workers.readers.output.
 MAX_RATIO: Final = 200
 HARMLESS_BYTES: Final = 256 * 1024**2
 _PIECE: Final = 1024 * 1024
@@ -43,13 +45,10 @@ class Scratch:
 
     Args:
         name: of the archive, for messages.
-        packed_bytes: the archive's size, against which what comes out of it is held.
     """
 
-    def __init__(self, name: str, packed_bytes: int) -> None:
+    def __init__(self, name: str) -> None:
         self._name = name
-        self._packed = packed_bytes
-        self._written = 0
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     @property
@@ -68,17 +67,18 @@ class Scratch:
             expanding: whether the bytes were compressed, so that their number is no given thing.
 
         Raises:
-            ReadError: ``archive_expands`` past the bounds above.
+            ReadError: ``archive_expands`` where compressed bytes grow past what this recording may write.
         """
         path = self.root / relative
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb") as out:
-            while piece := stream.read(_PIECE):
-                if expanding:
-                    self._written += len(piece)
-                    if expands_too_far(self._packed, self._written):
-                        raise refused_expanding(self._name)
-                out.write(piece)
+        try:
+            with create(path) as out:
+                while piece := stream.read(_PIECE):
+                    out.write(piece)
+        except OutputLimitError as error:
+            if expanding:
+                raise refused_expanding(self._name) from error
+            raise
         return path
 
     def unpack(self, file: Path, packing: str, relative: str) -> Path:
@@ -125,8 +125,7 @@ def refused_expanding(name: str) -> ReadError:
     """The refusal of an archive that unpacks to too much."""
     return ReadError(
         "archive_expands",
-        f"{name} was refused: it unpacks to more than {MAX_RATIO} times its size, or to more than "
-        f"{MAX_UNPACKED_BYTES // 1024**3} GB.",
+        f"{name} was refused: it unpacks to far more than a recording of its size holds.",
         "Upload the recording unpacked, as a folder or as a tar without compression.",
     )
 

@@ -38,7 +38,7 @@ class Tar:
         self._members: dict[str, tuple[int, int]] = {}
         self._end = 0
         self._size = file.stat().st_size
-        self._scratch = Scratch(self.name, self._size)
+        self._scratch = Scratch(self.name)
         self._file = file.open("rb")
         try:
             self._list()

@@ -24,6 +24,7 @@ from workers.readers.trees.file_tree import (
 from workers.readers.trees.scratch import Scratch, damaged_archive, expands_too_far, refused_expanding
 
 _PACKINGS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+_LOCAL_HEADER: Final = 30  # bytes before a member's name and data
 # zipfile reads the whole directory into memory before anybody can look at it.
 _MAX_DIRECTORY_BYTES: Final = 200 * 1024 * 1024
 _BROKEN: Final = (zipfile.BadZipFile, EOFError, zlib.error, LZMAError, struct.error, ValueError, NotImplementedError)
@@ -40,7 +41,7 @@ class Zip:
     def __init__(self, file: Path) -> None:
         self.name = file.name
         self._size = file.stat().st_size
-        self._scratch = Scratch(self.name, self._size)
+        self._scratch = Scratch(self.name)
         self._members: dict[str, zipfile.ZipInfo] = {}
         self._check_directory(file)
         try:
@@ -107,7 +108,9 @@ class Zip:
         members = sorted(self._members.values(), key=lambda info: info.header_offset)
         if members and members[0].header_offset < 0:
             raise damaged_archive(self.name, "its directory points before its beginning")
-        if sum(info.compress_size for info in members) > self._size:
+        ends = (info.header_offset + _LOCAL_HEADER + info.compress_size for info in members)
+        overlap = any(end > after.header_offset for end, after in zip(ends, members[1:], strict=False))
+        if overlap or sum(info.compress_size for info in members) > self._size:
             raise refused(self.name, "files in it overlap")
         if expands_too_far(self._size, sum(info.file_size for info in members)):
             raise refused_expanding(self.name)

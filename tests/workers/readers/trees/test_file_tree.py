@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import zstandard
 
+from workers.readers import output
 from workers.readers.recording import ReadError
 from workers.readers.trees import file_tree, scratch, zip_tree
 from workers.readers.trees.file_tree import Folder, read_file, read_head
@@ -181,6 +182,7 @@ def test_a_zip_whose_files_overlap(tmp_path):
 @pytest.mark.parametrize("kind", ["tar.gz", "tar.bz2", "tar.xz", "tar.zst", "zip"])
 def test_archives_that_expand_without_end(tmp_path, monkeypatch, kind):
     monkeypatch.setattr(scratch, "HARMLESS_BYTES", 1_000_000)
+    monkeypatch.setattr(output, "_WRITTEN", output._Written(most=1_000_000))
     root = tmp_path / "recording"
     (root / "lidar").mkdir(parents=True)
     for name in (*FILES, ".hidden"):
