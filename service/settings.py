@@ -67,6 +67,11 @@ class Settings(BaseSettings):
     max_stumbles: int = Field(default=30, description="a job whose surroundings fail so often fails: after an hour")
     task_limit_s: int = Field(default=1800, description="a task that runs longer is ended and its lease expires")
 
+    fleet_ingests: int = Field(
+        default=1,
+        ge=1,
+        description="recordings of one fleet read at once; fewer than processes on `ingest` leave room to others",
+    )
     part_bytes: int = Field(default=16 * MIB, description="size of an upload part that clients are told to use")
     max_part_bytes: int = Field(default=64 * MIB, description="largest upload part that is accepted")
     min_free_bytes: int = Field(default=512 * MIB, description="uploads are answered with 507 below this")
