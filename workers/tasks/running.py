@@ -5,40 +5,51 @@ from __future__ import annotations
 import errno
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from importlib import import_module
 
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
 from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finish, give_back, stumble
+from service.jobs.kinds import QUEUE_OF_KIND
 from service.observability.logs import about
 from service.observability.request_ids import working_for
 from service.storage.errors import MissingBlobError, ReservationEndedError
 from workers.geometry.errors import InputError
 from workers.readers.recording import ReadError
-from workers.tasks.comparing import consistency
 from workers.tasks.context import Context
-from workers.tasks.detecting import detect
 from workers.tasks.drain import DrainedError, interruptible, is_draining
-from workers.tasks.ingesting import ingest
-from workers.tasks.solving import solve
-from workers.tasks.studying import clock_offset, preview, suggestion
 
 log = logging.getLogger(__name__)
 
 Work = Callable[[Context, Claim, Lease], Callable[[Session], None]]
 """Does a job's work outside any transaction and returns what writes its results inside the finishing one."""
 
-WORK: dict[str, Work] = {
-    "ingest": ingest,
-    "preview": preview,
-    "suggestion": suggestion,
-    "detect": detect,
-    "clock_offset": clock_offset,
-    "solve": solve,
-    "consistency": consistency,
+
+def _of(room: str, kind: str) -> Work:
+    """The function of this name. Its module is loaded by need: solver and detectors are half a worker's memory."""
+
+    def do(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+        work: Work = getattr(import_module(f"workers.tasks.{room}"), kind)
+        return work(context, held, lease)
+
+    return do
+
+
+_ROOMS = {
+    "ingest": "ingesting",
+    "preview": "studying",
+    "suggestion": "studying",
+    "detect": "detecting",
+    "clock_offset": "studying",
+    "solve": "solving",
+    "consistency": "comparing",
 }
+WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
+# The room that needs no kernels.
+_READING = "ingesting"
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError, ReservationEndedError)
@@ -52,6 +63,15 @@ _TRY_AGAIN_S = 2.0
 # Tries where there was no room, the waits before them 2, 8 and 32 s: what a neighbour that fails too leaves is swept
 # within seconds. What is full for longer needs an operator, and each try would fill it for everybody again.
 _TRIES_WITHOUT_ROOM = 4
+
+
+def prepare(queues: Collection[str]) -> None:
+    """Load what jobs of these queues need, and compile kernels: before the pool is forked, so that it shares them."""
+    rooms = {room for kind, room in _ROOMS.items() if QUEUE_OF_KIND[kind] in queues}
+    for room in sorted(rooms):
+        import_module(f"workers.tasks.{room}")
+    if rooms - {_READING}:
+        import_module("workers.tasks.warming").warm_up()
 
 
 def run_job(context: Context, job_id: int) -> None:

@@ -60,10 +60,10 @@ def test_what_happened_to_jobs_is_counted(scraped: Api, always_fresh) -> None:
     held = claim(database, first, "w")
     assert held
     stumble(database, held, {"code": "surroundings_failed"}, 0.0)
+    assert claim(database, second, "w")
     let_backoff_end(database)
     with finishing(database, claim(database, first, "w")):  # pyright: ignore[reportArgumentType]
         pass
-    assert claim(database, second, "w")
     let_lease_expire(database, second)
     sweep(database, scraped.app.state.store)
     settle(scraped)
