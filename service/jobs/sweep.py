@@ -26,8 +26,7 @@ from service.jobs.queue import cancel, release
 from service.jobs.retention import forget_workers
 from service.jobs.totals import tally
 from service.settings import get_settings
-from service.storage.blobs import condemn_lost, condemned, forget
-from service.storage.errors import StoreUnavailableError
+from service.storage.blobs import condemn_lost, condemned, forget, postpone
 from service.storage.store import Store
 
 log = logging.getLogger(__name__)
@@ -173,16 +172,15 @@ def _release_waiting(session: Session) -> None:
 
 
 def _remove_blobs(database: Database, store: Store) -> None:
-    """Remove the objects that no row uses, then their rows; a crash in between only repeats the removal."""
+    """Remove the objects that no row uses, then their rows; a crash in between only repeats the removal.
+
+    An object that the store does not remove keeps no other from it.
+    """
     with database.writing() as session:
         condemn_lost(session)
         keys = condemned(session)
-    try:
-        for key in keys:
-            store.delete(key)
-    except StoreUnavailableError:
-        # The store's own log line says why; the keys stay condemned for the next sweep.
-        return
-    if keys:
+    removed, kept = store.delete_all(keys, time.monotonic() + 2 * get_settings().sweep_s)
+    if removed or kept:
         with database.writing() as session:
-            forget(session, keys)
+            forget(session, removed)
+            postpone(session, kept)
