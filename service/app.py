@@ -33,11 +33,13 @@ from service.jobs.retention import forget_jobs
 from service.observability import logs
 from service.recordings import direct_routes, frame_routes, original_routes, upload_routes
 from service.recordings import routes as recordings
-from service.recordings.retention import delete_overdue
+from service.recordings.retention import delete_overdue, expire_uploads
 from service.settings import Settings, settings_or_exit
 from service.storage import problems as store_problems
 from service.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.storage.audit import audit_if_due
+from service.storage.quota import count_older
+from service.storage.room import Room
 from service.storage.store import Store, open_store
 from service.studies import routes as studies
 
@@ -73,9 +75,12 @@ async def _keep_house(database: Database, store: Store, settings: Settings) -> N
     def audit_store(database: Database) -> None:
         audit_if_due(database, store, settings)
 
+    def count_recordings(database: Database) -> None:
+        count_older(database, settings.upload_hours)
+
     while True:
         await asyncio.sleep(_UPKEEP_S)
-        for task in (delete_overdue, remove_ended, forget_jobs, audit_store):
+        for task in (delete_overdue, count_recordings, expire_uploads, remove_ended, forget_jobs, audit_store):
             try:
                 await run_in_threadpool(task, database)
             except Exception:
@@ -131,6 +136,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.drain = drain
     app.state.database = Database(settings.database)
     app.state.store = _opened(settings)
+    app.state.room = Room(app.state.store, settings.min_free_bytes)
     adopt_if_known(app.state.database, app.state.store)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)

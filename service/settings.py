@@ -67,6 +67,18 @@ class Settings(BaseSettings):
     max_stumbles: int = Field(default=30, description="a job whose surroundings fail so often fails: after an hour")
     task_limit_s: int = Field(default=1800, description="a task that runs longer is ended and its lease expires")
 
+    fleet_quota_bytes: int = Field(
+        default=200 * 1024 * MIB,
+        ge=0,
+        description="what a fleet's recordings may take where `apexcal admin quota` says nothing else: a hundred "
+        "recordings of a gigabyte, each as it came and as it is read",
+    )
+    upload_hours: float = Field(default=24.0, gt=0, description="an upload that got no part for so long is removed")
+    fleet_ingests: int = Field(
+        default=1,
+        ge=1,
+        description="recordings of one fleet read at once; fewer than processes on `ingest` leave room to others",
+    )
     part_bytes: int = Field(default=16 * MIB, description="size of an upload part that clients are told to use")
     max_part_bytes: int = Field(default=64 * MIB, description="largest upload part that is accepted")
     min_free_bytes: int = Field(default=512 * MIB, description="uploads are answered with 507 below this")

@@ -13,9 +13,11 @@ from apexcal.embedded.children import ChildPlan
 from apexcal.embedded.folder import DataFolder
 
 QUEUES = "ingest,detect,solve,report"
+# A worker of its own reads uploads: how long that takes is up to the file, and nothing else waits for it meanwhile.
+READING, COMPUTING = "ingest", "detect,solve,report"
 # More than this is a slip of the hand; each takes some 200 MB and two open files of its parent.
 MOST_PROCESSES = 256
-STOP_ORDER = ("api", "beat", "sweeper", "worker", "broker")
+STOP_ORDER = ("api", "beat", "sweeper", "worker", "worker-ingest", "broker")
 
 
 def environment(folder: DataFolder, *, public_url: str, workers: int) -> dict[str, str]:
@@ -24,6 +26,8 @@ def environment(folder: DataFolder, *, public_url: str, workers: int) -> dict[st
         # Parallelism comes from processes; a linear-algebra thread pool in each would only fight over the cores.
         "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1",
+        # One process of those that read uploads is always left to another fleet.
+        "APEXCAL_FLEET_INGESTS": str(max(1, workers - 1)),
         **os.environ,
         "APEXCAL_DATA_DIR": str(folder.root),
         "APEXCAL_BROKER_URL": f"redis+socket://{folder.socket}?virtual_host=0",
@@ -55,9 +59,12 @@ def api(folder: DataFolder, settings: Mapping[str, str], host: str, port: int) -
     return ChildPlan("api", command, settings, folder.logs / "api.log", grace_s=8.0)
 
 
-def worker(folder: DataFolder, settings: Mapping[str, str], processes: int, queues: str = QUEUES) -> ChildPlan:
-    """A prefork Celery worker for every queue."""
-    return ChildPlan("worker", worker_command(queues, processes), settings, folder.logs / "worker.log", grace_s=20.0)
+def worker(
+    folder: DataFolder, settings: Mapping[str, str], processes: int, queues: str = QUEUES, name: str = "worker"
+) -> ChildPlan:
+    """A prefork Celery worker for these queues."""
+    command = worker_command(queues, processes, name)
+    return ChildPlan(name, command, settings, folder.logs / f"{name}.log", grace_s=20.0)
 
 
 def beat(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:

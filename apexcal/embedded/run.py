@@ -94,7 +94,8 @@ def _bring_up(
     if _lacks_marker(folder, settings):
         _run("service.storage.prepare", (), settings, "the recordings are not in their place")
     supervisor.start(plans.api(folder, settings, host, port))
-    supervisor.start(plans.worker(folder, settings, workers))
+    supervisor.start(plans.worker(folder, settings, workers, plans.COMPUTING))
+    supervisor.start(plans.worker(folder, settings, workers, plans.READING, "worker-ingest"))
     supervisor.start(plans.sweeper(folder, settings))
     supervisor.start(plans.beat(folder, settings))
     printed = _run(

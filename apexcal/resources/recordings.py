@@ -30,11 +30,12 @@ class Recordings:
         name: str,
         file_name: str,
         *,
+        size: int | None = None,
         marks_per_vertex: int = 1,
         retain_days: int | None = None,
         reading: Mapping[str, Any] | None = None,
     ) -> Document:
-        """Announce a recording; its parts follow. ``{"id", "upload": {"part_bytes"}, ...}``
+        """Announce a recording of ``size`` bytes; its parts follow. ``{"id", "upload": {"part_bytes"}, ...}``
 
         ``reading`` is what the file does not say of itself: ``topics`` (``{"lidar": TOPIC, "cameras": {NAME:
         TOPIC}}``), ``point_times`` (``auto`` or ``stamp_only``), ``stamp_convention`` (``start`` or ``end``),
@@ -44,6 +45,7 @@ class Recordings:
             "rig_id": str(rig_id),
             "name": name,
             "file_name": file_name,
+            "size": size,
             "marks_per_vertex": marks_per_vertex,
             "retain_days": retain_days,
             "reading": dict(reading or {}),
@@ -72,6 +74,7 @@ class Recordings:
             rig_id,
             name or path.resolve().name,
             source.name,
+            size=source.size or None,
             marks_per_vertex=marks_per_vertex,
             retain_days=retain_days,
             reading=reading,

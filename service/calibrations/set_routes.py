@@ -131,13 +131,8 @@ _READERS: dict[str, Callable[[bytes], Columns]] = {"text/csv": _read_csv_bytes, 
 )
 def import_set(
     rig_id: UUID,
-<<<<<<< HEAD
-    camera: Annotated[str, Query(max_length=200)],
-    columns: Annotated[Columns, Depends(_imported, scope="function")],
-=======
     camera: Sought,
-    columns: Annotated[Columns, Depends(_imported)],
->>>>>>> 3387fe2d3ff46878edc19c50d89ddeb4054dc572
+    columns: Annotated[Columns, Depends(_imported, scope="function")],
     access: WriteAccess,
 ) -> JSONResponse:
     """Import pairs, as CSV or JSON; the same content is found again, with 200, and is the newest again. [engineer]"""

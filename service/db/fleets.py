@@ -5,19 +5,23 @@ from __future__ import annotations
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import UniqueConstraint
+from sqlalchemy import BigInteger, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from service.db.base import Base, Created, Json, Name, RowId, Version, belongs_to
 
 
 class Fleet(Base):
-    """What roles are bound to: every row below belongs to exactly one fleet."""
+    """What roles are bound to: every row below belongs to exactly one fleet.
+
+    ``quota_bytes`` is what its recordings may take; None: what the settings say.
+    """
 
     __tablename__ = "fleet"
 
     id: Mapped[RowId]
     name: Mapped[Name] = mapped_column(unique=True)
+    quota_bytes: Mapped[int | None] = mapped_column(BigInteger)
     version: Mapped[Version]
     created_at: Mapped[Created]
 

@@ -24,9 +24,11 @@ def _partial(name: str, where: str) -> Index:
 class Job(Base):
     """A unit of work in one of the states queued, running, done, failed, cancelled.
 
-    ``kind`` says what to do, ``subject_id`` to which row, ``payload`` which part of it. A job is sent when
-    ``send_after`` is set; it is sent again when that moment passes unclaimed. ``attempt`` counts claims, and is
-    the fencing token of a finish; ``lost`` counts leases that ran out. ``request_id`` says which request caused it.
+    ``kind`` says what to do, ``subject_id`` to which row, ``payload`` which part of it. A queued job waits for its
+    fleet's window (no ``send_after``), or is sent (``sends`` above 0; again when ``send_after`` passes unclaimed), or
+    waits in backoff after a failed attempt (``sends`` is 0, until ``send_after``). Only what is sent is claimed.
+    ``attempt`` counts claims, and is the fencing token of a finish; ``lost`` counts leases that ran out.
+    ``request_id`` says which request caused it.
     """
 
     __tablename__ = "job"
@@ -34,7 +36,7 @@ class Job(Base):
         Index("ix_job_state_queue_fleet_id", "state", "queue", "fleet_id"),
         Index("ix_job_subject_id", "subject_id"),
         _partial("ix_job_waiting", "state = 'queued' AND send_after IS NULL"),
-        _partial("ix_job_sent", "state = 'queued' AND send_after IS NOT NULL"),
+        _partial("ix_job_released", "state = 'queued' AND sends > 0"),
     )
 
     id: Mapped[int] = mapped_column(_BigId, primary_key=True)

@@ -28,7 +28,8 @@ class Blob(Base):
     """One object of the store, reserved here before its first byte is written.
 
     ``reserved`` may hold bytes or not; ``stored`` is durable and in use; ``condemned`` is removed by the sweep.
-    ``job_id`` and ``attempt`` say whose work a reservation is; an upload part's has none.
+    ``job_id`` and ``attempt`` say whose work a reservation is; an upload part's has none. One that the store did not
+    remove is tried again after ``remove_after``.
     """
 
     __tablename__ = "blob"
@@ -40,6 +41,8 @@ class Blob(Base):
     sha256: Mapped[str | None] = mapped_column(String(64))
     job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
     attempt: Mapped[int | None]
+    failed_removals: Mapped[int] = mapped_column(default=0, server_default="0")
+    remove_after: Mapped[datetime | None]
     created_at: Mapped[Created]
 
 
@@ -56,10 +59,13 @@ class BlobHold(Base):
 class Recording(Base):
     """A recording in one of the states uploading, queued, ingesting, ready, failed.
 
-    ``reading`` is what its owner knows of the file and the file does not say.
+    ``reading`` is what its owner knows of the file and the file does not say. ``taken_bytes`` is what it takes of its
+    fleet's quota: what was announced or has come of its file, and its sensors' files. ``expires_at`` ends an upload
+    that nobody goes on with.
     """
 
     __tablename__ = "recording"
+    __table_args__ = (Index("ix_recording_fleet_id_taken_bytes", "fleet_id", "taken_bytes"),)
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
@@ -77,6 +83,8 @@ class Recording(Base):
     problem: Mapped[Json | None]
     job_id: Mapped[int | None] = mapped_column(BigInteger)
     retain_until: Mapped[datetime | None]
+    taken_bytes: Mapped[int | None] = mapped_column(BigInteger)
+    expires_at: Mapped[datetime | None]
     created_by: Mapped[UUID | None] = refers_to("person.id")
     version: Mapped[Version]
     created_at: Mapped[Created]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 from uuid import UUID
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 from sqlalchemy.orm import selectinload
@@ -20,38 +21,40 @@ from service.http.bodies import DOCUMENT
 from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem
+from service.settings import Settings
+from service.storage.quota import uses
 
 router = APIRouter(tags=["fleets"])
 
 
 @router.post("/fleets", status_code=201, response_model=FleetOut)
-def post_fleet(body: Named, access: WriteAccess) -> JSONResponse:
+def post_fleet(body: Named, request: Request, access: WriteAccess) -> JSONResponse:
     """Make a fleet. Only an owner may."""
     if not access.identity.sees_all:
         raise Problem(403, "owner_only", "Only an owner makes fleets.", "Ask whoever runs the service.")
     _refuse_taken(access, body.name, select(Fleet.id).where(Fleet.name == body.name), "fleet")
     fleet = Fleet(id=new_id(), name=body.name, version=1, created_at=utc_now())
     access.session.add(fleet)
-    return access.answer(_fleet(access, fleet))
+    return access.answer(_fleets(access, [fleet], request)[0])
 
 
 @router.get("/fleets")
-def get_fleets(access: ReadAccess, paging: Paging) -> Page[FleetOut]:
+def get_fleets(request: Request, access: ReadAccess, paging: Paging) -> Page[FleetOut]:
     """The person's fleets."""
     rows, following = fetch(access.session, access.scope(select(Fleet), Fleet), Fleet.id, paging)
-    return Page(items=[_fleet(access, row) for row in rows], next=following)
+    return Page(items=_fleets(access, rows, request), next=following)
 
 
 @router.get("/fleets/{id}")
-def get_fleet(id: UUID, access: ReadAccess, conditions: Conditional) -> FleetOut:
+def get_fleet(id: UUID, request: Request, access: ReadAccess, conditions: Conditional) -> FleetOut:
     """One fleet."""
     fleet = access.find(Fleet, id)
-    conditions.offer(version_etag(fleet.version))
-    return _fleet(access, fleet)
+    conditions.offer(version_etag(fleet.version), more_changes=True)
+    return _fleets(access, [fleet], request)[0]
 
 
 @router.patch("/fleets/{id}")
-def patch_fleet(id: UUID, body: Named, access: WriteAccess, conditions: Conditional) -> FleetOut:
+def patch_fleet(id: UUID, body: Named, request: Request, access: WriteAccess, conditions: Conditional) -> FleetOut:
     """Rename a fleet."""
     fleet = access.find(Fleet, id, "admin", lock=True)
     conditions.require(version_etag(fleet.version))
@@ -60,7 +63,7 @@ def patch_fleet(id: UUID, body: Named, access: WriteAccess, conditions: Conditio
     fleet.name = body.name
     fleet.version += 1
     conditions.offer(version_etag(fleet.version))
-    return _fleet(access, fleet)
+    return _fleets(access, [fleet], request)[0]
 
 
 @router.post("/fleets/{id}/vehicles", status_code=201, response_model=VehicleOut)
@@ -159,14 +162,21 @@ def get_rig(id: UUID, access: ReadAccess, conditions: Conditional) -> RigOut:
     return RigOut.of(rig)
 
 
-def _fleet(access: Access, fleet: Fleet) -> FleetOut:
-    return FleetOut(
-        id=fleet.id,
-        name=fleet.name,
-        role=access.role(fleet.id),
-        version=fleet.version,
-        created_at=fleet.created_at,
-    )
+def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[FleetOut]:
+    settings: Settings = request.app.state.settings
+    use = uses(access.session, fleets, settings.fleet_quota_bytes)
+    return [
+        FleetOut(
+            id=fleet.id,
+            name=fleet.name,
+            role=access.role(fleet.id),
+            taken_bytes=use[fleet.id].taken,
+            quota_bytes=use[fleet.id].allowed,
+            version=fleet.version,
+            created_at=fleet.created_at,
+        )
+        for fleet in fleets
+    ]
 
 
 def _refuse_taken(access: Access, name: str, statement: Any, what: str) -> None:

@@ -30,11 +30,13 @@ class Named(Received):
 
 
 class FleetOut(Sent):
-    """A fleet."""
+    """A fleet. Its recordings take ``taken_bytes`` of the ``quota_bytes`` that they may."""
 
     id: UUID
     name: str
     role: Role | None
+    taken_bytes: int
+    quota_bytes: int
     version: int
     created_at: datetime
 

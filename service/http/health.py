@@ -10,7 +10,7 @@ from typing import Any
 import redis
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
-from sqlalchemy import func, select, text
+from sqlalchemy import select, text
 
 from service.db.clock import now
 from service.db.ids import new_id
@@ -18,6 +18,7 @@ from service.db.jobs import Heartbeat, Worker
 from service.db.migrate import is_older, newest
 from service.db.session import Database
 from service.http.readiness import PATIENCE_S, Answer, Part, look_at
+from service.jobs.kinds import QUEUES
 from service.observability.job_figures import WORKER_SILENT_S
 from service.settings import Settings
 from service.storage.store import Store
@@ -110,10 +111,14 @@ def _sweep(database: Database, settings: Settings) -> Answer:
 def _workers(database: Database) -> Answer:
     """How many answer, and how many are warm: the first start of a version compiles for about half a minute."""
     with database.reading() as session:
-        asked = select(func.count(), func.count().filter(Worker.warm)).where(Worker.at > now(-WORKER_SILENT_S))
-        answering, warm = session.execute(asked).one()
-    missing = "every worker is still compiling its kernels" if answering else "no worker answers"
-    return {"ok": warm > 0, **({} if warm else {"detail": missing}), "answering": answering, "warm": warm}
+        asked = select(Worker.queues, Worker.warm).where(Worker.at > now(-WORKER_SILENT_S))
+        answering = session.execute(asked).all()
+    warm = [queues.split(",") for queues, is_warm in answering if is_warm]
+    idle = [queue for queue in QUEUES if not any(queue in queues for queues in warm)]
+    missing = f"no warm worker takes the queues {', '.join(idle)}" if answering else "no worker answers"
+    if answering and not warm:
+        missing = "every worker is still compiling its kernels"
+    return {"ok": not idle, **({"detail": missing} if idle else {}), "answering": len(answering), "warm": len(warm)}
 
 
 def _children(settings: Settings) -> Answer:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import dataclass
@@ -18,11 +18,13 @@ from sqlalchemy.orm import Session
 from service.db.base import Json
 from service.db.clock import now, now_plus
 from service.db.jobs import Job
+from service.db.repeating import repeated
 from service.db.session import Database
 from service.jobs.history import ATTEMPT, note
+from service.jobs.kinds import QUEUE_OF_KIND
 from service.jobs.losses import lose
 from service.jobs.parents import tell_parent
-from service.jobs.queue import QUEUE_OF_KIND, release
+from service.jobs.queue import release
 from service.settings import get_settings
 
 log = logging.getLogger(__name__)
@@ -31,6 +33,8 @@ log = logging.getLogger(__name__)
 _CLAIM = (
     update(Job)
     .where(Job.id == bindparam("job"), Job.state == "queued", ~Job.cancel_requested)
+    # A message may be older than a stumble: what was tried before is nobody's until it is sent again.
+    .where((Job.attempt == 0) | (Job.sends > 0))
     .where(Job.kind.in_(bindparam("kinds", expanding=True)))
     .values(
         state="running",
@@ -86,7 +90,7 @@ class Claim:
 def claim(
     database: Database, job_id: int, worker: str, kinds: Collection[str] = tuple(QUEUE_OF_KIND)
 ) -> Claim | None:
-    """Take a queued job for one lease, or None: a twin message, a cancelled job, a job that is done.
+    """Take a job that was sent for one lease, or None: a twin message, a cancelled job, one in backoff, one done.
 
     ``kinds``: what this worker can do. While versions overlap there are jobs that only the newer workers know; an
     older one leaves them in the queue, and the sweep sends them again until one who knows them looks.
@@ -170,23 +174,62 @@ def finishing(database: Database, held: Claim, state: str = "done", problem: Jso
         release(session, held.fleet_id, held.queue)
 
 
+def finish(
+    database: Database,
+    held: Claim,
+    write: Callable[[Session], None] | None = None,
+    state: str = "done",
+    problem: Json | None = None,
+) -> None:
+    """End a job with what ``write`` puts into its last transaction; see :func:`finishing`.
+
+    A deadlock repeats the transaction and not the work, so ``write`` may be called several times.
+    """
+
+    def once() -> None:
+        with finishing(database, held, state, problem) as session:
+            if write:
+                write(session)
+
+    repeated(once)
+
+
 def give_back(database: Database, held: Claim) -> None:
     """Put a draining worker's job back into the queue, without counting it as a loss."""
-    with database.writing() as session:
-        given = session.connection().execute(_GIVE_BACK, _mine(held)).one_or_none()
-        if given:
-            note(session, given, "given_back")
+
+    def once() -> None:
+        with database.writing() as session:
+            given = session.connection().execute(_GIVE_BACK, _mine(held)).one_or_none()
+            if given:
+                note(session, given, "given_back")
+
+    repeated(once)
 
 
-def stumble(database: Database, held: Claim, problem: Json, after_s: float, *, suspect: bool = False) -> None:
+def stumble(
+    database: Database,
+    held: Claim,
+    problem: Json,
+    after_s: float,
+    *,
+    suspect: bool = False,
+    tries: int | None = None,
+) -> None:
     """Put back a job whose surroundings failed, for ``after_s`` seconds and longer each time.
 
     A store or disk may be away for an hour. ``suspect``: the job itself may be why, so that it counts as lost.
+    ``tries``: after so many failures with this very problem the job fails.
     """
-    with database.writing() as session:
-        job = session.scalars(select(Job).where(_MINE).with_for_update(), _mine(held)).one_or_none()
-        if job:
-            lose(session, job, "lost" if suspect else "stumbled", problem, after_s)
+
+    def once() -> None:
+        with database.writing() as session:
+            job = session.scalars(select(Job).where(_MINE).with_for_update(), _mine(held)).one_or_none()
+            if job:
+                lose(session, job, "lost" if suspect else "stumbled", problem, after_s, tries=tries)
+                session.flush()
+                release(session, held.fleet_id, held.queue)
+
+    repeated(once)
 
 
 def require_mine(session: Session, held: Claim) -> None:

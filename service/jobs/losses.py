@@ -17,12 +17,15 @@ _LONGER = 4
 _LONGEST_S = 128.0
 
 
-def lose(session: Session, job: Job, what: str, problem: Json, after_s: float = 0.0) -> None:
+def lose(
+    session: Session, job: Job, what: str, problem: Json, after_s: float = 0.0, *, tries: int | None = None
+) -> None:
     """Count a loss of a running job whose row the caller has locked; a cancelled one ends.
 
     ``lost`` with its worker, which may be the job's own doing: ``max_lost_leases`` of them end it as failed with
     ``problem``. ``stumbled`` over its surroundings, such as a store that is away: only ``max_stumbles`` do, which
-    take about an hour. Until then it is queued again and sent after ``after_s`` seconds, longer each time.
+    take about an hour. Until then it is queued again and waits ``after_s`` seconds, longer each time, before it waits
+    for its turn as others do. ``tries``: so many losses with this problem's code end it.
     """
     note(session, job, what, problem)
     job.lost += 1
@@ -31,9 +34,11 @@ def lose(session: Session, job: Job, what: str, problem: Json, after_s: float = 
         end(session, job, "cancelled", None)
         return
     counted = select(func.count()).where(JobEvent.job_id == job.id, JobEvent.what == what)
+    if tries is not None:
+        counted = counted.where(JobEvent.reason == problem["code"])
     times = session.scalar(counted) or 0
     settings = get_settings()
-    if times >= (settings.max_lost_leases if what == "lost" else settings.max_stumbles):
+    if times >= (tries or (settings.max_lost_leases if what == "lost" else settings.max_stumbles)):
         end(session, job, "failed", problem)
     else:
         job.state = "queued"

@@ -36,6 +36,8 @@ def _recording(session: Session, subject_id: UUID, state: str, problem: Json | N
         return
     row.state = "ready" if state == "done" else "failed"
     row.problem = problem or (_CANCELLED if state == "cancelled" else None)
+    if state != "done":
+        row.taken_bytes = row.size
     row.version += 1
     hint(session, row.fleet_id, "recording", row.id)
 

@@ -6,46 +6,54 @@ from collections.abc import Iterable
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Integer, Select, Update, bindparam, func, literal_column, select, update
+from sqlalchemy import (
+    Integer,
+    ScalarSelect,
+    Select,
+    Update,
+    bindparam,
+    case,
+    func,
+    literal_column,
+    select,
+    update,
+)
 from sqlalchemy.orm import Session
 
 from service.db.clock import now, now_plus
+from service.db.fleets import Fleet
 from service.db.jobs import Job
 from service.db.session import post
 from service.jobs.history import ATTEMPT, note
+from service.jobs.kinds import FLEET_CAPS, QUEUE_OF_KIND
 from service.jobs.messages import COURIER, Message
 from service.settings import get_settings
 
-QUEUE_OF_KIND = {
-    "ingest": "ingest",
-    "preview": "detect",
-    "suggestion": "detect",
-    "detect": "detect",
-    "clock_offset": "solve",
-    "solve": "solve",
-    # Not behind a fleet's waiting runs: it is a moment's work, and a calibration ends with it.
-    "consistency": "report",
-}
-QUEUES = ("ingest", "detect", "solve", "report")
 _UNENDED = ("queued", "running")
 
 
-def _releasing() -> Update:
-    """Marks a fleet's oldest waiting jobs as sent, as far as its window has room, and returns their ids."""
+# Nobody else lets out jobs of a capped queue meanwhile. Locked after every other row, so that none wait in a ring.
+_HOLD_FLEET = select(Fleet.id).where(Fleet.id == bindparam("fleet")).with_for_update(key_share=True)
+
+
+def _releasing(*, capped: bool) -> Update:
+    """Marks a fleet's oldest waiting jobs as sent, as far as its window has room, and returns their ids.
+
+    ``capped``: running jobs take room too.
+    """
     window = bindparam("window", type_=Integer())
+    mine = select(Job.id).where(Job.queue == bindparam("of_queue"), Job.fleet_id == bindparam("fleet"))
     # Written out in the statement: a partial index is not found by a parameter's value.
-    queued = select(Job.id).where(
-        Job.state == literal_column("'queued'"),
-        Job.queue == bindparam("of_queue"),
-        Job.fleet_id == bindparam("fleet"),
-    )
+    queued = mine.where(Job.state == literal_column("'queued'"))
     # At most a window's worth is sent and unclaimed, but whoever counts stops there.
-    sent = queued.where(Job.send_after.is_not(None)).limit(window).subquery()
+    room = window - _count(queued.where(Job.sends > literal_column("0")).limit(window))
+    if capped:
+        room -= _count(mine.where(Job.state == literal_column("'running'")))
     # A common table expression, for PostgreSQL may run a plain subquery once per row, each time past its own limit.
     oldest = (
         queued.where(Job.send_after.is_(None), ~Job.cancel_requested)
         .order_by(Job.id)
-        .limit(window - select(func.count()).select_from(sent).scalar_subquery())
+        .limit(case((room > 0, room), else_=0))
         .with_for_update(skip_locked=True)
         .cte("oldest")
     )
@@ -57,7 +65,12 @@ def _releasing() -> Update:
     )
 
 
-_RELEASE = _releasing()
+def _count(ids: Select[int]) -> ScalarSelect[int]:
+    return select(func.count()).select_from(ids.subquery()).scalar_subquery()
+
+
+_RELEASE = _releasing(capped=False)
+_RELEASE_CAPPED = _releasing(capped=True)
 
 
 def enqueue(
@@ -92,13 +105,18 @@ def enqueue_each(
 def release(session: Session, fleet_id: UUID, queue: str) -> None:
     """Send the fleet's oldest waiting jobs, as many as its window of sent and unclaimed ones has room for.
 
-    The window keeps a fleet of a thousand vehicles from filling the broker's first-in, first-out queue.
+    The window keeps a fleet of a thousand vehicles from filling the broker's first-in, first-out queue. On a capped
+    queue it also holds those that run: only what was sent is claimed, so no more than the cap ever run.
     """
     settings = get_settings()
+    cap = FLEET_CAPS.get(queue)
     # One waits for each worker, and none is idle while the next is sent. More would only delay the other fleets.
-    room = max(2, settings.workers)
+    room: int = getattr(settings, cap) if cap else max(2, settings.workers)
     window = {"fleet": fleet_id, "of_queue": queue, "window": room, "resend_s": settings.resend_s}
-    released = session.connection().execute(_RELEASE, window)
+    connection = session.connection()
+    if cap:
+        connection.execute(_HOLD_FLEET, {"fleet": fleet_id})
+    released = connection.execute(_RELEASE_CAPPED if cap else _RELEASE, window)
     for job_id in sorted(released.scalars().all()):
         post(session, COURIER, Message(job_id, queue))
 

@@ -26,8 +26,7 @@ from service.jobs.queue import cancel, release
 from service.jobs.retention import forget_workers
 from service.jobs.totals import tally
 from service.settings import get_settings
-from service.storage.blobs import condemn_lost, condemned, forget
-from service.storage.errors import StoreUnavailableError
+from service.storage.blobs import condemn_lost, condemned, forget, postpone
 from service.storage.store import Store
 
 log = logging.getLogger(__name__)
@@ -46,6 +45,7 @@ def sweep(database: Database, store: Store) -> None:
     _each(database, (Job.state == "queued") & Job.cancel_requested, _end_cancelled)
     with database.writing() as session:
         _send_again(session)
+        _end_backoff(session)
         _release_waiting(session)
     _remove_blobs(database, store)
 
@@ -124,12 +124,12 @@ def _end_cancelled(session: Session, job: Job) -> None:
 
 
 def _send_again(session: Session) -> None:
-    """Send what was sent or meant to be sent and is still unclaimed; twice as late each time."""
+    """Send what was sent and is still unclaimed; twice as late each time."""
     settings = get_settings()
     delay = round(settings.resend_s * 1e6)
     overdue = (
         select(Job.id, Job.queue, Job.sends)
-        .where(Job.state == "queued", ~Job.cancel_requested, Job.send_after < now())
+        .where(Job.state == "queued", Job.sends > 0, ~Job.cancel_requested, Job.send_after < now())
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
@@ -140,28 +140,47 @@ def _send_again(session: Session) -> None:
         post(session, COURIER, Message(job_id, queue))
 
 
+def _end_backoff(session: Session) -> None:
+    """Let the jobs whose time to be tried again has come wait for their place in the window, as fresh ones do."""
+    over = (
+        select(Job.id)
+        .where(Job.state == "queued", Job.sends == 0, Job.send_after < now())
+        .order_by(Job.id)
+        .limit(_BATCH)
+        .with_for_update(skip_locked=True)
+        .cte("over")
+    )
+    session.execute(
+        update(Job)
+        .where(Job.id.in_(select(over.c.id)))
+        .values(send_after=None)
+        .execution_options(synchronize_session=False)
+    )
+
+
 def _release_waiting(session: Session) -> None:
     """Top up every fleet's window, in case that the finish that should have done it never came."""
     waiting = session.execute(
         select(Job.fleet_id, Job.queue, func.count())
         .where(Job.state == "queued", Job.send_after.is_(None))
         .group_by(Job.fleet_id, Job.queue)
+        # Two sweeps hold fleets in one order.
+        .order_by(Job.fleet_id, Job.queue)
     ).all()
     for fleet_id, queue, _ in waiting:
         release(session, fleet_id, queue)
 
 
 def _remove_blobs(database: Database, store: Store) -> None:
-    """Remove the objects that no row uses, then their rows; a crash in between only repeats the removal."""
+    """Remove the objects that no row uses, then their rows; a crash in between only repeats the removal.
+
+    An object that the store does not remove keeps no other from it.
+    """
     with database.writing() as session:
         condemn_lost(session)
         keys = condemned(session)
-    try:
-        for key in keys:
-            store.delete(key)
-    except StoreUnavailableError:
-        # The store's own log line says why; the keys stay condemned for the next sweep.
-        return
-    if keys:
+    removed, kept = store.delete_all(keys, time.monotonic() + 2 * get_settings().sweep_s)
+    if removed or kept:
         with database.writing() as session:
-            forget(session, keys)
+            forget(session, removed)
+            postpone(session, kept)

@@ -28,6 +28,7 @@ from service.recordings.uploads import (
     part_too_large,
     reservation_ended,
 )
+from service.settings import Settings
 from service.storage.errors import MissingBlobError
 from service.storage.store import Store
 
@@ -48,7 +49,8 @@ def post_part_address(
         raise part_too_large(largest)
     if not presigner.uploads:
         raise _through_api(database, identity, id, number)
-    begun = begin_part(database, identity, Announced(id, number, body.sha256, body.size))
+    announced = Announced(id, number, body.sha256, body.size)
+    begun = begin_part(database, identity, announced, presigner.settings)
     if isinstance(begun, UploadPart):
         return PartAddress(part=PartView.model_validate(begun))
     return PartAddress(
@@ -62,19 +64,20 @@ async def post_part_arrival(
 ) -> PartView:
     """Acknowledge a part whose bytes were put at its address. Saying it again gives the same answer."""
     database: Database = request.app.state.database
-    put = f"{Announced(id, number, '').prefix}/{body.reservation}"
+    settings: Settings = request.app.state.settings
+    put = f"{Announced(id, number, '', 0).prefix}/{body.reservation}"
     found = await run_in_threadpool(_announced, database, identity, id, number, put)
     if isinstance(found, UploadPart):
         return PartView.model_validate(found)
     await _require_there(request.app.state.store, put, found)
     # The name tells which reservation it is a copy of, for who says it again.
-    kept = await run_in_threadpool(partial(begin_part, database, identity, found, suffix=f".{body.reservation}"))
+    kept = await run_in_threadpool(partial(begin_part, database, identity, found, settings, copied=body.reservation))
     if isinstance(kept, UploadPart):
         await run_in_threadpool(forget_part, database, put)
         return PartView.model_validate(kept)
     try:
         await _copy(request.app.state.store, put, kept, found)
-        part = await run_in_threadpool(finish_part, database, identity, found, kept, found.size, put)
+        part = await run_in_threadpool(finish_part, database, identity, found, settings, kept, found.size, put)
     except Exception:
         await run_in_threadpool(forget_part, database, kept)
         raise

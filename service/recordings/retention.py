@@ -1,21 +1,27 @@
-"""Recordings show people, so whoever uploads one may say when it goes: after that it is deleted by itself."""
+"""What goes by itself: recordings whose retention has ended, for they show people, and uploads left unfinished."""
 
 from __future__ import annotations
 
 import logging
+from datetime import timedelta
 from uuid import UUID
 
-from sqlalchemy import select
+from sqlalchemy import delete, select
 from sqlalchemy.exc import OperationalError
 
-from service.db.clock import utc_now
-from service.db.recordings import Recording
+from service.db.clock import now, utc_now
+from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
 from service.events.hints import hint
 from service.http.problems import Problem
 from service.recordings.deletion import delete_recording
+from service.recordings.uploads import EXPIRED
+from service.storage.blobs import condemn
 
 log = logging.getLogger(__name__)
+
+_LATE = (Recording.state == "uploading") & (Recording.expires_at < now())
+_TOLD = timedelta(days=7)
 
 _WAITS = "Its retention has ended; it is kept because a vehicle's current calibration came from it."
 
@@ -39,6 +45,38 @@ def delete_overdue(database: Database) -> int:
                 "recording %s, whose retention has ended, is left for the next time: %s", recording_id, error.orig
             )
     return deleted
+
+
+def expire_uploads(database: Database) -> int:
+    """End the uploads that nobody went on with, each in its own transaction, and return how many.
+
+    Their parts go; the recording stays for a week, so that a client that comes back hears what became of it.
+    """
+    with database.reading() as session:
+        late = session.scalars(select(Recording.id).where(_LATE).order_by(Recording.expires_at)).all()
+    return sum(_expire(database, recording_id) for recording_id in late)
+
+
+def _expire(database: Database, recording_id: UUID) -> bool:
+    with database.writing() as session:
+        row = session.scalars(select(Recording).where(Recording.id == recording_id, _LATE).with_for_update()).first()
+        if row is None:
+            return False
+        parts = select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)
+        condemn(session, session.scalars(parts).all())
+        session.execute(delete(UploadPart).where(UploadPart.recording_id == recording_id))
+        row.state, row.taken_bytes = "failed", 0
+        row.problem = {
+            "code": EXPIRED,
+            "detail": "No part of this upload came until its end, so what had come was removed.",
+            "hint": "Upload the file again as a new recording, and delete this one.",
+        }
+        told_until = utc_now() + _TOLD
+        row.retain_until = min(row.retain_until or told_until, told_until)
+        row.version += 1
+        hint(session, row.fleet_id, "recording", row.id)
+    log.info("the upload of recording %s was left unfinished; its parts are removed", recording_id)
+    return True
 
 
 def _delete(database: Database, recording_id: UUID) -> bool:

@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import ReadAccess, WriteAccess
-from service.db.clock import utc_now
+from service.db.clock import now, utc_now
 from service.db.fleets import Rig, Vehicle
 from service.db.ids import new_id
 from service.db.recordings import Recording
@@ -30,6 +30,8 @@ from service.recordings.schemas import (
     RecordingView,
 )
 from service.recordings.uploads import how_to_upload
+from service.settings import Settings
+from service.storage.quota import take
 
 router = APIRouter(tags=["recordings"])
 
@@ -37,6 +39,7 @@ router = APIRouter(tags=["recordings"])
 @router.post("/vehicles/{id}/recordings", status_code=201, response_model=CreatedRecording)
 def post_recording(id: UUID, body: NewRecording, request: Request, access: WriteAccess) -> JSONResponse:
     """Announce a recording; its file follows in parts."""
+    settings: Settings = request.app.state.settings
     vehicle = access.find(Vehicle, id, "engineer")
     rig = access.session.get(Rig, body.rig_id)
     if rig is None or rig.vehicle_id != vehicle.id:
@@ -52,12 +55,16 @@ def post_recording(id: UUID, body: NewRecording, request: Request, access: Write
         reading=reading_document(access.session, rig.id, body.reading),
         retain_until=utc_now() + timedelta(days=body.retain_days) if body.retain_days else None,
         created_by=access.person.id,
+        taken_bytes=0,
+        expires_at=access.session.scalar(select(now(3600 * settings.upload_hours))),
     )
     access.session.add(row)
     access.session.flush()
+    # One byte at least: a fleet that has no room at all hears so before the first part.
+    take(access.session, row, body.size or 1, settings.fleet_quota_bytes)
     hint(access.session, row.fleet_id, "recording", row.id)
     document = view(access.session, row).model_dump()
-    return access.answer(CreatedRecording(**document, upload=how_to_upload(request)))
+    return access.answer(CreatedRecording(**document, upload=how_to_upload(request, row)))
 
 
 @router.get("/recordings")

@@ -46,11 +46,16 @@ class Reading(Received):
 
 
 class NewRecording(Received):
-    """A recording to upload: one file of a known format, or a folder packed as tar."""
+    """A recording to upload: one file of a known format, or a folder packed as tar.
+
+    ``size`` is the file's in bytes. Where it is said, the fleet's quota is asked for all of it at once, and not part
+    by part.
+    """
 
     rig_id: UUID
     name: Name
     file_name: Name
+    size: Annotated[int, Field(ge=1, lt=2**63)] | None = None
     marks_per_vertex: MarksPerVertex = 1
     retain_days: Annotated[int, Field(ge=1, le=36_500)] | None = None
     reading: Reading = Reading()
@@ -72,11 +77,15 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class Upload(Sent):
-    """How to send the parts: with ``api`` each is put here, with ``presigned`` at an address that is asked for."""
+    """How to send the parts: with ``api`` each is put here, with ``presigned`` at an address that is asked for.
+
+    An upload that got no part until ``expires_at`` is removed.
+    """
 
     part_bytes: int
     max_part_bytes: int
     parts: Literal["api", "presigned"]
+    expires_at: datetime | None
 
 
 class PartView(Sent):

@@ -28,9 +28,11 @@ from service.recordings.uploads import (
     forget_part,
     how_to_upload,
     part_too_large,
+    refuse_expired,
 )
 from service.settings import Settings
 from service.storage.problems import disk_full
+from service.storage.room import Room
 from service.storage.store import Store
 
 router = APIRouter(tags=["recordings"])
@@ -46,11 +48,11 @@ async def put_part(
     """Store one part of the file, streamed. Content-Digest names its SHA-256; the same part may be sent again."""
     settings: Settings = request.app.state.settings
     database: Database = request.app.state.database
-    announced = Announced(id, number, declared_sha256(request))
     length = _declared_length(request)
-    if length > settings.max_part_bytes:
+    announced = Announced(id, number, declared_sha256(request), settings.max_part_bytes if length is None else length)
+    if announced.size > settings.max_part_bytes:
         raise part_too_large(settings.max_part_bytes)
-    begun = await run_in_threadpool(begin_part, database, identity, announced)
+    begun = await run_in_threadpool(begin_part, database, identity, announced, settings)
     body = Body(request, settings.max_part_bytes)
     if isinstance(begun, UploadPart):
         # The bytes are looked at all the same: an answer of 200 says that they are the acknowledged ones.
@@ -59,9 +61,9 @@ async def put_part(
         body.check(announced)
         return PartView.model_validate(begun)
     try:
-        await _store(request.app.state.store, begun, body, length, settings)
+        await _store(request.app.state.room, request.app.state.store, begun, body, announced.size)
         body.check(announced)
-        part = await run_in_threadpool(finish_part, database, identity, announced, begun, body.size)
+        part = await run_in_threadpool(finish_part, database, identity, announced, settings, begun, body.size)
     except Exception:
         await run_in_threadpool(forget_part, database, begun)
         raise
@@ -72,16 +74,19 @@ async def put_part(
 def get_parts(id: UUID, request: Request, access: ReadAccess) -> Parts:
     """Which parts have arrived and how the others go, so that an interrupted upload goes on where it stopped."""
     row = access.find(Recording, id, "engineer")
+    refuse_expired(row)
     items = [PartView.model_validate(part) for part in parts_of(access.session, row)]
-    return Parts(items=items, upload=how_to_upload(request))
+    return Parts(items=items, upload=how_to_upload(request, row))
 
 
 @router.post("/recordings/{id}/complete", status_code=202, response_model=AcceptedRecording)
 def complete(id: UUID, body: Completion, access: WriteAccess) -> JSONResponse:
     """Declare that all parts are there; ingestion starts. Saying it again gives the same answer."""
     row = access.find(Recording, id, "engineer", lock=True)
+    refuse_expired(row)
     if check_complete(row, parts_of(access.session, row), body):
         row.size, row.sha256 = body.size, body.sha256
+        row.taken_bytes = body.size
         _start_ingestion(access, row)
     return _accepted(access, row)
 
@@ -90,6 +95,7 @@ def complete(id: UUID, body: Completion, access: WriteAccess) -> JSONResponse:
 def retry(id: UUID, access: WriteAccess) -> JSONResponse:
     """Ingest a failed recording again from its original, which is kept."""
     row = access.find(Recording, id, "engineer", lock=True)
+    refuse_expired(row)
     if row.state != "failed":
         raise Problem(
             409,
@@ -117,13 +123,14 @@ def _accepted(access: Access, row: Recording) -> JSONResponse:
     return access.answer(AcceptedRecording(recording=recording, job=job), 202)
 
 
-async def _store(store: Store, key: str, body: Body, length: int, settings: Settings) -> None:
-    free = store.free_bytes()
-    if free is not None and free - length < settings.min_free_bytes:
-        raise disk_full(free)
-    await store.put_stream(key, aiter(body))
+async def _store(room: Room, store: Store, key: str, body: Body, size: int) -> None:
+    """Raises :class:`Problem` 507 ``disk_full`` before or while the bytes are written."""
+    async with room.kept_for(size) as kept:
+        await store.put_stream(key, kept.watch(body))
+        if kept.lost:
+            raise disk_full(kept.free)
 
 
-def _declared_length(request: Request) -> int:
-    text = request.headers.get("content-length", "0")
-    return int(text) if text.isascii() and text.isdigit() else 0
+def _declared_length(request: Request) -> int | None:
+    text = request.headers.get("content-length", "")
+    return int(text) if text.isascii() and text.isdigit() else None

@@ -14,23 +14,28 @@ from sqlalchemy import delete, select
 from starlette.requests import ClientDisconnect
 
 from service.auth.access import Access, Identity
+from service.db.clock import now
 from service.db.recordings import Blob, Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
 from service.recordings.presigning import Presigner
 from service.recordings.schemas import Upload
+from service.settings import Settings
 from service.storage.blobs import condemn, give_up, keep, reserve
 from service.storage.errors import ReservationEndedError
+from service.storage.quota import coming, take
+
+EXPIRED = "upload_expired"
 
 
 @dataclass(frozen=True)
 class Announced:
-    """A part as its request announces it; ``size`` where the bytes go straight to the store."""
+    """A part as its request announces it; ``size`` is the most that it can be where the request does not say it."""
 
     recording_id: UUID
     number: int
     sha256: str
-    size: int = 0
+    size: int
 
     @property
     def prefix(self) -> str:
@@ -38,13 +43,14 @@ class Announced:
         return f"recordings/{self.recording_id}/parts/{self.number}"
 
 
-def how_to_upload(request: Request) -> Upload:
-    """Which way parts go, and how large they are."""
+def how_to_upload(request: Request, row: Recording) -> Upload:
+    """Which way parts go, how large they are, and until when the next one is waited for."""
     presigner = Presigner.of(request)
     return Upload(
         part_bytes=presigner.settings.part_bytes,
         max_part_bytes=presigner.settings.max_part_bytes,
         parts="presigned" if presigner.uploads else "api",
+        expires_at=row.expires_at if row.state == "uploading" else None,
     )
 
 
@@ -119,13 +125,17 @@ def part_too_large(limit: int) -> Problem:
     )
 
 
-def begin_part(database: Database, identity: Identity, announced: Announced, *, suffix: str = "") -> str | UploadPart:
+def begin_part(
+    database: Database, identity: Identity, announced: Announced, settings: Settings, *, copied: str = ""
+) -> str | UploadPart:
     """Reserve a key for a part; or the part itself, where these bytes are acknowledged already.
 
-    Raises :class:`Problem` ``not_found``, ``role_too_low``, ``part_differs``, ``upload_closed``.
+    ``copied`` is the reservation that the part was put at, where a copy of it is to be kept: it has its room already.
+    Raises :class:`QuotaExceededError`, and :class:`Problem` ``not_found``, ``role_too_low``, ``part_differs``,
+    ``upload_closed``, ``upload_expired``.
     """
     with database.writing() as session:
-        recording = Access(session, identity).find(Recording, announced.recording_id, "engineer")
+        recording = Access(session, identity).find(Recording, announced.recording_id, "engineer", lock=True)
         known = session.get(UploadPart, (announced.recording_id, announced.number))
         if known is not None:
             _refuse_other_bytes(known, announced)
@@ -135,11 +145,22 @@ def begin_part(database: Database, identity: Identity, announced: Announced, *, 
         if known is not None:
             # Its object is lost, whatever lost it: these bytes take its place.
             session.execute(delete(UploadPart).where(UploadPart.blob_key == known.blob_key))
+        if not copied:
+            # What was announced for the whole file has its room; beyond that each part asks for its own.
+            needed = coming(session, recording) + announced.size
+            take(session, recording, needed, settings.fleet_quota_bytes)
+        suffix = f".{copied}" if copied else ""
         return reserve(session, announced.prefix, suffix=suffix, size=announced.size, sha256=announced.sha256)
 
 
 def finish_part(
-    database: Database, identity: Identity, announced: Announced, key: str, size: int, put: str | None = None
+    database: Database,
+    identity: Identity,
+    announced: Announced,
+    settings: Settings,
+    key: str,
+    size: int,
+    put: str | None = None,
 ) -> UploadPart:
     """Acknowledge a part whose object is durable. Of twins one wins, and the others' objects are condemned.
 
@@ -165,6 +186,7 @@ def finish_part(
             recording_id=recording.id, number=announced.number, blob_key=key, size=size, sha256=announced.sha256
         )
         session.add(part)
+        recording.expires_at = session.scalar(select(now(3600 * settings.upload_hours)))
         return part
 
 
@@ -195,7 +217,14 @@ def _refuse_other_bytes(known: UploadPart, announced: Announced) -> None:
         )
 
 
+def refuse_expired(recording: Recording) -> None:
+    """Raises :class:`Problem` 410 where the upload ended because nobody went on with it."""
+    if recording.problem and recording.problem.get("code") == EXPIRED:
+        raise Problem(410, EXPIRED, recording.problem["detail"], recording.problem["hint"])
+
+
 def _refuse_closed(recording: Recording) -> None:
+    refuse_expired(recording)
     if recording.state != "uploading":
         raise Problem(
             409,

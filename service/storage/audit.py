@@ -74,9 +74,10 @@ def audit(database: Database, store: Store, orphan_age: timedelta, *, remove: bo
     keys = [one.key for one in found.orphans]
     too_many = len(keys) > max(_LITTER_AT_LEAST, _LITTER * found.objects)
     if remove and not too_many and not _held(database):
-        for key in keys:
-            store.delete(key)
-        found.removed = len(keys)
+        removed, failed = store.delete_all(keys)
+        found.removed = len(removed)
+        if failed:
+            log.warning("the audit could not remove %d objects, among them %s", len(failed), failed[:_SHOWN])
     log.warning(
         "the audit of the store found %d objects; %d of %d bytes have no row, %d of them were removed%s; they are %s",
         found.objects,

@@ -5,6 +5,7 @@ So no object is ever without a row, and what a crash left is found by asking the
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable
 from datetime import timedelta
 
@@ -17,8 +18,12 @@ from service.db.jobs import Job
 from service.db.recordings import Blob, BlobHold
 from service.storage.errors import ReservationEndedError
 
+# When an object that could not be removed is tried again: as after a store that was away for a moment, at last daily.
+_TRY_AGAIN, _LATEST = timedelta(seconds=10), timedelta(days=1)
 # A reservation without a job is an upload part on its way; no part takes this long.
 _ABANDONED = timedelta(hours=2)
+
+log = logging.getLogger(__name__)
 
 
 def reserve(
@@ -86,7 +91,19 @@ def condemned(session: Session, limit: int = 200) -> list[str]:
     """Keys whose objects are to be removed; none while a backup holds the store."""
     # In one statement with the list: what is condemned after a backup's hold is never on a list made before it.
     held = exists().where(BlobHold.until > now())
-    return list(session.scalars(select(Blob.key).where(Blob.state == "condemned", ~held).limit(limit)))
+    due = or_(Blob.remove_after.is_(None), Blob.remove_after < now())
+    return list(session.scalars(select(Blob.key).where(Blob.state == "condemned", due, ~held).limit(limit)))
+
+
+def postpone(session: Session, keys: Iterable[str]) -> None:
+    """Look at these objects, which the store did not remove, again later: each time twice as late."""
+    stubborn = select(Blob).where(Blob.key.in_(list(keys)), Blob.state == "condemned").order_by(Blob.key)
+    for blob in session.scalars(stubborn.with_for_update()).all():
+        if blob.failed_removals == 0:
+            log.warning("object %s could not be removed; it is tried again, later each time", blob.key)
+        later = min(_TRY_AGAIN * 2 ** min(blob.failed_removals, 20), _LATEST)
+        blob.failed_removals += 1
+        blob.remove_after = session.scalar(select(now(later.total_seconds())))
 
 
 def forget(session: Session, keys: Iterable[str]) -> None:

@@ -7,6 +7,7 @@ from fastapi.responses import JSONResponse
 
 from service.http.problems import Problem
 from service.storage.errors import MissingBlobError, StoreFullError, StoreUnavailableError
+from service.storage.quota import QuotaExceededError
 
 
 def disk_full(free: int | None = None) -> Problem:
@@ -26,6 +27,10 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(MissingBlobError)
     async def on_missing(request: Request, error: MissingBlobError) -> JSONResponse:
         return Problem(410, error.code, error.message, error.hint, key=error.key).response()
+
+    @app.exception_handler(QuotaExceededError)
+    async def on_quota(request: Request, error: QuotaExceededError) -> JSONResponse:
+        return Problem(403, error.code, error.message, error.hint, **error.fields).response()
 
     @app.exception_handler(StoreFullError)
     async def on_full(request: Request, error: StoreFullError) -> JSONResponse:

@@ -10,9 +10,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 import os
 import shutil
-from collections.abc import AsyncIterator, Iterator
+import time
+from collections.abc import AsyncIterator, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -31,6 +33,8 @@ _RANGE = 8 * MIB
 # Memory for one object on its way up: this many chunks at once. S3 takes 10,000 chunks of one object: 80 GiB.
 _CHUNK = 8 * MIB
 _CHUNKS_AT_ONCE = 4
+# So many removals that fail one after the other are a store that is away.
+_AWAY = 3
 
 log = logging.getLogger(__name__)
 
@@ -174,15 +178,37 @@ class Store:
     def delete(self, key: str) -> None:
         """Remove an object, and what an interrupted write of it left. A missing one is no error."""
         self._require_marker()
-        if self.folder:
-            staged = self.folder / key
-            if "#" in staged.name:
-                staged.unlink(missing_ok=True)
-                return
-            for left in staged.parent.glob(f"{staged.name}#*"):
-                left.unlink(missing_ok=True)
         with contextlib.suppress(MissingBlobError), translated(key):
+            if self.folder:
+                staged = self.folder / key
+                if "#" in staged.name:
+                    staged.unlink(missing_ok=True)
+                    return
+                for left in staged.parent.glob(f"{staged.name}#*"):
+                    left.unlink(missing_ok=True)
             obstore.delete(self._store, key)
+
+    def delete_all(self, keys: Iterable[str], until: float = math.inf) -> tuple[list[str], list[str]]:
+        """Remove objects, each whatever becomes of the others; returns the removed and the failed keys.
+
+        It ends, with keys that are in neither, at ``until`` (:func:`time.monotonic`) and where three in a row fail:
+        that is a store that is away.
+        """
+        removed: list[str] = []
+        failed: list[str] = []
+        in_a_row = 0
+        for key in keys:
+            if in_a_row == _AWAY or time.monotonic() >= until:
+                break
+            try:
+                self.delete(key)
+            except StoreUnavailableError:
+                failed.append(key)
+                in_a_row += 1
+            else:
+                removed.append(key)
+                in_a_row = 0
+        return removed, failed
 
     def local_path(self, key: str) -> Path | None:
         """The file that holds the object, where the store is a folder: reading it saves a copy."""

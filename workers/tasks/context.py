@@ -50,7 +50,7 @@ class Context:
     def scratch(self) -> Iterator[Path]:
         """A folder that is gone after the block; what a killed worker left is removed by the sweep."""
         self.settings.scratch.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(prefix=f"{scratch_prefix()}{os.getpid()}-", dir=self.settings.scratch))
+        folder = Path(tempfile.mkdtemp(prefix=scratch_prefix(), dir=self.settings.scratch))
         try:
             yield folder
         finally:

@@ -27,15 +27,12 @@ from workers.tasks.context import get_context
 from workers.tasks.drain import DRAIN_SIGNAL, listen_for_drain
 from workers.tasks.leftovers import remove_leftovers
 from workers.tasks.presence import Presence
-from workers.tasks.running import run_job
-from workers.tasks.warming import warm_up
+from workers.tasks.running import prepare, run_job
 
 log = logging.getLogger(__name__)
 
 _PR_SET_PDEATHSIG = 1
 _LARGEST_ID = 2**63 - 1  # of the column
-
-log = logging.getLogger(__name__)
 
 
 @app.task(name=RUN_JOB)
@@ -49,13 +46,13 @@ def look_at_job(job_id: int) -> None:
 
 @worker_init.connect
 def prepare_parent(sender: Any, **_: object) -> None:
-    """Compile in the parent, so that every forked child has the machine code already."""
+    """Load and compile in the parent, so that every forked child has the code already."""
     hide_from_others()
     log.info("processes that read uploads have %s", isolation_here())
     remove_leftovers(get_settings().scratch)
     presence = Presence.of(sender)
     presence.say(warm=False)
-    warm_up()
+    prepare(presence.queues)
     sender.apexcal_presence = presence
 
 

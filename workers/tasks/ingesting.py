@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -16,9 +17,11 @@ from service.db.base import Json
 from service.db.fleets import RigCamera
 from service.db.models import Rig
 from service.db.recordings import CameraFrame, Recording, Sensor, UploadPart
+from service.db.repeating import repeated
 from service.jobs.claims import Claim, Lease, require_mine
 from service.settings import MIB, Settings
 from service.storage.blobs import condemn, keep, reserve
+from service.storage.quota import QuotaExceededError, take
 from workers.readers.limited import ingest_limited
 from workers.readers.limits import Limits
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
@@ -61,14 +64,15 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
         frames = {sensor.name: _frames(out, sensor) for sensor in manifest.sensors}
         for name, size in image_sizes.items():
             _check_sizes(name, size, frames[name])
-        keys = {sensor.name: _store(context, held, recording, sensor, out) for sensor in manifest.sensors}
+        stored = _store(context, held, {sensor.name: out / sensor.file for sensor in manifest.sensors})
 
     def write(session: Session) -> None:
         _forget_earlier(session, recording)
         row = session.get_one(Recording, recording.id)
+        row.taken_bytes = row.size + sum(size for _, size in stored.values())
         row.facts, row.warnings = _legible(manifest.facts()), _legible(list(manifest.warnings))
         for sensor in manifest.sensors:
-            key, size = keys[sensor.name]
+            key, size = stored[sensor.name]
             keep(session, key, size=size)
             sensor_row = _sensor_row(recording, sensor, key)
             session.add(sensor_row)
@@ -126,6 +130,7 @@ def _join(context: Context, recording: Recording, parts: Sequence[UploadPart], f
     """The original as one file; every part's checksum compared with what was acknowledged, and the whole's too."""
     source = folder / "original" / _plain_name(recording.file_name)
     source.parent.mkdir()
+    _require_room(context, shutil.disk_usage(folder).free, recording.size)
     whole = hashlib.sha256()
     done = 0
     with source.open("wb") as file:
@@ -159,12 +164,37 @@ def _plain_name(file_name: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "_", file_name)[-100:].lstrip(".") or "recording"
 
 
-def _store(context: Context, held: Claim, recording: Recording, sensor: SensorManifest, out: Path) -> tuple[str, int]:
+def _store(context: Context, held: Claim, files: Mapping[str, Path]) -> dict[str, tuple[str, int]]:
+    """Put the sensors' files into the store; their keys and sizes by the sensors' names.
+
+    Raises :class:`ReadError` ``fleet_quota_exceeded``, ``ingest_disk_full``.
+    """
+    sizes = {name: file.stat().st_size for name, file in files.items()}
+    _require_room(context, context.store.free_bytes(), sum(sizes.values()))
+    try:
+        keys = repeated(lambda: _reserve(context, held, sizes))
+    except QuotaExceededError as error:
+        raise ReadError(error.code, error.message, error.hint, error.fields) from None
+    return {name: (key, context.store.put_file(key, files[name])) for name, key in keys.items()}
+
+
+def _reserve(context: Context, held: Claim, sizes: Mapping[str, int]) -> dict[str, str]:
+    """A key for each sensor's file, and what they take of the fleet's quota."""
     with context.database.writing() as session:
-        key = reserve(
-            session, f"recordings/{recording.id}/sensors", suffix=".mcap", job_id=held.job_id, attempt=held.attempt
-        )
-    return key, context.store.put_file(key, out / sensor.file)
+        require_mine(session, held)
+        recording = session.get_one(Recording, held.subject_id, with_for_update=True)
+        take(session, recording, recording.size + sum(sizes.values()), context.settings.fleet_quota_bytes)
+        prefix = f"recordings/{recording.id}/sensors"
+        return {
+            name: reserve(session, prefix, suffix=".mcap", size=size, job_id=held.job_id, attempt=held.attempt)
+            for name, size in sizes.items()
+        }
+
+
+def _require_room(context: Context, free: int | None, size: int) -> None:
+    """Raises :class:`ReadError` ``ingest_disk_full`` where so many bytes would leave less free than is kept free."""
+    if free is not None and free - size < context.settings.min_free_bytes:
+        raise ReadError("ingest_disk_full", f"There is no room for {size} bytes.", "Make room, then try again.")
 
 
 def _forget_earlier(session: Session, recording: Recording) -> None:

@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import socket
 from pathlib import Path
+from urllib.parse import quote
+
+# It parts the host from the process. No quoted name of a host holds it: hosts may be called `gpu` and `gpu-7`.
+_SEPARATOR = "+"
 
 
 def scratch_prefix() -> str:
-    """What the names of this host's scratch folders begin with: several hosts may share the data folder."""
-    return f"{socket.gethostname()}-"
+    """What the names of this process's scratch folders begin with: several hosts may share the data folder."""
+    return _SEPARATOR.join((_host(), str(os.getpid()), ""))
 
 
 def remove_leftovers(scratch: Path) -> None:
-    """Remove the folders of this host's dead processes; the maker's process id follows the host in the name."""
+    """Remove the folders of this host's dead processes."""
     if not scratch.is_dir():
         return
-    for folder in scratch.glob(f"{scratch_prefix()}*"):
-        pid = folder.name.removeprefix(scratch_prefix()).partition("-")[0]
-        if pid.isdigit() and not _alive(int(pid)):
+    mine = re.compile(rf"{re.escape(_host() + _SEPARATOR)}(\d+){re.escape(_SEPARATOR)}.*")
+    for folder in scratch.iterdir():
+        found = mine.fullmatch(folder.name)
+        if found and not _alive(int(found[1])):
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _host() -> str:
+    return quote(socket.gethostname(), safe="")
 
 
 def _alive(pid: int) -> bool:

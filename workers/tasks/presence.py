@@ -31,6 +31,7 @@ class Presence:
             "processes": processes,
             "version": version("apexcal"),
         }
+        self.queues = tuple(queues.split(","))
         self._timer: Any = None
 
     @classmethod

@@ -2,49 +2,76 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from importlib import import_module
 
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
-from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finishing, give_back, stumble
+from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finish, give_back, stumble
+from service.jobs.kinds import QUEUE_OF_KIND
 from service.observability.logs import about
 from service.observability.request_ids import working_for
 from service.storage.errors import MissingBlobError, ReservationEndedError
 from workers.geometry.errors import InputError
 from workers.readers.recording import ReadError
-from workers.tasks.comparing import consistency
 from workers.tasks.context import Context
-from workers.tasks.detecting import detect
 from workers.tasks.drain import DrainedError, interruptible, is_draining
-from workers.tasks.ingesting import ingest
-from workers.tasks.solving import solve
-from workers.tasks.studying import clock_offset, preview, suggestion
 
 log = logging.getLogger(__name__)
 
 Work = Callable[[Context, Claim, Lease], Callable[[Session], None]]
 """Does a job's work outside any transaction and returns what writes its results inside the finishing one."""
 
-WORK: dict[str, Work] = {
-    "ingest": ingest,
-    "preview": preview,
-    "suggestion": suggestion,
-    "detect": detect,
-    "clock_offset": clock_offset,
-    "solve": solve,
-    "consistency": consistency,
+
+def _of(room: str, kind: str) -> Work:
+    """The function of this name. Its module is loaded by need: solver and detectors are half a worker's memory."""
+
+    def do(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+        work: Work = getattr(import_module(f"workers.tasks.{room}"), kind)
+        return work(context, held, lease)
+
+    return do
+
+
+_ROOMS = {
+    "ingest": "ingesting",
+    "preview": "studying",
+    "suggestion": "studying",
+    "detect": "detecting",
+    "clock_offset": "studying",
+    "solve": "solving",
+    "consistency": "comparing",
 }
+WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
+# The room that needs no kernels.
+_READING = "ingesting"
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError, ReservationEndedError)
-# The same where a process that read an upload says it; the file may have a part in that it was killed.
-_PASSING_CODES = ("ingest_disk_full", "ingest_killed")
+# Among these, what only the input can cause: a name or file that is too long, a row too large (SQLSTATE 54).
+_NEVER_PASSING = (errno.ENAMETOOLONG, errno.EFBIG, errno.E2BIG)
+_PROGRAM_LIMIT = "54"
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+# The process that read an upload was killed: the surroundings may be why, or the file.
 _SUSPECT_CODES = ("ingest_killed",)
 _TRY_AGAIN_S = 2.0
+# Tries where there was no room, the waits before them 2, 8 and 32 s: what a neighbour that fails too leaves is swept
+# within seconds. What is full for longer needs an operator, and each try would fill it for everybody again.
+_TRIES_WITHOUT_ROOM = 4
+
+
+def prepare(queues: Collection[str]) -> None:
+    """Load what jobs of these queues need, and compile kernels: before the pool is forked, so that it shares them."""
+    rooms = {room for kind, room in _ROOMS.items() if QUEUE_OF_KIND[kind] in queues}
+    for room in sorted(rooms):
+        import_module(f"workers.tasks.{room}")
+    if rooms - {_READING}:
+        import_module("workers.tasks.warming").warm_up()
 
 
 def run_job(context: Context, job_id: int) -> None:
@@ -64,8 +91,7 @@ def _do(context: Context, held: Claim) -> None:
         with Lease(context.database, held) as lease, interruptible():
             write = WORK[held.kind](context, held, lease)
             lease.check()
-            with finishing(context.database, held) as session:
-                write(session)
+            finish(context.database, held, write)
     except LostLeaseError:
         log.warning("job %d attempt %d lost its lease; its work is dropped", held.job_id, held.attempt)
     except CancelledError:
@@ -73,17 +99,9 @@ def _do(context: Context, held: Claim) -> None:
         _end(context, held, "cancelled", None)
     except (ReadError, InputError, MissingBlobError) as error:
         # Notes are for the operator: what a reading process said before it died.
-        said = "\n".join([error.code, *getattr(error, "__notes__", [])])
-        if error.code in _PASSING_CODES:
-            log.warning("job %d stumbled; it is tried again: %s", held.job_id, said)
-            suspect = error.code in _SUSPECT_CODES
-            stumble(context.database, held, _refusal(error), _TRY_AGAIN_S, suspect=suspect)
-        else:
-            log.info("job %d refused its input: %s", held.job_id, said)
-            _end(context, held, "failed", _refusal(error))
+        _refused(context, held, error, "\n".join([error.code, *getattr(error, "__notes__", [])]))
     except _PASSING as error:
-        log.exception("job %d stumbled; it is tried again", held.job_id)
-        stumble(context.database, held, _surroundings(error), _TRY_AGAIN_S)
+        _stumbled(context, held, error)
     except DrainedError:
         log.info("job %d is given back: this worker was asked to stop", held.job_id)
         # Over a fresh connection: one that was interrupted within a statement can be used for nothing more.
@@ -93,6 +111,41 @@ def _do(context: Context, held: Claim) -> None:
         log.exception("job %d failed", held.job_id)
         _end(context, held, "failed", _INTERNAL)
 
+
+def _refused(context: Context, held: Claim, error: ReadError | InputError | MissingBlobError, said: str) -> None:
+    """The input cannot be used; or the process that read it had bad luck, and is given another try."""
+    if error.code in _SUSPECT_CODES:
+        log.warning("job %d stumbled; it is tried again: %s", held.job_id, said)
+        stumble(context.database, held, _refusal(error), _TRY_AGAIN_S, suspect=True)
+    elif error.code == _DISK_FULL["code"]:
+        log.warning("job %d had no room: %s", held.job_id, said)
+        stumble(context.database, held, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
+    else:
+        log.info("job %d refused its input: %s", held.job_id, said)
+        _end(context, held, "failed", _refusal(error))
+
+
+def _stumbled(context: Context, held: Claim, error: Exception) -> None:
+    """What the work needs failed: later it may work."""
+    number = error.errno if isinstance(error, OSError) else None
+    state = getattr(getattr(error, "orig", None), "sqlstate", None) or ""
+    if number in _NEVER_PASSING or state.startswith(_PROGRAM_LIMIT):
+        log.exception("job %d failed, and would fail again", held.job_id)
+        _end(context, held, "failed", _INTERNAL)
+    elif number in _NO_ROOM:
+        log.exception("job %d had no room", held.job_id)
+        stumble(context.database, held, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
+    else:
+        log.exception("job %d stumbled; it is tried again", held.job_id)
+        stumble(context.database, held, _surroundings(error), _TRY_AGAIN_S)
+
+
+_DISK_FULL: Json = {
+    "code": "ingest_disk_full",
+    "detail": f"The service had no room for the files of this work, {_TRIES_WITHOUT_ROOM} times within a minute.",
+    "hint": "Nothing is wrong with your data, and it is kept. Ask whoever runs the service for space on the worker's "
+    "disk and in the store, or delete recordings that nobody needs; then ask for the work again.",
+}
 
 _INTERNAL: Json = {
     "code": "internal_error",
@@ -120,7 +173,6 @@ def _surroundings(error: Exception) -> Json:
 
 def _end(context: Context, held: Claim, state: str, problem: Json | None) -> None:
     try:
-        with finishing(context.database, held, state, problem):
-            pass
+        finish(context.database, held, state=state, problem=problem)
     except LostLeaseError:
         log.warning("job %d attempt %d lost its lease before it could end as %s", held.job_id, held.attempt, state)

@@ -102,6 +102,9 @@ def test_it_says_which_workers_answer_and_which_still_compile(api: Api) -> None:
     assert workers()["status"] == "degraded" and "compiling" in workers()["parts"]["workers"]["detail"]
     with api.database.writing() as session:
         session.get_one(Worker, "new").warm = True
+    assert workers()["status"] == "degraded" and "ingest, detect, report" in workers()["parts"]["workers"]["detail"]
+    with api.database.writing() as session:
+        session.get_one(Worker, "new").queues = "detect,ingest,report,solve"
     assert workers()["status"] == "ok"
     found = workers()["parts"]["workers"]
     assert (found["answering"], found["warm"]) == (1, 1) and "new" not in str(found)

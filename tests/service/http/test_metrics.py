@@ -19,7 +19,7 @@ from service.jobs.claims import claim, finishing, stumble
 from service.jobs.retention import forget_jobs
 from service.jobs.sweep import sweep
 from service.jobs.totals import tally
-from tests.service.jobs.support import let_lease_expire, make_calibration, make_fleet, make_jobs
+from tests.service.jobs.support import let_backoff_end, let_lease_expire, make_calibration, make_fleet, make_jobs
 from tests.support.people import Api
 
 TOKEN = {"Authorization": "Bearer scrape-me"}
@@ -60,9 +60,10 @@ def test_what_happened_to_jobs_is_counted(scraped: Api, always_fresh) -> None:
     held = claim(database, first, "w")
     assert held
     stumble(database, held, {"code": "surroundings_failed"}, 0.0)
+    assert claim(database, second, "w")
+    let_backoff_end(database)
     with finishing(database, claim(database, first, "w")):  # pyright: ignore[reportArgumentType]
         pass
-    assert claim(database, second, "w")
     let_lease_expire(database, second)
     sweep(database, scraped.app.state.store)
     settle(scraped)

@@ -13,6 +13,7 @@ from service.db.models import Calibration, CalibrationRun, CorrespondenceSet, Fl
 from service.db.session import Database
 from service.jobs.messages import COURIER, Message
 from service.jobs.queue import enqueue_all
+from service.jobs.sweep import _end_backoff, _release_waiting
 
 
 class Postbox:
@@ -75,11 +76,13 @@ def make_calibration(database: Database, *, models: Iterable[str] = ("pinhole",)
         return calibration.id, [run.id for run in runs]
 
 
-def make_jobs(database: Database, fleet_id: UUID, count: int, run_id: UUID | None = None) -> list[int]:
+def make_jobs(
+    database: Database, fleet_id: UUID, count: int, run_id: UUID | None = None, *, kind: str = "solve"
+) -> list[int]:
     with database.writing() as session:
         jobs = enqueue_all(
             session,
-            kind="solve",
+            kind=kind,
             fleet_id=fleet_id,
             subject_id=run_id or fleet_id,
             payloads=[{"number": number} for number in range(count)],
@@ -107,6 +110,14 @@ def make_due(database: Database) -> None:
     """As if every moment to send again had come."""
     with database.writing() as session:
         session.execute(update(Job).where(Job.send_after.is_not(None)).values(send_after=now(-1)))
+
+
+def let_backoff_end(database: Database) -> None:
+    """As if every moment to try again had come, and a sweep."""
+    make_due(database)
+    with database.writing() as session:
+        _end_backoff(session)
+        _release_waiting(session)
 
 
 @contextmanager

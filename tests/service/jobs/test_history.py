@@ -12,7 +12,7 @@ from service.jobs.sweep import sweep
 from service.observability.request_ids import working_for
 from service.storage.store import Store
 
-from .support import let_lease_expire, make_calibration, make_fleet, make_jobs
+from .support import let_backoff_end, let_lease_expire, make_calibration, make_fleet, make_jobs
 
 
 def history(database, job_id: int) -> list[tuple]:
@@ -27,6 +27,7 @@ def test_a_job_remembers_who_gave_it_back_who_lost_it_and_who_did_it(database, s
     drained = claim(database, job_id, "drained")
     give_back(database, drained)
     stumble(database, claim(database, job_id, "unlucky"), {"code": "surroundings_failed"}, 0.0)
+    let_backoff_end(database)
     assert claim(database, job_id, "dead")
     let_lease_expire(database, job_id)
     sweep(database, Store(settings.blobs))

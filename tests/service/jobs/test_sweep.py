@@ -7,7 +7,7 @@ from datetime import timedelta
 from types import SimpleNamespace
 
 import pytest
-from sqlalchemy import delete, select
+from sqlalchemy import delete, select, update
 
 from service.db.clock import now
 from service.db.models import Blob, Calibration, CalibrationRun, Heartbeat
@@ -16,7 +16,8 @@ from service.jobs.claims import claim
 from service.jobs.queue import cancel
 from service.jobs.sweep import sweep, swept_lately
 from service.settings import get_settings
-from service.storage.blobs import keep, reserve
+from service.storage.blobs import condemn, keep, reserve
+from service.storage.marker import MARKER
 from tests.support.folders import folder_store
 
 from .support import Postbox, job, let_lease_expire, make_calibration, make_due, make_fleet, make_jobs, states
@@ -192,6 +193,56 @@ def test_blobs_whose_work_was_lost_are_removed_and_won_ones_stay(database, store
         assert set(session.scalars(select(Blob.key))) == {working, won}
     assert store.local_path(gone) is None
     assert store.local_path(working) and store.local_path(won)
+
+
+def test_an_object_that_cannot_be_removed_keeps_no_other_from_it(database, store, caplog):
+    with database.writing() as session:
+        stuck, *others = [reserve(session, "recordings/a") for _ in range(5)]
+        condemn(session, [stuck, *others])
+    for key in others:
+        store.put_bytes(key, b"x")
+    # A folder of that name is no object, and no store removes it.
+    (store.folder / stuck / "in the way").mkdir(parents=True)
+    for _ in range(3):
+        sweep(database, store)
+    assert not any(store.local_path(key) for key in others)
+    with database.reading() as session:
+        (left,) = session.scalars(select(Blob)).all()
+        late = (left.remove_after - session.scalar(select(now()))).total_seconds()
+    assert (left.key, left.state, left.failed_removals) == (stuck, "condemned", 1) and 0 < late <= 10
+    assert caplog.text.count(f"object {stuck} could not be removed") == 1
+    # Its turn comes again, each time later; then it goes.
+    for failures in (2, 3):
+        let_removals_be_due(database)
+        sweep(database, store)
+        with database.reading() as session:
+            assert session.get_one(Blob, stuck).failed_removals == failures
+    (store.folder / stuck / "in the way").rmdir()
+    (store.folder / stuck).rmdir()
+    let_removals_be_due(database)
+    sweep(database, store)
+    with database.reading() as session:
+        assert session.scalars(select(Blob)).all() == []
+
+
+def let_removals_be_due(database):
+    with database.writing() as session:
+        session.execute(update(Blob).values(remove_after=now(-1)))
+
+
+def test_a_store_that_is_away_is_asked_for_three_objects_and_no_more(database, store):
+    with database.writing() as session:
+        condemn(session, [reserve(session, "recordings/a") for _ in range(20)])
+    (store.folder / MARKER).unlink()
+    sweep(database, store)
+    with database.reading() as session:
+        tried = [blob.failed_removals for blob in session.scalars(select(Blob))]
+    assert (len(tried), sum(tried)) == (20, 3)
+    store.prepare()
+    let_removals_be_due(database)
+    sweep(database, store)
+    with database.reading() as session:
+        assert session.scalars(select(Blob)).all() == []
 
 
 def test_the_sweep_notes_its_heartbeat(database, store):

@@ -51,6 +51,16 @@ def test_orphans_go_and_lost_objects_are_told(database: Database, store: Store, 
     assert again.orphans == []
 
 
+def test_an_orphan_that_cannot_be_removed_keeps_no_other_from_it(database: Database, tmp_path: Path, caplog) -> None:
+    store = folder_store(tmp_path / "folder")
+    fill(database, store, {}, [f"a/{number}" for number in range(5)])
+    # What an interrupted write seems to have left, and is a folder: no store removes it.
+    (store.folder / "a" / "9#1").mkdir()
+    found = audit(database, store, NO_AGE, remove=True)
+    assert found.removed == 5 and "could not remove 1 objects" in caplog.text
+    assert keys(store) == {"a/9#1"}
+
+
 def test_young_objects_held_ones_and_reports_stay(database: Database, store: Store) -> None:
     fill(database, store, {}, ["a/orphan"])
     assert audit(database, store, timedelta(hours=1), remove=True).orphans == []

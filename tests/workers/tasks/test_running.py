@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-import pytest
+import errno
 
-from tests.service.jobs.support import job, make_fleet, make_jobs
+import pytest
+from sqlalchemy import select
+
+from service.db.clock import now
+from service.db.jobs import Job
+from service.storage.errors import StoreFullError
+from tests.service.jobs.support import job, let_backoff_end, make_fleet, make_jobs
 from workers.readers.recording import ReadError
 from workers.tasks.running import WORK, run_job
 
@@ -23,3 +29,55 @@ def test_a_reader_that_was_killed_or_had_no_disk_is_tried_again_and_a_refusal_is
     (job_id,) = make_jobs(database, make_fleet(database), 1)
     run_job(context, job_id)
     assert (job(database, job_id).state, job(database, job_id).lost) == (state, lost)
+
+
+def problem_of(database, job_id):
+    return (job(database, job_id).problem or {}).get("code")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [ReadError("ingest_disk_full", "The disk was full.", "Make room."), OSError(errno.ENOSPC, "x"), StoreFullError()],
+)
+def test_what_had_no_room_is_tried_four_times_and_then_says_what_to_do(context, database, monkeypatch, error):
+    def fill(*_: object) -> None:
+        raise error
+
+    monkeypatch.setitem(WORK, "solve", fill)
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    waits = []
+    for _ in range(4):
+        assert job(database, job_id).state == "queued"
+        run_job(context, job_id)
+        with database.reading() as session:
+            waits.append(session.execute(select(Job.send_after, now()).where(Job.id == job_id)).one())
+        let_backoff_end(database)
+    assert [round((after - at).total_seconds()) for after, at in waits[:3]] == [2, 8, 32]
+    ended = job(database, job_id)
+    assert (ended.state, problem_of(database, job_id)) == ("failed", "ingest_disk_full")
+    assert "Nothing is wrong with your data" in ended.problem["hint"]
+
+
+def test_other_stumbles_do_not_count_against_the_tries_without_room(context, database, monkeypatch):
+    errors = [OSError(errno.EIO, "x")] * 5 + [OSError(errno.ENOSPC, "x")] * 3
+
+    def stumble(*_: object) -> None:
+        raise errors.pop(0)
+
+    monkeypatch.setitem(WORK, "solve", stumble)
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    while errors:
+        run_job(context, job_id)
+        let_backoff_end(database)
+    assert job(database, job_id).state == "queued"
+
+
+@pytest.mark.parametrize("number", [errno.ENAMETOOLONG, errno.EFBIG, errno.E2BIG])
+def test_what_only_the_input_can_cause_is_not_tried_for_an_hour(context, database, monkeypatch, number):
+    def refuse(*_: object) -> None:
+        raise OSError(number, "x")
+
+    monkeypatch.setitem(WORK, "solve", refuse)
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+    run_job(context, job_id)
+    assert (job(database, job_id).state, problem_of(database, job_id)) == ("failed", "internal_error")

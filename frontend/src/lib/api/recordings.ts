@@ -13,6 +13,7 @@ export interface NewRecording {
   rig_id: string;
   name: string;
   file_name: string;
+  size: number;
   marks_per_vertex: number;
 }
 

@@ -1,0 +1,129 @@
+"""What a fleet's recordings take of what they may, counted from the recordings' own rows, so that it cannot drift.
+
+A recording takes what was announced or has come of its file, and the files of its sensors. Whoever lets it take more
+holds the fleet's row until the commit, so that many at once do not pass the quota together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+from uuid import UUID
+
+from sqlalchemy import func, select, update
+from sqlalchemy.orm import Session
+
+from service.db.clock import now
+from service.db.fleets import Fleet
+from service.db.recordings import Blob, Recording, Sensor, UploadPart
+from service.db.session import Database
+
+_BATCH = 500
+_UNITS = ("bytes", "KiB", "MiB", "GiB", "TiB", "PiB", "EiB")
+
+
+class Use(NamedTuple):
+    """Bytes."""
+
+    taken: int
+    allowed: int
+
+
+class QuotaExceededError(Exception):
+    """The fleet's recordings would take more than they may."""
+
+    code = "fleet_quota_exceeded"
+
+    def __init__(self, use: Use, asked: int) -> None:
+        self.use = use
+        self.asked = asked
+        self.message = (
+            f"The fleet's recordings take {spoken(use.taken)} of the {spoken(use.allowed)} that they may, and this "
+            f"would take {spoken(asked)} more."
+        )
+        self.hint = (
+            "Delete recordings and unfinished uploads of the fleet that nobody needs, or ask whoever runs the "
+            "service for a larger quota."
+        )
+        super().__init__(self.message)
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The same for programs."""
+        return {"taken_bytes": self.use.taken, "quota_bytes": self.use.allowed, "asked_bytes": self.asked}
+
+
+def uses(session: Session, fleets: Iterable[Fleet], default: int) -> dict[UUID, Use]:
+    """What these fleets take and may take; ``default`` where nothing is said of a fleet."""
+    allowed = {fleet.id: fleet.quota_bytes for fleet in fleets}
+    summed = (
+        select(Recording.fleet_id, func.sum(Recording.taken_bytes))
+        .where(Recording.fleet_id.in_(allowed))
+        .group_by(Recording.fleet_id)
+    )
+    taken = {id: int(total or 0) for id, total in session.execute(summed)}
+    return {id: Use(taken.get(id, 0), default if quota is None else quota) for id, quota in allowed.items()}
+
+
+def take(session: Session, recording: Recording, size: int, default: int) -> None:
+    """Let a recording, whose row is new or locked, take ``size`` bytes in all.
+
+    Raises :class:`QuotaExceededError` where it takes more than before and the fleet has no room for that.
+    """
+    more = size - (recording.taken_bytes or 0)
+    if more <= 0:
+        return
+    fleet = session.scalars(select(Fleet).where(Fleet.id == recording.fleet_id).with_for_update(key_share=True)).one()
+    session.flush()
+    use = uses(session, [fleet], default)[fleet.id]
+    if use.taken + more > use.allowed:
+        raise QuotaExceededError(use, more)
+    recording.taken_bytes = size
+
+
+def coming(session: Session, recording: Recording) -> int:
+    """Bytes of a recording's file that have come or are on their way."""
+    parts = select(func.sum(UploadPart.size)).where(UploadPart.recording_id == recording.id)
+    reserved = select(func.sum(Blob.size)).where(
+        Blob.state == "reserved", Blob.key.startswith(f"recordings/{recording.id}/parts/", autoescape=True)
+    )
+    return int(session.scalar(parts) or 0) + int(session.scalar(reserved) or 0)
+
+
+def count_older(database: Database, upload_hours: float) -> int:
+    """Count what recordings take, and say when their uploads end, where a version wrote them that did neither."""
+    parts = select(func.sum(UploadPart.size)).where(UploadPart.recording_id == Recording.id).scalar_subquery()
+    sensors = (
+        select(func.sum(Blob.size))
+        .join(Sensor, Sensor.blob_key == Blob.key)
+        .where(Sensor.recording_id == Recording.id)
+        .scalar_subquery()
+    )
+    counted = 0
+    while True:
+        with database.writing() as session:
+            ids = session.scalars(select(Recording.id).where(Recording.taken_bytes.is_(None)).limit(_BATCH)).all()
+            session.execute(
+                update(Recording)
+                .where(Recording.id.in_(ids))
+                .values(taken_bytes=func.coalesce(parts, 0) + func.coalesce(sensors, 0))
+                .execution_options(synchronize_session=False)
+            )
+            session.execute(
+                update(Recording)
+                .where(Recording.id.in_(ids), Recording.state == "uploading", Recording.expires_at.is_(None))
+                .values(expires_at=now(3600 * upload_hours))
+                .execution_options(synchronize_session=False)
+            )
+        counted += len(ids)
+        if len(ids) < _BATCH:
+            return counted
+
+
+def spoken(size: float) -> str:
+    """Bytes for people: 3 digits or so."""
+    for unit in _UNITS[:-1]:
+        if size < 1024:
+            return f"{size:.0f} {unit}" if unit == _UNITS[0] or size >= 100 else f"{size:.1f} {unit}"
+        size /= 1024
+    return f"{size:.1f} {_UNITS[-1]}"
