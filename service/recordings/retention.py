@@ -8,7 +8,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.exc import OperationalError
 
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.db.recordings import Recording
 from service.db.session import Database
 from service.events.hints import hint
@@ -27,7 +27,7 @@ def delete_overdue(database: Database) -> int:
     """
     # All of them: of a part, those that stay would be looked at again and again, and the others never.
     with database.reading() as session:
-        ended = select(Recording.id).where(Recording.retain_until < utc_now()).order_by(Recording.retain_until)
+        ended = select(Recording.id).where(Recording.retain_until < now()).order_by(Recording.retain_until)
         overdue = session.scalars(ended).all()
     deleted = 0
     for recording_id in overdue:

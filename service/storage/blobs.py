@@ -6,19 +6,18 @@ So no object is ever without a row, and what a crash left is found by asking the
 from __future__ import annotations
 
 from collections.abc import Iterable
-from datetime import timedelta
 
 from sqlalchemy import and_, delete, exists, or_, select, update
 from sqlalchemy.orm import Session
 
-from service.db.clock import now, utc_now
+from service.db.clock import now
 from service.db.ids import new_id
 from service.db.jobs import Job
 from service.db.recordings import Blob, BlobHold
 from service.storage.errors import ReservationEndedError
 
 # A reservation without a job is an upload part on its way; no part takes this long.
-_ABANDONED = timedelta(hours=2)
+_ABANDONED_S = 2 * 3600.0
 
 
 def reserve(
@@ -74,7 +73,7 @@ def condemn_lost(session: Session) -> None:
             Blob.state == "reserved",
             or_(
                 and_(Blob.job_id.is_not(None), ~working.exists()),
-                and_(Blob.job_id.is_(None), Blob.created_at < utc_now() - _ABANDONED),
+                and_(Blob.job_id.is_(None), Blob.created_at < now(-_ABANDONED_S)),
             ),
         )
         .values(state="condemned")
