@@ -10,12 +10,12 @@ from datetime import datetime
 from typing import NamedTuple
 from uuid import UUID
 
-from sqlalchemy import exists, func, select
+from sqlalchemy import ColumnElement, exists, func, select
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.publishing import current_publication
+from service.calibration_runs.publishing import current_ids
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig
 
 # Held-out pairs that lie so many times further off than the fitted ones: the fit says little about where it was not
@@ -43,7 +43,7 @@ def objections(session: Session, result: Result) -> list[str]:
     if own is None:
         ended_well = calibration.state == "done" and _all_done(session, calibration.id)
         own = own_objections(result.camera, found, result.model, summary.get("rig"), ended_well=ended_well)
-    return own + _beside_current(session, result, calibration)
+    return own + _beside_current(session, result, calibration.vehicle_id)
 
 
 def own_objections(camera: str, found: Json, name: str, rig: Json | None, *, ended_well: bool) -> list[str]:
@@ -93,53 +93,64 @@ def _all_done(session: Session, calibration_id: UUID) -> bool:
     return not session.scalar(select(other))
 
 
-class _Origin(NamedTuple):
-    """Which pairs a result was fitted to and which rig they are of, and since when there are both."""
+class _Standing(NamedTuple):
+    """What two results of one camera are compared by."""
 
+    result_id: UUID
+    camera: str
+    model: str
+    summary: Json | None
     set_id: UUID
     pairs_at: datetime
     rig_id: UUID
     rig: str
     rig_at: datetime
 
+    @property
+    def held_out_px(self) -> float | None:
+        """Mean held-out error, where any pairs were held out."""
+        models: Json = (self.summary or {}).get("cameras", {}).get(self.camera, {}).get("models", {})
+        return models.get(self.model, {}).get("heldout_mean_px")
 
-def _beside_current(session: Session, result: Result, calibration: Calibration) -> list[str]:
+
+def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None:
+    # One statement: what it reads may be deleted between two.
+    pairs_at = func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at)
+    statement = (
+        select(
+            *(Result.id, Result.camera, Result.model, Calibration.summary),
+            *(CorrespondenceSet.id, pairs_at, Rig.id, Rig.name, Rig.created_at),
+        )
+        .join(Calibration, Calibration.id == Result.calibration_id)
+        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .join(Rig, Rig.id == CorrespondenceSet.rig_id)
+    )
+    row = session.execute(statement.where(*where)).one_or_none()
+    return _Standing(*row) if row else None
+
+
+def _beside_current(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
     """What speaks against a result beside the one that its camera has now."""
-    publication = current_publication(session, calibration.vehicle_id, result.camera)
-    if publication is None or publication.result_id == result.id:
+    given = current_ids(Publication.vehicle_id == vehicle_id, Publication.camera == result.camera)
+    published = select(Publication.result_id).where(Publication.id.in_(given))
+    own, current = _standing(session, Result.id == result.id), _standing(session, Result.id.in_(published))
+    if own is None or current is None or own.result_id == current.result_id:
         return []
-    current = session.get_one(Result, publication.result_id)
     reasons: list[str] = []
-    mine, theirs = _held_out_px(session, result), _held_out_px(session, current)
+    mine, theirs = own.held_out_px, current.held_out_px
     if mine is not None and theirs is not None and mine > max(_WORSE * theirs, _FINE_PX):
         reasons.append(f"Held-out pairs lie {mine:.2f} px off; of the vehicle's current result {theirs:.2f}.")
-    own, other = _origin(session, result), _origin(session, current)
-    if own.rig_id != other.rig_id and own.rig_at < other.rig_at:
-        reasons.append(f"It is of the rig {own.rig!r}, the vehicle's current result of the newer rig {other.rig!r}.")
-    if own.set_id != other.set_id and own.pairs_at < other.pairs_at:
+    if own.rig_id != current.rig_id and own.rig_at < current.rig_at:
         reasons.append(
-            f"Its pairs are of {_told(own.pairs_at)}, those of the vehicle's current result of "
-            f"{_told(other.pairs_at)}, which is later."
+            f"It is of the rig {own.rig!r}, the vehicle's current result of the newer rig {current.rig!r}."
+        )
+    if own.set_id != current.set_id and own.pairs_at < current.pairs_at:
+        reasons.append(
+            f"Its pairs are of {_told(own.pairs_at)}, those of the vehicle's current result are newer: of "
+            f"{_told(current.pairs_at)}."
         )
     return reasons
-
-
-def _held_out_px(session: Session, result: Result) -> float | None:
-    """Mean held-out error of a result's model, where its calibration held any pairs out."""
-    summary = session.get_one(Calibration, result.calibration_id).summary or {}
-    models: Json = summary.get("cameras", {}).get(result.camera, {}).get("models", {})
-    return models.get(result.model, {}).get("heldout_mean_px")
-
-
-def _origin(session: Session, result: Result) -> _Origin:
-    brought_at = func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at)
-    of_run = (
-        select(CorrespondenceSet.id, brought_at, Rig.id, Rig.name, Rig.created_at)
-        .join(Rig, Rig.id == CorrespondenceSet.rig_id)
-        .join(CalibrationRun, CalibrationRun.set_id == CorrespondenceSet.id)
-        .where(CalibrationRun.id == result.run_id)
-    )
-    return _Origin(*session.execute(of_run).one())
 
 
 def _told(moment: datetime) -> str:
