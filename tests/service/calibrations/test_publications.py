@@ -95,7 +95,7 @@ def test_only_a_reviewer_overrides(api, fleet, rig):
 
 
 def test_a_result_of_a_calibration_that_has_not_ended_is_held_back(api, rig, reviewer):
-    calibration, (full, _) = seed_results(api, rig)
+    _, (full, _) = seed_results(api, rig)
     with api.database.writing() as session:
         session.execute(update(Calibration).values(state="running", summary=None, remaining=1))
     refused = reviewer.post(f"/results/{full}/publication")
