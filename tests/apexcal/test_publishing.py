@@ -12,8 +12,6 @@ from apexcal.client import ApiError, Client
 from tests.apexcal.conftest import Embedded
 from tests.faults.jobs import LEVEL_RIG, pairs
 
-QUICK = {"slots": 2, "population": 200, "generations": 30, "max_iterations": 2}
-
 
 @dataclass
 class Car:
@@ -36,7 +34,7 @@ def car(embedded: Embedded) -> Car:
         rig = client.vehicles.create_rig(vehicle["id"], LEVEL_RIG)
         of = client.correspondence_sets.import_pairs(rig["id"], "front", pairs(60))["id"]
         asked = [
-            client.calibrations.create(vehicle["id"], [of], ["pinhole"], folds=2, schedule=QUICK, **request)
+            client.calibrations.create(vehicle["id"], [of], ["pinhole"], folds=2, **request)
             for request in ({"bounds": {"f_x": [520.0, 700.0]}}, {"seed": 1}, {"seed": 2})
         ]
         edge, *good = [_result(client.wait(one, timeout_s=120)) for one in asked]
