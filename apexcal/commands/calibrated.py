@@ -23,6 +23,8 @@ def show(calibration: Document) -> None:
             out.print(f"* {camera['why']}", markup=False, soft_wrap=True)
         for warning in warnings_of(camera):
             out.print(f"Warning: {warning}", markup=False, soft_wrap=True)
+        for objection in objections_of(camera):
+            out.print(f"Against publishing it: {objection}", markup=False, soft_wrap=True)
     rig = (calibration.get("summary") or {}).get("rig") or {}
     for pair in rig.get("pairs", []):
         for sentence in pair["sentences"]:
@@ -65,9 +67,16 @@ def warnings_of(camera: Document) -> list[str]:
     return warnings + [f"{camera['recommended']}: {alarm}" for alarm in recommended.get("alarms", [])]
 
 
+def objections_of(camera: Document) -> list[str]:
+    """What speaks against publishing the recommended result; none where the sentences of its publication say it."""
+    recommended = camera["models"].get(camera.get("recommended"), {})
+    # A service of an older version does not say it.
+    return [] if camera.get("not_published") else recommended.get("objections", [])
+
+
 def why_unpublished(camera: Document, *, wanted: bool) -> str:
     """Why no result of this camera became the vehicle's current calibration, and what to do about it."""
-    by_hand = "A reviewer can publish a result on the calibration's page."
+    by_hand = "A reviewer can publish a result with `apexcal publish`, or on the calibration's page."
     if not wanted:
         return f"--no-publish said so. {by_hand}"
     reasons = camera.get("not_published")

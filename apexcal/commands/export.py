@@ -10,15 +10,16 @@ import typer
 
 from apexcal.client import ApiError, Client
 from apexcal.commands.common import DataOption, TokenOption, UrlOption, check_target, console, usage, write_target
-from apexcal.commands.connect import check_id, connected, find_camera, find_vehicle
+from apexcal.commands.connect import check_id, connected
+from apexcal.commands.publications import CameraOption, FleetOption, VehicleOption, find_vehicle_camera
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 
 
 def export(
-    vehicle: Annotated[str, typer.Option(help="Vehicle, by name or id; needed where there are several.")] = "",
-    camera: Annotated[str, typer.Option(help="Camera; needed where the vehicle has several.")] = "",
-    fleet: Annotated[str, typer.Option(help="Fleet, by name or id.")] = "",
+    vehicle: VehicleOption = "",
+    camera: CameraOption = "",
+    fleet: FleetOption = "",
     result: Annotated[str, typer.Option(help="Id of one result, instead of the current calibration.")] = "",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write; otherwise the terminal.")
@@ -37,10 +38,7 @@ def export(
         if result:
             document = client.calibrations.result(check_id(result, "result"))
         else:
-            on = find_vehicle(client, fleet, vehicle)
-            rigs = list(client.vehicles.rigs(on["id"]))
-            cameras = {each["name"]: each for rig in rigs for each in rig["cameras"]}
-            document = _current(client, on, find_camera({"cameras": list(cameras.values())}, camera))
+            document = _current(client, *find_vehicle_camera(client, fleet, vehicle, camera))
     text = json.dumps(document, indent=2, ensure_ascii=False)
     if output is None:
         print(text)
@@ -57,6 +55,6 @@ def _current(client: Client, vehicle: Document, camera: str) -> Document:
         if error.code == "no_calibration_yet":
             error.hint = (
                 "Make one with `apexcal calibrate --detection DETECTION`; a result that was not published by itself "
-                "is published on the calibration's page, or written with --result."
+                "is published with `apexcal publish` or on the calibration's page, or written with --result."
             )
         raise

@@ -84,9 +84,19 @@ class Calibrations:
         """The GA slots of one run, with the worker that ran each."""
         return self._http.items(at("calibrations", calibration_id, "slots"), camera=camera, model=model, fold=fold)
 
-    def publish(self, result_id: UUID | str) -> Document:
-        """Make a result its camera's current calibration."""
-        return self._http.post(at("results", result_id, "publication"))
+    def publish(self, result_id: UUID | str, reason: str | None = None, *, override: bool = False) -> Document:
+        """Make a result its camera's current calibration.
+
+        ApiError ``objections`` where something speaks against it (``fields["objections"]``): ``override`` publishes
+        all the same, for this ``reason``, and both are kept. A result that was published before needs a reason.
+        """
+        if override:
+            return self._http.post(at("results", result_id, "publication"), {"override": {"reason": reason or ""}})
+        return self._http.post(at("results", result_id, "publication"), {"reason": reason} if reason else {})
+
+    def publications(self, vehicle_id: UUID | str, camera: str) -> Iterator[Document]:
+        """What a camera was given, newest first: by whom, when, why and against which objections."""
+        return self._http.items(at("vehicles", vehicle_id, "cameras", camera, "publications"))
 
     def current(self, vehicle_id: UUID | str, camera: str) -> Document:
         """A camera's current calibration; ApiError ``no_calibration_yet`` where there is none."""

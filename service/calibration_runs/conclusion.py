@@ -13,10 +13,11 @@ from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
 from service.calibration_runs.model_choice import Candidate, Choice, choose
-from service.calibration_runs.publishing import against_publishing, publish
+from service.calibration_runs.objections import objections, own_objections
+from service.calibration_runs.publishing import hold_publications, publish_by_itself
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
-from service.db.clock import utc_now
+from service.db.clock import now
 
 FULL = -1
 
@@ -62,23 +63,39 @@ def conclude(
     """
     results = results_of(session, calibration.id)
     fitted = [result for result in results if result.fold == FULL]
-    calibration.finished_at = utc_now()
+    calibration.finished_at = now()
     calibration.state = "cancelled" if cancelled else _state(runs, fitted)
     calibration.problem = next((run.failure for run in runs if run.failure), None)
     if not fitted:
         return
     work = _work(session, calibration.id)
-    all_done = not cancelled and all(run.state == "done" for run in runs)
+    ended_well = not cancelled and all(run.state == "done" for run in runs)
     cameras: dict[str, Json] = {}
     for camera, choice in choices(results).items():
         of_camera = [result for result in results if result.camera == camera]
         found = cameras[camera] = _camera_summary(choice, of_camera, work)
-        if calibration.publish == "recommended":
-            reasons = against_publishing(session, calibration, camera, found, rig, all_done=all_done)
-            found |= {"published": not reasons, "not_published": reasons}
-            if not reasons:
-                publish(session, calibration, camera, UUID(found["models"][choice.recommended]["result_id"]))
-    calibration.summary = {"cameras": cameras} if rig is None else {"cameras": cameras, "rig": rig}
+        for name, model in found["models"].items():
+            model["objections"] = own_objections(camera, found, name, rig, ended_well=ended_well)
+    calibration.summary = summary = {"cameras": cameras} if rig is None else {"cameras": cameras, "rig": rig}
+    if calibration.publish == "recommended":
+        calibration.summary = summary | {"cameras": _published(session, calibration, cameras, fitted)}
+
+
+def _published(
+    session: Session, calibration: Calibration, cameras: Mapping[str, Json], fitted: Sequence[Result]
+) -> dict[str, Json]:
+    """Publish what is recommended and nothing speaks against; the cameras' summaries with what became of it."""
+    # The calibration's row before the vehicle's: the order of all locks.
+    session.flush()
+    hold_publications(session, calibration.vehicle_id)
+    told: dict[str, Json] = {}
+    for camera, found in cameras.items():
+        result = next((one for one in fitted if (one.camera, one.model) == (camera, found["recommended"])), None)
+        reasons = objections(session, result) if result else ["No model is recommended."]
+        if result and not reasons:
+            publish_by_itself(session, calibration, result)
+        told[camera] = found | {"published": not reasons, "not_published": reasons}
+    return told
 
 
 def _camera_summary(choice: Choice, of_camera: Sequence[Result], work: Mapping[UUID, Json]) -> Json:

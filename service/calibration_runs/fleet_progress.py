@@ -9,12 +9,12 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, bindparam, case, literal, select, update
+from sqlalchemy import ColumnElement, bindparam, case, select, update
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
 from service.db.calibrations import Calibration
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.session import Database
 from service.events.hints import hint
@@ -28,7 +28,7 @@ _END_VEHICLES = (
         FleetRequestVehicle.calibration_id.in_(bindparam("calibrations", expanding=True)),
         FleetRequestVehicle.state == "queued",
     )
-    .values(state=bindparam("ended_as"), problem=bindparam("because"), finished_at=bindparam("at"))
+    .values(state=bindparam("ended_as"), problem=bindparam("because"), finished_at=now())
     .returning(FleetRequestVehicle.fleet_request_id)
 )
 
@@ -59,7 +59,7 @@ def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) ->
             **counts,
             remaining=left,
             state=case((left > 0, "running"), else_=_end_state(counts["failed"], counts["cancelled"])),
-            finished_at=case((left > 0, None), else_=literal(utc_now(), FleetRequest.finished_at.type)),
+            finished_at=case((left > 0, None), else_=now()),
         )
         .returning(FleetRequest.fleet_id)
         .execution_options(synchronize_session=False)
@@ -77,7 +77,7 @@ def _end_state(failed: ColumnElement[int], cancelled: ColumnElement[int]) -> Col
 
 def _end_vehicles(session: Session, calibration_ids: list[UUID], state: str, problem: Json | None) -> None:
     """End the vehicles that wait for these calibrations; each once, whoever comes second finds it ended."""
-    ended = {"calibrations": calibration_ids, "ended_as": state, "because": problem, "at": utc_now()}
+    ended = {"calibrations": calibration_ids, "ended_as": state, "because": problem}
     requests = session.connection().execute(_END_VEHICLES, ended).scalars()
     for request_id, count in sorted(Counter(requests).items()):
         count_ended(session, request_id, {state: count})

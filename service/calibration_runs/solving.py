@@ -17,7 +17,7 @@ from service.calibration_runs.conclusion import FULL, RunRow, conclude, runs_of
 from service.calibration_runs.fleet_progress import tell_fleet_request
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.events.hints import hint
 from service.jobs.bundles import cut
 from service.jobs.queue import enqueue, enqueue_all, enqueue_each
@@ -33,7 +33,7 @@ _COUNT_DOWN = (
 _END_RUN = (
     update(CalibrationRun)
     .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(_UNENDED))
-    .values(state=bindparam("ended_as"), failure=bindparam("because"), finished_at=bindparam("at"))
+    .values(state=bindparam("ended_as"), failure=bindparam("because"), finished_at=now())
     .returning(CalibrationRun.id)
 )
 _END_WHOLE_RUN = _END_RUN.values(schedule=bindparam("narrowed"), iteration=bindparam("iterations"))
@@ -91,7 +91,7 @@ def end_run(
     ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``: a row, or those columns of it. ``schedule``: the
     state of the narrowing and the number of iterations, where they are not on record yet.
     """
-    ended: dict[str, Any] = {"run": run.id, "ended_as": state, "because": failure, "at": utc_now()}
+    ended: dict[str, Any] = {"run": run.id, "ended_as": state, "because": failure}
     statement = _END_RUN
     if schedule:
         statement = _END_WHOLE_RUN

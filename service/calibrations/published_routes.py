@@ -1,4 +1,4 @@
-"""Results, their publication, and the current calibration of a vehicle's camera at one address."""
+"""Results, their publication, and what a vehicle's camera is given: now at one address, and before."""
 
 from __future__ import annotations
 
@@ -9,19 +9,22 @@ from fastapi import APIRouter
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
-from sqlalchemy.orm import Session
 
 from service.auth.access import ReadAccess, WriteAccess
 from service.auth.roles import rank
+from service.calibration_runs.objections import objections
+from service.calibration_runs.publishing import Words, current_publication, hold_publications, publish, was_given
+from service.calibrations.publications import current_document, publication_page, publication_view
 from service.calibrations.runs import FULL
-from service.calibrations.schemas import PublicationView
-from service.calibrations.views import current_document, publication_view, result_document
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
-from service.db.fleets import Rig, Vehicle
+from service.calibrations.schemas import PublicationRequest, PublicationView
+from service.calibrations.views import result_document
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.fleets import Vehicle
 from service.detections.digests import content_hash
 from service.events.hints import hint
 from service.http.etags import Conditional, content_etag
-from service.http.problems import Problem
+from service.http.pages import Page, Paging
+from service.http.problems import Problem, not_found
 from service.http.schemas import Sought
 
 router = APIRouter()
@@ -29,22 +32,34 @@ router = APIRouter()
 
 @router.get("/results/{result_id}")
 def read_result(result_id: UUID, access: ReadAccess) -> dict[str, Any]:
-    """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids."""
+    """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids.
+
+    ``objections`` is what speaks against publishing it now, null of a fit that is not to all pairs.
+    """
     result = access.find(Result, result_id)
-    run, calibration, pairs = access.session.execute(
+    found = access.session.execute(
         select(CalibrationRun, Calibration, CorrespondenceSet)
         .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
         .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
         .where(CalibrationRun.id == result.run_id)
-    ).one()
+    ).one_or_none()
+    if found is None:
+        # Deleted at this moment.
+        raise not_found()
+    run, calibration, pairs = found
     # Who marks sees nothing of what others marked.
     with_marks = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
-    return result_document(result, run, calibration, pairs, with_marks=with_marks)
+    against = objections(access.session, result) if result.fold == FULL else None
+    return result_document(result, run, calibration, pairs, against, with_marks=with_marks)
 
 
 @router.post("/results/{result_id}/publication", status_code=201, response_model=PublicationView)
-def publish(result_id: UUID, access: WriteAccess) -> JSONResponse:
-    """Give a result to its vehicle's camera; the current one is found again, with 200. [reviewer]"""
+def publish_result(result_id: UUID, access: WriteAccess, wanted: PublicationRequest | None = None) -> JSONResponse:
+    """Give a result to its vehicle's camera; the current one is found again, with 200. [reviewer]
+
+    Against the service's objections only with an ``override``, which is kept. One that was published before takes a
+    ``reason``: this is how to go back.
+    """
     result = access.find(Result, result_id, "reviewer")
     if result.fold != FULL:
         raise Problem(
@@ -53,29 +68,55 @@ def publish(result_id: UUID, access: WriteAccess) -> JSONResponse:
             "This result left a block of the pairs out, to measure the model on it.",
             "Publish the result of the same model that was fitted to all pairs.",
         )
-    calibration = access.session.get_one(Calibration, result.calibration_id)
-    current = _current(access.session, calibration.vehicle_id, result.camera)
+    session = access.session
+    # The order of all locks. Who deletes the calibration holds it too: afterwards there is nothing to publish.
+    calibration = session.get(Calibration, result.calibration_id, with_for_update={"key_share": True})
+    if calibration is None:
+        raise not_found()
+    hold_publications(session, calibration.vehicle_id)
+    current = current_publication(session, calibration.vehicle_id, result.camera)
     if current is not None and current.result_id == result.id:
-        return access.answer(publication_view(current), 200)
-    row = Publication(
-        fleet_id=result.fleet_id,
-        vehicle_id=calibration.vehicle_id,
-        camera=result.camera,
-        result_id=result.id,
-        published_by=access.person.id,
-    )
-    access.session.add(row)
-    access.session.flush()
-    hint(access.session, result.fleet_id, "calibration", calibration.id)
-    return access.answer(publication_view(row))
+        return access.answer(publication_view(session, current), 200)
+    row = publish(session, calibration, result, _words(access, result, wanted or PublicationRequest()))
+    hint(session, result.fleet_id, "calibration", calibration.id)
+    return access.answer(publication_view(session, row))
+
+
+def _words(access: WriteAccess, result: Result, wanted: PublicationRequest) -> Words:
+    """Raises :class:`Problem` 409 ``objections`` and 422 ``reason_missing``."""
+    against = objections(access.session, result)
+    if against and wanted.override is None:
+        more = f" ({len(against) - 1} more in `objections`)" if len(against) > 1 else ""
+        raise Problem(
+            409,
+            "objections",
+            f"Something speaks against publishing this result: {against[0]}{more}",
+            'Look at it first. To publish it all the same, say why: {"override": {"reason": "..."}}.',
+            objections=against,
+        )
+    reason = wanted.override.reason if wanted.override else wanted.reason
+    if reason is None and was_given(access.session, result):
+        raise Problem(
+            422,
+            "reason_missing",
+            "This result was published before, and another one after it.",
+            'Say why it is given again: {"reason": "..."}.',
+        )
+    return Words(access.person.id, reason, against)
+
+
+@router.get("/vehicles/{vehicle_id}/cameras/{camera}/publications")
+def list_publications(vehicle_id: UUID, camera: Sought, access: ReadAccess, window: Paging) -> Page[PublicationView]:
+    """What a vehicle's camera was given, newest first: by whom, when, why and against which objections."""
+    return publication_page(access.session, access.find(Vehicle, vehicle_id).id, camera, window)
 
 
 @router.get("/vehicles/{vehicle_id}/cameras/{camera}/calibration")
 def read_current(vehicle_id: UUID, camera: Sought, access: ReadAccess, conditions: Conditional) -> dict[str, Any]:
     """The current calibration of a vehicle's camera: intrinsics and transform, both frames named."""
     vehicle = access.find(Vehicle, vehicle_id)
-    publication = _current(access.session, vehicle.id, camera)
-    if publication is None:
+    document = jsonable_encoder(current_document(access.session, vehicle.id, camera))
+    if document is None:
         raise Problem(
             404,
             "no_calibration_yet",
@@ -83,18 +124,5 @@ def read_current(vehicle_id: UUID, camera: Sought, access: ReadAccess, condition
             "Publish a result: POST /v1/results/{id}/publication, or ask for a calibration with "
             '"publish": "recommended".',
         )
-    result = access.session.get_one(Result, publication.result_id)
-    calibration = access.session.get_one(Calibration, result.calibration_id)
-    rig = access.session.get_one(Rig, calibration.rig_id)
-    document = jsonable_encoder(current_document(publication, result, calibration, rig))
     conditions.offer(content_etag(content_hash(document)))
     return document
-
-
-def _current(session: Session, vehicle_id: UUID, camera: str) -> Publication | None:
-    return session.scalar(
-        select(Publication)
-        .where(Publication.vehicle_id == vehicle_id, Publication.camera == camera)
-        .order_by(Publication.created_at.desc(), Publication.id.desc())
-        .limit(1)
-    )

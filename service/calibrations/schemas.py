@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 from uuid import UUID
 
-from pydantic import Field
+from pydantic import Field, StringConstraints
 
 from service.calibrations.known_lens import UseAs
 from service.calibrations.model_names import (
@@ -182,12 +182,56 @@ class SlotView(Sent):
     worker: str
 
 
+# A sentence or two of plain text. No control characters, nor those that turn the direction of what follows.
+Reason = Annotated[
+    str,
+    StringConstraints(
+        strip_whitespace=True,
+        min_length=1,
+        max_length=500,
+        pattern=r"^[^\x00-\x1f\x7f\u202a-\u202e\u2066-\u2069]+$",
+    ),
+]
+
+
+class Override(Received):
+    """Publish although something speaks against it, and why."""
+
+    reason: Reason
+
+
+class PublicationRequest(Received):
+    """Why a result is published. ``override`` is needed where the service has objections, and kept with them.
+
+    A result that was published before needs a reason.
+    """
+
+    reason: Reason | None = None
+    override: Override | None = None
+
+
+class OverrideView(Sent):
+    """Why a result was published all the same, and what spoke against it then."""
+
+    reason: str
+    objections: list[str]
+
+
 class PublicationView(Sent):
-    """A result that a vehicle's camera was given."""
+    """A result that a vehicle's camera was given: by whom, when, why, and against which objections.
+
+    ``published_by`` is a name, null where the person is no longer known. ``reason`` is null where none was given.
+    """
 
     id: UUID
     fleet_id: UUID
     vehicle_id: UUID
     camera: str
     result_id: UUID
+    calibration_id: UUID
+    model: str
     published_at: datetime
+    published_by: str | None
+    reason: str | None
+    override: OverrideView | None
+    is_current: bool

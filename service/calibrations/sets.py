@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session, defer
 from service.calibrations.pairs import Columns
 from service.calibrations.schemas import SetView
 from service.db.calibrations import CorrespondenceSet
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.db.fleets import Rig, RigCamera
 from service.detections.digests import content_hash
 from service.http.problems import Problem
@@ -53,7 +53,7 @@ def keep_set(session: Session, wanted: CorrespondenceSet) -> tuple[Correspondenc
     if known is not None:
         # A statement, not the object: its recording may be deleted at this moment, and then there is nothing to say.
         of = update(CorrespondenceSet).where(CorrespondenceSet.id == known.id)
-        session.execute(of.values(brought_at=utc_now()), execution_options={"synchronize_session": False})
+        session.execute(of.values(brought_at=now()), execution_options={"synchronize_session": False})
         return known, False
     session.add(wanted)
     session.flush()

@@ -1,22 +1,19 @@
-"""Calibrations, results and the current calibration, as the answers show them."""
+"""Calibrations and results, as the answers show them."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any
 from uuid import UUID
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.calibrations.runs import FULL, UNENDED
-from service.calibrations.schemas import CalibrationView, ProgressView, PublicationView, RunView
-from service.calibrations.transforms import T_vehicle_camera
+from service.calibrations.schemas import CalibrationView, ProgressView, RunView
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
-from service.db.fleets import Rig
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 
 
 def calibration_views(session: Session, rows: Sequence[Calibration]) -> list[CalibrationView]:
@@ -74,9 +71,16 @@ def _progress(row: Calibration, runs: Sequence[CalibrationRun]) -> ProgressView:
 
 
 def result_document(
-    row: Result, run: CalibrationRun, calibration: Calibration, pairs: CorrespondenceSet, *, with_marks: bool
+    row: Result,
+    run: CalibrationRun,
+    calibration: Calibration,
+    pairs: CorrespondenceSet,
+    against: list[str] | None,
+    *,
+    with_marks: bool,
 ) -> Json:
-    """The solver's whole document, which rows it belongs to, and where its outliers come from.
+    """The solver's whole document, which rows it belongs to, what speaks ``against`` publishing it, and where its
+    outliers come from.
 
     ``with_marks``: whether the reader may see where people clicked.
     """
@@ -86,6 +90,7 @@ def result_document(
         outliers = [one | {"pair": _origin(pairs, one["index"], with_marks=with_marks)} for one in outliers]
     return row.document | {
         "outliers": outliers,
+        "objections": against,
         "recording_id": str(pairs.recording_id) if pairs.recording_id else None,
         "detection_id": str(pairs.detection_id) if pairs.detection_id else None,
         "id": str(row.id),
@@ -107,48 +112,3 @@ def _origin(pairs: CorrespondenceSet, index: int, *, with_marks: bool) -> Json:
     """What a set knows of one of its pairs: its stamp, sweep, camera frame or pose, and the mark."""
     known = ("stamp_ns", "sweep_index", "frame_index", "group", *(("u", "v") if with_marks else ()))
     return {name: pairs.pairs[name][index] for name in known if name in pairs.pairs}
-
-
-def publication_view(row: Publication) -> PublicationView:
-    """A publication's public members."""
-    return PublicationView(
-        id=row.id,
-        fleet_id=row.fleet_id,
-        vehicle_id=row.vehicle_id,
-        camera=row.camera,
-        result_id=row.result_id,
-        published_at=row.created_at,
-    )
-
-
-def current_document(publication: Publication, result: Result, calibration: Calibration, rig: Rig) -> Json:
-    """What a vehicle's camera is given: intrinsics and transform together, both frames named."""
-    document: dict[str, Any] = {
-        "vehicle_id": str(publication.vehicle_id),
-        "camera": publication.camera,
-        "published_at": publication.created_at,
-        "result_id": str(result.id),
-        "calibration_id": str(calibration.id),
-        "model": result.model,
-        "intrinsics": result.document["intrinsics"],
-        "T_camera_lidar": result.document["transform"],
-        "quality": _quality(result, calibration),
-    }
-    if rig.T_vehicle_lidar:
-        document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])
-    return document
-
-
-def _quality(result: Result, calibration: Calibration) -> Json:
-    cameras: Json = (calibration.summary or {}).get("cameras", {})
-    summary: Json = cameras.get(result.camera, {}).get("models", {}).get(result.model, {})
-    polished = result.document["polished"]
-    return {
-        "pairs": result.document.get("pairs"),
-        "mean_px": polished["mean_px"],
-        "rms_px": polished["rms_px"],
-        "heldout_mean_px": summary.get("heldout_mean_px"),
-        "heldout_rms_px": summary.get("heldout_rms_px"),
-        "std": result.document.get("std"),
-        "alarms": result.document.get("alarms", []),
-    }

@@ -11,7 +11,7 @@ from sqlalchemy import JSON, BigInteger, Dialect, Double, ForeignKey, Integer, M
 from sqlalchemy.orm import DeclarativeBase, mapped_column
 from sqlalchemy.types import TypeDecorator
 
-from service.db.clock import Instant, utc_now
+from service.db.clock import Instant, now
 from service.db.ids import new_id
 
 Json = dict[str, Any]
@@ -22,7 +22,8 @@ Nanoseconds = Annotated[int, mapped_column(BigInteger)]
 Bytes = Annotated[int, mapped_column(BigInteger)]
 Name = Annotated[str, mapped_column(String(200))]
 Digest = Annotated[str, mapped_column(String(64))]
-Created = Annotated[datetime, mapped_column(Instant, insert_default=utc_now)]
+# The database's clock: rows that several hosts write are compared by it.
+Created = Annotated[datetime, mapped_column(Instant, insert_default=now())]
 Version = Annotated[int, mapped_column(Integer, insert_default=1)]
 
 

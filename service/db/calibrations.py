@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Index, String, UniqueConstraint
+from sqlalchemy import Index, String, UniqueConstraint, func
 from sqlalchemy.orm import Mapped, mapped_column
 
 from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, refers_to
@@ -127,15 +127,33 @@ class Result(Base):
 
 
 class Publication(Base):
-    """A result that a vehicle's camera was given; the newest one is current."""
+    """A result that a vehicle's camera was given, never changed; the newest one is current.
+
+    ``number`` counts a camera's publications from 1: by it, and by no clock, one is newer than another. It is null
+    where a version of the service before wrote the row; such rows are newer than all that have a number, and the
+    next publication numbers them. ``reason`` is why it was published, in the publisher's words. ``overridden`` has
+    what spoke against it, where it was published all the same.
+    """
 
     __tablename__ = "publication"
-    __table_args__ = (Index("ix_publication_vehicle_id_camera_created_at", "vehicle_id", "camera", "created_at"),)
+    __table_args__ = (
+        Index("ix_publication_vehicle_id_camera_created_at", "vehicle_id", "camera", "created_at"),
+        Index("uq_publication_vehicle_id_camera_number", "vehicle_id", "camera", "number", unique=True),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
     vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
     camera: Mapped[Name]
     result_id: Mapped[UUID] = belongs_to("result.id")
+    number: Mapped[int | None]
     published_by: Mapped[UUID | None] = refers_to("person.id")
+    reason: Mapped[str | None] = mapped_column(String(500))
+    overridden: Mapped[list[Any] | None]
     created_at: Mapped[Created]
+
+
+# Greater than any number. Rows without one are newer than all that have one.
+_UNNUMBERED = 2**31 - 1
+# By which one of a camera's publications is newer than another, in this order.
+NEWNESS = (func.coalesce(Publication.number, _UNNUMBERED), Publication.created_at, Publication.id)

@@ -1,6 +1,7 @@
 """Time stamps of rows, and the database's own clock.
 
-Leases are compared by the database's clock alone, so workers whose clocks differ agree on who holds a job.
+Leases are compared by the database's clock alone, so workers whose clocks differ agree on who holds a job. So are
+rows by when they were made. PostgreSQL says microseconds, SQLite milliseconds.
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ def _sqlite_clock(element: _clock, compiler: Any, **kw: Any) -> str:
 
 @compiles(_clock, "postgresql")
 def _postgresql_clock(element: _clock, compiler: Any, **kw: Any) -> str:
+    # now() is when the transaction began, and one that waited for a lock would make its rows older than they are.
     return "CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS BIGINT)"
 
 
@@ -72,5 +74,5 @@ def now_plus(name: str) -> ColumnElement[datetime]:
 
 
 def utc_now() -> datetime:
-    """This process's clock, for rows that no other clock is compared with."""
+    """This process's clock: for what is only shown, and for what this process compares with itself."""
     return datetime.now(UTC)

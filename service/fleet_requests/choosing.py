@@ -18,6 +18,7 @@ from uuid import UUID
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.publishing import current_ids
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.fleet_requests.schemas import VehicleFilter
@@ -158,8 +159,7 @@ def _published_sets(session: Session, fleet_id: UUID) -> dict[tuple[UUID, str], 
         select(Publication.vehicle_id, Publication.camera, CalibrationRun.set_id)
         .join(Result, Result.id == Publication.result_id)
         .join(CalibrationRun, CalibrationRun.id == Result.run_id)
-        .where(Publication.fleet_id == fleet_id)
-        .order_by(Publication.created_at, Publication.id)
+        .where(Publication.id.in_(current_ids(Publication.fleet_id == fleet_id)))
     )
     return {(row.vehicle_id, row.camera): row.set_id for row in rows}
 

@@ -12,7 +12,6 @@ from sqlalchemy import select
 from sqlalchemy.orm import selectinload
 
 from service.auth.access import Access, ReadAccess, WriteAccess
-from service.db.clock import utc_now
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.ids import new_id
 from service.events.hints import hint
@@ -33,8 +32,9 @@ def post_fleet(body: Named, request: Request, access: WriteAccess) -> JSONRespon
     if not access.identity.sees_all:
         raise Problem(403, "owner_only", "Only an owner makes fleets.", "Ask whoever runs the service.")
     _refuse_taken(access, body.name, select(Fleet.id).where(Fleet.name == body.name), "fleet")
-    fleet = Fleet(id=new_id(), name=body.name, version=1, created_at=utc_now())
+    fleet = Fleet(id=new_id(), name=body.name, version=1)
     access.session.add(fleet)
+    access.session.flush()
     return access.answer(_fleets(access, [fleet], request)[0])
 
 
@@ -72,8 +72,9 @@ def post_vehicle(id: UUID, body: Named, access: WriteAccess) -> JSONResponse:
     access.find(Fleet, id, "engineer", lock=True)
     taken = select(Vehicle.id).where(Vehicle.fleet_id == id, Vehicle.name == body.name)
     _refuse_taken(access, body.name, taken, "vehicle")
-    vehicle = Vehicle(id=new_id(), fleet_id=id, name=body.name, version=1, created_at=utc_now())
+    vehicle = Vehicle(id=new_id(), fleet_id=id, name=body.name, version=1)
     access.session.add(vehicle)
+    access.session.flush()
     hint(access.session, id, "vehicle", vehicle.id)
     return access.answer(VehicleOut.model_validate(vehicle))
 
@@ -125,7 +126,6 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
         T_vehicle_lidar=body.T_vehicle_lidar and body.T_vehicle_lidar.model_dump(mode="json"),
         camera_transforms=[one.model_dump(mode="json") for one in body.camera_transforms],
         version=1,
-        created_at=utc_now(),
         cameras=[
             RigCamera(
                 id=new_id(),
@@ -142,6 +142,7 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
         ],
     )
     access.session.add(rig)
+    access.session.flush()
     return access.answer(RigOut.of(rig))
 
 

@@ -15,7 +15,7 @@ from service.calibration_runs.conclusion import runs_of
 from service.calibration_runs.solving import end_calibration, end_run
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.db.detections import Detection
 from service.db.recordings import Recording
 from service.db.studies import Study
@@ -64,7 +64,7 @@ def _detection(session: Session, subject_id: UUID, state: str, problem: Json | N
     session.execute(
         update(Detection)
         .where(Detection.id == subject_id, Detection.state.in_(("queued", "running")))
-        .values(state=state, problem=problem, finished_at=utc_now())
+        .values(state=state, problem=problem, finished_at=now())
         .execution_options(synchronize_session=False)
     )
     hint(session, counted.fleet_id, "detection", subject_id)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from uuid import UUID
 
-from sqlalchemy import delete, exists, select
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
 
 from service.calibration_runs.fleet_progress import drop_calibrations
+from service.calibration_runs.publishing import current_ids, hold_publications
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.detections import Detection
 from service.db.fleet_requests import FleetRequestVehicle
@@ -27,7 +28,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     """
     # Jobs first, as workers lock them before the rows that they work for; then again, for one made meanwhile.
     abandon(session, _subjects(session, recording_id))
-    session.execute(select(Recording.id).where(Recording.id == recording_id).with_for_update())
+    vehicle_id = session.scalar(select(Recording.vehicle_id).where(Recording.id == recording_id).with_for_update())
     # A retry of a fleet request holds its failed vehicles, then the sets; a cancel holds only the keys of these.
     failed = select(FleetRequestVehicle.id).where(
         FleetRequestVehicle.calibration_id.in_(_calibrations(session, recording_id)),
@@ -43,8 +44,11 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     # In one order: two recordings of one vehicle share calibrations, and may be deleted at the same moment.
     shared = select(Calibration.id).where(Calibration.id.in_(calibrations)).order_by(Calibration.id)
     session.execute(shared.with_for_update()).all()
-    if not with_published:
-        _refuse_in_use(session, calibrations)
+    # After the calibrations, as who publishes one of them.
+    if vehicle_id is not None:
+        hold_publications(session, vehicle_id)
+        if not with_published:
+            _refuse_in_use(session, vehicle_id, calibrations)
     keys = [
         *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
         *session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)),
@@ -76,18 +80,14 @@ def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
     ]
 
 
-def _refuse_in_use(session: Session, calibrations: Sequence[UUID]) -> None:
-    newer = aliased(Publication)
-    current = ~exists().where(
-        newer.vehicle_id == Publication.vehicle_id,
-        newer.camera == Publication.camera,
-        newer.created_at > Publication.created_at,
-    )
+def _refuse_in_use(session: Session, vehicle_id: UUID, calibrations: Sequence[UUID]) -> None:
     cameras = session.scalars(
         select(Publication.camera)
         .join(Result, Result.id == Publication.result_id)
-        .where(Result.calibration_id.in_(calibrations), current)
-        .distinct()
+        .where(
+            Publication.id.in_(current_ids(Publication.vehicle_id == vehicle_id)),
+            Result.calibration_id.in_(calibrations),
+        )
     ).all()
     if cameras:
         raise Problem(

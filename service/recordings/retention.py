@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import logging
-from datetime import timedelta
 from uuid import UUID
 
 from sqlalchemy import delete, select
 from sqlalchemy.exc import OperationalError
 
-from service.db.clock import now, utc_now
+from service.db.clock import now
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
 from service.events.hints import hint
@@ -21,7 +20,7 @@ from service.storage.blobs import condemn
 log = logging.getLogger(__name__)
 
 _LATE = (Recording.state == "uploading") & (Recording.expires_at < now())
-_TOLD = timedelta(days=7)
+_TOLD_S = 7 * 86400.0
 
 _WAITS = "Its retention has ended; it is kept because a vehicle's current calibration came from it."
 
@@ -33,7 +32,7 @@ def delete_overdue(database: Database) -> int:
     """
     # All of them: of a part, those that stay would be looked at again and again, and the others never.
     with database.reading() as session:
-        ended = select(Recording.id).where(Recording.retain_until < utc_now()).order_by(Recording.retain_until)
+        ended = select(Recording.id).where(Recording.retain_until < now()).order_by(Recording.retain_until)
         overdue = session.scalars(ended).all()
     deleted = 0
     for recording_id in overdue:
@@ -71,7 +70,7 @@ def _expire(database: Database, recording_id: UUID) -> bool:
             "detail": "No part of this upload came until its end, so what had come was removed.",
             "hint": "Upload the file again as a new recording, and delete this one.",
         }
-        told_until = utc_now() + _TOLD
+        told_until = session.scalars(select(now(_TOLD_S))).one()
         row.retain_until = min(row.retain_until or told_until, told_until)
         row.version += 1
         hint(session, row.fleet_id, "recording", row.id)

@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import ReadAccess, WriteAccess
-from service.db.clock import now, utc_now
+from service.db.clock import now
 from service.db.fleets import Rig, Vehicle
 from service.db.ids import new_id
 from service.db.recordings import Recording
@@ -53,7 +53,7 @@ def post_recording(id: UUID, body: NewRecording, request: Request, access: Write
         file_name=body.file_name,
         marks_per_vertex=body.marks_per_vertex,
         reading=reading_document(access.session, rig.id, body.reading),
-        retain_until=utc_now() + timedelta(days=body.retain_days) if body.retain_days else None,
+        retain_until=now(timedelta(days=body.retain_days).total_seconds()) if body.retain_days else None,
         created_by=access.person.id,
         taken_bytes=0,
         expires_at=access.session.scalar(select(now(3600 * settings.upload_hours))),

@@ -14,7 +14,7 @@ from datetime import datetime, timedelta
 from sqlalchemy import exists, select, update
 from sqlalchemy.exc import IntegrityError
 
-from service.db.clock import now, utc_now
+from service.db.clock import now
 from service.db.jobs import Heartbeat
 from service.db.recordings import Blob, BlobHold
 from service.db.session import Database
@@ -58,7 +58,8 @@ def audit(database: Database, store: Store, orphan_age: timedelta, *, remove: bo
 
     Nothing is removed while a backup holds the store, nor where orphans are too many to be litter.
     """
-    began = utc_now()
+    with database.reading() as session:
+        began = session.scalars(select(now())).one()
     found = Audit()
     listed: set[str] = set()
     for page in _pages(store.list()):

@@ -12,7 +12,7 @@ from datetime import timedelta
 from sqlalchemy import and_, delete, exists, or_, select, update
 from sqlalchemy.orm import Session
 
-from service.db.clock import now, utc_now
+from service.db.clock import now
 from service.db.ids import new_id
 from service.db.jobs import Job
 from service.db.recordings import Blob, BlobHold
@@ -21,7 +21,7 @@ from service.storage.errors import ReservationEndedError
 # When an object that could not be removed is tried again: as after a store that was away for a moment, at last daily.
 _TRY_AGAIN, _LATEST = timedelta(seconds=10), timedelta(days=1)
 # A reservation without a job is an upload part on its way; no part takes this long.
-_ABANDONED = timedelta(hours=2)
+_ABANDONED_S = 2 * 3600.0
 
 log = logging.getLogger(__name__)
 
@@ -79,7 +79,7 @@ def condemn_lost(session: Session) -> None:
             Blob.state == "reserved",
             or_(
                 and_(Blob.job_id.is_not(None), ~working.exists()),
-                and_(Blob.job_id.is_(None), Blob.created_at < utc_now() - _ABANDONED),
+                and_(Blob.job_id.is_(None), Blob.created_at < now(-_ABANDONED_S)),
             ),
         )
         .values(state="condemned")

@@ -95,6 +95,10 @@ _NONSENSE = (
     ["detect", "walk", "--keep", "x > 1", "--region", "region.json"],
     ["calibrate-fleet", "--cancel", "01890000-0000-7000-8000-000000000000", "--name", "Van"],
     ["export", "--output", "/"],
+    ["publish", "the-best"],
+    ["publish", "01890000-0000-7000-8000-000000000000", "--override"],
+    ["rollback", "--reason", " "],
+    ["publications", "--limit", "0"],
 )
 
 

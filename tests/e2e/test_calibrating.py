@@ -72,16 +72,55 @@ def test_who_publishes_what_is_no_good_is_asked_first(sign_in: Callable[[str, st
     calibration.get_by_role("link").click()
     publish = page.get_by_role("button", name="Publish for the vehicle")
     expect(publish).not_to_have_class(re.compile("primary"))
-    with page.expect_event("dialog") as asking:
-        page.once("dialog", lambda question: question.dismiss())
-        publish.click()
-    asked = asking.value.message
-    assert "is not_determined" in asked and "No pairs were held out" in asked
-    expect(publish).to_be_enabled()
+    expect(page.get_by_text("What speaks against publishing it")).to_be_visible()
+    publish.focus()
+    page.keyboard.press("Enter")
+    dialog = page.get_by_role("dialog", name="Give the vehicle this pinhole for front?")
+    expect(dialog).to_contain_text("is not_determined")
+    expect(dialog).to_contain_text("No pairs were held out")
+    expect(dialog.get_by_role("button", name="Publish")).to_be_disabled()
+    page.keyboard.press("Escape")
+    expect(dialog).to_have_count(0)
+    expect(publish).to_be_focused()
     expect(page.get_by_text("None published yet.")).to_be_visible()
-    page.once("dialog", lambda question: question.accept())
-    publish.click()
+    page.keyboard.press("Enter")
+    dialog.get_by_role("textbox").press_sequentially("A first guess,\nfor the demo.")
+    expect(dialog.get_by_role("button", name="Publish")).to_be_enabled()
+    for _ in range(2):
+        page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
     expect(page.get_by_text("Published: the current calibration")).to_be_visible()
+    expect(page.get_by_text("A first guess, for the demo.")).to_be_visible()
+    override = track.owner.calibrations.current(vehicle, "front")["override"]
+    assert override["reason"] == "A first guess, for the demo." and len(override["objections"]) >= 2
+
+
+def test_a_reviewer_goes_back_on_the_vehicles_page(sign_in: Callable[[str, str], Page], track: Track) -> None:
+    """With the keyboard alone: from the list of what the camera was given to what it had before."""
+    vehicle, pairs_of_one = add_cart(track, "Wagon", 60)
+    wanted = {"models": ["pinhole"], "folds": 3, "publish": "recommended"}
+    first, second = (
+        track.owner.wait(track.owner.calibrations.create(vehicle, [pairs_of_one], seed=seed, **wanted), timeout_s=60)
+        for seed in (1, 2)
+    )
+    page = sign_in("Bea", "reviewer")
+    page.goto(f"{track.url}/vehicles/{vehicle}")
+    expect(page.get_by_text("It was recommended, and nothing spoke against it.")).to_be_visible()
+    page.get_by_text("All publications").focus()
+    page.keyboard.press("Enter")
+    again = page.get_by_role("button", name=re.compile("Publish again"))
+    expect(again).to_have_count(1)
+    again.focus()
+    page.keyboard.press("Enter")
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("Nothing speaks against it.")
+    dialog.get_by_role("textbox").fill("The second one is off.")
+    dialog.get_by_role("button", name="Publish").press("Enter")
+    expect(dialog).to_have_count(0)
+    expect(page.get_by_text("The second one is off.").first).to_be_visible()
+    expect(page.get_by_role("listitem").filter(has_text="current")).to_contain_text("by Bea")
+    given = [one["calibration_id"] for one in track.owner.calibrations.publications(vehicle, "front")]
+    assert given == [first["id"], second["id"], first["id"]]
 
 
 def add_cart(track: Track, name: str, count: int, vertices: int | None = None) -> tuple[str, str]:

@@ -13,7 +13,7 @@ from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.ids import new_id
 from service.db.recordings import CameraFrame, Recording, Sensor
@@ -199,7 +199,7 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
         counts |= _settle_frames(session, row)
         _order(session, row.id)
         if counts["rejected"].get("no_points", 0) == counts["sweeps"]:
-            row.state, row.problem, row.finished_at = "failed", _NOTHING, utc_now()
+            row.state, row.problem, row.finished_at = "failed", _NOTHING, now()
     row.counts = counts
     session.flush()
 

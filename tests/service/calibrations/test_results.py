@@ -27,6 +27,17 @@ DOCUMENT = {
 }
 
 
+# What the summary says of the model, as the end of a calibration that did not look for objections wrote it.
+FOUND = {
+    "status": "ok",
+    "message": "Stopped.",
+    "at_bounds": [],
+    "polished": DOCUMENT["polished"],
+    "heldout_mean_px": 0.9,
+    "heldout_rms_px": 1.1,
+}
+
+
 @pytest.fixture
 def fleet(api):
     return api.fleet()
@@ -37,14 +48,15 @@ def rig(api, fleet):
     return seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
 
 
-def seed_results(api, rig, folds=(-1, 0), mean=0.9):
+def seed_results(api, rig, folds=(-1, 0), found=FOUND):
     """A finished calibration with a result for each fold, and two slots a run."""
     common = {"fleet_id": rig.fleet_id, "vehicle_id": rig.vehicle_id, "rig_id": rig.id}
     with api.database.writing() as session:
         pairs = session.query(CorrespondenceSet).first() or CorrespondenceSet(
             **common, camera="front", source="import", content_hash="0", count=60, pairs={}, notes=[]
         )
-        summary = {"cameras": {"front": {"models": {"pinhole": {"heldout_mean_px": mean, "heldout_rms_px": 1.1}}}}}
+        front = {"recommended": "pinhole", "why": "It is the only one.", "models": {"pinhole": found}}
+        summary = {"cameras": {"front": front}}
         calibration = Calibration(
             **common, request={}, content_hash="0", state="done", remaining=0, publish="none", summary=summary
         )
@@ -108,6 +120,7 @@ def test_a_result_is_the_whole_document_with_its_ids(api, fleet, rig):
     assert {key: read[key] for key in DOCUMENT} == DOCUMENT
     assert (read["id"], read["calibration_id"]) == (str(full), str(calibration))
     assert (read["camera"], read["fold"], read["seed"], read["vehicle_id"]) == ("front", -1, 5, str(rig.vehicle_id))
+    assert read["objections"] == []
     assert api.member(api.fleet(), "admin").get(f"/results/{full}").status_code == 404
 
 
@@ -188,7 +201,7 @@ def test_a_newer_publication_takes_over_and_changes_the_etag(api, fleet, rig):
     assert reviewer.post(f"/results/{second}/publication").status_code == 201
     after = reviewer.get(current_address(rig), headers={"If-None-Match": before.headers["etag"]})
     assert (after.status_code, after.json()["result_id"]) == (200, str(second))
-    reviewer.post(f"/results/{first}/publication")
+    assert reviewer.post(f"/results/{first}/publication", {"reason": "The second is off."}).status_code == 201
     assert reviewer.get(current_address(rig)).json()["result_id"] == str(first)
 
 

@@ -1,8 +1,8 @@
 /** Correspondence sets, calibrations, results and what a vehicle's camera is given. */
 
-import { all, create, get, post, query, request } from "./http.ts";
+import { all, create, get, post, query, request, type Page } from "./http.ts";
 import type { Calibration, CalibrationRequest, CorrespondenceSet } from "./types/calibrations.ts";
-import type { CurrentCalibration, Result } from "./types/results.ts";
+import type { CurrentCalibration, Publication, Result } from "./types/results.ts";
 
 export const buildSet = (detectionId: string, camera: string, excludeFlagged: boolean): Promise<CorrespondenceSet> =>
   create<CorrespondenceSet>(`/detections/${detectionId}/correspondence-sets`, {
@@ -36,7 +36,16 @@ export const result = (id: string): Promise<Result> => get<Result>(`/results/${i
 
 export const resultUrl = (id: string): string => `/v1/results/${id}`;
 
-export const publish = (resultId: string): Promise<unknown> => create(`/results/${resultId}/publication`, {});
+/** Gives a result to its camera. `reason` also overrides the service's objections where `against` them. */
+export const publish = (resultId: string, reason?: string, against = false): Promise<unknown> =>
+  create(`/results/${resultId}/publication`, against ? { override: { reason } } : reason ? { reason } : {});
+
+export const PUBLICATIONS_PER_PAGE = 10;
+
+export const publications = (vehicleId: string, camera: string, after: string | null): Promise<Page<Publication>> =>
+  get<Page<Publication>>(
+    `/vehicles/${vehicleId}/cameras/${encodeURIComponent(camera)}/publications${query({ after, limit: PUBLICATIONS_PER_PAGE })}`,
+  );
 
 export const currentUrl = (vehicleId: string, camera: string): string =>
   `/v1/vehicles/${vehicleId}/cameras/${encodeURIComponent(camera)}/calibration`;

@@ -72,6 +72,8 @@ export interface ModelSummary {
   workers?: string[];
   iterations?: number | null;
   alarms?: unknown[];
+  /** What speaks against publishing it, as found when the calibration ended. */
+  objections?: string[];
 }
 
 export interface CameraSummary {

@@ -40,12 +40,33 @@ export interface Result {
   worst_correlation?: { pair: [string, string]; value: number } | null;
   at_bounds?: string[];
   alarms?: unknown[];
+  /** What speaks against publishing it now; null of a fit that is not to all pairs. */
+  objections: string[] | null;
+}
+
+/** What a camera was given: by whom, when, why, and what spoke against it. */
+export interface Publication {
+  id: string;
+  camera: string;
+  result_id: string;
+  calibration_id: string;
+  model: string;
+  published_at: string;
+  /** Null where the person is no longer known. */
+  published_by: string | null;
+  reason: string | null;
+  override: { reason: string; objections: string[] } | null;
+  is_current: boolean;
 }
 
 export interface CurrentCalibration {
   vehicle_id: string;
   camera: string;
+  publication_id: string;
   published_at: string;
+  published_by: string | null;
+  reason: string | null;
+  override: { reason: string; objections: string[] } | null;
   result_id: string;
   calibration_id: string;
   model: string;

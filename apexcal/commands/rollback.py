@@ -1,0 +1,60 @@
+"""``apexcal rollback``: gives a camera again what it had before."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from apexcal.client import ClientError
+from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, say, usage
+from apexcal.commands.connect import connected
+from apexcal.commands.publications import (
+    CameraOption,
+    FleetOption,
+    OverrideOption,
+    VehicleOption,
+    find_vehicle_camera,
+    given,
+    saying_objections,
+)
+from apexcal.embedded.folder import DEFAULT
+from apexcal.transport import Document
+
+
+def rollback(
+    reason: Annotated[str, typer.Option(help="Why it goes back; kept with the publication.", show_default=False)],
+    vehicle: VehicleOption = "",
+    camera: CameraOption = "",
+    fleet: FleetOption = "",
+    override: OverrideOption = False,
+    url: UrlOption = "",
+    token: TokenOption = "",
+    data: DataOption = DEFAULT,
+    as_json: JsonOption = False,
+) -> None:
+    """Publish again what the camera had before the current result was first given. Nothing is deleted.
+
+    Again goes one further back. `apexcal publications` lists the results, and `apexcal publish` takes any of them.
+    """
+    if not reason.strip():
+        usage("the reason is empty", "Say why with --reason; it is kept with the publication")
+    with connected(url, token, data) as client, saying_objections():
+        on, of = find_vehicle_camera(client, fleet, vehicle, camera)
+        before = _before(list(client.calibrations.publications(on["id"], of)))
+        if before is None:
+            raise ClientError(
+                f"{of} of {on['name']} was given nothing before the current result",
+                "`apexcal publications` lists what it was given.",
+            )
+        made = client.calibrations.publish(before["result_id"], reason.strip(), override=override)
+    say(made, as_json, given(made, on["name"]))
+
+
+def _before(publications: list[Document]) -> Document | None:
+    """What came before the current result was first given: going back twice does not return to what was left."""
+    results = [one["result_id"] for one in publications]
+    if not results:
+        return None
+    first = len(results) - 1 - results[::-1].index(results[0])
+    return publications[first + 1] if first + 1 < len(publications) else None

@@ -1,0 +1,30 @@
+"""A camera's publications are numbered, and say why they were made and what spoke against them.
+
+Revision ID: 0007
+Revises: 0005
+"""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0007"
+down_revision = "0005"
+branch_labels = None
+depends_on = None
+
+
+def upgrade():
+    # Rows that are there stay without a number: they keep their order, and the next publication numbers them.
+    op.add_column("publication", sa.Column("number", sa.Integer(), nullable=True))
+    op.add_column("publication", sa.Column("reason", sa.String(length=500), nullable=True))
+    op.add_column("publication", sa.Column("overridden", sa.JSON(none_as_null=True), nullable=True))
+    op.create_index(
+        "uq_publication_vehicle_id_camera_number", "publication", ["vehicle_id", "camera", "number"], unique=True
+    )
+
+
+def downgrade():
+    op.drop_index("uq_publication_vehicle_id_camera_number", "publication")
+    op.drop_column("publication", "overridden")
+    op.drop_column("publication", "reason")
+    op.drop_column("publication", "number")

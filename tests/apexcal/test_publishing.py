@@ -1,0 +1,84 @@
+"""`apexcal publish`, `publications` and `rollback`, against a service that calibrates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from typer.testing import CliRunner
+
+from apexcal.cli import app
+from apexcal.client import ApiError, Client
+from tests.apexcal.conftest import Embedded
+from tests.faults.jobs import LEVEL_RIG, pairs
+
+
+@dataclass
+class Car:
+    """A vehicle, a result with its optimum on its bounds, and two that nothing speaks against."""
+
+    service: Embedded
+    id: str
+    edge: str
+    good: list[str]
+
+    def apexcal(self, *words: str):
+        return CliRunner().invoke(app, [*words, "--url", self.service.url, "--token", self.service.token])
+
+
+@pytest.fixture(scope="module")
+def car(embedded: Embedded) -> Car:
+    with Client(embedded.url, embedded.token) as client:
+        fleet = client.fleets.create("Publishing")
+        vehicle = client.vehicles.create(fleet["id"], "Wagon")
+        rig = client.vehicles.create_rig(vehicle["id"], LEVEL_RIG)
+        of = client.correspondence_sets.import_pairs(rig["id"], "front", pairs(60))["id"]
+        asked = [
+            client.calibrations.create(vehicle["id"], [of], ["pinhole"], folds=2, **request)
+            for request in ({"bounds": {"f_x": [520.0, 700.0]}}, {"seed": 1}, {"seed": 2})
+        ]
+        edge, *good = [_result(client.wait(one, timeout_s=120)) for one in asked]
+    return Car(embedded, vehicle["id"], edge, good)
+
+
+def _result(calibration):
+    assert calibration["request"]["publish"] == "none"
+    return calibration["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"]
+
+
+def test_one_click_does_not_publish_what_lies_on_its_bounds(car: Car, owner: Client):
+    """The request asked for no publication, and the service looked for objections all the same."""
+    with pytest.raises(ApiError) as refused:
+        owner.calibrations.publish(car.edge)
+    assert (refused.value.status, refused.value.code) == (409, "objections")
+    assert any("edge of its bounds (f_x" in one for one in refused.value.fields["objections"])
+    with pytest.raises(ApiError, match="Nothing has been published"):
+        owner.calibrations.current(car.id, "front")
+
+
+def test_the_commands_publish_list_and_go_back(car: Car, owner: Client):
+    refused = car.apexcal("publish", car.edge)
+    assert refused.exit_code == 1
+    assert "edge of its bounds (f_x" in refused.stderr and "add --override" in refused.stderr
+    given = car.apexcal("publish", car.edge, "--override", "--reason", "It leaves at noon.")
+    assert given.exit_code == 0, given.stderr
+    assert "pinhole is now the current calibration of front on Wagon." in given.stdout
+    assert "Published against: " in given.stdout
+    for result in car.good:
+        assert car.apexcal("publish", result).exit_code == 0
+    again = car.apexcal("publish", car.good[0])
+    assert again.exit_code == 1 and "with --reason" in again.stderr
+    back = car.apexcal("rollback", "--vehicle", car.id, "--reason", "The newer one is off.")
+    assert back.exit_code == 0, back.stderr
+    assert owner.calibrations.current(car.id, "front")["reason"] == "The newer one is off."
+    further = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.")
+    assert further.exit_code == 1 and "edge of its bounds" in further.stderr, "never to what was left"
+    further = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.", "--override")
+    assert further.exit_code == 0, further.stderr
+    none = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.")
+    assert none.exit_code == 1 and "was given nothing before" in none.stderr
+    listed = car.apexcal("publications", "--vehicle", car.id).stdout.splitlines()
+    results = [line.split("result ")[1] for line in listed if "result " in line and not line.startswith(" ")]
+    assert results == [f"{car.edge}, current", car.good[0], car.good[1], car.good[0], car.edge]
+    assert "  It leaves at noon." in listed
+    owner.calibrations.publish(car.good[1], "For whoever comes next.")
