@@ -61,7 +61,7 @@ def run_job(context: Context, job_id: int) -> None:
 
 def _do(context: Context, held: Claim) -> None:
     try:
-        with Lease(context.database, held) as lease, interruptible():
+        with Lease(context.database, held) as lease, interruptible(lease):
             write = WORK[held.kind](context, held, lease)
             lease.check()
             with finishing(context.database, held) as session:
