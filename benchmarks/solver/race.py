@@ -73,8 +73,8 @@ def _recorded(contest: Contest) -> tuple[tuple[Any, ...], NDArray[np.float32]]:
 
 @njit(nogil=True, error_model="numpy", cache=True)
 def _evaluate_again(
-    history: Any, keep: int, losses: Any, stop: Any, model_id: int, form: int, pack: Any, scales: Any, base: Any, free: Any,
-    lower: Any, width: Any, prior: Any,
+    history: Any, keep: int, losses: Any, stop: Any, model_id: int, form: int, pack: Any, scales: Any, base: Any,
+    free: Any, lower: Any, width: Any, prior: Any,
 ) -> None:  # fmt: skip
     for generation in range(history.shape[0]):
         first = 0 if generation == 0 else keep
