@@ -66,6 +66,12 @@ class Settings(BaseSettings):
     max_lost_leases: int = Field(default=5, description="a job that loses this many leases fails")
     max_stumbles: int = Field(default=30, description="a job whose surroundings fail so often fails: after an hour")
     task_limit_s: int = Field(default=1800, description="a task that runs longer is ended and its lease expires")
+    calibration_hours: float = Field(
+        default=24.0, gt=0, description="processor hours that one calibration may be predicted to take"
+    )
+    fleet_request_hours: float = Field(
+        default=240.0, gt=0, description="processor hours that one fleet request may be predicted to take"
+    )
 
     fleet_quota_bytes: int = Field(
         default=200 * 1024 * MIB,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
+from math import ceil
 from typing import Annotated, Any
 
 import typer
@@ -187,6 +188,11 @@ def _first_of(reasons: list[str]) -> str:
     return (reasons[0] if reasons else "The service does not say why.") + more
 
 
+def _processor_time(seconds: int) -> str:
+    minutes = ceil(seconds / 60)
+    return _count(minutes, "processor minute") if minutes < 90 else f"{seconds / 3600:.1f} processor hours"
+
+
 def _what_it_comes_to(found: Document) -> str:
     first = found["skipped_vehicles"][:_SHOWN]
     skipped = [f"  {one['vehicle']} skipped: {one['problem']['detail']}" for one in first]
@@ -194,6 +200,7 @@ def _what_it_comes_to(found: Document) -> str:
         skipped.append(f"  ... and {found['skipped'] - len(skipped)} more skipped")
     sentence = (
         f"The filter names {_count(found['matched'], 'vehicle')}: {found['calibrations']} would be calibrated in "
-        f"{_count(found['runs'], 'run')}, {found['skipped']} skipped."
+        f"{_count(found['runs'], 'run')} (at most {_processor_time(found['processor_seconds'])}), "
+        f"{found['skipped']} skipped."
     )
     return "\n".join([sentence, *skipped])

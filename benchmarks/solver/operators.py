@@ -142,12 +142,13 @@ def evolve_with(
     mean, shift = np.full(genes, np.float32(0.5)), np.empty(genes, dtype=np.float32)
     by_rank, weights = rank_weights(mu), np.full(mu, np.float32(1.0 / mu))
     L, spread = np.zeros((genes, genes)), SPREAD if operator == 6 else 1.0
+    go_on = np.zeros(1, dtype=np.uint8)
     elite, elite_losses = np.empty((genes, keep), dtype=np.float32), np.empty(keep, dtype=np.float32)
     counter = 0
     for j in range(genes):
         fill_uniform(key, counter, population[j])
         counter += size
-    evaluate_population(model_id, 0, pack, scales, base, free, lower, width, prior, population, losses, 0)
+    evaluate_population(model_id, 0, pack, scales, base, free, lower, width, prior, population, losses, 0, go_on)
     for generation in range(1, generations):
         select_best(losses, keep, chosen)
         for i in range(keep):
@@ -181,7 +182,9 @@ def evolve_with(
         counter += size
         population[:, :keep] = elite
         losses[:keep] = elite_losses
-        evaluate_population(model_id, 0, pack, scales, base, free, lower, width, prior, population, losses, keep)
+        evaluate_population(
+            model_id, 0, pack, scales, base, free, lower, width, prior, population, losses, keep, go_on
+        )
     best[:] = population[:, np.argmin(losses)]
 
 

@@ -15,6 +15,7 @@ from workers.solver.fitness import evaluate_population
 from workers.solver.genetic import ELITE_FRACTION, PARENT_SHARE, SPREAD, evolve_recorded
 from workers.solver.random_streams import stream_key
 from workers.solver.slot import prior_rows, run_slot, scales_of
+from workers.solver.stopping import flag_of
 
 OURS = "apexcal"
 REPEATS = 15
@@ -36,12 +37,13 @@ def race(contest: Contest, peers: Sequence[Peer]) -> tuple[float, dict[str, Time
     arguments, history = _recorded(contest)
     outcome, slot, bare = run_slot(problem, low, high, 0, 0), list[float](), list[float]()
     losses = np.empty(POPULATION, dtype=np.float32)
-    _evaluate_again(history, int(POPULATION * ELITE_FRACTION), losses, *arguments)
+    stop = flag_of(problem.stop)
+    _evaluate_again(history, int(POPULATION * ELITE_FRACTION), losses, stop, *arguments)
     for _ in range(REPEATS):
         began = time.process_time()
         run_slot(problem, low, high, 0, 0)
         between = time.process_time()
-        _evaluate_again(history, int(POPULATION * ELITE_FRACTION), losses, *arguments)
+        _evaluate_again(history, int(POPULATION * ELITE_FRACTION), losses, stop, *arguments)
         slot.append(between - began)
         bare.append(time.process_time() - between)
     times = {OURS: Time(float(np.median(slot)), outcome.loss, outcome.evaluations)}
@@ -64,18 +66,19 @@ def _recorded(contest: Contest) -> tuple[tuple[Any, ...], NDArray[np.float32]]:
     history = np.empty((GENERATIONS, contest.genes, POPULATION), dtype=np.float32)
     evolve_recorded(
         *arguments, POPULATION, GENERATIONS, PARENT_SHARE, SPREAD, stream_key(p, 0, 0),
-        np.empty(contest.genes, dtype=np.float32), history,
+        np.empty(contest.genes, dtype=np.float32), flag_of(p.stop), history,
     )  # fmt: skip
     return arguments, history
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
 def _evaluate_again(
-    history: Any, keep: int, losses: Any, model_id: int, form: int, pack: Any, scales: Any, base: Any, free: Any,
-    lower: Any, width: Any, prior: Any,
+    history: Any, keep: int, losses: Any, stop: Any, model_id: int, form: int, pack: Any, scales: Any, base: Any,
+    free: Any, lower: Any, width: Any, prior: Any,
 ) -> None:  # fmt: skip
     for generation in range(history.shape[0]):
         first = 0 if generation == 0 else keep
         evaluate_population(
-            model_id, form, pack, scales, base, free, lower, width, prior, history[generation], losses, first
-        )
+            model_id, form, pack, scales, base, free, lower, width, prior, history[generation], losses, first,
+            stop,
+        )  # fmt: skip

@@ -33,17 +33,18 @@ ANGLES = frozenset({"rotation_x", "rotation_y", "rotation_z", "alpha", "beta", "
 
 
 class PresetSize(NamedTuple):
-    """How large one iteration of a preset is."""
+    """How large one iteration of a preset is, and how many there are at most."""
 
     slots: int
     population: int
     generations: int
+    max_iterations: int
 
 
 PRESETS: dict[PresetName, PresetSize] = {
-    "default": PresetSize(4, 800, 30),
-    "paper": PresetSize(5, 800, 30),
-    "toolbox": PresetSize(20, 2000, 50),
+    "default": PresetSize(4, 800, 30, 60),
+    "paper": PresetSize(5, 800, 30, 60),
+    "toolbox": PresetSize(20, 2000, 50, 1),
 }
 
 

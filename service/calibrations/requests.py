@@ -9,6 +9,7 @@ from typing import Any
 
 from service.calibrations.holding_out import fold_count
 from service.calibrations.known_lens import Known, UseAs, known_lens
+from service.calibrations.limits import Wanted, check_work, cost_of, predicted_s
 from service.calibrations.locks import check_camera_locks, check_locks
 from service.calibrations.model_names import (
     ANGLES,
@@ -36,18 +37,23 @@ from service.db.base import Json
 from service.db.fleets import RigCamera
 from service.detections.digests import content_hash
 from service.http.problems import Problem
+from service.jobs.costs import RunCost
 
 Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Fit:
-    """One model on one camera's pairs; ``folds`` blocks are held out in turn, besides the fit to all pairs."""
+    """One model on one camera's pairs; ``folds`` blocks are held out in turn, besides the fit to all pairs.
+
+    ``cost`` is that of one run.
+    """
 
     source: CameraPairs
     model: str
     folds: int
     problem: Json
+    cost: RunCost
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,14 @@ class Plan:
     request: Json
     notes: list[str]
 
+    @property
+    def predicted_s(self) -> float:
+        """Processor seconds of all its work, at most."""
+        return predicted_s(
+            Wanted(fit.source.camera.name, fit.model, fit.source.pairs.count, 1 + fit.folds, fit.cost)
+            for fit in self.fits
+        )
+
 
 def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Plan:
     """Check a request against its rig and pairs, and write out what the solver is to do.
@@ -67,9 +81,11 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
     Raises:
         Problem: 422 ``unknown_model``, ``unknown_parameter``, ``bounds_inside_out``, ``locked_out_of_bounds``,
             ``too_few_pairs``; of the lenses ``unknown_camera``, ``intrinsics_of_another_size``,
-            ``intrinsics_of_another_model`` and those of :func:`~service.calibrations.known_lens.as_stated`.
+            ``intrinsics_of_another_model`` and those of :func:`~service.calibrations.known_lens.as_stated`;
+            and those of :func:`~service.calibrations.limits.check_work`.
     """
     models = list(dict.fromkeys(check_model(name) for name in wanted.models))
+    size = _size(wanted)
     common = _common(wanted, models)
     bounds = _by_name(wanted.bounds, "bounds", models, common["search"])
     _check_order(bounds)
@@ -77,6 +93,10 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
     use_as = wanted.intrinsics_as
     check_given_lenses(wanted.intrinsics, models, use_as)
     sources = with_given_lenses(sources, wanted.intrinsics)
+    asked = [(one.camera.name, model, one.pairs.count) for one in sources for model in models_of(one, models, use_as)]
+    # A template is checked as for a camera without pairs.
+    asked = asked or [("", model, 0) for model in models]
+    check_work([Wanted(*one, 1 + wanted.folds, cost_of(*one[1:], size)) for one in asked], size)
     settled = {*bounds, *common["locked"]}
     for source in sources:
         of_lens = locked_by_lens(source, models, use_as, settled | set(common["priors"]))
@@ -104,14 +124,15 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
         notes += weighing_note(source.camera.name, document)
         folds, sentence = _folds(source, document, wanted.folds)
         notes += [sentence] if sentence else []
-        fits.append(Fit(source, document["model"], folds, document | {"seed": seed, "folds": folds}))
+        cost = cost_of(document["model"], source.pairs.count, size)
+        fits.append(Fit(source, document["model"], folds, document | {"seed": seed, "folds": folds}, cost))
     resolved = {"models": models, "seed": seed} | {key: common[key] for key in ("search", "bounds_preset")}
-    return Plan(fits, _size(wanted), digest, wanted.model_dump(mode="json") | resolved, list(dict.fromkeys(notes)))
+    return Plan(fits, size, digest, wanted.model_dump(mode="json") | resolved, list(dict.fromkeys(notes)))
 
 
 def _common(wanted: CalibrationTemplate, models: list[str]) -> Json:
     """What all fits of a request share, with everything filled in that the preset means."""
-    paper = wanted.preset == "paper"
+    paper, size = wanted.preset == "paper", _size(wanted)
     search: SearchForm = wanted.search or ("euler" if paper else "rotation_vector")
     bounds_preset: BoundsPreset = wanted.bounds_preset or ("paper-table-1" if paper else "image-size")
     priors = {name: prior.model_dump() for name, prior in wanted.priors.items()}
@@ -121,8 +142,10 @@ def _common(wanted: CalibrationTemplate, models: list[str]) -> Json:
         "bounds_preset": bounds_preset,
         "loss": wanted.loss,
         "preset": wanted.preset,
-        # Written out, so that the jobs are cut for exactly the slots that the solver runs.
-        "schedule": _size(wanted)._asdict() | wanted.schedule.model_dump(exclude_none=True),
+        # Written out, so that the jobs are cut for exactly the slots that the solver runs. No more than that: the
+        # seed follows from this document.
+        "schedule": {"slots": size.slots, "population": size.population, "generations": size.generations}
+        | wanted.schedule.model_dump(exclude_none=True),
         "locked": _by_name(wanted.locked, "locked", models, search),
         "priors": _by_name(priors, "priors", models, search),
         # The default is left out, so that a request from before this choice still gives the same seed and bits.
@@ -133,7 +156,10 @@ def _common(wanted: CalibrationTemplate, models: list[str]) -> Json:
 def _size(wanted: CalibrationTemplate) -> PresetSize:
     size, given = PRESETS[wanted.preset], wanted.schedule
     return PresetSize(
-        given.slots or size.slots, given.population or size.population, given.generations or size.generations
+        given.slots or size.slots,
+        given.population or size.population,
+        given.generations or size.generations,
+        given.max_iterations or size.max_iterations,
     )
 
 

@@ -13,7 +13,7 @@ from service.calibration_runs.solving import start_runs
 from service.calibrations.requests import Fit, Plan
 from service.db.calibrations import Calibration, CalibrationRun
 from service.db.fleets import Rig
-from service.jobs.bundles import plan, slot_ms
+from service.jobs.bundles import plan
 from service.jobs.queue import cancel
 
 FULL = -1
@@ -99,9 +99,7 @@ def _calibration(rig: Rig, asked: Plan, publish: str, person_id: UUID) -> Calibr
 def _run(
     calibration: Calibration, fit: Fit, fold: int, asked: Plan, farm: str, waiting: int, workers: int
 ) -> CalibrationRun:
-    size = asked.size
-    cost = slot_ms(fit.model, fit.source.pairs.count, size.population, size.generations)
-    cut = plan(farm, slots=size.slots, slot_cost_ms=cost, waiting_runs=waiting, workers=workers)
+    cut = plan(farm, slots=asked.size.slots, cost=fit.cost, waiting_runs=waiting, workers=workers)
     return CalibrationRun(
         fleet_id=calibration.fleet_id,
         calibration_id=calibration.id,
@@ -110,7 +108,7 @@ def _run(
         model=fit.model,
         fold=fold,
         farm=cut.farm,
-        slots=size.slots,
+        slots=asked.size.slots,
         bundle=cut.bundle,
         problem=fit.problem | {"fold": fold},
         state="queued",

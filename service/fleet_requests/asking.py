@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from uuid import UUID
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from service.calibrations.limits import check_fleet_total
 from service.calibrations.runs import ask_to_end, create_all, waiting_runs
 from service.calibrations.schemas import CalibrationTemplate
 from service.db.clock import utc_now
@@ -23,6 +25,9 @@ from service.http.problems import Problem
 # More at once would hold the database for longer than a lease (docs/decisions/0018).
 _MOST_VEHICLES = 5000
 _MOST_RUNS = 20_000
+# Rows that they may leave, of half a kilobyte each: five gigabytes. So many runs with the schedule `paper` come to 6
+# million at most.
+_MOST_SLOTS = 10_000_000
 _SHOWN = 100
 
 
@@ -46,10 +51,9 @@ def ask(session: Session, fleet: Fleet, wanted: FleetRequestBody, person_id: UUI
     session.flush()
     # Ids sort by time, but not within a millisecond.
     ids = dict(zip((one.id for one in chosen), sorted(new_id() for _ in chosen), strict=True))
-    runs = 0
+    total = _Total()
     for planned in plan_vehicles(session, wanted.calibration, chosen):
-        runs += _runs(planned)
-        _refuse_too_many(runs)
+        total.add(planned)
         calibrations = _calibrate(session, planned, wanted.calibration, person_id, workers, len(chosen))
         session.add_all(_vehicle(row, ids[one.vehicle.id], one, calibrations) for one in planned)
         row.skipped += sum(one.plan is None for one in planned)
@@ -61,10 +65,9 @@ def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunV
     """What :func:`ask` would come to. Raises as it does."""
     chosen = _choose(session, fleet.id, wanted)
     skipped: list[SkippedView] = []
-    runs = 0
+    total = _Total()
     for planned in plan_vehicles(session, wanted.calibration, chosen):
-        runs += _runs(planned)
-        _refuse_too_many(runs)
+        total.add(planned)
         skipped += [
             SkippedView(vehicle_id=one.vehicle.id, vehicle=one.vehicle.name, problem=one.problem)
             for one in planned
@@ -73,7 +76,8 @@ def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunV
     return DryRunView(
         matched=len(chosen),
         calibrations=len(chosen) - len(skipped),
-        runs=runs,
+        runs=total.runs,
+        processor_seconds=round(total.seconds),
         skipped=len(skipped),
         skipped_vehicles=skipped[:_SHOWN],
     )
@@ -114,8 +118,9 @@ def retry_failed(session: Session, row: FleetRequest, person_id: UUID, workers: 
     by_vehicle = {one.vehicle_id: one for one in failed}
     rig = VehicleFilter.model_validate(row.asked["vehicles"]).rig
     chosen = choose(session, row.fleet_id, VehicleFilter(vehicle_ids=list(by_vehicle), rig=rig))
-    begun = 0
+    begun, total = 0, _Total()
     for planned in plan_vehicles(session, template, chosen):
+        total.add(planned)
         calibrations = _calibrate(session, planned, template, person_id, workers, len(chosen))
         for one in planned:
             vehicle = by_vehicle[one.vehicle.id]
@@ -139,13 +144,26 @@ def _choose(session: Session, fleet_id: UUID, wanted: FleetRequestBody) -> list[
     return chosen
 
 
-def _runs(planned: Sequence[Planned]) -> int:
-    return sum(fit.folds + 1 for one in planned if one.plan for fit in one.plan.fits)
+@dataclass
+class _Total:
+    """What the vehicles of a request come to so far."""
 
+    runs: int = 0
+    slots: int = 0
+    seconds: float = 0.0
 
-def _refuse_too_many(runs: int) -> None:
-    if runs > _MOST_RUNS:
-        raise _too_large(f"more than {_MOST_RUNS} runs (cameras x models x (folds + 1))", f"{_MOST_RUNS} runs")
+    def add(self, planned: Sequence[Planned]) -> None:
+        """Count some vehicles more. Raises :class:`Problem` 422 ``fleet_request_too_large``."""
+        plans = [one.plan for one in planned if one.plan]
+        fits = [fit for one in plans for fit in one.fits]
+        self.runs += sum(fit.folds + 1 for fit in fits)
+        self.slots += sum((fit.folds + 1) * fit.cost.slots for fit in fits)
+        self.seconds += sum(one.predicted_s for one in plans)
+        if self.runs > _MOST_RUNS:
+            raise _too_large(f"more than {_MOST_RUNS} runs (cameras x models x (folds + 1))", f"{_MOST_RUNS} runs")
+        if self.slots > _MOST_SLOTS:
+            raise _too_large(f"more than {_MOST_SLOTS:,} slots", f"{_MOST_SLOTS:,} slots")
+        check_fleet_total(self.seconds)
 
 
 def _too_large(what: str, most: str) -> Problem:

@@ -112,11 +112,13 @@ class SkippedView(Sent):
 class DryRunView(Sent):
     """What a fleet request would come to: runs are fits of one model to one camera's pairs.
 
-    ``skipped_vehicles`` names the first hundred.
+    ``processor_seconds`` is what they are predicted to take at most, on one processor; most schedules end after a
+    third of it. ``skipped_vehicles`` names the first hundred.
     """
 
     matched: int
     calibrations: int
     runs: int
+    processor_seconds: int
     skipped: int
     skipped_vehicles: list[SkippedView]

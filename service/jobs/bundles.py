@@ -1,4 +1,4 @@
-"""How solver work is cut into jobs: a model of what a slot costs and what a trip through the queue costs.
+"""How solver work is cut into jobs: by what it costs, and what a trip through the queue costs.
 
 The cut never changes a result, only how long it takes.
 """
@@ -8,13 +8,19 @@ from __future__ import annotations
 from math import ceil
 from typing import NamedTuple
 
+from service.jobs.costs import RunCost
+
 # One trip (claim, look, finish, a Celery message) of two pool processes on an idle 2-core machine: 5.8 ms on
 # PostgreSQL and 4.0 ms on SQLite, medians of 300 jobs with almost nothing to do (`make bench-farm`).
 TRIP_MS = 6.0
 # A slot farmed on its own should be worth this many trips, so that the queue costs at most a tenth.
 TRIPS_PER_BUNDLE = 10
-# Projections per millisecond of one core inside a slot: 800 x 30 on 222 points took 4.0, 8.1 and 10.6 ms.
-PROJECTIONS_PER_MS = {"pinhole": 1.3e6, "brown_conrady": 0.66e6, "kannala_brandt": 0.5e6}
+# A bundle holds other fleets up for so long, and is lost with its worker. Trips cost a thousandth of it.
+BUNDLE_S = 5.0
+# So does a whole run in one job. It counts with all its iterations, and mostly ends after a third of them.
+RUN_S = 60.0
+# Rows that one transaction inserts: some tenths of a second, in which SQLite lets nobody else write.
+RUN_SLOTS = 10_000
 
 
 class Plan(NamedTuple):
@@ -24,29 +30,26 @@ class Plan(NamedTuple):
     bundle: int
 
 
-def slot_ms(model: str, pairs: int, population: int, generations: int) -> float:
-    """Expected milliseconds of one GA slot."""
-    return population * generations * pairs / PROJECTIONS_PER_MS[model]
-
-
-def plan(farm: str, *, slots: int, slot_cost_ms: float, waiting_runs: int, workers: int) -> Plan:
+def plan(farm: str, *, slots: int, cost: RunCost, waiting_runs: int, workers: int) -> Plan:
     """Decide how a run is farmed.
 
     Args:
-        farm: ``runs`` and ``slots`` (one slot a job) are taken as said; ``auto`` decides.
+        farm: ``slots`` (one slot a job) is taken as said, ``runs`` where a run is not too long for one job; ``auto``
+            decides.
         slots: slots of one iteration.
-        slot_cost_ms: see :func:`slot_ms`.
+        cost: see :func:`service.jobs.costs.run_cost`.
         waiting_runs: runs that are there to be worked on, this one included.
         workers: pool processes of the farm.
     """
-    if farm == "runs":
-        return Plan("runs", slots)
     if farm == "slots":
         return Plan("slots", 1)
-    bundle = max(1, ceil(TRIPS_PER_BUNDLE * TRIP_MS / max(slot_cost_ms, 1e-6)))
-    if waiting_runs >= workers or bundle * 2 > slots:
+    bundle = max(1, ceil(1e-3 * TRIPS_PER_BUNDLE * TRIP_MS / cost.slot_s))
+    busy = farm == "runs" or waiting_runs >= workers
+    if (busy or bundle * 2 > slots) and cost.seconds <= RUN_S and cost.slots <= RUN_SLOTS:
         return Plan("runs", slots)
-    return Plan("slots", bundle)
+    if busy:
+        bundle = max(bundle, int(BUNDLE_S / cost.slot_s))
+    return Plan("slots", min(bundle, slots))
 
 
 def cut(count: int, size: int) -> list[range]:

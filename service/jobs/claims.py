@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from contextvars import copy_context
@@ -28,6 +29,9 @@ from service.jobs.queue import release
 from service.settings import get_settings
 
 log = logging.getLogger(__name__)
+
+# Between renewals: whoever asks for the end of a job waits no longer than a second for it.
+_LOOK_S = 0.5
 
 # Built once: SQLAlchemy takes ten times longer to build such a statement than to run it.
 _CLAIM = (
@@ -56,6 +60,7 @@ _RENEW = (
     .values(lease_until=now_plus("lease_s"), progress=bindparam("so_far"))
     .returning(Job.cancel_requested)
 )
+_LOOK = select(Job.cancel_requested).where(_MINE)
 _END = (
     update(Job)
     .where(_MINE)
@@ -104,7 +109,8 @@ def claim(
 class Lease:
     """Renews a claim from a thread of its own and writes progress with it, until the block ends.
 
-    Works beside a computing main thread because the kernels release the interpreter lock.
+    Works beside a computing main thread because the kernels release the interpreter lock. They look at ``flag`` (0
+    while the work is wanted), everything else calls :meth:`check`.
     """
 
     def __init__(self, database: Database, held: Claim) -> None:
@@ -112,7 +118,8 @@ class Lease:
         self._held = held
         self._progress: Json | None = None
         self._ended = threading.Event()
-        self._broken: type[Exception] | None = None
+        self._broken: type[BaseException] | None = None
+        self.flag = bytearray(1)
         # In a copy of this context, so that what the thread logs carries the request's id.
         renewing = partial(copy_context().run, self._renew)
         self._thread = threading.Thread(target=renewing, name=f"lease-{held.job_id}", daemon=True)
@@ -136,25 +143,42 @@ class Lease:
         self.check()
 
     def check(self) -> None:
-        """Raise :class:`LostLeaseError` or :class:`CancelledError` where going on is pointless."""
+        """Raise :class:`LostLeaseError`, :class:`CancelledError` or what :meth:`stop` was told."""
         if self._broken:
             raise self._broken
 
+    def stop(self, why: type[BaseException]) -> None:
+        """End the work: whatever computes looks within a second, and raises ``why``. From any thread."""
+        self._broken = why
+        self.flag[0] = 1
+
     def _renew(self) -> None:
         settings = get_settings()
-        while not self._ended.wait(settings.renew_s):
+        due = time.monotonic() + settings.renew_s
+        while not self._ended.wait(min(_LOOK_S, settings.renew_s)):
+            renewing = time.monotonic() >= due
+            if renewing:
+                due = time.monotonic() + settings.renew_s
             try:
-                renewed = _mine(self._held) | {"lease_s": settings.lease_s, "so_far": self._progress}
-                with self._database.alone() as connection:
-                    cancelled = connection.execute(_RENEW, renewed).scalar_one_or_none()
+                cancelled = self._ask(renewing, settings.lease_s)
             except Exception:
-                log.exception("could not renew the lease of job %d; trying again", self._held.job_id)
+                if renewing:
+                    log.exception("could not renew the lease of job %d; trying again", self._held.job_id)
                 continue
             if cancelled is None:
-                self._broken = LostLeaseError
+                self.stop(LostLeaseError)
                 return
             if cancelled:
-                self._broken = CancelledError
+                self.stop(CancelledError)
+
+    def _ask(self, renewing: bool, lease_s: float) -> bool | None:
+        """Whether the job is to be cancelled; None where it is another's. A look between renewals writes nothing."""
+        mine = _mine(self._held)
+        with self._database.alone() as connection:
+            if not renewing:
+                return connection.execute(_LOOK, mine).scalar_one_or_none()
+            renewed = mine | {"lease_s": lease_s, "so_far": self._progress}
+            return connection.execute(_RENEW, renewed).scalar_one_or_none()
 
 
 @contextmanager

@@ -58,7 +58,9 @@ def test_choices_are_the_same():
 
 def test_presets_have_the_same_size():
     theirs = {
-        name: model_names.PresetSize(schedule.slots, schedule.population, schedule.generations)
+        name: model_names.PresetSize(
+            schedule.slots, schedule.population, schedule.generations, schedule.max_iterations
+        )
         for name, schedule in worker_presets.PRESETS.items()
     }
     assert theirs == model_names.PRESETS

@@ -14,6 +14,8 @@ from workers.solver.random_streams import stream_key
 
 Floats = NDArray[np.float64]
 _BATCH: Final = 256
+_AT_ONCE: Final = 2**20
+"""Numbers of one array: a batch of 100,000 pairs would take gigabytes, and seconds without a look at `stop`."""
 _MOST_SAMPLES: Final = 4096
 _CONFIDENCE: Final = 0.9999
 # Shares of the image's diagonal. The linear cameras know no tangential distortion and, the fisheye's, no centre.
@@ -68,10 +70,8 @@ def _consensus(
     best: list[tuple[int, NDArray[np.bool_]]] = []
     drawn, needed = 0, _MOST_SAMPLES
     while drawn < needed:
-        picks = np.argsort(rng.random((_BATCH, n)), axis=1)[:, :size]
+        masks = _sampled(problem, rng, points, marks, centre, threshold)
         drawn += _BATCH
-        cameras = fit_linear(problem.model, points[picks], marks[picks], centre)
-        masks = linear_distances(problem.model, cameras, points, marks, centre) < threshold
         for index in np.argsort(-masks.sum(axis=1), kind="stable")[:_FINALISTS]:
             mask = _refitted(problem, points, marks, centre, threshold, masks[index])
             best.append((int(mask.sum()), mask))
@@ -82,10 +82,31 @@ def _consensus(
     return [mask for count, mask in best if count > size]
 
 
+def _sampled(
+    problem: FitProblem,
+    rng: np.random.Generator,
+    points: Floats,
+    marks: Floats,
+    centre: Floats,
+    threshold: float,
+) -> NDArray[np.bool_]:
+    """Masks (_BATCH, N) of the pairs that linear cameras of random samples explain."""
+    masks = np.empty((_BATCH, len(points)), dtype=np.bool_)
+    rows = max(1, _AT_ONCE // len(points))
+    for first in range(0, _BATCH, rows):
+        problem.stop.check()
+        part = masks[first : first + rows]
+        picks = np.argsort(rng.random(part.shape), axis=1)[:, : MINIMAL[problem.model]]
+        cameras = fit_linear(problem.model, points[picks], marks[picks], centre)
+        np.less(linear_distances(problem.model, cameras, points, marks, centre), threshold, out=part)
+    return masks
+
+
 def _refitted(
     problem: FitProblem, points: Floats, marks: Floats, centre: Floats, threshold: float, mask: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     for _ in range(_REFITS):
+        problem.stop.check()
         if mask.sum() < MINIMAL[problem.model]:
             break
         camera = fit_linear(problem.model, points[mask][None], marks[mask][None], centre)

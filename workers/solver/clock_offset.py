@@ -19,6 +19,7 @@ from workers.solver.polish import distances, polish
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
 from workers.solver.schedule import run_schedule
+from workers.solver.stopping import NEVER, Stop
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +71,7 @@ def estimate_offset(
     about_ns: int = 0,
     search_ns: int = SEARCH_NS,
     max_sigma_ns: int = MAX_SIGMA_NS,
+    stop: Stop = NEVER,
 ) -> OffsetEstimate:
     """Estimate the offset together with the camera.
 
@@ -81,6 +83,7 @@ def estimate_offset(
             locked, priors; `mark_sigma_px` is the marks' noise per coordinate.
         about_ns, search_ns: offsets within about_ns +- search_ns are looked for.
         max_sigma_ns: an estimate that is less certain than this is refused.
+        stop: who may end it.
 
     Raises:
         InputError: ``offset_not_determined``, the motion or the marks do not tell it.
@@ -90,6 +93,7 @@ def estimate_offset(
     marked = np.asarray(pixels, np.float64).reshape(-1, 2)
     marks = Marks.of(track, stamps, marked, about_ns, search_ns)
     problem = problem_from_document({**request, "loss": "saturating"}, marks.points(0.0)[0], marked)
+    problem = replace(problem, stop=stop)
     x = _start(problem, marks)
     seen = np.zeros(len(stamps), np.bool_)
     kept = np.ones(len(stamps), np.bool_)

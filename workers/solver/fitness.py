@@ -142,6 +142,7 @@ def evaluate_population(
     population: Singles,
     losses: Singles,
     first: int,
+    stop: NDArray[np.uint8],
 ) -> None:
     """Losses in pixels of the individuals from `first` on.
 
@@ -149,10 +150,14 @@ def evaluate_population(
     scales (4,): image diagonal in px, 1 / saturation in 1 / px (0: mean distance), 1 / sum of weights, prior's share.
     base (D,): the parameter vector with its locked values; population (F, P): the free ones as fractions of
     [lower, lower + width]; prior (2, D): mean and 1 / sigma (0 where there is none).
+    stop (1,): looked at before each individual; where another thread has set it, the rest is left as it is.
     """
     p = base.copy()
     diagonal, bend = np.float32(scales[0]), np.float32(scales[1])
     for n in range(first, population.shape[1]):
+        # The losses that are stored in between keep the compiler from reading it once for all.
+        if stop[0] != 0:
+            return
         for j in range(free.shape[0]):
             p[free[j]] = lower[j] + width[j] * population[j, n]
         if model_id == 0:

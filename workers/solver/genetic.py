@@ -207,6 +207,7 @@ def evolve_recorded(
     spread: float,
     key: np.uint64,
     best: Singles,
+    stop: NDArray[np.uint8],
     history: Singles,
 ) -> int:
     """As `evolve`; and history (G, F, P) takes each of the first G generations as it was evaluated."""
@@ -230,11 +231,13 @@ def evolve_recorded(
     for j in range(genes):
         fill_uniform(key, counter, population[j])
         counter += size
-    evaluate_population(model_id, form, pack, scales, base, free, lower, width, prior, population, losses, 0)
+    evaluate_population(model_id, form, pack, scales, base, free, lower, width, prior, population, losses, 0, stop)
     if history.shape[0] > 0:
         history[0] = population
     evaluations = size
     for generation in range(1, generations):
+        if stop[0] != 0:
+            break
         select_best(losses, mu, chosen)
         parent_losses = losses[chosen]
         weigh_by_rank(parent_losses, by_rank, weights)
@@ -252,7 +255,9 @@ def evolve_recorded(
         counter += size
         population[:, :keep] = elite
         losses[:keep] = elite_losses
-        evaluate_population(model_id, form, pack, scales, base, free, lower, width, prior, population, losses, keep)
+        evaluate_population(
+            model_id, form, pack, scales, base, free, lower, width, prior, population, losses, keep, stop
+        )
         evaluations += size - keep
         if generation < history.shape[0]:
             history[generation] = population
@@ -277,14 +282,16 @@ def evolve(
     spread: float,
     key: np.uint64,
     best: Singles,
+    stop: NDArray[np.uint8],
 ) -> int:
     """Run one slot. Fills best (F,) with the best individual as fractions of the bounds; returns evaluations.
 
     The arguments are those of `evaluate_population`, then the population's size, the number of generations, the
-    parent's share and the spread of the crossover, and the key of the random stream.
+    parent's share and the spread of the crossover, and the key of the random stream. Where another thread sets stop
+    (1,) it returns within an evaluation or a generation's breeding, and what it filled means nothing.
     """
     nothing = np.empty((0, 0, 0), dtype=np.float32)
     return evolve_recorded(
         model_id, form, pack, scales, base, free, lower, width, prior, size, generations, share, spread, key, best,
-        nothing,
+        stop, nothing,
     )  # fmt: skip

@@ -152,6 +152,7 @@ def fit(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bool_], r
     cost, gradient, normal = _normal(problem, marks, x, W, kept, robust)
     damping = 1e-3
     for _ in range(_MOST_STEPS):
+        problem.stop.check()
         # A parameter at its bound that would go on beyond it stays there.
         moves = (upper > lower) & ~((x <= lower) & (gradient > 0.0)) & ~((x >= upper) & (gradient < 0.0))
         size = np.sqrt(np.diag(normal)[moves])

@@ -109,6 +109,7 @@ def _scores(problem: FitProblem, reduced: FitProblem, p: Floats) -> Floats:
 
 
 def _reason(problem: FitProblem, pixels: Floats, violation: Floats, i: int, score: float, sigma: float) -> str:
+    problem.stop.check()
     if violation[i] > 0.0:
         return "Its point lies behind the camera or past the range of the lens model."
     off = problem.pixels[i] - pixels[i]

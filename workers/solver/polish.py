@@ -216,6 +216,7 @@ def _descend(problem: FitProblem, start: Floats, scale: float | None, walls: boo
     count = 2 * len(problem.points)
 
     def both(x: Floats) -> tuple[Floats, Floats]:
+        problem.stop.check()
         p[free] = x
         residuals, jacobian = weighted_residuals(problem, p, walls=walls)
         return (residuals, jacobian) if scale is None else _saturated(residuals, jacobian, count, scale)

@@ -22,6 +22,7 @@ from workers.solver.bounds import (
 from workers.solver.covariances import Covariances
 from workers.solver.errors import SolveError
 from workers.solver.presets import Schedule, check_schedule
+from workers.solver.stopping import NEVER, Stop
 
 Loss = Literal["mean", "saturating"]
 LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
@@ -42,6 +43,7 @@ class FitProblem:
     `outliers`: whether the polish keeps the pairs that are judged not to belong, or leaves them out.
     `covariances`: of the pairs' errors, by which they then weigh (`weighting` makes `whitening` (N, 2, 2) of them and
     sets `mark_sigma_px` to the typical pair's); without them all pairs weigh as `weights` says.
+    `stop`: who may end the work on it; everything long looks at it within a second.
     Raises SolveError where the parts do not make a problem that can be fitted.
     """
 
@@ -66,6 +68,7 @@ class FitProblem:
     outliers: OutlierRule = "keep"
     covariances: Covariances | None = field(default=None, repr=False)
     whitening: NDArray[np.float64] | None = field(default=None, repr=False)
+    stop: Stop = field(default=NEVER, repr=False)
 
     def __post_init__(self) -> None:
         _check_pairs(self.points, self.pixels, self.weights)

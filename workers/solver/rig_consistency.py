@@ -88,6 +88,7 @@ def rig_consistency(cameras: Sequence[SolvedCamera], stated: Sequence[StatedTran
 
 
 def _compare(a: SolvedCamera, b: SolvedCamera, stated: Sequence[StatedTransform]) -> dict[str, Any]:
+    a.problem.stop.check()
     name = f"T_{a.name}_{b.name}"
     said = _Said([], [])
     transform = _between(a, b, name, stated, said)

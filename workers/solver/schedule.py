@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from workers.geometry.rotations import shortest_vector
 from workers.solver.errors import SolveError
+from workers.solver.optima import MOST_SLOTS
 from workers.solver.problem import FitProblem
 from workers.solver.slot import SlotOutcome, run_slot
 
@@ -23,7 +24,7 @@ class State:
     iteration: how many are done. best_loss (px, infinite before the first) never rises. half_width: the box's
     half-widths before clipping to the initial bounds. stalled: iterations since the last relative decrease above
     the tolerance. slot_losses: those of the last iteration, in slot order; first_slot_parameters: the bests of the
-    first iteration, whose slots looked everywhere. history: best_loss after each iteration.
+    first slots of the first iteration, which looked everywhere. history: best_loss after each iteration.
     """
 
     iteration: int
@@ -96,7 +97,8 @@ def advance(problem: FitProblem, state: State, outcomes: Sequence[SlotOutcome]) 
             evaluations=state.evaluations + sum(outcome.evaluations for outcome in outcomes),
             slot_losses=losses,
             first_slot_losses=state.first_slot_losses or losses,
-            first_slot_parameters=state.first_slot_parameters or tuple(outcome.parameters for outcome in outcomes),
+            first_slot_parameters=state.first_slot_parameters
+            or tuple(outcome.parameters for outcome in outcomes[:MOST_SLOTS]),
             history=(*state.history, best_loss),
         ),
     )

@@ -18,6 +18,7 @@ from workers.solver.presets import Schedule
 from workers.solver.problem import FitProblem
 from workers.solver.random_streams import stream_key
 from workers.solver.residuals import predict, residuals_and_jacobian, turned_points
+from workers.solver.stopping import flag_of
 from workers.solver.weighting import search_weights
 
 LANES = 32
@@ -49,7 +50,8 @@ def run_slot(
     """Run slot number `slot` of `iteration` inside [lower, upper] (vectors in the order of `problem.names`).
 
     A pure function of its arguments, to the bit on one kind of processor: the randomness is keyed by (seed, model,
-    camera, fold, iteration, slot). Locked parameters keep their value. Releases the interpreter's lock.
+    camera, fold, iteration, slot). Locked parameters keep their value. Releases the interpreter's lock. Raises what
+    the problem's `stop` raises.
     """
     low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
     free = problem.free
@@ -74,7 +76,9 @@ def run_slot(
             SPREAD,
             stream_key(problem, iteration, slot),
             fractions,
+            flag_of(problem.stop),
         )
+    problem.stop.check()
     base[free] = np.clip(low[free] + width * fractions.astype(np.float64), low[free], high[free])
     return SlotOutcome(loss_px(problem, base), tuple(base.tolist()), int(evaluations))
 

@@ -16,6 +16,7 @@ from service.db.fleets import Rig
 from service.jobs.claims import Claim, Lease
 from workers.geometry.transforms import from_document
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
+from workers.solver.stopping import Stop
 from workers.tasks.context import Context
 from workers.tasks.solving import fit_of
 
@@ -24,7 +25,7 @@ def consistency(context: Context, held: Claim, lease: Lease) -> Callable[[Sessio
     """Compare every two cameras of a calibration, and end it with what that says."""
     with context.database.reading() as session:
         calibration = session.get_one(Calibration, held.subject_id)
-        cameras, left_out = _cameras(session, calibration)
+        cameras, left_out = _cameras(session, calibration, lease)
         stated = _stated(session, calibration.rig_id)
     lease.report(0.0, "comparing the cameras")
     found = rig_consistency(cameras, stated)
@@ -37,7 +38,7 @@ def consistency(context: Context, held: Claim, lease: Lease) -> Callable[[Sessio
     return write
 
 
-def _cameras(session: Session, calibration: Calibration) -> tuple[list[SolvedCamera], list[str]]:
+def _cameras(session: Session, calibration: Calibration, stop: Stop) -> tuple[list[SolvedCamera], list[str]]:
     """Each camera's recommended result, and sentences about cameras that have none."""
     results = results_of(session, calibration.id)
     recommended = {camera: choice.recommended for camera, choice in choices(results).items()}
@@ -51,7 +52,9 @@ def _cameras(session: Session, calibration: Calibration) -> tuple[list[SolvedCam
     }
     of_result = {(one.camera, one.model): one for one in results if one.fold == FULL}
     solved = [
-        _solved(*runs[camera, model], of_result[camera, model]) for camera, model in recommended.items() if model
+        _solved(*runs[camera, model], of_result[camera, model], stop)
+        for camera, model in recommended.items()
+        if model
     ]
     left_out = [
         f"{camera} is not compared with the others: no model is recommended for it."
@@ -61,11 +64,10 @@ def _cameras(session: Session, calibration: Calibration) -> tuple[list[SolvedCam
     return solved, left_out
 
 
-def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result) -> SolvedCamera:
+def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop: Stop) -> SolvedCamera:
     detection = str(pairs.detection_id) if pairs.detection_id else None
-    return SolvedCamera(
-        run.camera, fit_of(run.problem, run.fold, pairs.pairs).problem, result.document, pairs.pairs, detection
-    )
+    problem = fit_of(run.problem, run.fold, pairs.pairs, stop).problem
+    return SolvedCamera(run.camera, problem, result.document, pairs.pairs, detection)
 
 
 def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:

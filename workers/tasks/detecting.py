@@ -62,6 +62,7 @@ def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
         region = Region.from_document(asked.region)
 
         def report(index: int) -> None:
+            lease.check()
             if (index - shard.start) % _REPORT_EVERY == 0:
                 lease.report((index - shard.start) / max(len(shard), 1), "looking for vertices")
 

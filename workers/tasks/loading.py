@@ -33,6 +33,7 @@ def open_lidar(context: Context, key: str, folder: Path) -> LidarFile:
 def watched(lidar: LidarFile, sweeps: range, lease: Lease, message: str) -> Iterator[Sweep]:
     """The sweeps of a range, with progress reported and the lease looked at along the way."""
     for number, sweep in enumerate(lidar.sweeps(sweeps.start, sweeps.stop)):
+        lease.check()
         if number % _REPORT_EVERY == 0:
             lease.report(number / max(len(sweeps), 1), message)
         yield sweep

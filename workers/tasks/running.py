@@ -88,7 +88,7 @@ def run_job(context: Context, job_id: int) -> None:
 
 def _do(context: Context, held: Claim) -> None:
     try:
-        with Lease(context.database, held) as lease, interruptible():
+        with Lease(context.database, held) as lease, interruptible(lease):
             write = WORK[held.kind](context, held, lease)
             lease.check()
             finish(context.database, held, write)

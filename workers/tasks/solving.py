@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from uuid import UUID
 
@@ -35,6 +35,7 @@ from workers.solver.schedule import (
 )
 from workers.solver.slot import SlotOutcome, run_slot
 from workers.solver.solution import evaluate, solve_finish
+from workers.solver.stopping import NEVER, Stop
 from workers.tasks.context import Context
 
 Write = Callable[[Session], None]
@@ -66,16 +67,16 @@ def solve(context: Context, held: Claim, lease: Lease) -> Write:
         run = connection.execute(_RUN, {"run": held.subject_id}).one()
     if run.state not in ("queued", "running") or run.cancel_requested:
         raise CancelledError
-    fit = fit_of(run.problem, run.fold, context.pairs_of(run.set_id))
+    fit = fit_of(run.problem, run.fold, context.pairs_of(run.set_id), lease)
     part = held.payload["part"]
     if part == "slots":
-        return _slots(context, fit, run.id, run.schedule, lease, held.payload)
+        return _slots(context, fit, run.id, run.schedule, held.payload)
     if part == "finish":
         return _finish(fit, run, _state(run.schedule, fit.problem))
     return _whole(context, fit, run, lease)
 
 
-def fit_of(document: Json, fold: int, pairs: Json) -> Fit:
+def fit_of(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> Fit:
     """What a run fits: the pairs of its set, without those that its fold (-1: none) holds out.
 
     ``document``: the run's ``problem``. ``pairs``: its set's columns of equal length, in metres and pixels.
@@ -91,7 +92,7 @@ def fit_of(document: Json, fold: int, pairs: Json) -> Fit:
         known = {name: np.asarray(pairs[name])[fitted] for name in COVARIANCE_COLUMNS if name in pairs}
         covariances = covariances_of(known, points[fitted], float(request.get("mark_sigma_px") or 1.0))
     problem = problem_from_document(request, points[fitted], pixels[fitted], covariances=covariances)
-    return Fit(document, problem, pairs, heldout, points, pixels)
+    return Fit(document, replace(problem, stop=stop), pairs, heldout, points, pixels)
 
 
 def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
@@ -105,13 +106,12 @@ def _state(schedule: Json | None, problem: FitProblem) -> State:
     return from_document(schedule) if schedule else start(problem)
 
 
-def _slots(context: Context, fit: Fit, run_id: UUID, schedule: Json | None, lease: Lease, payload: Json) -> Write:
+def _slots(context: Context, fit: Fit, run_id: UUID, schedule: Json | None, payload: Json) -> Write:
     """Some slots of the running iteration."""
     iteration = payload["iteration"]
     lower, upper = (bound.tolist() for bound in bounds_of(fit.problem, _state(schedule, fit.problem)))
     rows: list[Json] = []
     for slot in range(payload["first"], payload["stop"]):
-        lease.check()
         began = time.perf_counter()
         outcome = run_slot(fit.problem, lower, upper, iteration, slot)
         rows.append(_slot_row(context, run_id, iteration, slot, outcome, time.perf_counter() - began))
@@ -151,7 +151,6 @@ def _whole(context: Context, fit: Fit, run: Any, lease: Lease) -> Write:
     def on_slot(iteration: int, slot: int, outcome: SlotOutcome) -> None:
         nonlocal began
         rows.append(_slot_row(context, run.id, iteration, slot, outcome, time.perf_counter() - began))
-        lease.check()
         began = time.perf_counter()
 
     def on_iteration(state: State) -> None:

@@ -64,6 +64,7 @@ def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Sessi
         np.array(marks["stamp_ns"], np.int64),
         np.column_stack([marks["u"], marks["v"]]).astype(np.float64),
         study.asked["problem"],
+        stop=lease,
         about_ns=paired_under_ns,  # marks exist only on frames that were paired under it
     )
     return _writing(held, estimate.to_document())

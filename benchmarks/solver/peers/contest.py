@@ -96,7 +96,7 @@ def _losses(columns: Any, pack: Any, numbers: Any, out: Any) -> None:
     lower, width = numbers[5 : 5 + genes], numbers[5 + genes :]
     evaluate_population(
         int(numbers[0]), 0, pack, numbers[1:5], lower, np.arange(genes), lower, width, np.zeros((2, genes)), columns,
-        out, 0,
+        out, 0, np.zeros(1, dtype=np.uint8),
     )  # fmt: skip
 
 

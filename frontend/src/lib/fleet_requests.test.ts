@@ -19,7 +19,7 @@ const counts = (some: Partial<Counts>): Counts => ({
   ...some,
 });
 const found = (some: Partial<DryRun>): DryRun => ({
-  ...{ matched: 0, calibrations: 0, runs: 0, skipped: 0, skipped_vehicles: [] },
+  ...{ matched: 0, calibrations: 0, runs: 0, processor_seconds: 0, skipped: 0, skipped_vehicles: [] },
   ...some,
 });
 
@@ -53,8 +53,12 @@ test("counts name the states that somebody is in", () => {
 
 test("a dry run in a sentence", () => {
   assert.equal(
-    dryRunInWords(found({ matched: 1300, calibrations: 1299, runs: 2598, skipped: 1 })),
-    "1,300 vehicles match: 1,299 would be calibrated in 2,598 runs; 1 would be skipped.",
+    dryRunInWords(found({ matched: 1300, calibrations: 1299, runs: 2598, processor_seconds: 9000, skipped: 1 })),
+    "1,300 vehicles match: 1,299 would be calibrated in 2,598 runs (at most 2.5 processor hours); 1 would be skipped.",
+  );
+  assert.match(
+    dryRunInWords(found({ matched: 1, calibrations: 1, runs: 1, processor_seconds: 2 })),
+    /in 1 run \(at most 1 processor minute\)\.$/,
   );
   assert.equal(dryRunInWords(found({ matched: 1, skipped: 1 })), "1 vehicle matches: 0 would be calibrated; 1 would be skipped.");
   assert.match(dryRunInWords(found({})), /^No vehicle is due/);

@@ -58,11 +58,17 @@ export function publishedInWords({ published, counts }: Pick<FleetRequest, "publ
   return typeof published === "number" ? `published for ${compact(published)} of ${compact(counts.done)}` : "";
 }
 
+function processorTime(seconds: number): string {
+  const minutes = Math.ceil(seconds / 60);
+  return minutes < 90 ? counted(minutes, "processor minute") : `${fixed(seconds / 3600, 1)} processor hours`;
+}
+
 /** What a dry run says, in a sentence. */
 export function dryRunInWords(found: DryRun): string {
   if (found.matched === 0) return "No vehicle is due: the filter leaves nobody now.";
   const skipped = found.skipped > 0 ? `; ${compact(found.skipped)} would be skipped` : "";
-  const runs = found.calibrations > 0 ? ` in ${counted(found.runs, "run")}` : "";
+  const work = `${counted(found.runs, "run")} (at most ${processorTime(found.processor_seconds)})`;
+  const runs = found.calibrations > 0 ? ` in ${work}` : "";
   const match = found.matched === 1 ? "matches" : "match";
   return `${counted(found.matched, "vehicle")} ${match}: ${compact(found.calibrations)} would be calibrated${runs}${skipped}.`;
 }

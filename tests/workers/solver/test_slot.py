@@ -19,7 +19,9 @@ from workers.solver.slot import (
     scales_of,
     warm_up,
 )
+from workers.solver.stopping import NEVER, flag_of
 
+GO_ON = flag_of(NEVER)
 SHORT = {"population": 160, "generations": 12}
 
 
@@ -62,7 +64,7 @@ def test_single_precision_fitness_is_the_double_precision_loss(model, search):
         losses = np.empty(40, dtype=np.float32)
         evaluate_population(
             MODELS.index(model), SEARCH_FORMS.index(search), pack_pairs(problem), scales_of(problem), low.copy(),
-            free, low, width, prior_rows(problem), population, losses, 0,
+            free, low, width, prior_rows(problem), population, losses, 0, GO_ON,
         )  # fmt: skip
         expected = [loss_px(problem, low + width * population[:, i].astype(float)) for i in range(40)]
         # One point on the other side of a fold's edge may move a mean by a pair's share of the diagonal.
@@ -102,7 +104,7 @@ def test_padding_counts_for_nothing():
         individual = ((truth - problem.lower) / width).astype(np.float32)[:, None]
         evaluate_population(
             0, 0, pack, scales_of(problem), problem.lower.copy(), problem.free, problem.lower, width,
-            prior_rows(problem), individual, losses, 0,
+            prior_rows(problem), individual, losses, 0, GO_ON,
         )  # fmt: skip
         assert losses[0] == pytest.approx(loss_px(problem, truth), rel=1e-3)
 

@@ -15,11 +15,12 @@ from workers.tasks import drain, running
 @pytest.fixture
 def told_to_stop(monkeypatch):
     """This process listens as a pool process does; the test sends the signal."""
-    monkeypatch.setattr(drain, "_State", type("State", (), {"draining": False, "interruptible": False}))
+    monkeypatch.setattr(drain, "_State", type("State", (), {"draining": False, "lease": None}))
     before = signal.getsignal(drain.DRAIN_SIGNAL)
     drain.listen_for_drain()
     yield lambda: os.kill(os.getpid(), drain.DRAIN_SIGNAL)
     signal.signal(drain.DRAIN_SIGNAL, before)
+    os.close(signal.set_wakeup_fd(-1))
 
 
 def outcome(database, job_id):

@@ -73,6 +73,7 @@ export interface DryRun {
   matched: number;
   calibrations: number;
   runs: number;
+  processor_seconds: number;
   skipped: number;
   skipped_vehicles: { vehicle_id: string; vehicle: string; problem: ProblemDocument }[];
 }
