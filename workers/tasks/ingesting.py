@@ -27,7 +27,6 @@ from workers.readers.limits import Limits
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
-from workers.tasks.watching import Watch
 
 _OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
 
@@ -56,7 +55,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             request,
             limits=_limits(context.settings, recording.size),
             name=recording.file_name,
-            must_stop=Watch(context.database, held, lease).look,
+            must_stop=lease.check,
             on_progress=lambda progress: lease.report(
                 0.1 + 0.8 * (progress.share or 0.0), f"{progress.done} messages normalised", progress.seconds_left
             ),
