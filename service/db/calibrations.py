@@ -9,7 +9,9 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, refers_to
+from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, partial_index, refers_to
+
+_UNENDED = "state IN ('queued', 'running')"
 
 
 class CorrespondenceSet(Base):
@@ -21,7 +23,12 @@ class CorrespondenceSet(Base):
     """
 
     __tablename__ = "correspondence_set"
-    __table_args__ = (UniqueConstraint("rig_id", "camera", "content_hash"),)
+    __table_args__ = (
+        UniqueConstraint("rig_id", "camera", "content_hash"),
+        Index("ix_correspondence_set_rig_id_id", "rig_id", "id"),
+        partial_index("ix_correspondence_set_made", "rig_id", "camera", "created_at", where="brought_at IS NULL"),
+        partial_index("ix_correspondence_set_brought", "rig_id", "camera", "brought_at", where="brought_at IS NOT NULL"),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
@@ -44,7 +51,11 @@ class Calibration(Base):
     """A request: every model on every camera's correspondences. ``remaining`` counts the runs that have not ended."""
 
     __tablename__ = "calibration"
-    __table_args__ = (Index("ix_calibration_vehicle_id_created_at", "vehicle_id", "created_at"),)
+    __table_args__ = (
+        Index("ix_calibration_vehicle_id_created_at", "vehicle_id", "created_at"),
+        Index("ix_calibration_vehicle_id_id", "vehicle_id", "id"),
+        partial_index("ix_calibration_done", "vehicle_id", "finished_at", where="state = 'done'"),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
@@ -71,7 +82,11 @@ class CalibrationRun(Base):
     """
 
     __tablename__ = "calibration_run"
-    __table_args__ = (UniqueConstraint("calibration_id", "camera", "model", "fold"),)
+    __table_args__ = (
+        UniqueConstraint("calibration_id", "camera", "model", "fold"),
+        partial_index("ix_calibration_run_unended", "id", where=_UNENDED),
+        partial_index("ix_calibration_run_cancelled", "id", where=f"IS_TRUE(cancel_requested) AND {_UNENDED}"),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")

@@ -18,6 +18,7 @@ from redis.exceptions import RedisError
 from service.auth.access import ReadAccess
 from service.db.fleets import Fleet
 from service.events.hints import channel
+from service.events.patience import tcp_options
 from service.http.draining import Drain
 from service.settings import Settings
 
@@ -55,7 +56,7 @@ async def get_events(
 
 
 async def _hints(url: str, fleet_id: UUID, end: float, drain: Drain) -> AsyncGenerator[dict[str, Any], None]:
-    client: Any = redis.asyncio.Redis.from_url(url, socket_connect_timeout=2)
+    client: Any = redis.asyncio.Redis.from_url(url, socket_connect_timeout=2, **tcp_options(url))
     async with client, client.pubsub(ignore_subscribe_messages=True) as subscription:
         await subscription.subscribe(channel(fleet_id))
         while (left := end - time.monotonic()) > 0 and not drain.over.is_set():
