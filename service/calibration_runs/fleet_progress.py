@@ -12,7 +12,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, bindparam, case, literal, select, update
 from sqlalchemy.orm import Session
 
-from service.db.base import Json
+from service.db.base import Json, written
 from service.db.calibrations import Calibration
 from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
@@ -89,7 +89,7 @@ def count_missed(database: Database) -> None:
         select(Calibration.id)
         .join(FleetRequestVehicle, FleetRequestVehicle.calibration_id == Calibration.id)
         .join(FleetRequest, FleetRequest.id == FleetRequestVehicle.fleet_request_id)
-        .where(FleetRequest.state == "running", FleetRequestVehicle.state == "queued")
+        .where(FleetRequest.state == written("running"), FleetRequestVehicle.state == "queued")
         .where(Calibration.finished_at.is_not(None))
     )
     with database.reading() as session:

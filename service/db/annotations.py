@@ -88,8 +88,8 @@ class MarkingFrontier(Base):
     """How far a person's marking is in one camera: no vertex of a lower rank is new to them and takes their answer.
 
     So the next one is sought from here, and not past all that are answered. True of ``marks_wanted`` marks of each
-    vertex. What makes a vertex take answers again removes the rows of its recording; ``looked_at`` is when all
-    vertices were last looked at, in case that somebody who knows nothing of these rows did so.
+    vertex. What makes a vertex take answers again removes the rows of its recording. ``nothing_at`` is when a look at
+    all vertices, the person's answered ones too, last found nothing.
     """
 
     __tablename__ = "marking_frontier"
@@ -100,4 +100,4 @@ class MarkingFrontier(Base):
     recording_id: Mapped[UUID] = belongs_to("recording.id")
     marks_wanted: Mapped[int]
     rank: Mapped[int]
-    looked_at: Mapped[datetime]
+    nothing_at: Mapped[datetime | None]

@@ -27,7 +27,9 @@ class CorrespondenceSet(Base):
         UniqueConstraint("rig_id", "camera", "content_hash"),
         Index("ix_correspondence_set_rig_id_id", "rig_id", "id"),
         partial_index("ix_correspondence_set_made", "rig_id", "camera", "created_at", where="brought_at IS NULL"),
-        partial_index("ix_correspondence_set_brought", "rig_id", "camera", "brought_at", where="brought_at IS NOT NULL"),
+        partial_index(
+            "ix_correspondence_set_brought", "rig_id", "camera", "brought_at", where="brought_at IS NOT NULL"
+        ),
     )
 
     id: Mapped[RowId]

@@ -58,7 +58,7 @@ def _sqlite_clock(element: _clock, compiler: Any, **kw: Any) -> str:
 
 @compiles(_clock, "postgresql")
 def _postgresql_clock(element: _clock, compiler: Any, **kw: Any) -> str:
-    # A query of its own is asked once, so that a time can be sought in an index; clock_timestamp() differs row by row.
+    # As a query of its own it is asked once, and an index is sought by its answer; the function alone ever changes.
     return "(SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS BIGINT))"
 
 

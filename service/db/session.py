@@ -101,7 +101,7 @@ class Database:
     """Sessions of one engine.
 
     ``couriers`` take what sessions posted, by name, once it is committed. They carry hints, so what a courier
-    fails to deliver is logged and nothing else: the tables say what is true. ``patient`` is for commands of operators.
+    fails to deliver is logged and nothing else: the tables say what is true. ``patient``: for commands of operators.
     """
 
     def __init__(self, url: str, *, patient: bool = False) -> None:

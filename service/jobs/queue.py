@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Integer, Select, Update, bindparam, func, literal_column, select, update
+from sqlalchemy import Integer, Select, Update, bindparam, func, select, update
 from sqlalchemy.orm import Session
 
+from service.db.base import written
 from service.db.clock import now, now_plus
 from service.db.jobs import Job
 from service.db.session import post
@@ -33,9 +34,8 @@ _UNENDED = ("queued", "running")
 def _releasing() -> Update:
     """Marks a fleet's oldest waiting jobs as sent, as far as its window has room, and returns their ids."""
     window = bindparam("window", type_=Integer())
-    # Written out in the statement: a partial index is not found by a parameter's value.
     queued = select(Job.id).where(
-        Job.state == literal_column("'queued'"),
+        Job.state == written("queued"),
         Job.queue == bindparam("of_queue"),
         Job.fleet_id == bindparam("fleet"),
     )

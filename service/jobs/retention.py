@@ -44,7 +44,8 @@ def _overdue():  # noqa: ANN202 - a statement
     shown = exists().where(Recording.job_id == Job.id) | exists().where(Study.job_id == Job.id)
     untallied = exists().where(JobEvent.job_id == Job.id, ~JobEvent.tallied)
     ended = now(-86400.0 * get_settings().job_days)
-    return select(Job.id).where(Job.state.in_(_ENDED), Job.finished_at < ended, ~shown, ~untallied).order_by(Job.id)
+    overdue = select(Job.id).where(Job.state.in_(_ENDED), Job.finished_at < ended, ~shown, ~untallied)
+    return overdue.order_by(Job.finished_at)
 
 
 def forget_workers(session: Session) -> None:

@@ -93,7 +93,7 @@ def asked(database: Database, store: Store) -> dict[str, Asked]:
         "upkeep: sign-in": lambda: remove_ended(database),
         "upkeep: jobs": lambda: forget_jobs(database),
         "overdue jobs": reading(overdue_jobs),
-        "waiting runs": reading(lambda session: waiting_runs(session)),
+        "waiting runs": reading(lambda session: waiting_runs(session, 2)),
         "choose": reading(lambda session: choose(session, history.FLEET, vehicles())),
         "choose new pairs": reading(lambda session: choose(session, history.FLEET, vehicles(new_pairs=True))),
         "choose not calibrated": reading(
@@ -124,7 +124,9 @@ def asked(database: Database, store: Store) -> dict[str, Asked]:
         "fleet requests": listing(lambda access: list_fleet_requests(history.FLEET, access, page)),
         "its vehicles": listing(lambda access: list_request_vehicles(request, access, page, None)),
         "running vehicles": listing(lambda access: list_request_vehicles(request, access, page, "running")),
-        "current calibration": listing(lambda access: published_routes._current(access.session, history.VEHICLE, "front")),
+        "current calibration": listing(
+            lambda access: published_routes._current(access.session, history.VEHICLE, "front")
+        ),
         "held-out error": reading(
             lambda session: __import__("service.calibration_runs.publishing", fromlist=["x"])._current_held_out(
                 session, history.VEHICLE, "front"

@@ -69,14 +69,22 @@ class _Filler:
         )
         names = ", ".join(f'"{name}"' for name in columns)
         self._connection.execute(
-            text(f"{series} INSERT INTO {table} ({names}) SELECT {', '.join(columns.values())} FROM g".replace(":", "\\:"))
+            text(
+                f"{series} INSERT INTO {table} ({names}) SELECT {', '.join(columns.values())} FROM g".replace(
+                    ":", "\\:"
+                )
+            )
         )
 
 
 def fill(database: Database, size: Size) -> None:
     """Fill an empty database. On PostgreSQL its statistics are brought up to date, as autovacuum does."""
     with database.engine.execution_options(apexcal_writes=True).begin() as connection:
-        clock = "extract(epoch FROM now()) * 1e6" if connection.dialect.name == "postgresql" else "(julianday('now') - 2440587.5) * 86400e6"
+        clock = (
+            "extract(epoch FROM now()) * 1e6"
+            if connection.dialect.name == "postgresql"
+            else "(julianday('now') - 2440587.5) * 86400e6"
+        )
         filler = _Filler(connection, int(connection.scalar(text(f"SELECT CAST({clock} AS BIGINT)")) or 0))
         _fleets(filler, size)
         _calibrations(filler, size)
@@ -99,7 +107,12 @@ def _fleets(filler: _Filler, size: Size) -> None:
         {"id": filler.id(2), "name": "'person ' || n", "is_owner": filler.bool(False), "created_at": at},
     )
     for fleet in (1, _QUIET_FLEET):
-        member = {"person_id": filler.id(2), "fleet_id": filler.id(fleet, "0"), "role": "'engineer'", "created_at": at}
+        member = {
+            "person_id": filler.id(2),
+            "fleet_id": filler.id(fleet, "0"),
+            "role": "'engineer'",
+            "created_at": at,
+        }
         filler.fill("membership", 3, member)
     common = {"fleet_id": filler.id(1, "0"), "version": "1", "created_at": at}
     filler.fill("vehicle", size.vehicles, {"id": filler.id(3), "name": "'car ' || n", **common})
@@ -126,7 +139,11 @@ def _calibrations(filler: _Filler, size: Size) -> None:
     """Each vehicle in turn: a set of one camera, a calibration from it, four runs of that, and their results."""
     count, of_vehicle = size.calibrations, f"n % {size.vehicles}"
     camera = f"CASE (n / {size.vehicles}) % 2 WHEN 0 THEN 'front' ELSE 'rear' END"
-    common = {"fleet_id": filler.id(1, "0"), "vehicle_id": filler.id(3, of_vehicle), "rig_id": filler.id(4, of_vehicle)}
+    common = {
+        "fleet_id": filler.id(1, "0"),
+        "vehicle_id": filler.id(3, of_vehicle),
+        "rig_id": filler.id(4, of_vehicle),
+    }
     at = filler.at(count=count)
     filler.fill(
         "correspondence_set",

@@ -25,13 +25,14 @@ _EXPLAINED = ("SELECT", "UPDATE", "DELETE", "INSERT", "WITH")
 class Touched:
     """One function's statements: those that scan a table whole, and what all of them touched.
 
-    ``rows`` on PostgreSQL: read from tables and indexes, also those that a filter dropped. ``steps`` on SQLite: of its
-    virtual machine, a handful for each row.
+    ``rows`` and ``pages`` on PostgreSQL: read from tables and indexes, also those that a filter dropped. ``steps`` on
+    SQLite: of its virtual machine, a handful for each row.
     """
 
     scans: list[str] = field(default_factory=list)
     statements: list[str] = field(default_factory=list)
     rows: int = 0
+    pages: int = 0
     steps: int = 0
 
 
@@ -89,7 +90,9 @@ def _look_at_postgresql(connection: Any, statement: str, parameters: Any, found:
         if connection.autocommit:
             cursor.execute("ROLLBACK")
     document = plan if isinstance(plan, list) else json.loads(plan)
-    _add(document[0]["Plan"], statement, found)
+    top = document[0]["Plan"]
+    found.pages += top["Shared Hit Blocks"] + top["Shared Read Blocks"]
+    _add(top, statement, found)
 
 
 def _add(node: dict[str, Any], statement: str, found: Touched) -> None:

@@ -42,7 +42,12 @@ _PARTIAL = (
         "id",
     ),
     ("ix_correspondence_set_made", "correspondence_set", "brought_at IS NULL", "rig_id", "camera", "created_at"),
-    ("ix_correspondence_set_brought", "correspondence_set", "brought_at IS NOT NULL", "rig_id", "camera", "brought_at"),
+    (
+        "ix_correspondence_set_brought",
+        "correspondence_set",
+        "brought_at IS NOT NULL",
+        *("rig_id", "camera", "brought_at"),
+    ),
     ("ix_fleet_request_running", "fleet_request", "state = 'running'", "id"),
     ("ix_job_due", "job", "state = 'queued' AND send_after IS NOT NULL", "send_after"),
     ("ix_job_running", "job", "state = 'running'", "id"),
@@ -89,7 +94,7 @@ def _make_frontiers():
         sa.Column("recording_id", sa.Uuid(), nullable=False),
         sa.Column("marks_wanted", sa.Integer(), nullable=False),
         sa.Column("rank", sa.Integer(), nullable=False),
-        sa.Column("looked_at", sa.BigInteger(), nullable=False),
+        sa.Column("nothing_at", sa.BigInteger(), nullable=True),
         *(
             sa.ForeignKeyConstraint(
                 [f"{name}_id"], [f"{name}.id"], name=op.f(f"fk_marking_frontier_{name}_id"), ondelete="CASCADE"
