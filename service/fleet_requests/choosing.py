@@ -180,26 +180,18 @@ def _calibrated_since(session: Session, fleet_id: UUID, since: datetime) -> set[
 def _published_sets(session: Session, fleet_id: UUID) -> dict[tuple[UUID, str], UUID]:
     """By vehicle and camera, the set that the current calibration was made from."""
     current = (
-        select(Publication.result_id)
+        select(CalibrationRun.set_id)
+        .join(Result, Result.run_id == CalibrationRun.id)
+        .join(Publication, Publication.result_id == Result.id)
         .where(Publication.vehicle_id == Rig.vehicle_id, Publication.camera == RigCamera.name)
         .order_by(Publication.created_at.desc(), Publication.id.desc())
         .limit(1)
         .correlate(Rig, RigCamera)
         .scalar_subquery()
     )
-    # Two rigs of a vehicle may have a camera of one name.
-    cameras = (
-        select(Rig.vehicle_id, RigCamera.name.label("camera"), current.label("result_id"))
-        .join(RigCamera, RigCamera.rig_id == Rig.id)
-        .where(Rig.fleet_id == fleet_id)
-        .cte("cameras")
-    )
-    rows = session.execute(
-        select(cameras.c.vehicle_id, cameras.c.camera, CalibrationRun.set_id)
-        .join(Result, Result.id == cameras.c.result_id)
-        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
-    )
-    return {(row.vehicle_id, row.camera): row.set_id for row in rows}
+    cameras = select(Rig.vehicle_id, RigCamera.name, current).join(RigCamera, RigCamera.rig_id == Rig.id)
+    rows = session.execute(cameras.where(Rig.fleet_id == fleet_id))
+    return {(vehicle_id, camera): set_id for vehicle_id, camera, set_id in rows if set_id is not None}
 
 
 def in_chunks(chosen: list[Chosen], size: int) -> Iterable[list[Chosen]]:
