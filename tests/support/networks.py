@@ -79,7 +79,7 @@ class Host(Namespace):
         self.number = number
         self.address, gateway = _ADDRESS.format(number, 2), _ADDRESS.format(number, 1)
         self._router, self._link = router, f"host{number}"
-        self._vanished = False
+        self.vanished = False
         router.run("ip", "link", "add", self._link, "type", "veth", "peer", "name", "eth0", "netns", self.path)
         router.run("ip", "address", "add", f"{gateway}/24", "dev", self._link)
         router.run("ip", "link", "set", self._link, "up")
@@ -89,14 +89,14 @@ class Host(Namespace):
 
     def vanish(self) -> None:
         """Lose all that it sends and all that is sent to it. Neither side is told."""
-        if not self._vanished:
-            self._vanished = True
+        if not self.vanished:
+            self.vanished = True
             self._drop("add")
 
     def come_back(self) -> None:
         """As before; what was sent meanwhile is lost."""
-        if self._vanished:
-            self._vanished = False
+        if self.vanished:
+            self.vanished = False
             self._drop("del")
 
     def leave(self) -> None:

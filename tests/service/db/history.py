@@ -1,4 +1,4 @@
-"""A database with a long history: as many ended runs as wanted, with all that belongs to them, in a statement a table.
+"""A database with a long history: as many ended runs as wanted with all that belongs to them, a statement a table.
 
 Ids are numbers written as UUIDs, so rows of one number belong together and sort by it, as by the time.
 """
