@@ -12,6 +12,7 @@ from typing import Any
 from celery import Celery
 from celery.signals import celeryd_init, setup_logging
 
+from service.events.patience import CONSUMER
 from service.jobs.kinds import QUEUES
 from service.observability import logs
 from service.settings import get_settings, settings_or_exit
@@ -49,7 +50,7 @@ def make_app(tasks: str) -> Celery:
         worker_enable_remote_control=False,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,
-        broker_transport_options={"socket_connect_timeout": 5, "socket_keepalive": True},
+        broker_transport_options=CONSUMER,
         enable_utc=True,
     )
     alive.install(app)

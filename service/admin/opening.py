@@ -51,7 +51,7 @@ def opened() -> Iterator[Opened]:
             f"there is no service here: {file} does not exist",
             "Name its folder with --data, or give the command the service's environment (APEXCAL_DATABASE_URL).",
         )
-    database = Database(settings.database)
+    database = Database(settings.database, patient=True)
     sender = Sender(settings.broker)
     database.couriers[COURIER] = sender
     try:

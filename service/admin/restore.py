@@ -37,7 +37,7 @@ def restore(url: str, store: Store, folder: Path, *, report: Report = lambda _: 
         )
     _refuse_unless_empty(store, blobs)
     upgrade(url, manifest.schema if _is_fresh(url) else "head")
-    database = Database(url)
+    database = Database(url, patient=True)
     try:
         _refuse_rows(database)
         store.prepare()
@@ -86,7 +86,7 @@ def _is_fresh(url: str) -> bool:
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite" and parsed.database and not Path(parsed.database).exists():
         return True
-    database = Database(url)
+    database = Database(url, patient=True)
     try:
         return not inspect(database.engine).has_table("alembic_version")
     finally:

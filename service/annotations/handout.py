@@ -6,14 +6,14 @@ SQLite every writing transaction is alone anyway, on PostgreSQL the recording's 
 
 from __future__ import annotations
 
-from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Select, and_, exists, select, update
+from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
 from service.annotations.answered import has_answered, is_live, leases_of_others, taken_by_others
-from service.db.annotations import MarkingTask
+from service.annotations.seeking import Seeker
+from service.db.annotations import MarkingFrontier, MarkingTask
 from service.db.clock import now
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
@@ -46,16 +46,16 @@ def next_task(
         .limit(1)
     )
     if held is None:
-        leases = leases_of_others(session, camera.id, person_id)
-        still_open = (~has_answered(person_id), taken_by_others(person_id, leases) < recording.marks_per_vertex)
-        unseen = _paired(detection, camera, person_id, seen=False).where(*still_open)
-        held = session.scalar(unseen.order_by(Vertex.rank).limit(1))
-        if held is None:
-            seen = _paired(detection, camera, person_id, seen=True).where(*still_open)
-            if skip is not None:
-                seen = seen.where(MarkingTask.id != skip)
-            held = session.scalar(seen.order_by(MarkingTask.leased_until, Vertex.rank).limit(1))
+        wanted = recording.marks_per_vertex
+        held = Seeker(session, recording.id, detection.id, camera.id, person_id, wanted, skip).seek()
     return None if held is None else _lease(session, detection.id, held, camera.id, person_id, lease_s)
+
+
+def reopen(session: Session, recording_id: UUID) -> None:
+    """Say before an answer is taken back that vertices of this recording take answers again."""
+    lock_recording(session, recording_id)
+    gone = delete(MarkingFrontier).where(MarkingFrontier.recording_id == recording_id)
+    session.execute(gone.execution_options(synchronize_session=False))
 
 
 def is_open(session: Session, vertex: Vertex, camera_id: UUID, person_id: UUID, wanted: int) -> bool:
@@ -69,22 +69,6 @@ def is_open(session: Session, vertex: Vertex, camera_id: UUID, person_id: UUID, 
     )
     answered, taken = session.execute(statement).one()
     return bool(answered) or taken < wanted
-
-
-def _paired(detection: Detection, camera: Sensor, person_id: UUID, *, seen: bool) -> Select[UUID]:
-    """Vertices with a frame of the camera: those that this person had a task for, joined with it, or the others."""
-    own: Any = (
-        MarkingTask.vertex_id == Vertex.id,
-        MarkingTask.sensor_id == camera.id,
-        MarkingTask.person_id == person_id,
-    )
-    statement = (
-        select(Vertex.id)
-        .select_from(Vertex)
-        .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == camera.id))
-        .where(Vertex.detection_id == detection.id)
-    )
-    return statement.join(MarkingTask, and_(*own)) if seen else statement.where(~exists().where(*own))
 
 
 def _lease(

@@ -7,6 +7,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from service.annotations.handout import reopen
 from service.db.annotations import AnnotationRevision, Mark, Verdict
 from service.db.base import Json
 from service.db.clock import utc_now
@@ -82,6 +83,7 @@ def write_verdict(session: Session, person_id: UUID, apex: Apex, verdict: str) -
     elif row.verdict == verdict:
         return row
     else:
+        reopen(session, row.recording_id)  # a confirmation may lack its mark
         row.verdict, row.version, row.updated_at = verdict, row.version + 1, utc_now()
     session.flush()
     _keep_revision(session, "verdict", row, {"apex_id": apex.id.hex, "verdict": verdict})
@@ -90,6 +92,7 @@ def write_verdict(session: Session, person_id: UUID, apex: Apex, verdict: str) -
 
 def take_back(session: Session, row: Mark | Verdict) -> None:
     """Remove a mark or a verdict; that it was there stays in its revisions."""
+    reopen(session, row.recording_id)
     subject = "mark" if isinstance(row, Mark) else "verdict"
     row.version += 1
     _keep_revision(session, subject, row, {"taken_back": True})

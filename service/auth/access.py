@@ -16,7 +16,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
-from sqlalchemy import Select, select
+from sqlalchemy import ColumnElement, Select, select
 from sqlalchemy.orm import Session
 from starlette.types import Scope
 
@@ -33,6 +33,9 @@ from service.http.problems import Problem, not_found
 
 COOKIE = "apexcal_session"
 _SCOPE = "apexcal.identity"
+
+# Of more fleets the rows are sorted together: the statement would get too long.
+_FLEETS_ONE_BY_ONE = 50
 
 ModelT = TypeVar("ModelT")
 
@@ -118,8 +121,23 @@ class Access:
         column = model.id if model is Fleet else model.fleet_id
         if self.identity.sees_all:
             return statement
+        return statement.where(column.in_(self._fleets(role)))
+
+    def scopes(self, model: Any, fleet_id: UUID | None = None) -> list[ColumnElement[bool]]:
+        """The fleets that the person may see, or of these the one that is asked for, as conditions for a list.
+
+        For :func:`service.http.pages.fetch`; empty where all rows may be seen.
+        """
+        if self.identity.sees_all:
+            return [] if fleet_id is None else [model.fleet_id == fleet_id]
+        fleets = [one for one in self._fleets("viewer") if fleet_id in (None, one)]
+        if not 0 < len(fleets) <= _FLEETS_ONE_BY_ONE:
+            return [model.fleet_id.in_(fleets)]
+        return [model.fleet_id == one for one in fleets]
+
+    def _fleets(self, role: Role) -> list[UUID]:
         fleets = {*self.identity.roles, *filter(None, (self.identity.only_fleet,))}
-        return statement.where(column.in_([one for one in fleets if rank(self.role(one) or "") >= rank(role)]))
+        return sorted(one for one in fleets if rank(self.role(one) or "") >= rank(role))
 
     def answer(self, body: BaseModel | dict[str, Any], status: int = 201, *, secret: bool = False) -> JSONResponse:
         """The answer of a POST that made something, kept with it where the request has an Idempotency-Key.

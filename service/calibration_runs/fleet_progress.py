@@ -12,7 +12,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, bindparam, case, select, update
 from sqlalchemy.orm import Session
 
-from service.db.base import Json
+from service.db.base import Json, written
 from service.db.calibrations import Calibration
 from service.db.clock import now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
@@ -85,14 +85,16 @@ def _end_vehicles(session: Session, calibration_ids: list[UUID], state: str, pro
 
 def count_missed(database: Database) -> None:
     """Count what a worker of the version before ended: it knows no fleet requests, which would wait for ever."""
-    missed = (
-        select(Calibration.id)
-        .join(FleetRequestVehicle, FleetRequestVehicle.calibration_id == Calibration.id)
-        .join(FleetRequest, FleetRequest.id == FleetRequestVehicle.fleet_request_id)
-        .where(FleetRequest.state == "running", FleetRequestVehicle.state == "queued")
-        .where(Calibration.finished_at.is_not(None))
-    )
     with database.reading() as session:
+        running = session.scalars(select(FleetRequest.id).where(FleetRequest.state == written("running"))).all()
+        if not running:
+            return
+        missed = (
+            select(Calibration.id)
+            .join(FleetRequestVehicle, FleetRequestVehicle.calibration_id == Calibration.id)
+            .where(FleetRequestVehicle.fleet_request_id.in_(running), FleetRequestVehicle.state == "queued")
+            .where(Calibration.finished_at.is_not(None))
+        )
         found = session.scalars(missed.limit(_BATCH)).all()
     for calibration_id in found:
         with database.writing() as session:

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 
 from service.calibration_runs.solving import start_runs
 from service.calibrations.requests import Fit, Plan
+from service.db.base import written
 from service.db.calibrations import Calibration, CalibrationRun
 from service.db.fleets import Rig
 from service.jobs.bundles import plan
@@ -24,14 +25,14 @@ def create(
     session: Session, rig: Rig, asked: Plan, farm: str, publish: str, person_id: UUID, workers: int
 ) -> Calibration:
     """Insert a calibration with all its runs and their first jobs. Fits to all pairs are worked on first."""
-    waiting = waiting_runs(session) + sum(fit.folds + 1 for fit in asked.fits)
+    waiting = waiting_runs(session, workers) + sum(fit.folds + 1 for fit in asked.fits)
     return create_all(session, [(rig, asked)], farm, publish, person_id, workers, waiting)[0]
 
 
-def waiting_runs(session: Session) -> int:
-    """How many runs have not ended, of all fleets."""
-    unended = select(func.count()).select_from(CalibrationRun).where(CalibrationRun.state.in_(UNENDED))
-    return session.scalar(unended) or 0
+def waiting_runs(session: Session, enough: int) -> int:
+    """How many runs have not ended, of all fleets; of more than ``enough`` it says just that many."""
+    unended = select(CalibrationRun.id).where(CalibrationRun.state.in_([written(state) for state in UNENDED]))
+    return session.scalar(select(func.count()).select_from(unended.limit(enough).subquery())) or 0
 
 
 def create_all(

@@ -8,7 +8,7 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.db.base import Base, Created, Json, RowId, Version, belongs_to
+from service.db.base import Base, Created, Json, RowId, Version, belongs_to, partial_index
 
 
 class Mark(Base):
@@ -69,7 +69,10 @@ class MarkingTask(Base):
     """A vertex and camera that a person was given to judge, leased so that nobody gets it twice."""
 
     __tablename__ = "marking_task"
-    __table_args__ = (UniqueConstraint("vertex_id", "sensor_id", "person_id"),)
+    __table_args__ = (
+        UniqueConstraint("vertex_id", "sensor_id", "person_id"),
+        partial_index("ix_marking_task_open", "sensor_id", "leased_until", where="answered_at IS NULL"),
+    )
 
     id: Mapped[RowId]
     detection_id: Mapped[UUID] = belongs_to("detection.id")
@@ -79,3 +82,22 @@ class MarkingTask(Base):
     leased_until: Mapped[datetime]
     answered_at: Mapped[datetime | None]
     created_at: Mapped[Created]
+
+
+class MarkingFrontier(Base):
+    """How far a person's marking is in one camera: no vertex of a lower rank is new to them and takes their answer.
+
+    So the next one is sought from here, and not past all that are answered. True of ``marks_wanted`` marks of each
+    vertex. What makes a vertex take answers again removes the rows of its recording. ``nothing_at`` is when a look at
+    all vertices, the person's answered ones too, last found nothing.
+    """
+
+    __tablename__ = "marking_frontier"
+
+    detection_id: Mapped[UUID] = belongs_to("detection.id", primary_key=True, index=False)
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True)
+    person_id: Mapped[UUID] = belongs_to("person.id", primary_key=True)
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    marks_wanted: Mapped[int]
+    rank: Mapped[int]
+    nothing_at: Mapped[datetime | None]

@@ -6,10 +6,15 @@ from datetime import datetime
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Index, String, UniqueConstraint, func
+from sqlalchemy import Index, String, UniqueConstraint, func, literal_column, text
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, refers_to
+from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, partial_index, refers_to
+
+_UNENDED = "state IN ('queued', 'running')"
+# The number of publications that have none: they are newer than all that have one. Written out, so that the index
+# is found.
+_UNNUMBERED = "2147483647"
 
 
 class CorrespondenceSet(Base):
@@ -21,7 +26,14 @@ class CorrespondenceSet(Base):
     """
 
     __tablename__ = "correspondence_set"
-    __table_args__ = (UniqueConstraint("rig_id", "camera", "content_hash"),)
+    __table_args__ = (
+        UniqueConstraint("rig_id", "camera", "content_hash"),
+        Index("ix_correspondence_set_rig_id_id", "rig_id", "id"),
+        partial_index("ix_correspondence_set_made", "rig_id", "camera", "created_at", where="brought_at IS NULL"),
+        partial_index(
+            "ix_correspondence_set_brought", "rig_id", "camera", "brought_at", where="brought_at IS NOT NULL"
+        ),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
@@ -44,7 +56,11 @@ class Calibration(Base):
     """A request: every model on every camera's correspondences. ``remaining`` counts the runs that have not ended."""
 
     __tablename__ = "calibration"
-    __table_args__ = (Index("ix_calibration_vehicle_id_created_at", "vehicle_id", "created_at"),)
+    __table_args__ = (
+        Index("ix_calibration_vehicle_id_created_at", "vehicle_id", "created_at"),
+        Index("ix_calibration_vehicle_id_id", "vehicle_id", "id"),
+        partial_index("ix_calibration_done", "vehicle_id", "finished_at", where="state = 'done'"),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
@@ -71,7 +87,11 @@ class CalibrationRun(Base):
     """
 
     __tablename__ = "calibration_run"
-    __table_args__ = (UniqueConstraint("calibration_id", "camera", "model", "fold"),)
+    __table_args__ = (
+        UniqueConstraint("calibration_id", "camera", "model", "fold"),
+        partial_index("ix_calibration_run_unended", "id", where=_UNENDED),
+        partial_index("ix_calibration_run_cancelled", "id", where=f"IS_TRUE(cancel_requested) AND {_UNENDED}"),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
@@ -137,7 +157,10 @@ class Publication(Base):
 
     __tablename__ = "publication"
     __table_args__ = (
-        Index("ix_publication_vehicle_id_camera_created_at", "vehicle_id", "camera", "created_at"),
+        Index(
+            "ix_publication_newness",
+            *("vehicle_id", "camera", text(f"coalesce(number, {_UNNUMBERED})"), "created_at", "id"),
+        ),
         Index("uq_publication_vehicle_id_camera_number", "vehicle_id", "camera", "number", unique=True),
     )
 
@@ -153,7 +176,5 @@ class Publication(Base):
     created_at: Mapped[Created]
 
 
-# Greater than any number. Rows without one are newer than all that have one.
-_UNNUMBERED = 2**31 - 1
-# By which one of a camera's publications is newer than another, in this order.
-NEWNESS = (func.coalesce(Publication.number, _UNNUMBERED), Publication.created_at, Publication.id)
+# By which one of a camera's publications is newer than another, in this order: that of the index.
+NEWNESS = (func.coalesce(Publication.number, literal_column(_UNNUMBERED)), Publication.created_at, Publication.id)

@@ -60,7 +60,8 @@ def _sqlite_clock(element: _clock, compiler: Any, **kw: Any) -> str:
 @compiles(_clock, "postgresql")
 def _postgresql_clock(element: _clock, compiler: Any, **kw: Any) -> str:
     # now() is when the transaction began, and one that waited for a lock would make its rows older than they are.
-    return "CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS BIGINT)"
+    # As a query of its own it is asked once, and an index is sought by its answer; the function alone ever changes.
+    return "(SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS BIGINT))"
 
 
 def now(plus_s: float = 0.0) -> ColumnElement[datetime]:

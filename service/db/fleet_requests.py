@@ -8,7 +8,7 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.db.base import Base, Created, Json, RowId, belongs_to, refers_to
+from service.db.base import Base, Created, Json, RowId, belongs_to, partial_index, refers_to
 
 
 class FleetRequest(Base):
@@ -21,6 +21,10 @@ class FleetRequest(Base):
     """
 
     __tablename__ = "fleet_request"
+    __table_args__ = (
+        Index("ix_fleet_request_fleet_id_id", "fleet_id", "id"),
+        partial_index("ix_fleet_request_running", "id", where="state = 'running'"),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
@@ -50,6 +54,7 @@ class FleetRequestVehicle(Base):
     __table_args__ = (
         UniqueConstraint("fleet_request_id", "vehicle_id"),
         Index("ix_fleet_request_vehicle_fleet_request_id_state_id", "fleet_request_id", "state", "id"),
+        Index("ix_fleet_request_vehicle_fleet_request_id_id", "fleet_request_id", "id"),
     )
 
     id: Mapped[RowId]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import BigInteger, UniqueConstraint
+from sqlalchemy import BigInteger, Index, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from service.db.base import Base, Created, Json, Name, RowId, Version, belongs_to
@@ -30,7 +30,7 @@ class Vehicle(Base):
     """One vehicle of a fleet."""
 
     __tablename__ = "vehicle"
-    __table_args__ = (UniqueConstraint("fleet_id", "name"),)
+    __table_args__ = (UniqueConstraint("fleet_id", "name"), Index("ix_vehicle_fleet_id_id", "fleet_id", "id"))
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")

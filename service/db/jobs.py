@@ -9,16 +9,15 @@ from uuid import UUID
 from sqlalchemy import BigInteger, Index, Integer, String, false, text
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.db.base import Base, Json, belongs_to
+from service.db.base import Base, Json, belongs_to, partial_index
 from service.db.clock import now
 from service.observability import request_ids
 
 _BigId = BigInteger().with_variant(Integer, "sqlite")
 
 
-def _partial(name: str, where: str) -> Index:
-    """Finds a fleet's oldest queued jobs among thousands. SQLite takes it only with the state as a column."""
-    return Index(name, "fleet_id", "queue", "state", "id", postgresql_where=text(where), sqlite_where=text(where))
+# A fleet's oldest queued jobs among thousands. SQLite takes such an index only with the state as a column.
+_OF_A_WINDOW = ("fleet_id", "queue", "state", "id")
 
 
 class Job(Base):
@@ -35,8 +34,14 @@ class Job(Base):
     __table_args__ = (
         Index("ix_job_state_queue_fleet_id", "state", "queue", "fleet_id"),
         Index("ix_job_subject_id", "subject_id"),
-        _partial("ix_job_waiting", "state = 'queued' AND send_after IS NULL"),
-        _partial("ix_job_released", "state = 'queued' AND sends > 0"),
+        Index("ix_job_fleet_id_id", "fleet_id", "id"),
+        partial_index("ix_job_waiting", *_OF_A_WINDOW, where="state = 'queued' AND send_after IS NULL"),
+        partial_index("ix_job_released", *_OF_A_WINDOW, where="state = 'queued' AND sends > 0"),
+        partial_index("ix_job_due", "send_after", where="state = 'queued' AND send_after IS NOT NULL"),
+        partial_index("ix_job_running", "id", where="state = 'running'"),
+        partial_index("ix_job_cancelled", "id", where="state = 'queued' AND IS_TRUE(cancel_requested)"),
+        partial_index("ix_job_unwanted", "fleet_id", "state", "id", where="state IN ('failed', 'cancelled')"),
+        partial_index("ix_job_finished_at", "finished_at", where="finished_at IS NOT NULL"),
     )
 
     id: Mapped[int] = mapped_column(_BigId, primary_key=True)

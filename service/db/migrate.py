@@ -34,6 +34,7 @@ from service.settings import settings_or_exit
 _LOCK = 4_711_001
 _LOCK_TIMEOUT_S = 2
 _PATIENCE_S = 300.0
+_LOOKS_AGAIN_S = 0.2
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +71,7 @@ def upgrade(url: str, to: str = "head", *, patience_s: float = _PATIENCE_S) -> N
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite" and parsed.database:
         Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
-    engine = open_engine(url)
+    engine = open_engine(url, patient=True)
     try:
         _with_patience(engine, url, to, time.monotonic() + patience_s)
     finally:
@@ -103,7 +104,10 @@ def _alone(engine: Engine) -> Iterator[Connection]:
             yield connection
         return
     with engine.connect() as connection:
-        connection.execute(text("SELECT pg_advisory_lock(:lock)"), {"lock": _LOCK})
+        # Asked again and again: who waits within a statement is waited for by an index that is made concurrently.
+        while not connection.scalar(text("SELECT pg_try_advisory_lock(:lock)"), {"lock": _LOCK}):
+            connection.rollback()
+            time.sleep(_LOOKS_AGAIN_S)
         connection.execute(text(f"SET lock_timeout = '{_LOCK_TIMEOUT_S}s'"))
         connection.commit()
         try:

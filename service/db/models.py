@@ -1,6 +1,6 @@
 """All tables in one place, for the code that asks and for migrations."""
 
-from service.db.annotations import AnnotationRevision, Mark, MarkingTask, Verdict
+from service.db.annotations import AnnotationRevision, Mark, MarkingFrontier, MarkingTask, Verdict
 from service.db.base import Base
 from service.db.calibrations import (
     Calibration,
@@ -40,6 +40,7 @@ __all__ = [
     "JobEvent",
     "JobTotal",
     "Mark",
+    "MarkingFrontier",
     "MarkingTask",
     "Membership",
     "Person",

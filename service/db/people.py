@@ -41,7 +41,7 @@ class SignInLink(Base):
     id: Mapped[RowId]
     secret_hash: Mapped[Digest] = mapped_column(unique=True)
     person_id: Mapped[UUID] = belongs_to("person.id")
-    expires_at: Mapped[datetime]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
     used_at: Mapped[datetime | None]
     created_at: Mapped[Created]
 
@@ -54,7 +54,7 @@ class BrowserSession(Base):
     id: Mapped[RowId]
     secret_hash: Mapped[Digest] = mapped_column(unique=True)
     person_id: Mapped[UUID] = belongs_to("person.id")
-    expires_at: Mapped[datetime]
+    expires_at: Mapped[datetime] = mapped_column(index=True)
     created_at: Mapped[Created]
 
 
@@ -91,4 +91,4 @@ class IdempotencyKey(Base):
     role: Mapped[str | None] = mapped_column(String(20))
     status: Mapped[int]
     body: Mapped[Json]
-    created_at: Mapped[Created]
+    created_at: Mapped[Created] = mapped_column(index=True)

@@ -20,6 +20,7 @@ from service.db.base import (
     RowId,
     Version,
     belongs_to,
+    partial_index,
     refers_to,
 )
 
@@ -65,7 +66,13 @@ class Recording(Base):
     """
 
     __tablename__ = "recording"
-    __table_args__ = (Index("ix_recording_fleet_id_taken_bytes", "fleet_id", "taken_bytes"),)
+    __table_args__ = (
+        Index("ix_recording_fleet_id_id", "fleet_id", "id"),
+        Index("ix_recording_fleet_id_state_id", "fleet_id", "state", "id"),
+        Index("ix_recording_fleet_id_taken_bytes", "fleet_id", "taken_bytes"),
+        Index("ix_recording_vehicle_id_id", "vehicle_id", "id"),
+        partial_index("ix_recording_retain_until", "retain_until", where="retain_until IS NOT NULL"),
+    )
 
     id: Mapped[RowId]
     fleet_id: Mapped[UUID] = belongs_to("fleet.id")
@@ -81,7 +88,7 @@ class Recording(Base):
     facts: Mapped[Json | None]
     warnings: Mapped[list[Any]] = mapped_column(default=list)
     problem: Mapped[Json | None]
-    job_id: Mapped[int | None] = mapped_column(BigInteger)
+    job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
     retain_until: Mapped[datetime | None]
     taken_bytes: Mapped[int | None] = mapped_column(BigInteger)
     expires_at: Mapped[datetime | None]

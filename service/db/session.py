@@ -15,6 +15,7 @@ from sqlalchemy.exc import DisconnectionError
 from sqlalchemy.orm import Session, sessionmaker
 
 import service.db.models  # noqa: F401  # a flush sorts tables by their foreign keys, so all of them must be known
+from service.db.patience import connect_args
 
 _WRITES = "apexcal_writes"
 _ALONE = "apexcal_alone"
@@ -39,16 +40,16 @@ def _to_json(value: Any) -> str:
         raise ValueError(f"a number that is not finite would be stored: {error}") from None
 
 
-def open_engine(url: str) -> Engine:
-    """An engine for ``url``. Open it after a fork, never before.
+def open_engine(url: str, *, patient: bool = False) -> Engine:
+    """An engine for ``url``. Open it after a fork, never before. ``patient``: see :mod:`service.db.patience`.
 
     SQLite: write-ahead log, full synchronisation of transactions, and `BEGIN IMMEDIATE` for sessions that write, so
     that two writers queue up instead of failing on an upgrade of their locks.
     """
-    if make_url(url).get_backend_name() != "sqlite":
-        # A host that does not even refuse would be waited for as long as TCP likes.
-        patience = {"connect_timeout": 5}
-        engine = create_engine(url, json_serializer=_to_json, connect_args=patience, pool_size=5, max_overflow=20)
+    parsed = make_url(url)
+    if parsed.get_backend_name() != "sqlite":
+        waits = connect_args(parsed, patient=patient)
+        engine = create_engine(parsed, json_serializer=_to_json, connect_args=waits, pool_size=5, max_overflow=20)
         _look_before_use(engine)
         return engine
     engine = create_engine(url, json_serializer=_to_json, connect_args={"timeout": 30, "check_same_thread": False})
@@ -100,11 +101,11 @@ class Database:
     """Sessions of one engine.
 
     ``couriers`` take what sessions posted, by name, once it is committed. They carry hints, so what a courier
-    fails to deliver is logged and nothing else: the tables say what is true.
+    fails to deliver is logged and nothing else: the tables say what is true. ``patient``: for commands of operators.
     """
 
-    def __init__(self, url: str) -> None:
-        self.engine = open_engine(url)
+    def __init__(self, url: str, *, patient: bool = False) -> None:
+        self.engine = open_engine(url, patient=patient)
         self.couriers: dict[str, Callable[[list[Any]], None]] = {}
         self._reading = sessionmaker(self.engine, expire_on_commit=False)
         self._writing = sessionmaker(self.engine.execution_options(**{_WRITES: True}), expire_on_commit=False)

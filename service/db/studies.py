@@ -29,5 +29,5 @@ class Study(Base):
     state: Mapped[str] = mapped_column(String(20), default="queued")
     result: Mapped[Json | None]
     problem: Mapped[Json | None]
-    job_id: Mapped[int | None] = mapped_column(BigInteger)
+    job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
     created_at: Mapped[Created]

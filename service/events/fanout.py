@@ -20,6 +20,7 @@ from service.auth.roles import Role
 from service.db.session import Database
 from service.events.following import Follower, anything
 from service.events.hints import EVERY_CHANNEL, Hint, fleet_of
+from service.events.patience import tcp_options
 from service.http.draining import Drain
 from service.http.problems import Problem
 
@@ -133,7 +134,7 @@ class Fanout:
 
 async def _hints(url: str) -> AsyncGenerator[Hint | None, None]:
     """Hints of all fleets; None whenever the subscription begins anew. Raises RedisError when the broker is lost."""
-    client: Any = redis.asyncio.Redis.from_url(url, socket_connect_timeout=2)
+    client: Any = redis.asyncio.Redis.from_url(url, socket_connect_timeout=2, **tcp_options(url))
     async with client, client.pubsub() as subscription:
         await subscription.psubscribe(EVERY_CHANNEL)
         asked = answered = time.monotonic()

@@ -187,7 +187,7 @@ def _calibrate(
     wanted = [(one.rig, one.plan) for one in planned if one.rig is not None and one.plan is not None]
     if not wanted:
         return {}
-    waiting = waiting_runs(session) + vehicles
+    waiting = waiting_runs(session, workers) + vehicles
     made = create_all(session, wanted, template.farm, template.publish, person_id, workers, waiting)
     return {calibration.vehicle_id: calibration.id for calibration in made}
 

@@ -1,4 +1,5 @@
-"""Which vehicles a filter names, and which pairs of each are the newest. A handful of queries, however many vehicles.
+"""Which vehicles a filter names, and which pairs of each are the newest. A handful of queries, however many vehicles,
+and a look or two for each camera, however long its history.
 
 The rule of the newest pairs: of the vehicle's rigs (those that the filter names) the one with the newest
 correspondence set; of this rig, for each of its cameras, the camera's newest set, imported or made of marks. A set
@@ -13,13 +14,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from fnmatch import translate
+from typing import Any, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, ScalarSelect, exists, func, select
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from service.calibration_runs.publishing import current_ids
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.base import written
+from service.db.calibrations import NEWNESS, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.fleet_requests.schemas import VehicleFilter
 from service.http.problems import Problem
@@ -32,6 +34,17 @@ class Chosen:
     id: UUID
     name: str
     sets: Mapping[str, UUID] = field(default_factory=dict)
+
+
+class _Newest(NamedTuple):
+    """The newest set of a camera; they sort by when it was made or last brought."""
+
+    at: datetime
+    set_id: UUID
+    vehicle_id: UUID
+    rig_id: UUID
+    rig: str
+    camera: str
 
 
 def choose(session: Session, fleet_id: UUID, wanted: VehicleFilter) -> list[Chosen]:
@@ -113,24 +126,24 @@ def _with_rig(session: Session, fleet_id: UUID, pattern: str) -> set[UUID]:
 
 def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> dict[UUID, dict[str, UUID]]:
     """By vehicle, the newest set of each camera of the rig whose newest set is the newest."""
-    brought_at = func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at)
-    ranked = (
+    made = (CorrespondenceSet.brought_at.is_(None), CorrespondenceSet.created_at)
+    brought = (CorrespondenceSet.brought_at.is_not(None), CorrespondenceSet.brought_at)
+    # Each camera's newest of those that came once and of those that came again, for each of which there is an index.
+    cameras = (
         select(
-            *(CorrespondenceSet.id, CorrespondenceSet.vehicle_id, CorrespondenceSet.rig_id),
-            *(CorrespondenceSet.camera, brought_at.label("brought_at"), Rig.name.label("rig")),
-            func.row_number()
-            .over(
-                partition_by=(CorrespondenceSet.rig_id, CorrespondenceSet.camera),
-                order_by=(brought_at.desc(), CorrespondenceSet.id.desc()),
-            )
-            .label("age"),
+            *(Rig.vehicle_id, Rig.id.label("rig_id"), Rig.name.label("rig"), RigCamera.name.label("camera")),
+            *(_newest_set(CorrespondenceSet.id, *made), _newest_set(made[1], *made)),
+            *(_newest_set(CorrespondenceSet.id, *brought), _newest_set(brought[1], *brought)),
         )
-        .join(Rig, Rig.id == CorrespondenceSet.rig_id)
-        .join(RigCamera, (RigCamera.rig_id == Rig.id) & (RigCamera.name == CorrespondenceSet.camera))
-        .where(CorrespondenceSet.fleet_id == fleet_id)
-        .subquery()
+        .join(RigCamera, RigCamera.rig_id == Rig.id)
+        .where(Rig.fleet_id == fleet_id)
     )
-    rows = session.execute(select(ranked).where(ranked.c.age == 1).order_by(ranked.c.brought_at, ranked.c.id)).all()
+    rows: list[_Newest] = []
+    for vehicle_id, rig_id, rig, camera, *sets in session.execute(cameras):
+        known = [(at, set_id) for set_id, at in (sets[:2], sets[2:]) if set_id is not None]
+        if known:
+            rows.append(_Newest(*max(known), vehicle_id, rig_id, rig, camera))
+    rows.sort()
     if rig_pattern is not None:
         matches = _matcher(rig_pattern)
         rows = [row for row in rows if matches.fullmatch(row.rig)]
@@ -139,29 +152,46 @@ def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> d
     newest: dict[UUID, dict[str, UUID]] = defaultdict(dict)
     for row in rows:
         if rig_of[row.vehicle_id] == row.rig_id:
-            newest[row.vehicle_id][row.camera] = row.id
+            newest[row.vehicle_id][row.camera] = row.set_id
     return newest
 
 
-def _calibrated_since(session: Session, fleet_id: UUID, since: datetime) -> set[UUID]:
-    return set(
-        session.scalars(
-            select(Calibration.vehicle_id).where(
-                Calibration.fleet_id == fleet_id, Calibration.state == "done", Calibration.finished_at >= since
-            )
-        )
+def _newest_set(
+    wanted: InstrumentedAttribute[Any], which: ColumnElement[bool], by: InstrumentedAttribute[Any]
+) -> ScalarSelect[Any]:
+    """A column of the newest of such sets of the enclosing query's camera."""
+    return (
+        select(wanted)
+        .where(CorrespondenceSet.rig_id == RigCamera.rig_id, CorrespondenceSet.camera == RigCamera.name, which)
+        .order_by(by.desc(), CorrespondenceSet.id.desc())
+        .limit(1)
+        .correlate(RigCamera)
+        .scalar_subquery()
     )
+
+
+def _calibrated_since(session: Session, fleet_id: UUID, since: datetime) -> set[UUID]:
+    done = exists().where(
+        Calibration.vehicle_id == Vehicle.id, Calibration.state == written("done"), Calibration.finished_at >= since
+    )
+    return set(session.scalars(select(Vehicle.id).where(Vehicle.fleet_id == fleet_id, done)))
 
 
 def _published_sets(session: Session, fleet_id: UUID) -> dict[tuple[UUID, str], UUID]:
     """By vehicle and camera, the set that the current calibration was made from."""
-    rows = session.execute(
-        select(Publication.vehicle_id, Publication.camera, CalibrationRun.set_id)
-        .join(Result, Result.id == Publication.result_id)
-        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
-        .where(Publication.id.in_(current_ids(Publication.fleet_id == fleet_id)))
+    current = (
+        select(CalibrationRun.set_id)
+        .join(Result, Result.run_id == CalibrationRun.id)
+        .join(Publication, Publication.result_id == Result.id)
+        .where(Publication.vehicle_id == Rig.vehicle_id, Publication.camera == RigCamera.name)
+        .order_by(*(key.desc() for key in NEWNESS))
+        .limit(1)
+        .correlate(Rig, RigCamera)
+        .scalar_subquery()
     )
-    return {(row.vehicle_id, row.camera): row.set_id for row in rows}
+    cameras = select(Rig.vehicle_id, RigCamera.name, current).join(RigCamera, RigCamera.rig_id == Rig.id)
+    rows = session.execute(cameras.where(Rig.fleet_id == fleet_id))
+    return {(vehicle_id, camera): set_id for vehicle_id, camera, set_id in rows if set_id is not None}
 
 
 def in_chunks(chosen: list[Chosen], size: int) -> Iterable[list[Chosen]]:

@@ -13,6 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.auth.access import ReadAccess
+from service.db.base import written
 from service.db.clock import utc_now
 from service.db.jobs import Job
 from service.http.pages import Page, Paging, fetch
@@ -76,12 +77,11 @@ def get_jobs(
     state: Annotated[JobState | None, Query()] = None,
 ) -> Page[JobView]:
     """The jobs of the person's fleets, newest first."""
-    statement = access.scope(select(Job), Job)
-    if fleet_id:
-        statement = statement.where(Job.fleet_id == fleet_id)
+    statement = select(Job)
     if state:
-        statement = statement.where(Job.state == state)
-    rows, following = fetch(access.session, statement, Job.id, paging, newest_first=True)
+        statement = statement.where(Job.state == written(state))
+    scopes = access.scopes(Job, fleet_id)
+    rows, following = fetch(access.session, statement, Job.id, paging, newest_first=True, any_of=scopes)
     return Page(items=[JobView.model_validate(row) for row in rows], next=following)
 
 

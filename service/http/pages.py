@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Generic, TypeVar
 from uuid import UUID
 
 from fastapi import Depends, Query
 from pydantic import BaseModel
-from sqlalchemy import Select
+from sqlalchemy import ColumnElement, Select, select, union_all
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from service.http.problems import Problem
@@ -57,8 +58,12 @@ def fetch(
     window: Window,
     *,
     newest_first: bool = False,
+    any_of: Sequence[ColumnElement[bool]] = (),
 ) -> tuple[list[Any], str | None]:
     """The rows of one page of ``statement`` and its ``next``.
+
+    ``any_of``: conditions of which each row fulfils one, each with an index that sorts by ``key``. A page of each is
+    found, and of all these the first; for all at once a database would sort everything or read what fits none.
 
     ``key`` is a column that is unique within the statement, a UUID (version 7: sorted by time) or an integer; it
     gives the order. A statement of one entity gives entities; of several it gives rows, ``key`` being the first's.
@@ -67,7 +72,14 @@ def fetch(
     if window.after is not None:
         edge = _parse(key, window.after)
         statement = statement.where(key < edge if newest_first else key > edge)
-    statement = statement.order_by(None).order_by(key.desc() if newest_first else key).limit(window.limit + 1)
+    order = key.desc() if newest_first else key
+    if len(any_of) == 1:
+        statement = statement.where(*any_of)
+    elif any_of:
+        ids = statement.with_only_columns(key.label("key"))
+        parts = [ids.where(one).order_by(order).limit(window.limit + 1).subquery() for one in any_of]
+        statement = statement.where(key.in_(union_all(*(select(part.c.key) for part in parts))))
+    statement = statement.order_by(None).order_by(order).limit(window.limit + 1)
     single = len(statement.column_descriptions) == 1
     rows: list[Any] = list(session.scalars(statement) if single else session.execute(statement))
     if len(rows) <= window.limit:

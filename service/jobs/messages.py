@@ -9,6 +9,8 @@ from typing import NamedTuple
 from celery import Celery
 from kombu.exceptions import OperationalError
 
+from service.events.patience import TCP
+
 RUN_JOB = "apexcal.run_job"
 SWEEP = "apexcal.sweep"
 COURIER = "jobs"
@@ -33,6 +35,7 @@ class Sender:
             broker_connection_retry=False,
             # A broker that is away must not hold up the request that posts to it: kombu would try for seconds.
             broker_transport_options={
+                **TCP,
                 "socket_connect_timeout": 1,
                 "socket_timeout": 5,
                 "max_retries": 1,

@@ -20,6 +20,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session
 
+from service.db.base import written
 from service.db.clock import now, now_plus
 from service.db.fleets import Fleet
 from service.db.jobs import Job
@@ -43,12 +44,11 @@ def _releasing(*, capped: bool) -> Update:
     """
     window = bindparam("window", type_=Integer())
     mine = select(Job.id).where(Job.queue == bindparam("of_queue"), Job.fleet_id == bindparam("fleet"))
-    # Written out in the statement: a partial index is not found by a parameter's value.
-    queued = mine.where(Job.state == literal_column("'queued'"))
+    queued = mine.where(Job.state == written("queued"))
     # At most a window's worth is sent and unclaimed, but whoever counts stops there.
     room = window - _count(queued.where(Job.sends > literal_column("0")).limit(window))
     if capped:
-        room -= _count(mine.where(Job.state == literal_column("'running'")))
+        room -= _count(mine.where(Job.state == written("running")))
     # A common table expression, for PostgreSQL may run a plain subquery once per row, each time past its own limit.
     oldest = (
         queued.where(Job.send_after.is_(None), ~Job.cancel_requested)

@@ -14,7 +14,7 @@ from service.db.session import Database
 from service.db.studies import Study
 from service.settings import get_settings
 
-_ENDED = ("done", "failed", "cancelled")
+_UNENDED = ("queued", "running")
 _BATCH = 1000
 # A worker that has been silent for so long is not coming back under its name.
 _GONE = timedelta(hours=1)
@@ -44,7 +44,9 @@ def _overdue():  # noqa: ANN202 - a statement
     shown = exists().where(Recording.job_id == Job.id) | exists().where(Study.job_id == Job.id)
     untallied = exists().where(JobEvent.job_id == Job.id, ~JobEvent.tallied)
     ended = now(-86400.0 * get_settings().job_days)
-    return select(Job.id).where(Job.state.in_(_ENDED), Job.finished_at < ended, ~shown, ~untallied).order_by(Job.id)
+    # Not "one of those that ended": SQLite would look at all of these, and not at the times.
+    overdue = select(Job.id).where(Job.state.not_in(_UNENDED), Job.finished_at < ended, ~shown, ~untallied)
+    return overdue.order_by(Job.finished_at)
 
 
 def forget_workers(session: Session) -> None:

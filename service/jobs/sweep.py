@@ -10,16 +10,18 @@ import logging
 import time
 from collections.abc import Callable
 
-from sqlalchemy import ColumnElement, func, select, update
+from sqlalchemy import ColumnElement, exists, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from service.calibration_runs.fleet_progress import count_missed
-from service.db.base import Json
+from service.db.base import Json, written
 from service.db.calibrations import CalibrationRun
 from service.db.clock import now
+from service.db.fleets import Fleet
 from service.db.jobs import Heartbeat, Job
 from service.db.session import Database, post
+from service.jobs.kinds import QUEUES
 from service.jobs.losses import end, lose
 from service.jobs.messages import COURIER, Message
 from service.jobs.queue import cancel, release
@@ -41,8 +43,8 @@ def sweep(database: Database, store: Store) -> None:
         forget_workers(session)
         _spread_cancels(session)
     count_missed(database)
-    _each(database, (Job.state == "running") & (Job.lease_until < now()), _recover)
-    _each(database, (Job.state == "queued") & Job.cancel_requested, _end_cancelled)
+    _each(database, (Job.state == written("running")) & (Job.lease_until < now()), _recover)
+    _each(database, (Job.state == written("queued")) & Job.cancel_requested, _end_cancelled)
     with database.writing() as session:
         _send_again(session)
         _end_backoff(session)
@@ -65,7 +67,7 @@ def _beat(session: Session) -> None:
 
 def _spread_cancels(session: Session) -> None:
     """Flag the jobs that a cancelled run got after the cancel looked."""
-    unended = CalibrationRun.state.in_(("queued", "running"))
+    unended = CalibrationRun.state.in_((written("queued"), written("running")))
     cancel(session, select(CalibrationRun.id).where(CalibrationRun.cancel_requested, unended))
 
 
@@ -129,7 +131,7 @@ def _send_again(session: Session) -> None:
     delay = round(settings.resend_s * 1e6)
     overdue = (
         select(Job.id, Job.queue, Job.sends)
-        .where(Job.state == "queued", Job.sends > 0, ~Job.cancel_requested, Job.send_after < now())
+        .where(Job.state == written("queued"), Job.sends > 0, ~Job.cancel_requested, Job.send_after < now())
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
@@ -144,7 +146,7 @@ def _end_backoff(session: Session) -> None:
     """Let the jobs whose time to be tried again has come wait for their place in the window, as fresh ones do."""
     over = (
         select(Job.id)
-        .where(Job.state == "queued", Job.sends == 0, Job.send_after < now())
+        .where(Job.state == written("queued"), Job.sends == 0, Job.send_after < now())
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
@@ -160,15 +162,14 @@ def _end_backoff(session: Session) -> None:
 
 def _release_waiting(session: Session) -> None:
     """Top up every fleet's window, in case that the finish that should have done it never came."""
-    waiting = session.execute(
-        select(Job.fleet_id, Job.queue, func.count())
-        .where(Job.state == "queued", Job.send_after.is_(None))
-        .group_by(Job.fleet_id, Job.queue)
+    for queue in QUEUES:
+        # One look for each fleet, however many jobs wait.
+        waits = exists().where(
+            Job.fleet_id == Fleet.id, Job.queue == queue, Job.state == written("queued"), Job.send_after.is_(None)
+        )
         # Two sweeps hold fleets in one order.
-        .order_by(Job.fleet_id, Job.queue)
-    ).all()
-    for fleet_id, queue, _ in waiting:
-        release(session, fleet_id, queue)
+        for fleet_id in session.scalars(select(Fleet.id).where(waits).order_by(Fleet.id)).all():
+            release(session, fleet_id, queue)
 
 
 def _remove_blobs(database: Database, store: Store) -> None:

@@ -1,6 +1,7 @@
 """What the database knows of the farm, as Prometheus figures. Workers have no HTTP; their rows speak for them.
 
-Every figure is one indexed statement or a small table. Two API processes that are asked at once answer the same.
+Every figure but the blobs' is one indexed statement or a small table. Two API processes that are asked at once answer
+the same.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ from service.jobs.kinds import QUEUES
 from service.jobs.totals import BUCKETS_S
 
 FRESH_S = 5.0
-# The blobs' rows are counted whole, so less often.
+# The blobs' rows are counted whole, so less often: for a thousandth of the time at most, however many they get.
 _BLOBS_FRESH_S = 60.0
+_BLOBS_SHARE = 1e-3
 # A worker says every few seconds that it is there.
 WORKER_SILENT_S = 20.0
 
@@ -67,7 +69,10 @@ class JobFigures(Collector):
         with self._database.reading() as session:
             found = [*_queues(session), *_totals(session), *_workers(session), _heartbeats(session)]
             if moment >= self._blobs_stale_at:
-                self._blobs, self._blobs_stale_at = list(_blobs(session)), moment + _BLOBS_FRESH_S
+                began = time.monotonic()
+                self._blobs = list(_blobs(session))
+                took_s = time.monotonic() - began
+                self._blobs_stale_at = moment + max(_BLOBS_FRESH_S, took_s / _BLOBS_SHARE)
         self._found, self._stale_at = found, moment + FRESH_S
 
 

@@ -76,12 +76,12 @@ def get_recordings(
     state: Annotated[RecordingState | None, Query()] = None,
 ) -> Page[RecordingSummary]:
     """The recordings of the person's fleets, newest first."""
-    statement = access.scope(select(Recording), Recording)
-    wanted = ((Recording.fleet_id, fleet_id), (Recording.vehicle_id, vehicle_id), (Recording.state, state))
-    for column, value in wanted:
+    statement = select(Recording)
+    for column, value in ((Recording.vehicle_id, vehicle_id), (Recording.state, state)):
         if value is not None:
             statement = statement.where(column == value)
-    rows, following = fetch(access.session, statement, Recording.id, paging, newest_first=True)
+    scopes = access.scopes(Recording, fleet_id)
+    rows, following = fetch(access.session, statement, Recording.id, paging, newest_first=True, any_of=scopes)
     return Page(items=summaries(access.session, rows), next=following)
 
 

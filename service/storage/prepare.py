@@ -75,7 +75,7 @@ def _mark(settings: Settings, *, anew: bool) -> None:
     if anew:
         store.prepare()
         return
-    database = Database(settings.database)
+    database = Database(settings.database, patient=True)
     try:
         adopt(database, store)
     finally:

@@ -3,11 +3,13 @@
 import shutil
 import subprocess
 import tempfile
+from contextlib import nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 
 import redis
 
+from tests.support.networks import Host
 from tests.support.processes import start, stop, wait_until
 
 
@@ -19,9 +21,13 @@ def binary() -> Path:
 
 
 class Broker:
-    """A server that can be stopped, killed and started again (empty) at the same address."""
+    """A server that can be stopped, killed and started again (empty) at the same address.
 
-    def __init__(self) -> None:
+    One on a ``host`` listens on its address too.
+    """
+
+    def __init__(self, host: Host | None = None) -> None:
+        self.host = host
         self.folder = Path(tempfile.mkdtemp(prefix="apexcal-broker-"))
         self.socket = self.folder / "broker.sock"
         self.start()
@@ -31,6 +37,12 @@ class Broker:
         """Celery's URL of it, as in ``APEXCAL_BROKER_URL``."""
         return f"redis+socket://{self.socket}?virtual_host=0"
 
+    @property
+    def remote_url(self) -> str:
+        """The same for those who reach it by its host's address."""
+        assert self.host
+        return f"redis://{self.host.address}:6379/0"
+
     def start(self) -> None:
         """Start it; nothing of an earlier life is left."""
         self.launch()
@@ -39,8 +51,10 @@ class Broker:
     def launch(self) -> subprocess.Popen[bytes]:
         """Start it without waiting until it answers."""
         self.socket.unlink(missing_ok=True)
-        options = ["--port", "0", "--unixsocket", str(self.socket), "--save", "", "--dir", str(self.folder)]
-        self.child = start([str(binary()), *options], self.folder / "log")
+        where = ["--bind", self.host.address, "--protected-mode", "no"] if self.host else ["--port", "0"]
+        options = [*where, "--unixsocket", str(self.socket), "--save", "", "--dir", str(self.folder)]
+        with self.host.inside() if self.host else nullcontext():
+            self.child = start([str(binary()), *options], self.folder / "log")
         return self.child
 
     def stop(self) -> None:

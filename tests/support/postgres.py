@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
+from contextlib import nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import psycopg
 from psycopg import sql
 
+from tests.support.networks import NETWORK, Host
 from tests.support.processes import start, stop, wait_until
 
 _SPEED_OVER_SAFETY = ("fsync=off", "full_page_writes=off", "max_connections=100")
@@ -34,10 +36,11 @@ class Postgres:
     """A server in a folder of its own under /tmp: PostgreSQL refuses root, and another user must get in.
 
     A ``durable`` one keeps what was committed when it is killed; only a crash of the machine would be noticed. A
-    ``synced`` one is as PostgreSQL is by itself, for measurements.
+    ``synced`` one is as PostgreSQL is by itself, for measurements. One on a ``host`` listens on its address too.
     """
 
-    def __init__(self, *, durable: bool = False, synced: bool = False) -> None:
+    def __init__(self, *, durable: bool = False, synced: bool = False, host: Host | None = None) -> None:
+        self.host = host
         self.folder = Path(tempfile.mkdtemp(prefix="apexcal-pg-"))
         self._as_user: dict[str, Any] = {}
         if os.geteuid() == 0:
@@ -54,32 +57,33 @@ class Postgres:
             cwd="/",
             **self._as_user,
         )
+        if host:
+            with (data / "pg_hba.conf").open("a") as rules:
+                rules.write(f"host all all {NETWORK} trust\n")
+        self.start()
+
+    def start(self) -> None:
+        """Start the server, and wait until it answers."""
         self.launch()
         wait_until(self._answers, "the start of PostgreSQL")
 
     def launch(self) -> subprocess.Popen[bytes]:
         """Start the server on the data that is there, without waiting until it answers."""
         options = [word for option in self._options for word in ("-c", option)]
-        self.child = start(
-            [
-                str(binaries() / "postgres"),
-                "-D",
-                str(self.folder / "data"),
-                "-k",
-                str(self.folder),
-                "-h",
-                "",
-                *options,
-            ],
-            self.folder / "log",
-            cwd="/",
-            **self._as_user,
-        )
+        command = [str(binaries() / "postgres"), "-D", str(self.folder / "data"), "-k", str(self.folder)]
+        command += ["-h", self.host.address if self.host else "", *options]
+        with self.host.inside() if self.host else nullcontext():
+            self.child = start(command, self.folder / "log", cwd="/", **self._as_user)
         return self.child
 
     def url(self, database: str) -> str:
         """SQLAlchemy URL of one of its databases."""
         return f"postgresql+psycopg://postgres@/{database}?host={self.folder}"
+
+    def remote_url(self, database: str) -> str:
+        """The same for those who reach it by its host's address."""
+        assert self.host
+        return f"postgresql+psycopg://postgres@{self.host.address}/{database}"
 
     def create(self, database: str) -> str:
         """Make a database and return its URL."""

@@ -24,17 +24,18 @@ _numbers = itertools.count(1)
 class S3Server:
     """Buckets live in its memory: stopping it loses them, pausing it does not."""
 
-    def __init__(self) -> None:
+    def __init__(self, address: str = "127.0.0.1") -> None:
+        self.address = address
         self.folder = Path(tempfile.mkdtemp(prefix="apexcal-s3-"))
         self.port = free_port()
-        command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(self.port)]
+        command = [sys.executable, "-m", "moto.server", "-H", address, "-p", str(self.port)]
         self.child = start(command, self.folder / "log")
         wait_until(self._answers, "the start of the S3 server", 60)
 
     @property
     def endpoint(self) -> str:
         """Its address, as in ``APEXCAL_S3_ENDPOINT``."""
-        return f"http://127.0.0.1:{self.port}"
+        return f"http://{self.address}:{self.port}"
 
     def options(self, **changed: object) -> S3Options:
         """How to reach it. It takes any keys, but some there must be."""

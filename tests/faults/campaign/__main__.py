@@ -13,6 +13,7 @@ from random import Random, SystemRandom
 
 from tests.faults.campaign.campaign import Campaign, Size
 from tests.faults.campaign.isolation import let_modes_bind_children, small_file_system
+from tests.support.networks import Network, why_not
 
 _MIB = 1024 * 1024
 _DISK_BYTES = 768 * _MIB
@@ -30,9 +31,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         data.mkdir()
         logs.mkdir()
         own_disk = small_file_system(data, _DISK_BYTES)
+        network = _network()
         let_modes_bind_children()
         campaign = Campaign(
-            data, logs, Random(options.seed), size_of(options.seconds), own_disk=own_disk, s3=options.store == "s3"
+            data,
+            logs,
+            Random(options.seed),
+            size_of(options.seconds),
+            own_disk=own_disk,
+            s3=options.store == "s3",
+            network=network,
         )
         try:
             findings = campaign.run()
@@ -47,6 +55,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seconds = round(time.monotonic() - began, 1)
     print(json.dumps({**campaign.facts(), **counts, "seconds": seconds, "seed": options.seed}))
     return 1 if any(counts.values()) else 0
+
+
+def _network() -> Network | None:
+    """Hosts for the campaign, where they can be made."""
+    reason = why_not()
+    if reason:
+        print(f"no host vanishes in this campaign: {reason}", file=sys.stderr, flush=True)
+        return None
+    return Network()
 
 
 def size_of(seconds: float) -> Size:

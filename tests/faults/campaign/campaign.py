@@ -22,12 +22,13 @@ from service.db.models import ApiToken, Blob, Calibration, Detection, Job, Membe
 from service.storage.audit import audit
 from tests.faults.campaign.clients import Annotator, Engineer, GaveUpError
 from tests.faults.campaign.invariants import Findings, check
-from tests.faults.campaign.kinds import KINDS
+from tests.faults.campaign.kinds import KINDS, NEED_A_NETWORK
 from tests.faults.campaign.ledger import Ledger
 from tests.faults.campaign.plant import CLOCKS_APART_S, Plant
 from tests.faults.campaign.requests import CALIBRATIONS, Expected, record, sensors, vertices
 from tests.faults.campaign.schedule import Injector, draw, say
 from tests.faults.results import documents
+from tests.support.networks import Network
 
 _TICK_S = 0.05
 _CALM_S = 240.0
@@ -60,16 +61,19 @@ class Size:
 class Campaign:
     """One run. The thread that makes it must run and close it: the processes end with that thread."""
 
-    def __init__(self, data: Path, logs: Path, random: Random, size: Size, *, own_disk: bool, s3: bool) -> None:
+    def __init__(
+        self, data: Path, logs: Path, random: Random, size: Size, *, own_disk: bool, s3: bool, network: Network | None
+    ) -> None:
         self._random = random
         self._size = size
         # A disk that belongs to others as well is not filled.
-        self._kinds = [kind for kind in KINDS if own_disk or kind != "disk_full"]
+        left_out = {*(() if own_disk else ("disk_full",)), *(() if network else NEED_A_NETWORK)}
+        self._kinds = [kind for kind in KINDS if kind not in left_out]
         self._ledger = Ledger()
         self._expected = Expected()
         with ThreadPoolExecutor(1) as pool:
             walks = pool.submit(record, logs, size.walks)
-            self._plant = Plant(data, logs, random, s3=s3)
+            self._plant = Plant(data, logs, random, s3=s3, network=network)
             self._walks = walks.result()
         self._store = self._plant.store()
         self._injected: dict[str, int] = {}

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import psycopg
 
-from tests.faults.campaign.plant import WORKERS, Plant, children, send
+from tests.faults.campaign.plant import HOSTS, WORKERS, Plant, children, send
 from tests.support.processes import stop
 
 Undo = Callable[[], None]
@@ -148,8 +148,24 @@ def _second_beat(plant: Plant, random: Random) -> Struck:
     return Struck("beat", lambda: stop(beat, signal.SIGKILL))
 
 
+def _vanish(name: str) -> Strike:
+    """A host's packets are lost, and nobody is told; later it is there again as it was."""
+
+    def strike(plant: Plant, random: Random) -> Struck:
+        host = plant.hosts[name]
+        if host.vanished:
+            return Struck("")
+        host.vanish()
+        return Struck(name, host.come_back)
+
+    return strike
+
+
 # Longer than a lease of the plant, which is 2 s.
 _FROZEN_S = (2.5, 5.0)
+# Some of it longer than a connection waits for a sign of life, which is 5 s.
+_VANISHED_S = (3.0, 9.0)
+NEED_A_NETWORK = frozenset(f"{name}_host_vanished" for name in HOSTS)
 
 KINDS: dict[str, Kind] = {
     "api_killed": Kind(_kill(["api"]), 2),
@@ -173,4 +189,5 @@ KINDS: dict[str, Kind] = {
     "store_away": Kind(_store_away, 2, (1.0, 6.0)),
     "disk_full": Kind(_fill_disk, 2, (1.0, 6.0)),
     "two_beats": Kind(_second_beat, 1, (2.0, 6.0)),
+    **{f"{name}_host_vanished": Kind(_vanish(name), 1, _VANISHED_S) for name in HOSTS},
 }

@@ -19,6 +19,7 @@ from service.db.session import Database
 from service.storage.store import Store
 from tests.faults.farm import QUICK, free_port
 from tests.support.broker import Broker
+from tests.support.networks import Host, Network
 from tests.support.postgres import Postgres
 from tests.support.processes import start, stop, stop_all, wait_until
 from tests.support.s3 import S3Server
@@ -29,6 +30,15 @@ _PAUSE_S = (0.2, 1.0)
 _START_S = 300.0
 CLOCKS_APART_S = 300
 WORKERS = ("worker-a", "worker-b")
+# Who is on a host of their own, where there is a network; all others are where the campaign itself is.
+_ELSEWHERE = {
+    "postgres": "database",
+    "broker": "broker",
+    "worker-a": "worker",
+    "sweeper": "sweeper",
+    "beat": "sweeper",
+}
+HOSTS = tuple(dict.fromkeys(_ELSEWHERE.values()))
 POOL = 2
 
 
@@ -59,18 +69,29 @@ class Plant:
 
     One worker and the sweeper believe that it is five minutes later. Processes die with the thread that started
     them, so one thread makes, watches and closes the plant.
+
+    On a ``network`` there are hosts for the database, the broker, a worker, and sweeper and beat. The others share
+    one, which this thread enters; it looks at database and broker by their sockets.
     """
 
-    def __init__(self, data: Path, logs: Path, random: Random, *, s3: bool = False) -> None:
-        self.s3 = S3Server() if s3 else None
+    def __init__(
+        self, data: Path, logs: Path, random: Random, *, s3: bool = False, network: Network | None = None
+    ) -> None:
+        self.hosts = {name: network.host() for name in HOSTS} if network else {}
+        address = "127.0.0.1"
+        if network:
+            here = network.host()
+            here.enter()
+            address = here.address
+        self.s3 = S3Server(address) if s3 else None
         self.data = data
         self.logs = logs
         self._random = random
-        self.postgres = Postgres(durable=True)
-        self.broker = Broker()
-        self.database_url = self.postgres.create("campaign")
-        upgrade(self.database_url)
-        self.database = Database(self.database_url)
+        self.postgres = Postgres(durable=True, host=self._host("postgres"))
+        self.broker = Broker(self._host("broker"))
+        url = self.postgres.create("campaign")
+        upgrade(url)
+        self.database = Database(url)
         self.url = f"http://127.0.0.1:{free_port()}"
         self._folder = DataFolder(data)
         self._bucket = self.s3.make_bucket() if self.s3 else ""
@@ -137,12 +158,15 @@ class Plant:
             self.s3.close()
 
     def _environment(self) -> dict[str, str]:
+        database, broker = self.postgres.url("campaign"), self.broker.url
+        if self.hosts:
+            database, broker = self.postgres.remote_url("campaign"), self.broker.remote_url
         chosen = plans.environment(self._folder, public_url=self.url, workers=POOL * len(WORKERS))
         del chosen["APEXCAL_SUPERVISOR_STATUS"]
         return {
             **chosen,
-            "APEXCAL_DATABASE_URL": self.database_url,
-            "APEXCAL_BROKER_URL": self.broker.url,
+            "APEXCAL_DATABASE_URL": database,
+            "APEXCAL_BROKER_URL": broker,
             "APEXCAL_PART_BYTES": str(1024 * 1024),
             # So that a store that hangs is noticed within the time that it hangs for.
             "APEXCAL_STORE_TIMEOUT_S": "2",
@@ -166,7 +190,15 @@ class Plant:
         }
 
     def _launcher(self, name: str, command: list[str]) -> Callable[[], subprocess.Popen[bytes]]:
-        return lambda: start(command, self.logs / f"{name}.log", env=self.environment)
+        def launch() -> subprocess.Popen[bytes]:
+            host = self._host(name.removeprefix("second-"))
+            with host.inside() if host else contextlib.nullcontext():
+                return start(command, self.logs / f"{name}.log", env=self.environment)
+
+        return launch
+
+    def _host(self, part: str) -> Host | None:
+        return self.hosts.get(_ELSEWHERE.get(part, ""))
 
     def _ready(self) -> bool:
         self.watch()

@@ -21,9 +21,19 @@ def upgrade():
     op.create_index(
         "uq_publication_vehicle_id_camera_number", "publication", ["vehicle_id", "camera", "number"], unique=True
     )
+    op.create_index(
+        "ix_publication_newness",
+        "publication",
+        ["vehicle_id", "camera", sa.text("coalesce(number, 2147483647)"), "created_at", "id"],
+    )
+    op.drop_index("ix_publication_vehicle_id_camera_created_at", "publication")
 
 
 def downgrade():
+    op.create_index(
+        "ix_publication_vehicle_id_camera_created_at", "publication", ["vehicle_id", "camera", "created_at"]
+    )
+    op.drop_index("ix_publication_newness", "publication")
     op.drop_index("uq_publication_vehicle_id_camera_number", "publication")
     op.drop_column("publication", "overridden")
     op.drop_column("publication", "reason")

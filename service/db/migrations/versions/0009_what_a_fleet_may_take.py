@@ -1,19 +1,18 @@
 """What a fleet may take: bytes of its recordings, an end of unfinished uploads, jobs that are out.
 
 Revision ID: 0009
-Revises: 0005
+Revises: 0008
 """
 
 import sqlalchemy as sa
 from alembic import op
 
 revision = "0009"
-down_revision = "0005"
+down_revision = "0008"
 branch_labels = None
 depends_on = None
 
 _SENT = sa.text("state = 'queued' AND send_after IS NOT NULL")
-_RELEASED = sa.text("state = 'queued' AND sends > 0")
 _OF_A_FLEET = ["fleet_id", "queue", "state", "id"]
 
 
@@ -24,14 +23,12 @@ def upgrade():
     op.create_index("ix_recording_fleet_id_taken_bytes", "recording", ["fleet_id", "taken_bytes"])
     op.add_column("blob", sa.Column("failed_removals", sa.Integer(), server_default="0", nullable=False))
     op.add_column("blob", sa.Column("remove_after", sa.BigInteger(), nullable=True))
-    # Older processes counted by the dropped one, and find what it held by ix_job_state_queue_fleet_id.
-    op.create_index("ix_job_released", "job", _OF_A_FLEET, postgresql_where=_RELEASED, sqlite_where=_RELEASED)
+    # Older processes counted by it, and find what it held by ix_job_state_queue_fleet_id. Newer ones have ix_job_released.
     op.drop_index("ix_job_sent", "job")
 
 
 def downgrade():
     op.create_index("ix_job_sent", "job", _OF_A_FLEET, postgresql_where=_SENT, sqlite_where=_SENT)
-    op.drop_index("ix_job_released", "job")
     op.drop_column("blob", "remove_after")
     op.drop_column("blob", "failed_removals")
     op.drop_index("ix_recording_fleet_id_taken_bytes", "recording")

@@ -1,0 +1,114 @@
+"""The product's functions that run all the time: of the sweep, of the upkeep, and behind the requests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import timedelta
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy.orm import Session
+
+from service.annotations.handout import next_task
+from service.auth.access import Access, Identity
+from service.auth.expiry import remove_ended
+from service.calibration_runs.publishing import _current_held_out
+from service.calibrations.published_routes import _current
+from service.calibrations.routes import list_calibrations
+from service.calibrations.runs import waiting_runs
+from service.calibrations.set_routes import list_sets
+from service.db.clock import utc_now
+from service.db.models import Detection, Person, Sensor
+from service.db.session import Database
+from service.fleet_requests.choosing import choose
+from service.fleet_requests.routes import list_request_vehicles
+from service.fleet_requests.schemas import VehicleFilter
+from service.fleets.routes import get_vehicles
+from service.http.jobs import get_jobs
+from service.http.pages import Window
+from service.jobs.retention import forget_jobs
+from service.jobs.sweep import sweep
+from service.recordings.retention import delete_overdue
+from service.recordings.routes import get_recordings
+from service.storage.store import Store
+from tests.service.db import history
+
+Asked = Callable[[], Any]
+_LONG_AGO = timedelta(days=3650)
+
+
+def periodic(database: Database, store: Store) -> dict[str, Asked]:
+    """What nobody asks for: every two seconds and every ten minutes."""
+    return {
+        "a sweep": lambda: sweep(database, store),
+        "upkeep of recordings": lambda: delete_overdue(database),
+        "upkeep of sign-ins": lambda: remove_ended(database),
+        "upkeep of jobs": lambda: forget_jobs(database),
+    }
+
+
+def fleet_requests(database: Database) -> dict[str, Asked]:
+    """What a fleet request begins with; it looks at each vehicle."""
+
+    def choosing(**wanted: Any) -> Asked:
+        return _reading(database, lambda session: choose(session, history.FLEET, VehicleFilter(**wanted)))
+
+    return {
+        "vehicles of a fleet": choosing(),
+        "vehicles with new pairs": choosing(new_pairs=True),
+        "vehicles not calibrated": choosing(not_calibrated_since=utc_now() - _LONG_AGO),
+    }
+
+
+def requests(database: Database) -> dict[str, Asked]:
+    """What single requests ask, of an engineer in two fleets, one of which has had no work."""
+    page, quiet, vehicle = Window(), history.QUIET_FLEET, history.VEHICLE
+    request = history.newest(database, "fleet_request")
+
+    def asking(function: Callable[[Access], Any]) -> Asked:
+        def ask(session: Session) -> Any:
+            roles: Any = {history.FLEET: "engineer", quiet: "engineer"}
+            return function(Access(session, Identity(session.get_one(Person, history.PERSON), roles, "")))
+
+        return _reading(database, ask)
+
+    return {
+        "runs that wait": _reading(database, lambda session: waiting_runs(session, 8)),
+        "jobs": asking(lambda access: get_jobs(access, page, None, None)),
+        "jobs of a quiet fleet": asking(lambda access: get_jobs(access, page, quiet, None)),
+        "failed jobs": asking(lambda access: get_jobs(access, page, None, "failed")),
+        "recordings": asking(lambda access: get_recordings(access, page, None, None, None)),
+        "failed recordings": asking(lambda access: get_recordings(access, page, None, None, "failed")),
+        "recordings of a vehicle": asking(lambda access: get_recordings(access, page, None, vehicle, None)),
+        "vehicles": asking(lambda access: get_vehicles(history.FLEET, access, page)),
+        "calibrations": asking(lambda access: list_calibrations(vehicle, access, page)),
+        "sets": asking(lambda access: list_sets(history.RIG, access, page)),
+        "vehicles of a request": asking(lambda access: list_request_vehicles(request, access, page, None)),
+        "the current calibration": asking(lambda access: _current(access.session, vehicle, "front")),
+        "its held-out error": _reading(database, lambda session: _current_held_out(session, vehicle, "front")),
+    }
+
+
+def marking(database: Database) -> dict[str, Asked]:
+    """The next task of who has answered nearly all, and of a second person, who may answer what is left."""
+
+    def asking(person: int) -> Asked:
+        person_id = UUID(int=history.PERSON.int + person)
+
+        def ask() -> Any:
+            with database.writing() as session:
+                detection = session.get_one(Detection, history.DETECTION)
+                camera = session.get_one(Sensor, history.CAMERA)
+                return next_task(session, detection, camera, person_id, 0.0, None)
+
+        return ask
+
+    return {"the next task": asking(0), "the next task of a second person": asking(1)}
+
+
+def _reading(database: Database, function: Callable[[Session], Any]) -> Asked:
+    def ask() -> Any:
+        with database.reading() as session:
+            return function(session)
+
+    return ask
