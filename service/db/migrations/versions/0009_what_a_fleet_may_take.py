@@ -23,7 +23,7 @@ def upgrade():
     op.create_index("ix_recording_fleet_id_taken_bytes", "recording", ["fleet_id", "taken_bytes"])
     op.add_column("blob", sa.Column("failed_removals", sa.Integer(), server_default="0", nullable=False))
     op.add_column("blob", sa.Column("remove_after", sa.BigInteger(), nullable=True))
-    # Older processes counted by it, and find what it held by ix_job_state_queue_fleet_id. Newer ones have ix_job_released.
+    # Only older processes count by it. They find what it held by ix_job_state_queue_fleet_id.
     op.drop_index("ix_job_sent", "job")
 
 
