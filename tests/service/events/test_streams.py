@@ -1,4 +1,4 @@
-"""Streams of events: so many for a person, one connection to the broker for all, and an end with the right to follow."""
+"""Streams of events: so many for a person, one connection to the broker for all, an end with the right to them."""
 
 import asyncio
 import socket
@@ -111,7 +111,7 @@ def test_a_stream_ends_with_the_right_to_follow(served, follow, what: Callable[[
 
 
 def test_a_stream_ends_with_the_session(served, follow) -> None:
-    api, url = served
+    api, _ = served
     fleet = api.fleet()
     viewer = api.member(fleet, "viewer")
     cookie = {"Cookie": f"apexcal_session={session_of(api, viewer)}"}
