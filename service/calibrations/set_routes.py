@@ -11,6 +11,7 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse, StreamingResponse
 from sqlalchemy.orm import defer
+from starlette.requests import ClientDisconnect
 
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.calibrations.building import build
@@ -103,6 +104,8 @@ async def _whole_body(request: Request) -> bytes:
     try:
         async with asyncio.timeout(_RECEIVING_S):
             return await request.body()
+    except ClientDisconnect:
+        raise Problem(400, "body_cut_off", "The connection ended before the pairs did.", "Send them again.") from None
     except TimeoutError:
         raise Problem(
             408,

@@ -10,8 +10,12 @@ import asyncio
 import resource
 import socket
 import sys
+from array import array
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from fcntl import ioctl
 from ipaddress import ip_address, ip_network
+from termios import TIOCOUTQ
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -80,7 +84,7 @@ class PatientProtocol(H11Protocol):
         """The client takes no more at the moment: see in a while that it went on."""
         super().pause_writing()
         self._stop_writing()
-        self._unsent = self.transport.get_write_buffer_size()
+        self._unsent = self._not_taken()
         self._writing = self.loop.call_later(WINDOW_S, self._look_at_writing)
 
     def resume_writing(self) -> None:
@@ -117,10 +121,17 @@ class PatientProtocol(H11Protocol):
             self._wait_for_body()
 
     def _look_at_writing(self) -> None:
-        if self._unsent - self.transport.get_write_buffer_size() < WINDOW_S * _BYTES_PER_S:
+        if self._unsent - self._not_taken() < WINDOW_S * _BYTES_PER_S:
             self._end()
         else:
             self.pause_writing()
+
+    def _not_taken(self) -> int:
+        """Bytes of the answer that the client has not acknowledged, here and in the kernel's buffer of megabytes."""
+        in_kernel = array("i", [0])
+        with suppress(OSError):
+            ioctl(self.transport.get_extra_info("socket").fileno(), TIOCOUTQ, in_kernel)
+        return self.transport.get_write_buffer_size() + in_kernel[0]
 
     def _wait_for_body(self) -> None:
         self._arrived = 0

@@ -20,6 +20,9 @@ from service.observability import request_ids
 
 MEDIA_TYPE = "application/problem+json"
 
+# More are of one kind; thousands of wrong fields would be answered with megabytes.
+_MOST_ERRORS = 50
+
 log = logging.getLogger(__name__)
 
 
@@ -223,9 +226,9 @@ def _of_status(request: Request, error: HTTPException) -> Problem:
 
 
 def _of_validation(errors: Sequence[Any]) -> Problem:
-    found = [_field_error(error) for error in errors]
+    found = [_field_error(error) for error in errors[:_MOST_ERRORS]]
     first = found[0]
-    more = f" ({len(found) - 1} more in `errors`)" if len(found) > 1 else ""
+    more = f" ({len(errors) - 1} more, in `errors`)" if len(errors) > 1 else ""
     return Problem(
         422,
         "invalid_request",

@@ -177,3 +177,15 @@ def test_the_lock_is_the_holders_and_ends_with_it(tmp_path):
         holder.hold()
     holder.release()
     assert not is_served(tmp_path)
+
+
+def test_a_log_that_grows_is_cut_while_its_process_runs(embedded):
+    log, kept = embedded.data / "logs" / "api.log", embedded.data / "logs" / "api.log.1"
+    with log.open("a") as output:
+        output.writelines(f"{number:09d} a stranger's line\n" for number in range(400_000))
+    eventually(lambda: log.stat().st_size < 1_000_000, "the end of a long log", 30)
+    assert kept.stat().st_size == 10 * 1024 * 1024
+    assert "000399999 a stranger's line" in kept.read_text()
+    urllib.request.urlopen(f"{embedded.url}/?a-later-line", timeout=5).close()
+    eventually(lambda: " GET / 200 " in log.read_text(), "a later line in the same file")
+    assert "\0" not in log.read_text()

@@ -1,5 +1,6 @@
 """docker-compose.yml against what compose takes and what we promise of it; no engine runs here."""
 
+import importlib
 import importlib.util
 import re
 import shutil
@@ -8,7 +9,8 @@ import subprocess
 import pytest
 import yaml
 
-from apexcal.embedded.plans import QUEUES
+from apexcal.embedded.folder import DataFolder
+from apexcal.embedded.plans import QUEUES, api
 from service.settings import Settings
 from tests.support.compose import FILE, ROOT, MissingVariableError, demanded, image_environment, load
 
@@ -17,7 +19,7 @@ VARIABLES = {name: f"given-{name.lower().replace('_', '-')}" for name in demande
 KEYS = {
     *("image", "build", "user", "entrypoint", "command", "environment", "volumes", "networks", "ports", "depends_on"),
     *("restart", "init", "read_only", "tmpfs", "cap_drop", "security_opt", "shm_size", "mem_limit", "pids_limit"),
-    *("stop_grace_period", "healthcheck"),
+    *("stop_grace_period", "healthcheck", "logging"),
 }
 # A tag may be moved to another image; the digest is the image. The tag says to people which one it is.
 PINNED = r":\d+(\.\d+)+[a-z-]*@sha256:[0-9a-f]{64}$"
@@ -107,6 +109,19 @@ def test_every_queue_has_its_workers_and_time_to_let_go(services: dict[str, dict
         assert "/var/lib/apexcal" in service["volumes"], name
     beats = [name for name, service in services.items() if "beat" in (service.get("command") or [])]
     assert beats == ["beat"]
+
+
+def test_the_api_lets_nobody_wait_for_ever_and_logs_are_bounded(services: dict[str, dict]) -> None:
+    embedded = api(DataFolder(ROOT), {}, "127.0.0.1", 1).command
+    protocol = embedded[embedded.index("--http") + 1]
+    assert (
+        f"--http={protocol}" in services["api"]["command"]
+        and f"--http={protocol}" in (ROOT / "Dockerfile").read_text()
+    )
+    module, _, name = protocol.partition(":")
+    assert hasattr(importlib.import_module(module), name)
+    for service in services.values():
+        assert set(service["logging"]["options"]) == {"max-size", "max-file"}
 
 
 def test_settings_and_modules_exist(services: dict[str, dict]) -> None:

@@ -83,6 +83,13 @@ def test_large_bodies_are_refused(api: Api) -> None:
     check_document(answer, 413, "body_too_large")
 
 
+@one_database
+def test_thousands_of_wrong_fields_are_answered_shortly(api: Api) -> None:
+    answer = api.owner().post("/fleets", {f"field {number}": 0 for number in range(4000)})
+    document = check_document(answer, 422, "invalid_request")
+    assert len(document["errors"]) == 50 and "4000 more" in document["detail"]
+
+
 def test_a_problem_carries_more_fields() -> None:
     assert Problem(409, "parts_missing", "gone", "send", missing=[2]).document()["missing"] == [2]
 

@@ -1,0 +1,136 @@
+"""No byte of a stranger's body is read, on any route; nobody's body is read beyond what its route takes."""
+
+import asyncio
+from collections.abc import Callable, Iterator
+from uuid import UUID
+
+import pytest
+
+from service.auth.secrets import new_secret
+from service.http.bodies import DOCUMENT
+from tests.service.auth.test_every_route import OPEN, address, fill, routes
+from tests.support.databases import one_database
+from tests.support.people import Api
+from tests.support.uploads import digest
+
+pytestmark = one_database
+
+PIECE = 32 * 1024
+# What takes more than a document: imported pairs, and parts of uploads, which settings limit.
+LARGE = ("/rigs/{rig_id}/correspondence-sets", "/recordings/{id}/parts/{number}")
+ORIGIN = "http://127.0.0.1:8000"
+
+
+class Exchange:
+    """A request straight to the application, whose body is made as it is asked for, and what is answered."""
+
+    def __init__(self, api: Api, method: str, path: str, headers: dict[str, str], pieces: Iterator[bytes]) -> None:
+        self.taken = 0
+        self.status = 0
+        self._pieces = pieces
+        path, _, query = path.partition("?")
+        scope = {"type": "http", "http_version": "1.1", "method": method.upper(), "path": path, "scheme": "http"}
+        scope |= {"raw_path": path.encode(), "query_string": query.encode(), "root_path": "", "asgi": {}}
+        scope |= {"server": ("127.0.0.1", 8000), "client": ("127.0.0.1", 9)}
+        named = {name.lower(): value for name, value in headers.items()}
+        named = {"host": "127.0.0.1:8000", "content-type": "application/json", **named}
+        scope["headers"] = [(name.encode(), value.encode()) for name, value in named.items()]
+        asyncio.run(asyncio.wait_for(api.app(scope, self._receive, self._send), 20))
+
+    async def _receive(self) -> dict:
+        piece = next(self._pieces, None)
+        if piece is None:
+            return {"type": "http.disconnect"}
+        self.taken += len(piece)
+        return {"type": "http.request", "body": piece, "more_body": True}
+
+    async def _send(self, message: dict) -> None:
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+
+
+def untouchable() -> Iterator[bytes]:
+    raise AssertionError("the body was asked for")
+    yield b""
+
+
+def endless() -> Iterator[bytes]:
+    yield b"["
+    while True:
+        yield b'{"":[]},' * (PIECE // 8)
+
+
+def filled(api: Api, fleet: UUID) -> dict[str, str]:
+    api.member(fleet, "admin")
+    with api.database.writing() as session:
+        return fill(session, fleet)
+
+
+def unsafe(api: Api) -> list[tuple[str, str]]:
+    found = [(method, path) for method, path, _ in routes(api) if method != "get" and (method, path) not in OPEN]
+    assert len(found) > 20
+    return found
+
+
+STRANGERS: dict[str, Callable[[], dict[str, str]]] = {
+    "nobody": dict,
+    "an unknown token": lambda: {"Authorization": f"Bearer {new_secret('apx_')}"},
+    "a password": lambda: {"Authorization": "Basic YTpi"},
+    "an ended session": lambda: {"Cookie": f"apexcal_session={new_secret()}", "Origin": ORIGIN},
+}
+
+
+@pytest.mark.parametrize("stranger", STRANGERS)
+def test_no_route_reads_the_body_of_a_stranger(api: Api, stranger: str) -> None:
+    rows = filled(api, api.fleet())
+    for method, path in unsafe(api):
+        for more in ({}, {"Content-Length": "33554432"}, {"Idempotency-Key": "a"}):
+            answer = Exchange(api, method, address(path, rows), STRANGERS[stranger]() | more, untouchable())
+            assert answer.status == 401, (method, path)
+
+
+def test_a_page_of_another_site_is_refused_before_its_body(api: Api) -> None:
+    headers = {"Cookie": f"apexcal_session={new_secret()}", "Origin": "http://elsewhere.example"}
+    assert Exchange(api, "post", "/v1/fleets", headers, untouchable()).status == 403
+
+
+def test_a_low_role_and_another_fleet_are_refused_before_a_large_body(api: Api) -> None:
+    fleet = api.fleet()
+    rows = filled(api, fleet)
+    viewer, outsider = api.member(fleet, "viewer"), api.member(api.fleet(), "admin")
+    for method, path in (("post", LARGE[0]), ("put", LARGE[1])):
+        where = address(f"/v1{path}", rows) + "?camera=front"
+        for who, status in ((viewer, 403), (outsider, 404)):
+            headers = {**who.headers, "Content-Digest": digest(b"x")}
+            assert Exchange(api, method, where, headers, untouchable()).status == status, (path, status)
+
+
+def test_no_route_reads_more_than_it_takes(api: Api) -> None:
+    fleet = api.fleet()
+    rows = filled(api, fleet)
+    admin = api.member(fleet, "admin")
+    for method, path in unsafe(api):
+        if path.endswith(LARGE):
+            continue
+        answer = Exchange(api, method, address(path, rows), {**admin.headers, "Idempotency-Key": "a"}, endless())
+        assert answer.taken <= DOCUMENT + PIECE, (method, path, answer.taken)
+        assert answer.taken == 0 or answer.status == 413, (method, path, answer.status)
+        declared = admin.headers | {"Content-Length": str(DOCUMENT + 1), "Idempotency-Key": "a"}
+        assert Exchange(api, method, address(path, rows), declared, untouchable()).status >= 400, (method, path)
+
+
+def test_who_signs_in_sends_little(api: Api) -> None:
+    answer = Exchange(api, "post", "/v1/sign-in", {}, endless())
+    assert answer.status == 413 and answer.taken <= 2 * PIECE
+    assert Exchange(api, "post", "/v1/sign-in", {"Content-Length": "5000"}, untouchable()).status == 413
+
+
+def test_pairs_are_bounded_too(api: Api) -> None:
+    fleet = api.fleet()
+    rows = filled(api, fleet)
+    where = address(f"/v1{LARGE[0]}", rows) + "?camera=front"
+    engineer = api.member(fleet, "engineer").headers
+    assert Exchange(api, "post", where, engineer | {"Content-Length": "33554433"}, untouchable()).status == 413
+    assert Exchange(api, "post", where, engineer | {"Content-Type": "text/html"}, untouchable()).status == 415
+    answer = Exchange(api, "post", where, engineer, endless())
+    assert answer.status == 413 and answer.taken <= 33554432 + PIECE

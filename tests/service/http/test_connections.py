@@ -1,0 +1,217 @@
+"""Connections: who is silent is let go, who is slow is waited for, and who asks finds room."""
+
+import hashlib
+import json
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from service.db.calibrations import CorrespondenceSet
+from service.http import connections
+from service.settings import get_settings
+from tests.service.detections.seeding import seed_rig
+from tests.support.databases import one_database
+from tests.support.people import Api
+from tests.support.processes import wait_until
+from tests.support.uploads import digest, new_vehicle
+
+pytestmark = one_database
+
+# Deadlines of tests; what has to hold on a busy machine is a multiple of them.
+SHORT_S = 0.5
+PATIENCE_S = 15.0
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("HEAD_S", "WINDOW_S", "UNWANTED_S"):
+        monkeypatch.setattr(connections, name, SHORT_S)
+    # A piece of the slow upload in each window.
+    monkeypatch.setattr(connections, "_BYTES_PER_S", 100 / SHORT_S)
+
+
+@pytest.fixture
+def connect(served: tuple[Api, str]) -> Iterator[Callable[..., socket.socket]]:
+    """Open a connection to the server and send the beginning of something."""
+    where = urlsplit(served[1])
+    with ExitStack() as opened:
+
+        def one(data: bytes = b"", receive_buffer: int = 0) -> socket.socket:
+            connection = opened.enter_context(socket.socket())
+            if receive_buffer:
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+            connection.settimeout(PATIENCE_S)
+            connection.connect((where.hostname, where.port))
+            connection.sendall(data)
+            return connection
+
+        yield one
+
+
+def head(method: str, path: str, *lines: str) -> bytes:
+    return "\r\n".join([f"{method} {path} HTTP/1.1", "Host: 127.0.0.1:8000", *lines, "", ""]).encode()
+
+
+def all_of(connection: socket.socket) -> bytes:
+    """What comes until the server ends the connection."""
+    found = b""
+    try:
+        while piece := connection.recv(65536):
+            found += piece
+    except ConnectionResetError:
+        pass
+    return found
+
+
+def ended(connection: socket.socket) -> bool:
+    """Whether the server has ended the connection; what it sent before is left out."""
+    connection.setblocking(False)
+    try:
+        while connection.recv(65536):
+            pass
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def test_who_says_nothing_or_half_of_a_head_is_let_go(served: tuple[Api, str], connect: Callable) -> None:
+    silent = [connect(), connect(b"GET /healthz HTTP/1.1\r\nX-")]
+    silent.append(connect(head("GET", "/healthz")))
+    assert silent[-1].recv(65536).startswith(b"HTTP/1.1 200")
+    silent[-1].sendall(b"GET /healthz")
+    for one in silent:
+        assert all_of(one) == b""
+
+
+def test_a_head_that_comes_letter_by_letter_has_the_same_time(connect: Callable) -> None:
+    one = connect(b"GET /healthz HTTP/1.1\r\nX-Long: ")
+    end = time.monotonic() + PATIENCE_S
+    while not ended(one):
+        assert time.monotonic() < end
+        try:
+            one.send(b"a")
+        except OSError:
+            break
+        time.sleep(0.05)
+
+
+def test_half_a_body_is_let_go_and_a_stranger_gets_the_answer_first(
+    served: tuple[Api, str], connect: Callable
+) -> None:
+    api, _ = served
+    lines = ("Content-Type: application/json", "Content-Length: 1000")
+    stranger = connect(head("POST", "/v1/fleets", *lines) + b"{")
+    assert all_of(stranger).startswith(b"HTTP/1.1 401")
+    owner = connect(head("POST", "/v1/fleets", *lines, f"Authorization: Bearer {api.owner().token}") + b"{")
+    assert all_of(owner) == b""
+
+
+def test_an_upload_over_a_slow_line_goes_on_and_one_that_stops_does_not(
+    served: tuple[Api, str], connect: Callable
+) -> None:
+    api, _ = served
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    made = new_vehicle(engineer, fleet)
+    asked = {"name": "drive", "file_name": "drive.bag", "rig_id": made["rig"]}
+    recording = engineer.post(f"/vehicles/{made['vehicle']}/recordings", asked).json()["id"]
+    # Seven times what a window asks for, over four windows.
+    pieces = [bytes([n]) * 100 for n in range(30)]
+    lines = (f"Authorization: Bearer {engineer.token}", f"Content-Digest: {digest(b''.join(pieces))}")
+    lines = (*lines, f"Content-Length: {len(b''.join(pieces))}")
+    path = f"/v1/recordings/{recording}/parts/1"
+    slow = connect(head("PUT", path, *lines))
+    for piece in pieces:
+        slow.sendall(piece)
+        time.sleep(4 * SHORT_S / len(pieces))
+    answer = slow.recv(65536)
+    assert answer.startswith(b"HTTP/1.1 200"), answer
+    assert hashlib.sha256(b"".join(pieces)).hexdigest().encode() in answer
+    stopped = connect(head("PUT", path.replace("/1", "/2"), *lines) + pieces[0])
+    assert all_of(stopped) == b""
+
+
+def a_long_answer(api: Api) -> bytes:
+    """A request for some 5 MB, more than the machine keeps for a client that takes nothing."""
+    fleet = api.fleet()
+    rig = seed_rig(api.database, fleet)
+    values = [number + 0.123456789012 for number in range(60_000)]
+    with api.database.writing() as session:
+        row = CorrespondenceSet(fleet_id=fleet, vehicle_id=rig.vehicle_id, rig_id=rig.id, camera="front")
+        row.source, row.content_hash, row.count = "import", "0", len(values)
+        row.pairs = dict.fromkeys("xyzuv", values)
+        session.add(row)
+    viewer = api.member(fleet, "viewer")
+    return head("GET", f"/v1/correspondence-sets/{row.id}", f"Authorization: Bearer {viewer.token}")
+
+
+def test_who_leaves_an_answer_lying_is_let_go_and_who_takes_it_slowly_is_not(
+    served: tuple[Api, str], connect: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    api, _ = served
+    request = a_long_answer(api)
+    slow, deaf = connect(request, receive_buffer=32768), connect(request, receive_buffer=32768)
+    found = b""
+    end = time.monotonic() + 6 * SHORT_S
+    while time.monotonic() < end:
+        found += slow.recv(4096)
+        time.sleep(0.01)
+    slow.settimeout(PATIENCE_S)
+    while not found.endswith(b"0\r\n\r\n"):
+        piece = slow.recv(1 << 20)
+        assert piece, "a client that takes its answer slowly was let go"
+        found += piece
+    assert len(all_of(deaf)) < len(found)
+
+
+def test_silent_connections_never_fill_the_service(
+    served: tuple[Api, str], connect: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    api, url = served
+    fleet = api.fleet()
+    viewer = api.member(fleet, "viewer")
+    monkeypatch.setattr(connections, "HEAD_S", 60.0)  # only the limit may end them
+    get_settings().connections = 20
+    stream = connect(head("GET", f"/v1/fleets/{fleet}/events", f"Authorization: Bearer {viewer.token}"))
+    assert b"200 OK" in stream.recv(65536)
+    silent = [connect() for _ in range(100)]
+    for _ in range(5):
+        assert httpx.get(f"{url}/healthz", timeout=PATIENCE_S).json() == {"status": "ok"}
+    wait_until(lambda: sum(not ended(one) for one in silent) <= 20, "room")
+    assert not ended(stream), "who asked for something was let go"
+
+
+def test_one_address_has_a_share(served: tuple[Api, str], connect: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "HEAD_S", 60.0)
+    assert connections._origin(None) is None
+    assert connections._origin(("127.0.0.1", 1)) is None and connections._origin(("::1", 1)) is None
+    assert connections._origin(("192.0.2.1", 1)) != connections._origin(("192.0.2.2", 1))
+    assert connections._origin(("2001:db8::1", 1)) == connections._origin(("2001:db8::ffff", 2))
+    assert connections._origin(("fe80::1%eth0", 1)) is not None
+    get_settings().connections_per_address = 16
+    here = [connect() for _ in range(30)]
+    assert httpx.get(f"{served[1]}/healthz", timeout=PATIENCE_S).is_success  # they are taken in turn
+    monkeypatch.setattr(connections, "_origin", lambda client: "192.0.2.1")
+    there = [connect() for _ in range(60)]
+    wait_until(lambda: sum(not ended(one) for one in there) <= 16, "the end of those that are too many")
+    assert not any(ended(one) for one in here), "this host has no share"
+
+
+def test_two_requests_at_once_are_both_answered(served: tuple[Api, str], connect: Callable) -> None:
+    """The second's body comes later than the first's answer."""
+    api, _ = served
+    body = json.dumps({"name": "pipelined"}).encode()
+    lines = (f"Authorization: Bearer {api.owner().token}", "Content-Type: application/json", "Connection: close")
+    second = head("POST", "/v1/fleets", *lines, f"Content-Length: {len(body)}")
+    one = connect(head("GET", "/healthz") + second + body[:5])
+    time.sleep(SHORT_S / 2)
+    one.sendall(body[5:])
+    answers = all_of(one)
+    assert answers.startswith(b"HTTP/1.1 200") and b"HTTP/1.1 201" in answers
