@@ -34,7 +34,8 @@ class OpenFolderError(Exception):
 
     def __init__(self, root: Path, reason: str) -> None:
         super().__init__(f"other users may read {root}, and it {reason}")
-        self.hint = f"Recordings show people: close it (chmod 700 {shlex.quote(str(root))}), or name another folder with --data."
+        close = f"close it (chmod 700 {shlex.quote(str(root))})"
+        self.hint = f"Recordings show people: {close}, or name another folder with --data."
 
 
 @dataclass
