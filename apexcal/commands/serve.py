@@ -52,6 +52,9 @@ def serve(
             workers=workers or max(2, os.cpu_count() or 2),
             on_ready=_say_json if as_json else _say,
             on_stopping=lambda: console(errors=True).print("Stopping ..."),
+            on_closed=lambda: console(errors=True).print(
+                f"Other users could read {data.resolve()}. It is closed to them now (mode 0700).", markup=False
+            ),
         )
     except FolderInUseError as error:
         complain(str(error), "Use that one, stop it, or choose another folder with --data.")

@@ -7,6 +7,7 @@ import fcntl
 import hashlib
 import json
 import os
+import shlex
 import shutil
 import stat
 import tempfile
@@ -26,6 +27,15 @@ class FolderInUseError(Exception):
     def __init__(self, root: Path, holder: dict[str, Any]) -> None:
         where = f" at {holder['url']}" if holder.get("url") else ""
         super().__init__(f"another `apexcal serve` (process {holder.get('pid', 'unknown')}{where}) uses {root}")
+
+
+class OpenFolderError(Exception):
+    """Other users may read the folder, and closing it is not for this command."""
+
+    def __init__(self, root: Path, reason: str) -> None:
+        super().__init__(f"other users may read {root}, and it {reason}")
+        close = f"close it (chmod 700 {shlex.quote(str(root))})"
+        self.hint = f"Recordings show people: {close}, or name another folder with --data."
 
 
 @dataclass
@@ -56,12 +66,13 @@ class DataFolder:
         """The broker's socket; in a short temporary folder where the data folder's path is too long for one."""
         return (self._short or self.root) / "broker.sock"
 
-    def hold(self) -> None:
-        """Make the folder and take it for this process. Raises :class:`FolderInUseError`.
+    def hold(self) -> bool:
+        """Make the folder and take it for this process; whether it had to be closed to others.
 
-        The lock ends with the process, however that ends.
+        The lock ends with the process, however that ends. Raises :class:`FolderInUseError`, :class:`OpenFolderError`.
         """
         self.root.mkdir(parents=True, exist_ok=True, mode=0o700)
+        was_open = _close(self.root)
         self.logs.mkdir(exist_ok=True)
         lock = (self.root / "serve.lock").open("a+")
         if not _taken(lock):
@@ -72,6 +83,7 @@ class DataFolder:
         self.status.unlink(missing_ok=True)
         if len(os.fsencode(self.root / "broker.sock")) > LONGEST_SOCKET:
             self._short = _short_folder(self.root)
+        return was_open
 
     def release(self) -> None:
         """Give the folder back. The lock file stays: removing it would let two holders in."""
@@ -81,6 +93,21 @@ class DataFolder:
         if self._lock:
             self._lock.close()
             self._lock = None
+
+
+def _close(root: Path) -> bool:
+    """Close the folder to everybody but its owner; whether it was open. Raises :class:`OpenFolderError`."""
+    state = root.stat()
+    if not state.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        return False
+    if state.st_uid != os.geteuid():
+        raise OpenFolderError(root, "belongs to another user")
+    names = {path.name for path in root.iterdir()}
+    # A folder of pages or somebody's home may be open for a reason.
+    if names and not names & {"serve.lock", "apexcal.db"}:
+        raise OpenFolderError(root, "holds other things than a service's data")
+    root.chmod(0o700)
+    return True
 
 
 def _taken(lock: IO[str]) -> bool:

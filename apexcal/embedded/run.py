@@ -14,7 +14,7 @@ from pathlib import Path
 
 from apexcal.embedded import plans
 from apexcal.embedded.children import tied_to
-from apexcal.embedded.folder import DataFolder
+from apexcal.embedded.folder import DataFolder, OpenFolderError
 from apexcal.embedded.supervisor import Supervisor
 
 _START_S = 60.0
@@ -48,13 +48,20 @@ def serve(
     workers: int,
     on_ready: Callable[[Serving], None],
     on_stopping: Callable[[], None] = lambda: None,
+    on_closed: Callable[[], None] = lambda: None,
 ) -> None:
     """Serve on ``folder`` until SIGTERM or SIGINT. Port 0 takes a free one.
 
-    Raises :class:`StartError` and :class:`apexcal.embedded.folder.FolderInUseError`; nothing is left running then.
+    ``on_closed`` is called where the folder was open to other users and no longer is. Raises :class:`StartError` and
+    :class:`apexcal.embedded.folder.FolderInUseError`; nothing is left running then.
     """
+    # What this process and its children write is private, even in a folder that somebody opens later.
+    os.umask(0o077)
     try:
-        folder.hold()
+        if folder.hold():
+            on_closed()
+    except OpenFolderError as error:
+        raise StartError(str(error), error.hint) from None
     except OSError as error:
         raise StartError(
             f"cannot keep data in {folder.root}: {(error.strerror or str(error)).lower()}",

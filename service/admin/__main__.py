@@ -144,4 +144,6 @@ def _reporter(quiet: bool):  # noqa: ANN202 - a function of one line
 
 
 if __name__ == "__main__":
+    # Backups, links and restored databases are the operator's alone.
+    os.umask(0o077)
     app(prog_name=program())

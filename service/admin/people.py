@@ -9,16 +9,17 @@ from typing import Annotated, Any
 from uuid import UUID
 
 import typer
-from sqlalchemy import delete, select, update
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.admin.errors import AdminError
 from service.admin.opening import JsonOption, as_id, command, opened, spoken, table
 from service.admin.serving import served_url
+from service.auth.credentials import end_credentials, revoke
 from service.auth.sessions import make_link
 from service.db.clock import utc_now
 from service.db.fleets import Fleet
-from service.db.people import ApiToken, BrowserSession, Membership, Person, SignInLink
+from service.db.people import ApiToken, Membership, Person
 from service.observability.logs import visible
 from service.settings import Settings
 
@@ -73,15 +74,9 @@ def shut_out(person: Annotated[str, typer.Argument(help="Name or id, as `users l
     """End somebody's sessions, unused links and tokens. What they marked stays, under their name."""
     with opened() as service, service.database.writing() as session:
         found = find_person(session, person)
-        ended = [
-            session.execute(
-                delete(ways).where(ways.person_id == found.id).execution_options(synchronize_session=False)
-            ).rowcount  # pyright: ignore[reportAttributeAccessIssue]
-            for ways in (BrowserSession, SignInLink)
-        ]
-        ended.append(_revoke(session, ApiToken.person_id == found.id))
+        ended = end_credentials(session, found.id)
         name = visible(found.name)
-    print(f"{name}: {ended[0]} sessions, {ended[1]} links and {ended[2]} tokens ended.")
+    print(f"{name}: {ended.sessions} sessions, {ended.links} links and {ended.tokens} tokens ended.")
 
 
 @tokens.command("list")
@@ -118,12 +113,16 @@ def list_tokens(
 @tokens.command("revoke")
 @spoken
 def revoke_token(token: Annotated[str, typer.Argument(help="Id, as `tokens list` shows it.")]) -> None:
-    """Revoke a token at once."""
+    """Revoke a token at once, and end the sessions, links and tokens that were made with it."""
     id = as_id(token, "token", f"{command('tokens list')} shows them.")
     with opened() as service, service.database.writing() as session:
-        if not _revoke(session, ApiToken.id == id):
+        ended = revoke(session, ApiToken.id == id)
+        if not ended.tokens:
             raise AdminError(f"there is no valid token {token}", f"{command('tokens list')} shows those that are.")
     print("It is revoked.")
+    if ended.sessions or ended.links or ended.tokens > 1:
+        made = f"{ended.sessions} sessions, {ended.links} links and {ended.tokens - 1} tokens"
+        print(f"With it ended what was made with it: {made}.")
 
 
 def public_url(settings: Settings) -> tuple[str, bool]:
@@ -141,17 +140,6 @@ def _state(token: ApiToken, moment: Any) -> str:
     if token.revoked_at:
         return "revoked"
     return "expired" if token.expires_at and token.expires_at <= moment else "valid"
-
-
-def _revoke(session: Session, which: Any) -> int:
-    revoked = session.execute(
-        update(ApiToken)
-        .where(which, ApiToken.revoked_at.is_(None))
-        .values(revoked_at=utc_now())
-        .returning(ApiToken.id)
-        .execution_options(synchronize_session=False)
-    )
-    return len(revoked.all())
 
 
 def find_person(session: Session, asked: str) -> Person:

@@ -49,6 +49,7 @@ class Identity:
     credential: str
     only_fleet: UUID | None = None
     only_role: str | None = None
+    token: ApiToken | None = None
 
     @property
     def sees_all(self) -> bool:
@@ -103,6 +104,14 @@ class Access:
             )
         if self._took is None or rank(role) > rank(self._took[1]):
             self._took = (fleet_id, role)
+
+    def confirm(self) -> None:
+        """Look again who asks, now in this transaction: their credential may have ended, and their role changed.
+
+        Raises :class:`Problem` 401 ``not_signed_in``.
+        """
+        again = _by_cookie if self.identity.token is None else _by_token
+        self.identity = again(self.session, self.identity.credential)
 
     def find(self, model: type[ModelT], key: Any, role: Role = "viewer", *, lock: bool = False) -> ModelT:
         """The row of ``model`` with this key, where the person has ``role`` in its fleet.
@@ -222,7 +231,7 @@ def _by_token(session: Session, secret: str) -> Identity:
     if found is None or (found[0].expires_at and found[0].expires_at <= utc_now()):
         raise _not_signed_in("The API token is unknown, revoked or has ended.")
     token, person = found
-    return Identity(person, _roles(session, person), secret, token.fleet_id, token.role)
+    return Identity(person, _roles(session, person), secret, token.fleet_id, token.role, token)
 
 
 def _by_cookie(session: Session, secret: str) -> Identity:

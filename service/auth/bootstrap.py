@@ -12,9 +12,11 @@ from sqlalchemy import select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from service.auth.credentials import hand_over, hold
 from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
 from service.auth.sessions import make_link
 from service.db.clock import utc_now
+from service.db.ids import new_id
 from service.db.people import ApiToken, Person
 from service.db.session import Database
 from service.settings import settings_or_exit
@@ -37,13 +39,18 @@ def renew_owner_token(session: Session, person: Person) -> str:
 
     They do not end at once because a command that started a moment ago may still hold one.
     """
-    session.execute(
+    hold(session, person.id)
+    earlier = session.scalars(
         update(ApiToken)
         .where(ApiToken.person_id == person.id, ApiToken.name == _LOCAL_TOKEN, ApiToken.expires_at.is_(None))
         .values(expires_at=utc_now() + timedelta(minutes=1))
-    )
+        .returning(ApiToken.id)
+    ).all()
     secret = new_secret(TOKEN_PREFIX)
-    session.add(ApiToken(secret_hash=secret_hash(secret), name=_LOCAL_TOKEN, person_id=person.id))
+    token = ApiToken(id=new_id(), secret_hash=secret_hash(secret), name=_LOCAL_TOKEN, person_id=person.id)
+    session.add(token)
+    # People who were invited at the command line stay signed in, and end with the token that is valid now.
+    hand_over(session, [*earlier], token.id)
     return secret
 
 

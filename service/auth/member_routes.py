@@ -10,8 +10,10 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import ReadAccess, WriteAccess
-from service.auth.members import check_may_give, check_may_sign_in_as, find_member
-from service.auth.schemas import Invitation, Member, NewInvitation, NewRole
+from service.auth.credentials import end_credentials
+from service.auth.members import check_may_give, check_may_sign_in_as, find_member, hold_to_give
+from service.auth.roles import rank
+from service.auth.schemas import ChangedMember, Invitation, Member, NewInvitation, NewRole
 from service.auth.sessions import make_link
 from service.db.fleets import Fleet
 from service.db.ids import new_id
@@ -35,13 +37,19 @@ def get_members(id: UUID, access: ReadAccess, paging: Paging) -> Page[Member]:
 
 
 @router.patch("/fleets/{id}/members/{person_id}")
-def patch_member(id: UUID, person_id: UUID, body: NewRole, access: WriteAccess) -> Member:
-    """Give a member another role."""
+def patch_member(id: UUID, person_id: UUID, body: NewRole, access: WriteAccess) -> ChangedMember:
+    """Give a member another role. A higher one ends what let them in: they sign in again, with a new link."""
     access.find(Fleet, id, "admin")
+    hold_to_give(access, person_id)
+    access.need(id, "admin")
     membership, person = find_member(access, id, person_id)
+    # An owner has every right in every fleet already, whatever their role.
+    is_raised = rank(body.role) > rank(membership.role) and not person.is_owner
     membership.role = body.role
+    # Somebody else may hold a link, session or token from before, and would rise with them.
+    ended = end_credentials(access.session, person_id, id) if is_raised else None
     hint(access.session, id, "member", person_id)
-    return _member(membership, person)
+    return ChangedMember(**_member(membership, person).model_dump(), ended=ended and ended._asdict())
 
 
 @router.delete("/fleets/{id}/members/{person_id}", status_code=204)
@@ -58,6 +66,7 @@ def post_invitation(id: UUID, body: NewInvitation, request: Request, access: Wri
     """Make a one-time sign-in link: for a new person, or with ``person_id`` for a member who lost their session."""
     settings: Settings = request.app.state.settings
     access.find(Fleet, id, "engineer")
+    hold_to_give(access, *filter(None, (body.person_id,)))
     if body.person_id is None:
         check_may_give(access, id, body.role)
         person = Person(id=new_id(), name=body.name)
@@ -68,7 +77,9 @@ def post_invitation(id: UUID, body: NewInvitation, request: Request, access: Wri
     else:
         membership, person = find_member(access, id, body.person_id)
         check_may_sign_in_as(access, person)
-    link, expires_at = make_link(access.session, person.id, settings.public_url, settings.invitation_hours)
+    link, expires_at = make_link(
+        access.session, person.id, settings.public_url, settings.invitation_hours, access.identity.token
+    )
     hint(access.session, id, "member", person.id)
     made: dict[str, Any] = _member(membership, person).model_dump()
     return access.answer(Invitation(**made, link=link, expires_at=expires_at), secret=True)

@@ -1,4 +1,7 @@
-"""Rules about who may invite whom: nobody hands out more than they have, nor a way to act as somebody greater."""
+"""Rules about who may invite whom: nobody hands out more than they have, nor a way to act as somebody else.
+
+A program's token hands out nothing: what it gave would outlive it.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from uuid import UUID
 from sqlalchemy import select
 
 from service.auth.access import Access
+from service.auth.credentials import hold
 from service.auth.roles import Role, rank
 from service.db.people import Membership, Person
 from service.http.problems import Problem, not_found
@@ -41,15 +45,32 @@ def find_member(access: Access, fleet_id: UUID, person_id: UUID) -> tuple[Member
     return found[0], found[1]
 
 
+def hold_to_give(access: Access, *others: UUID) -> None:
+    """Hold the caller and ``others`` to change what lets them in, and look again whether the caller is let in.
+
+    Raises :class:`Problem` 401 ``not_signed_in``, 403 ``token_gives_nothing``.
+    """
+    hold(access.session, access.person.id, *others)
+    access.confirm()
+    token = access.identity.token
+    if token is not None and (token.fleet_id or token.role or token.expires_at):
+        raise Problem(
+            403,
+            "token_gives_nothing",
+            "A token makes no tokens and no sign-in links, and changes nobody's role: what it gave would outlive it.",
+            "Sign in with a browser, or use the command `apexcal` on the service's own machine.",
+        )
+
+
 def check_may_sign_in_as(access: Access, person: Person) -> None:
-    """Raises :class:`Problem` 403 unless the person could have given ``person`` every role that they hold.
+    """Raises :class:`Problem` 403 unless the caller is an admin of every fleet that ``person`` is in.
 
     A link signs in as its person in all of their fleets, so one fleet's word is not enough for it.
     """
-    fleets = access.session.scalars(select(Membership).where(Membership.person_id == person.id)).all()
-    if not person.is_owner and all(access.role(one.fleet_id) is not None for one in fleets):
+    fleets = access.session.scalars(select(Membership.fleet_id).where(Membership.person_id == person.id)).all()
+    if not person.is_owner and all(access.role(one) is not None for one in fleets):
         for one in fleets:
-            check_may_give(access, one.fleet_id, one.role)
+            access.need(one, "admin")
         return
     raise Problem(
         403,

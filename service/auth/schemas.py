@@ -43,6 +43,20 @@ class Member(Sent):
     role: Role
 
 
+class Ended(Sent):
+    """How many of a person's sessions, unused sign-in links and tokens ended."""
+
+    sessions: int
+    links: int
+    tokens: int
+
+
+class ChangedMember(Member):
+    """A member with their new role; ``ended`` says what let them in until now, where they were raised."""
+
+    ended: Ended | None
+
+
 class NewRole(Received):
     """Another role for a member."""
 
@@ -50,7 +64,7 @@ class NewRole(Received):
 
 
 class NewInvitation(Received):
-    """Whom to invite. ``person_id`` makes a new link for somebody who is a member already."""
+    """Whom to invite. ``person_id`` makes a new link for somebody who is a member already; that takes an admin."""
 
     name: Name
     role: Role

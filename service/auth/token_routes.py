@@ -10,6 +10,8 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import Access, ReadAccess, WriteAccess
+from service.auth.credentials import revoke
+from service.auth.members import hold_to_give
 from service.auth.roles import rank
 from service.auth.schemas import MadeToken, NewToken, Token
 from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
@@ -25,8 +27,10 @@ router = APIRouter(tags=["people"])
 
 @router.post("/fleets/{id}/tokens", status_code=201, response_model=MadeToken)
 def post_token(id: UUID, body: NewToken, access: WriteAccess) -> JSONResponse:
-    """Make a token for a program. It is shown this once."""
+    """Make a token for a program. It is shown this once. A person makes it, not another token."""
     access.find(Fleet, id, "engineer")
+    hold_to_give(access)
+    access.need(id, "engineer")
     held = access.role(id)
     if rank(body.role) > rank(held or ""):
         raise Problem(
@@ -41,6 +45,7 @@ def post_token(id: UUID, body: NewToken, access: WriteAccess) -> JSONResponse:
         person_id=access.person.id,
         fleet_id=id,
         role=body.role,
+        made_by=access.identity.token.id if access.identity.token else None,
         expires_at=now + timedelta(days=body.expires_in_days) if body.expires_in_days else None,
         created_at=now,
     )
@@ -67,9 +72,9 @@ def get_token(id: UUID, access: ReadAccess) -> Token:
 
 @router.delete("/tokens/{id}", status_code=204)
 def delete_token(id: UUID, access: WriteAccess) -> None:
-    """Revoke a token at once."""
-    token = _find(access, id)
-    token.revoked_at = token.revoked_at or utc_now()
+    """Revoke a token at once, and end what was made with it."""
+    _find(access, id)
+    revoke(access.session, ApiToken.id == id)
 
 
 def _find(access: Access, token_id: UUID) -> ApiToken:

@@ -70,7 +70,7 @@ def upgrade(url: str, to: str = "head", *, patience_s: float = _PATIENCE_S) -> N
     """
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite" and parsed.database:
-        Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
+        Path(parsed.database).parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     engine = open_engine(url, patient=True)
     try:
         _with_patience(engine, url, to, time.monotonic() + patience_s)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Annotated
 from uuid import UUID
 
-from sqlalchemy import String, UniqueConstraint
+from sqlalchemy import String, UniqueConstraint, Uuid
 from sqlalchemy.orm import Mapped, mapped_column
 
 from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to
+
+# The token that it was made with, and ends with. No foreign key: a token is followed by a younger one (`hand_over`),
+# and a backup is brought back in the order of ids.
+MadeBy = Annotated[UUID | None, mapped_column(Uuid)]
 
 
 class Person(Base):
@@ -41,6 +46,7 @@ class SignInLink(Base):
     id: Mapped[RowId]
     secret_hash: Mapped[Digest] = mapped_column(unique=True)
     person_id: Mapped[UUID] = belongs_to("person.id")
+    made_by: Mapped[MadeBy]
     expires_at: Mapped[datetime] = mapped_column(index=True)
     used_at: Mapped[datetime | None]
     created_at: Mapped[Created]
@@ -54,6 +60,7 @@ class BrowserSession(Base):
     id: Mapped[RowId]
     secret_hash: Mapped[Digest] = mapped_column(unique=True)
     person_id: Mapped[UUID] = belongs_to("person.id")
+    made_by: Mapped[MadeBy]
     expires_at: Mapped[datetime] = mapped_column(index=True)
     created_at: Mapped[Created]
 
@@ -69,6 +76,7 @@ class ApiToken(Base):
     person_id: Mapped[UUID] = belongs_to("person.id")
     fleet_id: Mapped[UUID | None] = belongs_to("fleet.id", nullable=True)
     role: Mapped[str | None] = mapped_column(String(20))
+    made_by: Mapped[MadeBy]
     expires_at: Mapped[datetime | None]
     revoked_at: Mapped[datetime | None]
     created_at: Mapped[Created]

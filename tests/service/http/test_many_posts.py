@@ -1,4 +1,4 @@
-"""POSTs at once: none needs a second thread while it holds the database, and every one that creates honours its key."""
+"""POSTs at once: none waits for a second thread while it holds the database; each that creates honours its key."""
 
 import time
 from collections.abc import Iterator
