@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -130,6 +131,7 @@ def _join(context: Context, recording: Recording, parts: Sequence[UploadPart], f
     done = 0
     with source.open("wb") as file:
         for part in parts:
+            _require_room(context, shutil.disk_usage(folder).free, part.size)
             digest = hashlib.sha256()
             for chunk in context.store.stream(part.blob_key):
                 file.write(chunk)
@@ -141,6 +143,12 @@ def _join(context: Context, recording: Recording, parts: Sequence[UploadPart], f
     if recording.sha256:
         _require_same("All parts together", whole.hexdigest(), recording.sha256)
     return source
+
+
+def _require_room(context: Context, free: int, size: int) -> None:
+    """Refuse to write so many bytes where they would take from the disk's reserve."""
+    if free - size < context.settings.min_free_bytes:
+        raise ReadError("ingest_disk_full", "The disk is full.", "Make room, then try again.")
 
 
 def _require_same(what: str, found: str, announced: str) -> None:
@@ -160,6 +168,9 @@ def _plain_name(file_name: str) -> str:
 
 
 def _store(context: Context, held: Claim, recording: Recording, sensor: SensorManifest, out: Path) -> tuple[str, int]:
+    free = context.store.free_bytes()
+    if free is not None:
+        _require_room(context, free, (out / sensor.file).stat().st_size)
     with context.database.writing() as session:
         key = reserve(
             session, f"recordings/{recording.id}/sensors", suffix=".mcap", job_id=held.job_id, attempt=held.attempt
