@@ -89,13 +89,19 @@ def test_images_are_built_on_a_pinned_one() -> None:
 
 
 def test_only_the_doors_are_open(document: dict, services: dict[str, dict]) -> None:
-    assert document["networks"]["inside"] == {"internal": True}
+    assert document["networks"]["inside"] == document["networks"]["ingest"] == {"internal": True}
     outside = {name for name, service in services.items() if "outside" in service["networks"]}
     assert outside == {name for name, service in services.items() if "ports" in service} == {"api", "s3"}
-    for service in services.values():
-        assert "inside" in service["networks"]
+    for name, service in services.items():
+        assert ("inside" in service["networks"]) == (name != "worker-ingest"), name
         for port in service.get("ports", []):
             assert port.startswith("127.0.0.1:"), "a door is open to other hosts only where the operator says so"
+
+
+def test_who_decodes_uploads_meets_only_what_it_works_with(services: dict[str, dict]) -> None:
+    assert services["worker-ingest"]["networks"] == ["ingest"]
+    met = {name for name, service in services.items() if "ingest" in service["networks"]}
+    assert met == {"worker-ingest", "postgres", "valkey", "s3"}
 
 
 def test_every_queue_has_its_workers_and_time_to_let_go(services: dict[str, dict]) -> None:
@@ -103,7 +109,7 @@ def test_every_queue_has_its_workers_and_time_to_let_go(services: dict[str, dict
     queues = [service["command"][service["command"].index("--queues") + 1] for service in workers.values()]
     assert sorted(queues) == sorted(QUEUES.split(","))
     for name, service in workers.items():
-        assert service["networks"] == ["inside"], name
+        assert len(service["networks"]) == 1 and "outside" not in service["networks"], name
         assert service["stop_grace_period"] == "60s", name
         assert any(volume.endswith(":/var/cache/apexcal") for volume in service["volumes"]), name
         assert "/var/lib/apexcal" in service["volumes"], name

@@ -1,9 +1,9 @@
 """The ingest child: ``python -m workers.readers SOURCE OUT --request JSON``.
 
 Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}``, ``{"beat": true}`` where work goes on
-without messages, and at the end ``{"manifest": {...},
-"used": {"cpu_s", "resident_bytes"}}`` or ``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and
-``--limits`` it is what ``ingest_limited`` starts; without them it is a command for people.
+without messages, and at the end ``{"manifest": {...}, "used": {"cpu_s", "resident_bytes", "written_bytes"}}`` or
+``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and ``--limits`` it is what ``ingest_limited``
+starts; without them it is a command for people.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any, Final
 from workers.readers.confine import confine
 from workers.readers.isolation.isolate import isolate
 from workers.readers.normalised.normalise import normalise
-from workers.readers.output import OutputLimitError, ReserveError, limit_output
+from workers.readers.output import OutputLimitError, ReserveError, limit_output, written
 from workers.readers.pulse import tell_beats
 from workers.readers.recording import ReadError, ReadOptions
 
@@ -105,12 +105,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _used() -> dict[str, float]:
-    """Processor seconds of this process, and its highest resident memory (``ru_maxrss`` may be its parent's)."""
+    """Processor seconds, the highest resident memory (``ru_maxrss`` may be its parent's), and bytes written."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     status = Path("/proc/self/status")
     lines = status.read_text().splitlines() if status.exists() else []
     peak = next((int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), usage.ru_maxrss)
-    return {"cpu_s": usage.ru_utime + usage.ru_stime, "resident_bytes": peak * 1024}
+    return {"cpu_s": usage.ru_utime + usage.ru_stime, "resident_bytes": peak * 1024, "written_bytes": written()}
 
 
 if __name__ == "__main__":

@@ -158,10 +158,10 @@ class _Ingestion:
     def _take(self, line: bytes) -> None:
         """A line of the child: progress, a sign of life, or its last word."""
         try:
-            said: Any = json.loads(line)
-        except ValueError:  # what a library has to say
+            said: Any = json.loads(line) if line.startswith(b"{") else None
+        except ValueError:
             return
-        if not isinstance(said, dict):
+        if not isinstance(said, dict):  # what a library has to say
             return
         self._heard = time.monotonic()
         spoken = cast("dict[str, Any]", said)

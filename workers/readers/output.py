@@ -53,6 +53,11 @@ def video_is_decoded() -> None:
     _WRITTEN.most = _WRITTEN.most_with_video
 
 
+def written() -> int:
+    """Bytes that this process has written since :func:`limit_output`."""
+    return _WRITTEN.count
+
+
 def create(path: Path) -> BinaryIO:
     """Open a new file for writing, whose bytes count. Nothing else in this package may write.
 

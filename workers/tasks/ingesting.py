@@ -134,6 +134,7 @@ def _join(context: Context, recording: Recording, parts: Sequence[UploadPart], f
     done = 0
     with source.open("wb") as file:
         for part in parts:
+            _require_room(context, shutil.disk_usage(folder).free, part.size)
             digest = hashlib.sha256()
             for chunk in context.store.stream(part.blob_key):
                 file.write(chunk)

@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from making_bombs import BOMBS
 from making_recordings import IMAGE, START_NS, clouds, images, interleaved, raw_image, write_bag
 from rosbags.rosbag1 import Writer
 
@@ -227,3 +229,144 @@ def test_what_libraries_print_does_no_harm(small, tmp_path, monkeypatch):
     noisy.chmod(0o755)
     monkeypatch.setattr(limited.sys, "executable", str(noisy))
     assert ingest_limited(small, tmp_path / "out", {}).sensors[0].count == 5
+
+
+def stand_in(tmp_path, monkeypatch, script):
+    """What runs in the place of the child: a shell script, or Python without any limits of its own."""
+    python = tmp_path / "stand-in"
+    python.write_text(f"#!/bin/sh\n{script}\n")
+    python.chmod(0o755)
+    monkeypatch.setattr(limited.sys, "executable", str(python))
+
+
+def pids_in(file):
+    return [int(line) for line in file.read_text().split()] if file.exists() else []
+
+
+HOPELESS = {
+    "silent": ("sleep 300 & echo $$ $! > {pids}; wait", {"silence_s": 1.0}, "ingest_silent"),
+    "slow": (
+        """sleep 300 & echo $$ $! > {pids}; while :; do echo '{{"beat": true}}'; sleep 0.1; done""",
+        {"wall_s": 1.5},
+        "ingest_time_limit",
+    ),
+    "closes its pipes": ("echo $$ > {pids}; exec >&- 2>&-; exec sleep 300", {"wall_s": 1.5}, "ingest_time_limit"),
+    "talks": ("echo $$ > {pids}; exec yes progress", {}, "ingest_crashed"),
+    "one long line": ("echo $$ > {pids}; exec tr '\\0' x < /dev/zero", {}, "ingest_crashed"),
+    "complains": ("echo $$ > {pids}; exec yes warning >&2", {"wall_s": 1.5}, "ingest_time_limit"),
+    "writes": (
+        "echo $$ > {pids}; exec dd if=/dev/zero of=$4/lidar.mcap bs=1M count=2000 status=none",
+        {"output_floor_bytes": 30 * 1024**2},
+        "ingest_output_limit",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", HOPELESS)
+def test_a_child_that_does_not_end_is_ended_with_all_that_it_started(small, tmp_path, monkeypatch, kind):
+    script, limits, code = HOPELESS[kind]
+    stand_in(tmp_path, monkeypatch, script.format(pids=tmp_path / "pids"))
+    began = time.monotonic()
+    error = failure(small, tmp_path / "out", **limits)
+    assert error.code == code and "small.bag" in error.message
+    # The machine may be busy; what never ends would take five minutes.
+    assert time.monotonic() - began < 60
+    pids = pids_in(tmp_path / "pids")
+    assert pids and all(gone_within(pid, 1) for pid in pids)
+    assert sum(len(error_note) for error_note in getattr(error, "__notes__", [])) < 5000
+
+
+def test_whoever_must_stop_is_asked_although_the_child_is_silent(small, tmp_path, monkeypatch):
+    class LostError(Exception):
+        pass
+
+    stand_in(tmp_path, monkeypatch, f"sleep 300 & echo $$ $! > {tmp_path / 'pids'}; wait")
+    asked = []
+
+    def must_stop():
+        if pids_in(tmp_path / "pids"):
+            asked.append(time.monotonic())
+        if len(asked) == 5:
+            raise LostError
+
+    with pytest.raises(LostError):
+        ingest_limited(small, tmp_path / "out", {}, must_stop=must_stop)
+    assert time.monotonic() - asked[-1] < 3 and asked[-1] - asked[0] < 30
+    assert all(gone_within(pid, 1) for pid in pids_in(tmp_path / "pids"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_work_without_messages_is_no_silence(tmp_path):
+    """A zip is unpacked, an index is read: that takes its time, and the child says so."""
+    bag = write_bag(tmp_path / "walk.bag", interleaved(clouds(5), images(5)))
+    beats = []
+    real = limited._Ingestion._take
+
+    def take(self, line):
+        beats.append(b"beat" in line)
+        real(self, line)
+
+    with zipfile.ZipFile(tmp_path / "walk.zip", "w") as archive:
+        archive.write(bag, "walk.bag")
+    limited._Ingestion._take = take
+    try:
+        ingest_limited(tmp_path / "walk.zip", tmp_path / "out", {})
+    finally:
+        limited._Ingestion._take = real
+    assert any(beats)
+
+
+SMALL_THAT_GROW = ("generated_column", "default_column", "zstd_chunks", "repeated_index", "packed_zeros")
+ENDLESS = ("endless_view", "endless_messages", "endless_tree")
+
+
+@pytest.mark.parametrize("kind", [*SMALL_THAT_GROW, *ENDLESS])
+def test_small_files_neither_fill_the_disk_nor_keep_a_worker(tmp_path, kind):
+    source = BOMBS[kind](tmp_path / "upload")
+    most = []
+    limits = Limits(cpu_s=30)
+
+    def look():
+        most.append(limited._stored(tmp_path / "work"))
+
+    error = None
+    before = os.times()
+    try:
+        ingest_limited(source, tmp_path / "work" / "out", {"cameras": ["front"]}, limits=limits, must_stop=look)
+    except ReadError as caught:
+        error = caught
+    after = os.times()
+    assert error is not None and error.code in (
+        *("sqlite_not_plain", "recording_damaged", "ingest_output_limit", "archive_expands"),
+    )
+    assert error.message.endswith(".") and len(error.hint) > 10
+    assert max(most) <= limits.output_bytes(source.stat().st_size, video=False)
+    # Importing the libraries takes most of it; before, the endless ones took all there was.
+    assert after.children_user + after.children_system - before.children_user - before.children_system < 15
+    assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_the_reserve_is_kept_while_writing(tmp_path):
+    """On a disk of its own, for others write on the machine's."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64m", "apexcal", str(disk)], check=False)
+    if mounted.returncode != 0:
+        pytest.skip("only root may mount a small disk here")
+    try:
+        pixels = np.random.default_rng(0).integers(0, 255, (1000, 1000, 3), np.uint8)
+        frames = (("/image", IMAGE, START_NS + i, raw_image(START_NS + i, pixels, "bgr8")) for i in range(16))
+        source = write_bag(tmp_path / "large.bag", [*clouds(2), *frames])
+        free = []
+        reserve = 32 * 1024**2
+        error = failure(
+            *(source, disk / "out"),
+            reserve_bytes=reserve,
+            must_stop=lambda: free.append(shutil.disk_usage(disk).free),
+        )
+        assert error.code == "ingest_disk_full"
+        assert min(free) >= reserve and shutil.disk_usage(disk).free > 60 * 1024**2
+        manifest = ingest_limited(source, disk / "out", {"cameras": ["front"]}, limits=Limits())
+        assert manifest.sensors[1].count == 16
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,14 +12,18 @@ from sqlalchemy import select
 
 from service.db.models import Blob, Recording, Rig, Sensor, UploadPart
 from service.jobs.claims import Lease, LostLeaseError, claim, finishing
-from service.jobs.queue import enqueue
+from service.jobs.queue import cancel, enqueue
 from service.jobs.sweep import sweep
+from service.recordings.deletion import delete_recording
+from service.settings import Settings
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.jobs.support import let_lease_expire, make_fleet
 from tests.support.work import work
 from tests.workers.readers.making_recordings import clouds, header, images, interleaved, png, write_bag
+from workers.readers import limited
 from workers.tasks.context import Context
-from workers.tasks.ingesting import _plain_name, ingest
+from workers.tasks.ingesting import _limits, _plain_name, ingest
+from workers.tasks.running import run_job
 
 
 @pytest.mark.parametrize(
@@ -90,3 +96,61 @@ def test_names_from_a_file_are_stored_legibly(context, database, tmp_path):
         assert r"\u0000" not in json.dumps([camera.facts, lidar.facts, row.facts, row.warnings])
         problem = session.get_one(Recording, refused.id).problem
         assert problem["code"] == "ambiguous_lidar" and r"/oth\x00er" in problem["detail"], problem
+
+
+def gone(pid):
+    """Whether a process has ended; one that nobody waited for yet has."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
+@pytest.mark.parametrize("how", ["deleted", "cancelled", "lost"])
+def test_a_child_that_hangs_ends_with_its_job(context, database, tmp_path, monkeypatch, how):
+    """It says nothing at all, as one that is busy with an endless query does."""
+    rig = seed_rig(database, make_fleet(database))
+    recording = uploaded(context, rig, write_bag(tmp_path / "one.bag", clouds(2)))
+    pids = tmp_path / "pids"
+    hanging = tmp_path / "python"
+    hanging.write_text(f"#!/bin/sh\nsleep 300 & echo $$ $! > {pids}; wait\n")
+    hanging.chmod(0o755)
+    monkeypatch.setattr(limited.sys, "executable", str(hanging))
+    ended = []
+
+    def end_it():
+        while not (pids.exists() and pids.read_text().endswith("\n")):
+            time.sleep(0.02)
+        if how == "lost":
+            let_lease_expire(database, recording.job_id)
+            sweep(database, context.store)
+        else:
+            with database.writing() as session:
+                if how == "deleted":
+                    delete_recording(session, recording.id, with_published=False)
+                else:
+                    cancel(session, [recording.id])
+        began = time.monotonic()
+        while not all(gone(int(pid)) for pid in pids.read_text().split()):
+            time.sleep(0.02)
+        ended.append(time.monotonic() - began)
+
+    other = threading.Thread(target=end_it, daemon=True)
+    other.start()
+    run_job(context, recording.job_id)
+    other.join(timeout=60)
+    # A second between two looks, a fifth to act; the rest is for a busy machine.
+    assert ended and ended[0] < 3
+    with database.reading() as session:
+        row = session.get(Recording, recording.id)
+        assert (row is None) == (how == "deleted")
+    assert not list(context.settings.scratch.glob("*"))
+
+
+def test_limits_follow_the_upload_and_stay_within_the_task():
+    settings = Settings(task_limit_s=1800)
+    small, large = _limits(settings, 10_000), _limits(settings, 10 * 1024**3)
+    assert 120 <= small.wall_s < 121 and large.wall_s == 1440
+    assert small.reserve_bytes == settings.min_free_bytes
+    # 209 kB once became 400 MiB.
+    assert small.output_bytes(209_000, video=False) < 21 * 1024**2

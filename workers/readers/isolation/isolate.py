@@ -17,6 +17,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import resource
 import site
 import sys
 from collections.abc import Iterable, Sequence
@@ -32,6 +33,8 @@ _PR_SET_NO_NEW_PRIVS: Final = 38
 _CLONE_NEWIPC: Final = 0x08000000
 _CLONE_NEWUSER: Final = 0x10000000
 _CLONE_NEWNET: Final = 0x40000000
+# FFmpeg converts a picture with as many threads as there are processors.
+_MOST_THREADS: Final = 256
 _CAPABILITY_VERSION: Final = 0x20080522
 _PACKAGE: Final = Path(__file__).parents[2]
 # Shared libraries and what they look at when they are loaded.
@@ -77,7 +80,10 @@ def isolate(readable: Iterable[Path], writable: Iterable[Path]) -> Isolation:
     no_new_privs = libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0
     # Without privileges only a new user namespace may make the others; root may be refused that and not these.
     others = _CLONE_NEWNET | _CLONE_NEWIPC
-    namespaces = libc.unshare(_CLONE_NEWUSER | others) == 0 or libc.unshare(others) == 0
+    own_users = libc.unshare(_CLONE_NEWUSER | others) == 0
+    namespaces = own_users or libc.unshare(others) == 0
+    if own_users:  # counted there alone; elsewhere it would count all that its user runs
+        resource.setrlimit(resource.RLIMIT_NPROC, (_MOST_THREADS, _MOST_THREADS))
     _drop_capabilities(libc)
     landlock = restrict_files([*_installation(), *readable], writable)
     return Isolation(no_new_privs, namespaces, landlock, refuse_calls())
