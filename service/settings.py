@@ -74,7 +74,7 @@ class Settings(BaseSettings):
     )
 
     fleet_quota_bytes: int = Field(
-        default=200 * 1024 * MIB,
+        default=200 * 10**9,
         ge=0,
         description="what a fleet's recordings may take where `apexcal admin quota` says nothing else: a hundred "
         "recordings of a gigabyte, each as it came and as it is read",

@@ -18,13 +18,14 @@ from service.admin.keeping import retention
 from service.admin.manifest import Manifest, verify
 from service.admin.opening import FAILED, GIVEN_FOLDER, opened, program, spoken
 from service.admin.people import tokens, users
+from service.admin.quotas import quota
 from service.admin.restore import restore as bring_back
 from service.admin.serving import is_served
 from service.admin.work import job, jobs, requeue
 from service.settings import get_settings
 from service.storage.store import open_store
 
-_HELP = """Look after a service: back up and restore, people, jobs, retention.
+_HELP = """Look after a service: back up and restore, people, jobs, retention, quotas.
 
 It works on the service's own database and store: those of the folder that --data names, or those of the environment
 (APEXCAL_DATABASE_URL, APEXCAL_BLOB_URL and the rest, as the service has them). Exit codes: 0 done; 1 refused or
@@ -37,6 +38,7 @@ app = typer.Typer(
 app.add_typer(users, name="users")
 app.add_typer(tokens, name="tokens")
 app.add_typer(retention, name="retention")
+app.add_typer(quota, name="quota")
 for command in (jobs, job, requeue):
     app.command(command.__name__)(command)
 

@@ -16,7 +16,7 @@ from service.db.clock import utc_now
 from service.db.fleets import Fleet
 from service.db.recordings import Recording
 from service.jobs.retention import forget_jobs, overdue_jobs
-from service.recordings.retention import delete_overdue
+from service.recordings.retention import delete_overdue, expire_uploads
 
 retention = typer.Typer(no_args_is_help=True, help="Show, set and carry out what is deleted when.")
 
@@ -83,6 +83,7 @@ def run() -> None:
     """Delete now what is overdue. The service does the same every ten minutes; the sweep removes the bytes."""
     with opened() as service:
         recordings = delete_overdue(service.database)
+        uploads = expire_uploads(service.database)
         jobs = forget_jobs(service.database)
         remove_ended(service.database)
-    print(f"{recordings} recordings and {jobs} jobs deleted.")
+    print(f"{recordings} recordings and {jobs} jobs deleted, {uploads} unfinished uploads ended.")

@@ -127,8 +127,8 @@ async def _store(room: Room, store: Store, key: str, body: Body, size: int) -> N
     """Raises :class:`Problem` 507 ``disk_full`` before or while the bytes are written."""
     async with room.kept_for(size) as kept:
         await store.put_stream(key, kept.watch(body))
-        if kept.lost:
-            raise disk_full(kept.free)
+        if kept.lost is not None:
+            raise disk_full(kept.lost)
 
 
 def _declared_length(request: Request) -> int | None:

@@ -19,7 +19,7 @@ from service.db.recordings import Blob, Recording, Sensor, UploadPart
 from service.db.session import Database
 
 _BATCH = 500
-_UNITS = ("bytes", "KiB", "MiB", "GiB", "TiB", "PiB", "EiB")
+_UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
 class Use(NamedTuple):
@@ -121,9 +121,9 @@ def count_older(database: Database, upload_hours: float) -> int:
 
 
 def spoken(size: float) -> str:
-    """Bytes for people: 3 digits or so."""
+    """Bytes for people, as the pages write them."""
     for unit in _UNITS[:-1]:
-        if size < 1024:
-            return f"{size:.0f} {unit}" if unit == _UNITS[0] or size >= 100 else f"{size:.1f} {unit}"
-        size /= 1024
+        if size < 1000:
+            return f"{size:.0f} {unit}" if unit == _UNITS[0] or size >= 10 else f"{size:.1f} {unit}"
+        size /= 1000
     return f"{size:.1f} {_UNITS[-1]}"

@@ -24,53 +24,43 @@ class Room:
 
     @asynccontextmanager
     async def kept_for(self, size: int) -> AsyncIterator[Kept]:
-        """Room for ``size`` bytes until the block ends. Raises :class:`Problem` 507 ``disk_full``."""
-        kept = Kept(self, size)
+        """Room for ``size`` bytes until the block ends. Raises :class:`Problem` 507 ``disk_full``.
+
+        What is on its way counts whole until it is there: nobody knows how much of it lies in buffers.
+        """
         self._promised += size
         try:
-            if not await kept.is_there():
-                raise disk_full(kept.free)
-            yield kept
+            free = await self.lacks(self._promised)
+            if free is not None:
+                raise disk_full(free)
+            yield Kept(self, size)
         finally:
-            self._promised -= kept.to_come
+            self._promised -= size
 
-    async def lacks(self) -> int | None:
-        """What is free where it is too little for all that is promised; None where there is enough."""
+    async def lacks(self, size: int) -> int | None:
+        """What is free, where that is too little for ``size`` bytes; None where there is enough."""
         # A disk that hangs must not hang the event loop.
         free = await asyncio.to_thread(self._store.free_bytes)
-        return free if free is not None and free - self._promised < self._reserve else None
-
-    def came(self, size: int) -> None:
-        """So many of the promised bytes are written."""
-        self._promised -= size
+        return free if free is not None and free - size < self._reserve else None
 
 
 class Kept:
-    """The room of one part. ``lost``: it went while the bytes came, and the disk has ``free`` bytes left."""
+    """The room of one part. ``lost`` says what the disk had left where it went while the part's bytes came."""
 
     def __init__(self, room: Room, size: int) -> None:
         self._room = room
-        self.to_come = size
-        self.lost = False
-        self.free = 0
-
-    async def is_there(self) -> bool:
-        """Whether the disk still has it."""
-        free = await self._room.lacks()
-        if free is not None:
-            self.lost, self.free = True, free
-        return not self.lost
+        self._to_come = size
+        self.lost: int | None = None
 
     async def watch(self, chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
-        """Pass the part's bytes on, and end where the disk has no room for them any more."""
+        """Pass the part's bytes on, and end where the disk has no room for the rest any more."""
         since = 0
         async for chunk in chunks:
             yield chunk
-            passed = min(len(chunk), self.to_come)
-            self.to_come -= passed
-            self._room.came(passed)
+            self._to_come = max(0, self._to_come - len(chunk))
             since += len(chunk)
             if since >= _LOOK_EVERY:
                 since = 0
-                if not await self.is_there():
+                self.lost = await self._room.lacks(self._to_come)
+                if self.lost is not None:
                     return

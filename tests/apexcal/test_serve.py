@@ -1,5 +1,6 @@
 """`apexcal serve`: what dies comes back, nothing outlives it, and it says clearly why it does not start."""
 
+import contextlib
 import fcntl
 import json
 import os
@@ -21,8 +22,12 @@ from apexcal.embedded.folder import DataFolder, FolderInUseError, is_served, rea
 from apexcal.rigs import read_rig
 from service.storage.marker import MARKER
 from tests.apexcal.conftest import SERVE, start, stop
+from tests.faults.jobs import ask, new_rig
 
 pytestmark = pytest.mark.faults
+
+# A calibration of a moment.
+QUICK = {"slots": 4, "population": 400, "generations": 20, "max_iterations": 4}
 
 
 def eventually(true: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
@@ -66,6 +71,49 @@ def test_a_killed_child_is_back_and_the_service_ready(embedded, name):
     others = {child["pid"] for child in embedded.children().values()}
     assert before["pid"] not in others
     eventually(lambda: len(session_of(embedded.children()["worker"]["pid"])) >= 3, "the worker's pool")
+
+
+def reader_of(embedded) -> int:
+    """The process that reads an upload at this moment."""
+    found = []
+
+    def there() -> bool:
+        for pid in session_of(embedded.children()["worker-ingest"]["pid"]):
+            with contextlib.suppress(OSError):
+                if b"workers.readers" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    found.append(pid)
+        return bool(found)
+
+    eventually(there, "the reading of an upload")
+    return found[0]
+
+
+def test_a_file_that_takes_long_to_read_keeps_no_other_fleet_waiting(embedded, owner, simulated):
+    """Neither its calibration nor its upload; and the fleet's own next file comes when the first is read."""
+
+    def uploaded(name: str, vehicle: dict, rig: dict) -> dict:
+        return owner.recordings.upload(simulated / "recording.bag", vehicle["id"], rig["id"], name=name)
+
+    def state(recording: dict) -> str:
+        return owner.recordings.get(recording["id"])["state"]
+
+    # The pool must be up: what is timed is waiting, not its start.
+    assert owner.wait(ask(owner, "Warm", schedule=QUICK), timeout_s=90)["state"] == "done"
+    described = read_rig(simulated / "rig.json", "Rig")
+    slow, patient = (new_rig(owner, described, name) for name in ("Slow", "Patient"))
+    first = uploaded("first", *slow)
+    reader = reader_of(embedded)
+    os.kill(reader, signal.SIGSTOP)
+    try:
+        second = uploaded("second", *slow)
+        began = time.monotonic()
+        assert owner.wait(ask(owner, "Other", schedule=QUICK), timeout_s=30)["state"] == "done"
+        assert time.monotonic() - began < 10
+        assert owner.wait(uploaded("other", *patient), timeout_s=60)["state"] == "ready"
+        assert (state(first), state(second)) == ("ingesting", "queued")
+    finally:
+        os.kill(reader, signal.SIGCONT)
+    assert [owner.wait(one, timeout_s=60)["state"] for one in (first, second)] == ["ready", "ready"]
 
 
 def test_work_goes_on_after_the_broker_was_killed(embedded, owner, simulated):

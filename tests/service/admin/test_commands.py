@@ -213,6 +213,30 @@ def test_failed_recordings_and_detections_are_started_again(run, database: Datab
         assert recording.state == "queued" and recording.job_id not in (None, ingest_id)
 
 
+def test_a_fleets_quota_is_shown_and_set(run, database: Database) -> None:
+    rig = seed_rig(database, make_fleet(database, "north"))
+    with database.writing() as session:
+        common = {"fleet_id": rig.fleet_id, "vehicle_id": rig.vehicle_id, "rig_id": rig.id, "file_name": "f"}
+        session.add(Recording(**common, name="n", taken_bytes=1_500_000))
+
+    def shown() -> tuple[int, int, bool]:
+        (row,) = said(run("quota", "show", "--json"))
+        return row["taken_bytes"], row["quota_bytes"], row["own"]
+
+    assert shown() == (1_500_000, 200 * 10**9, False)
+    assert (
+        run("quota", "set", "north", "1.5TB").stdout == "The recordings of north may take 1.5 TB; they take 1.5 MB.\n"
+    )
+    assert shown() == (1_500_000, 1_500_000_000_000, True)
+    for size, count in (("2GiB", 2 * 1024**3), ("700", 700), ("0", 0)):
+        assert run("quota", "set", "north", size).exit_code == 0 and shown()[1] == count
+    assert run("quota", "set", "north", "default").exit_code == 0 and shown()[1:] == (200 * 10**9, False)
+    assert "north" in run("quota", "show").stdout and "200 GB" in run("quota", "show").stdout
+    refused(run("quota", "set", "south", "1GB"), "no fleet called 'south'", "quota show")
+    for wrong in ("much", "-1", "1XB", "1e9", "9999999999TB"):
+        assert run("quota", "set", "north", "--", wrong).exit_code == 2, wrong
+
+
 def test_retention_is_shown_set_and_carried_out(run, database: Database) -> None:
     fleet_id = make_fleet(database, "north")
     rig = seed_rig(database, fleet_id)
@@ -234,6 +258,6 @@ def test_retention_is_shown_set_and_carried_out(run, database: Database) -> None
     refused(run("retention", "set", "nowhere", "--fleet", "--days", "1"), "no recording in a fleet called 'nowhere'")
     with database.writing() as session:
         session.execute(update(Recording).values(retain_until=utc_now() - timedelta(seconds=1)))
-    assert run("retention", "run").stdout == "1 recordings and 1 jobs deleted.\n"
+    assert run("retention", "run").stdout == "1 recordings and 1 jobs deleted, 0 unfinished uploads ended.\n"
     with database.reading() as session:
         assert session.get(Recording, recording_id) is None and session.get(Job, old) is None

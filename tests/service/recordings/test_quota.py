@@ -53,7 +53,7 @@ def test_an_upload_that_does_not_fit_is_refused_before_its_first_byte(api: Api, 
     assert (refused.status_code, refused.json()["code"]) == (403, "fleet_quota_exceeded")
     said = refused.json()
     assert (said["taken_bytes"], said["quota_bytes"], said["asked_bytes"]) == (6_000, 10_000, 4_001)
-    assert "5.9 KiB of the 9.8 KiB" in said["detail"] and "Delete" in said["hint"]
+    assert "6.0 kB of the 10 kB" in said["detail"] and "Delete" in said["hint"]
     assert announce(engineer, vehicle, 4_000).status_code == 201
     # What is deleted makes room at once; another fleet has its own.
     assert engineer.delete(f"/recordings/{first.json()['id']}").status_code == 204

@@ -3,6 +3,8 @@
 import { all, create, get } from "./http.ts";
 import type { Fleet, Rig, RigRequest, Vehicle } from "./types/fleets.ts";
 
+export const fleet = (id: string): Promise<Fleet> => get<Fleet>(`/fleets/${id}`);
+
 export const createFleet = (name: string): Promise<Fleet> => create<Fleet>("/fleets", { name });
 
 /** As many vehicles as the pages list; larger fleets are named by patterns. */

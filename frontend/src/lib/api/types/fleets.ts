@@ -3,6 +3,9 @@
 export interface Fleet {
   id: string;
   name: string;
+  /** What its recordings take of what they may. */
+  taken_bytes: number;
+  quota_bytes: number;
 }
 
 export interface Vehicle {
