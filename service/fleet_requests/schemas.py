@@ -78,6 +78,7 @@ class CameraOutcome(Sent):
     ``status`` is the result's: where it is not ``ok`` the errors say little, however small. ``warnings`` counts those
     of the result. ``published`` says whether it became the camera's current calibration, ``not_published`` why it did
     not; null and empty where nobody asked for it.
+    ``objections`` is what speaks against publishing it, as found when the calibration ended.
     """
 
     model: str | None
@@ -85,6 +86,7 @@ class CameraOutcome(Sent):
     heldout_mean_px: float | None
     status: str | None
     warnings: int
+    objections: list[str]
     published: bool | None
     not_published: list[str]
 
