@@ -28,8 +28,16 @@ class Words(NamedTuple):
 
 
 def hold_publications(session: Session, vehicle_id: UUID) -> None:
-    """Let nobody else publish for this vehicle until the commit."""
+    """Let nobody else publish for this vehicle until the commit. Calibrations are held before."""
     session.execute(select(Vehicle.id).where(Vehicle.id == vehicle_id).with_for_update(key_share=True))
+
+
+def hold_to_publish(session: Session, result: Result) -> Calibration | None:
+    """The result's calibration, held with the vehicle's publications. None where it was deleted meanwhile."""
+    calibration = session.get(Calibration, result.calibration_id, with_for_update={"key_share": True})
+    if calibration is not None:
+        hold_publications(session, calibration.vehicle_id)
+    return calibration
 
 
 def current_publication(session: Session, vehicle_id: UUID, camera: str) -> Publication | None:

@@ -13,7 +13,7 @@ from sqlalchemy import select
 from service.auth.access import ReadAccess, WriteAccess
 from service.auth.roles import rank
 from service.calibration_runs.objections import objections
-from service.calibration_runs.publishing import Words, current_publication, hold_publications, publish, was_given
+from service.calibration_runs.publishing import Words, current_publication, hold_to_publish, publish, was_given
 from service.calibrations.publications import current_document, publication_page, publication_view
 from service.calibrations.runs import FULL
 from service.calibrations.schemas import PublicationRequest, PublicationView
@@ -69,11 +69,9 @@ def publish_result(result_id: UUID, access: WriteAccess, wanted: PublicationRequ
             "Publish the result of the same model that was fitted to all pairs.",
         )
     session = access.session
-    # The order of all locks. Who deletes the calibration holds it too: afterwards there is nothing to publish.
-    calibration = session.get(Calibration, result.calibration_id, with_for_update={"key_share": True})
+    calibration = hold_to_publish(session, result)
     if calibration is None:
         raise not_found()
-    hold_publications(session, calibration.vehicle_id)
     current = current_publication(session, calibration.vehicle_id, result.camera)
     if current is not None and current.result_id == result.id:
         return access.answer(publication_view(session, current), 200)

@@ -76,8 +76,9 @@ class CameraOutcome(Sent):
     """What a vehicle's calibration recommends for a camera, and its mean errors in pixels.
 
     ``status`` is the result's: where it is not ``ok`` the errors say little, however small. ``warnings`` counts those
-    of the result. ``published`` says whether it became the camera's current calibration, ``not_published`` why it did
-    not; null and empty where nobody asked for it.
+    of the result, ``objections`` is what spoke against publishing it when the calibration ended. ``published`` says
+    whether it became the camera's current calibration, ``not_published`` why it did not; null and empty where nobody
+    asked for it.
     """
 
     model: str | None
@@ -85,6 +86,7 @@ class CameraOutcome(Sent):
     heldout_mean_px: float | None
     status: str | None
     warnings: int
+    objections: list[str]
     published: bool | None
     not_published: list[str]
 

@@ -170,6 +170,8 @@ def _outcome(found: Json) -> CameraOutcome:
         heldout_mean_px=summary.get("heldout_mean_px"),
         status=summary.get("status"),
         warnings=len(summary.get("alarms", [])),
+        # A worker of an older version does not keep it.
+        objections=summary.get("objections", []),
         published=found.get("published"),
         not_published=found.get("not_published", []),
     )

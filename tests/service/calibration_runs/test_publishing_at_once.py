@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import select, update
 
 from service.calibration_runs.conclusion import conclude, runs_of
-from service.calibration_runs.publishing import Words, hold_publications, publish
+from service.calibration_runs.publishing import Words, hold_to_publish, publish
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.recordings.deletion import delete_recording
 from tests.service.calibration_runs.test_conclusion import document
@@ -65,8 +65,7 @@ def meanwhile(pool: ThreadPoolExecutor, act: Callable[..., Any], *given: Any) ->
 def publish_here(session, result_id):
     """As the route does, in a transaction that stays open."""
     result = session.get_one(Result, result_id)
-    calibration = session.get_one(Calibration, result.calibration_id, with_for_update={"key_share": True})
-    hold_publications(session, calibration.vehicle_id)
+    calibration = hold_to_publish(session, result)
     publish(session, calibration, result, Words(None, None))
 
 

@@ -174,15 +174,13 @@ import sys
 from uuid import UUID
 from tests.faults.campaign.shifted import shift
 shift(float(sys.argv[2]))
-from service.calibration_runs.publishing import Words, hold_publications, publish
-from service.db.calibrations import Calibration, Result
+from service.calibration_runs.publishing import Words, hold_to_publish, publish
+from service.db.calibrations import Result
 from service.db.session import Database
 database = Database(sys.argv[1])
 with database.writing() as session:
     result = session.get_one(Result, UUID(sys.argv[3]))
-    calibration = session.get_one(Calibration, result.calibration_id)
-    hold_publications(session, calibration.vehicle_id)
-    publish(session, calibration, result, Words(None, None))
+    publish(session, hold_to_publish(session, result), result, Words(None, None))
 """
 
 

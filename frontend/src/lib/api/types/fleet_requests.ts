@@ -56,6 +56,8 @@ export interface CameraOutcome {
   warnings: number;
   published: boolean | null;
   not_published: string[];
+  /** What speaks against publishing it, as found when the calibration ended. */
+  objections: string[];
 }
 
 export interface RequestVehicle {
