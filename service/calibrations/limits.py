@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from service.calibrations.model_names import PresetSize
 from service.http.problems import Problem
@@ -12,12 +12,13 @@ from service.settings import get_settings
 
 # A worker may be so many times slower than the machine that the costs were measured on, or so busy.
 SLOWER = 4.0
-# Rows that a calibration's slots leave, of half a kilobyte each. Sixteen cameras, three models and five folds come to
-# 69,120 with the default schedule at most.
-MOST_SLOTS = 500_000
+# Rows that a calibration's slots leave: 465 bytes each, and 14 s a million when they are summed up at the end, in
+# which SQLite lets nobody else write (a busy 2-core machine). Sixteen cameras, three models and five folds come to 69,120
+# with the default schedule at most.
+MOST_SLOTS = 200_000
 # Pairs over all runs of a calibration. Each leaves a residual in its run's result, all of which are read at the end:
-# some 20 bytes stored, and 100 in memory. Sixteen cameras of 10,000 pairs come to 2.9 million.
-MOST_FITTED_PAIRS = 5_000_000
+# 21 bytes and 2 s a million. The most pairs that a set may have, three models and five folds come to 1.8 million.
+MOST_FITTED_PAIRS = 2_000_000
 _HOUR_S = 3600.0
 
 
@@ -120,7 +121,7 @@ def _check_run(one: Wanted, size: PresetSize) -> None:
 _PAIRS = "Give fewer pairs."
 
 
-def _too_large(what: str, hint: str, **fields: int) -> Problem:
+def _too_large(what: str, hint: str, **fields: Any) -> Problem:
     return Problem(422, "calibration_too_large", f"This calibration {what}.", hint, **fields)
 
 

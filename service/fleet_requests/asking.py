@@ -25,7 +25,7 @@ from service.http.problems import Problem
 # More at once would hold the database for longer than a lease (docs/decisions/0018).
 _MOST_VEHICLES = 5000
 _MOST_RUNS = 20_000
-# Rows that they may leave, of half a kilobyte each: five gigabytes. So many runs with the schedule `paper` come to 6
+# Rows that they may leave, of 465 bytes each: five gigabytes. So many runs with the schedule `paper` come to 6
 # million at most.
 _MOST_SLOTS = 10_000_000
 _SHOWN = 100

@@ -19,8 +19,8 @@ TRIPS_PER_BUNDLE = 10
 BUNDLE_S = 5.0
 # So does a whole run in one job. It counts with all its iterations, and mostly ends after a third of them.
 RUN_S = 60.0
-# Rows that one transaction inserts: some tenths of a second, in which SQLite lets nobody else write.
-RUN_SLOTS = 10_000
+# Rows that one transaction inserts: half a second on a busy machine, in which SQLite lets nobody else write.
+RUN_SLOTS = 2000
 
 
 class Plan(NamedTuple):

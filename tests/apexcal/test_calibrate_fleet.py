@@ -34,7 +34,10 @@ def test_a_fleet_is_calibrated_from_the_command_line(fleet: dict, owner: Client,
     ask = ("calibrate-fleet", "--fleet", fleet["id"], "--model", "pinhole", "--folds", "0", *where)
     would = typed(*ask, "--dry-run")
     assert would.exit_code == 0, would.stderr
-    assert "The filter names 2 vehicles: 1 would be calibrated in 1 run (at most 1 processor minute), 1 skipped." in would.stdout
+    assert (
+        "The filter names 2 vehicles: 1 would be calibrated in 1 run (at most 1 processor minute), 1 skipped."
+        in would.stdout
+    )
     assert "van 1 skipped: The vehicle has no correspondence set." in would.stdout
     nobody = typed(*ask, "--name", "bus *")
     assert nobody.exit_code == 1 and "matches none" in nobody.stderr and "Traceback" not in nobody.stderr

@@ -158,7 +158,9 @@ def ask_for_the_carts(page: Page, models: int, folds: int) -> None:
     page.get_by_text("Options", exact=True).click()
     page.get_by_label("Folds").fill(str(folds))
     runs = 2 * models * (folds + 1)
-    would = f"3 vehicles match: 2 would be calibrated in {runs} runs (at most 1 processor minute); 1 would be skipped."
+    would = (
+        f"3 vehicles match: 2 would be calibrated in {runs} runs (at most 1 processor minute); 1 would be skipped."
+    )
     expect(page.get_by_role("status")).to_have_text(would)
     page.get_by_text("Who would be skipped").click()
     expect(page.get_by_text("front has 5 pairs")).to_be_visible()

@@ -9,6 +9,7 @@ from sqlalchemy import select, update
 
 from service.db.models import Calibration, CalibrationRun, Fleet, FleetRequest, Job
 from service.db.session import Database
+from service.settings import get_settings
 from tests.support.work import work
 
 from .conftest import QUICK, Vans
@@ -213,3 +214,31 @@ def test_vehicles_come_in_pages_and_by_state(vans: Vans):
     assert vans.states(asked, state="skipped") == {"van 9": "skipped"}
     assert vans.states(asked, state="queued") == {"Van 2": "queued", "van 10": "queued"}
     assert vans.engineer.get(path, params={"state": "nonsense"}).status_code == 422
+
+
+def test_a_template_that_no_farm_can_take_is_refused_before_anything_is_made(api, vans: Vans):
+    vans.add("van")
+    huge = {"slots": 1000, "population": 100_000, "generations": 10_000}
+    for dry_run in (True, False):
+        refused = vans.ask(calibration=QUICK | {"schedule": huge}, dry_run=dry_run)
+        assert (refused.status_code, refused.json()["code"]) == (422, "calibration_too_large")
+    with api.database.reading() as session:
+        assert session.scalars(select(FleetRequest.id)).all() == []
+
+
+def test_a_request_that_takes_the_farm_for_days_is_refused(api, vans: Vans, monkeypatch):
+    for name in ("van 1", "van 2"):
+        vans.add(name)
+    body = {"calibration": {"models": ["kannala_brandt"], "folds": 5}}
+    found = vans.ask(**body, dry_run=True).json()
+    assert (found["runs"], found["calibrations"]) == (12, 2)
+    assert 1 <= found["processor_seconds"] / found["runs"] < 10, "some seconds for each run at most"
+    monkeypatch.setenv("APEXCAL_FLEET_REQUEST_HOURS", str(0.9 * found["processor_seconds"] / 3600))
+    get_settings.cache_clear()
+    for dry_run in (True, False):
+        refused = vans.ask(**body, dry_run=dry_run)
+        assert (refused.status_code, refused.json()["code"]) == (422, "fleet_request_too_large")
+        assert "processor hours" in refused.json()["detail"]
+    assert vans.ask({"name": "van 1"}, **body).status_code == 202
+    with api.database.reading() as session:
+        assert len(session.scalars(select(FleetRequest.id)).all()) == 1

@@ -122,6 +122,26 @@ def test_a_worker_hears_of_a_cancel_and_of_a_lost_lease(database, quick):
         _until_raises(lease)
 
 
+def test_a_cancel_is_heard_within_a_second_and_renews_nothing(database):
+    fleet_id = make_fleet(database)
+    (job_id,) = make_jobs(database, fleet_id, 1)
+    held = claim(database, job_id, "w")
+    assert held
+    before = job(database, job_id).lease_until
+    assert get_settings().renew_s > 2.5, "the usual settings"
+    with Lease(database, held) as lease:
+        with database.writing() as session:
+            cancel(session, [fleet_id])
+        began = time.monotonic()
+        while not lease.flag[0] and time.monotonic() < began + 5:
+            time.sleep(0.01)
+        took = time.monotonic() - began
+        assert job(database, job_id).lease_until == before
+        with pytest.raises(CancelledError):
+            lease.check()
+    assert took < 2.0
+
+
 def _until_raises(lease: Lease) -> None:
     deadline = time.monotonic() + 5
     while time.monotonic() < deadline:

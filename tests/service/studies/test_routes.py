@@ -6,6 +6,7 @@ from service.db.detections import Detection
 from service.db.fleets import Rig
 from service.db.jobs import Job
 from service.db.studies import Study
+from service.settings import get_settings
 from tests.service.detections.seeding import seed_answer, seed_detection, seed_marking, seed_recording, seed_rig
 
 pytestmark = pytest.mark.usefixtures("broker")
@@ -96,6 +97,23 @@ def test_a_clock_offset_that_cannot_be_asked_is_refused(api, fleet, engineer):
     ):
         refused = engineer.post(path, known | change)
         assert (refused.status_code, refused.json()["code"]) == (status, code)
+    with api.database.reading() as session:
+        assert session.query(Study).count() == session.query(Job).count() == 0
+
+
+def test_a_clock_offset_of_too_many_marks_is_refused(api, fleet, engineer, monkeypatch):
+    seed = seed_marking(api.database, fleet, vertices=20)
+    for number in range(20):
+        seed_answer(api.database, seed, engineer.person_id, number, "confirmed", (10.0 + number, 20.0))
+    # A time limit under which twenty are too many.
+    monkeypatch.setenv("APEXCAL_TASK_LIMIT_S", "3")
+    get_settings.cache_clear()
+    refused = engineer.post(
+        f"/recordings/{seed.recording_id}/clock-offsets",
+        {"detection_id": str(seed.detection_id), "camera": "front"},
+    )
+    assert (refused.status_code, refused.json()["code"]) == (422, "work_too_long")
+    assert "20 marks" in refused.json()["detail"]
     with api.database.reading() as session:
         assert session.query(Study).count() == session.query(Job).count() == 0
 

@@ -1,8 +1,5 @@
 """A worker that is told to stop gives its job back, wherever the signal meets it."""
 
-import os
-import signal
-
 import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import ProgrammingError
@@ -10,17 +7,6 @@ from sqlalchemy.exc import ProgrammingError
 from service.db.models import Job, JobEvent
 from tests.service.jobs.support import make_calibration, make_fleet, make_jobs
 from workers.tasks import drain, running
-
-
-@pytest.fixture
-def told_to_stop(monkeypatch):
-    """This process listens as a pool process does; the test sends the signal."""
-    monkeypatch.setattr(drain, "_State", type("State", (), {"draining": False, "lease": None}))
-    before = signal.getsignal(drain.DRAIN_SIGNAL)
-    drain.listen_for_drain()
-    yield lambda: os.kill(os.getpid(), drain.DRAIN_SIGNAL)
-    signal.signal(drain.DRAIN_SIGNAL, before)
-    os.close(signal.set_wakeup_fd(-1))
 
 
 def outcome(database, job_id):

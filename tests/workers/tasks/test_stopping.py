@@ -1,0 +1,91 @@
+"""A job in the middle of a long slot: cancelled, taken away, or given back because its worker is told to stop."""
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+from sqlalchemy import select
+
+from service.calibrations.runs import ask_to_end
+from service.db.models import Calibration, CalibrationRun, Job, JobEvent, Slot
+from service.jobs.claims import claim
+from service.jobs.sweep import sweep
+from tests.faults.jobs import pairs
+from tests.service.jobs.support import let_lease_expire, make_due
+from tests.support.uploads import new_vehicle
+from workers.solver.slot import warm_up
+from workers.tasks.running import run_job
+
+# A minute and more of one slot.
+LONG = {"slots": 1, "population": 100_000, "generations": 10_000, "max_iterations": 1}
+# A look each half second, then the flag; the rest is what a busy machine takes.
+SOON_S = 4.0
+
+
+@pytest.fixture
+def long_job(api, context) -> int:
+    """A job whose only slot runs for minutes."""
+    warm_up()
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    made = new_vehicle(engineer, fleet, "car")
+    body = {"pairs": pairs(60, 1)}
+    found = engineer.post(f"/rigs/{made['rig']}/correspondence-sets", body, params={"camera": "front"}).json()
+    asked = {"correspondence_set_ids": [found["id"]], "models": ["pinhole"], "folds": 0, "schedule": LONG}
+    answer = engineer.post(f"/vehicles/{made['vehicle']}/calibrations", asked)
+    assert answer.status_code == 202, answer.text
+    with context.database.reading() as session:
+        return session.scalars(select(Job.id)).one()
+
+
+def run_until(context, job_id: int, happens: Callable[[], None]) -> float:
+    """Do the job while, a second later, something happens; the seconds from then to its end."""
+    at: list[float] = []
+
+    def later() -> None:
+        at.append(time.monotonic())
+        happens()
+
+    timer = threading.Timer(1.0, later)
+    timer.start()
+    run_job(context, job_id)
+    ended = time.monotonic()
+    timer.join()
+    return ended - at[0]
+
+
+def events(context, job_id: int) -> list[str]:
+    with context.database.reading() as session:
+        assert session.scalars(select(Slot)).all() == []
+        return list(session.scalars(select(JobEvent.what).where(JobEvent.job_id == job_id).order_by(JobEvent.id)))
+
+
+def test_a_cancel_ends_a_slot_that_runs(context, long_job):
+    def cancel() -> None:
+        with context.database.writing() as session:
+            ask_to_end(session, select(Calibration.id))
+
+    assert run_until(context, long_job, cancel) < SOON_S
+    assert events(context, long_job) == ["cancelled"]
+    with context.database.reading() as session:
+        assert session.scalars(select(CalibrationRun.state)).one() == "cancelled"
+        assert session.scalars(select(Calibration.state)).one() == "cancelled"
+
+
+def test_a_lost_lease_ends_a_slot_that_runs_and_leaves_the_job_to_who_has_it(context, long_job):
+    def lose() -> None:
+        let_lease_expire(context.database, long_job)
+        sweep(context.database, context.store)
+        make_due(context.database)
+        assert claim(context.database, long_job, "another")
+
+    assert run_until(context, long_job, lose) < SOON_S
+    with context.database.reading() as session:
+        row = session.get_one(Job, long_job)
+        assert (row.state, row.worker) == ("running", "another")
+
+
+def test_a_worker_that_is_told_to_stop_gives_back_a_slot_that_runs(context, long_job, told_to_stop):
+    assert run_until(context, long_job, told_to_stop) < SOON_S
+    assert events(context, long_job) == ["given_back"]
