@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 from uuid import UUID
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from service.annotations.disclosure import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.auth.roles import rank
 from service.calibrations.runs import FULL
@@ -28,8 +29,12 @@ router = APIRouter()
 
 
 @router.get("/results/{result_id}")
-def read_result(result_id: UUID, access: ReadAccess) -> dict[str, Any]:
-    """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids."""
+def read_result(result_id: UUID, access: ReadAccess, request: Request) -> dict[str, Any]:
+    """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids.
+
+    Of pairs made of marks only reviewers see what tells of single pairs; what they answer afterwards on the
+    vertices of these counts as reviewed.
+    """
     result = access.find(Result, result_id)
     run, calibration, pairs = access.session.execute(
         select(CalibrationRun, Calibration, CorrespondenceSet)
@@ -37,9 +42,11 @@ def read_result(result_id: UUID, access: ReadAccess) -> dict[str, Any]:
         .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
         .where(CalibrationRun.id == result.run_id)
     ).one()
-    # Who marks sees nothing of what others marked.
-    with_marks = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
-    return result_document(result, run, calibration, pairs, with_marks=with_marks)
+    with_pairs = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
+    document = result_document(result, run, calibration, pairs, with_pairs=with_pairs)
+    if with_pairs:
+        tell_pairs(access, request.app.state.database, pairs, "result")
+    return document
 
 
 @router.post("/results/{result_id}/publication", status_code=201, response_model=PublicationView)

@@ -8,7 +8,9 @@ from uuid import UUID
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import JSONResponse
 
+from service.annotations.disclosure import answered_by_others, keep, tell_pairs
 from service.auth.access import CurrentIdentity, ReadAccess, WriteAccess
+from service.auth.roles import rank
 from service.calibrations.building import build
 from service.calibrations.pairs import Columns, invalid, read_csv, read_json
 from service.calibrations.schemas import BuildRequest, SetView, SetWithPairs
@@ -49,6 +51,9 @@ def build_set(detection_id: UUID, wanted: BuildRequest, access: WriteAccess) -> 
     recording = access.find(Recording, detection.recording_id, "engineer")
     camera = find_camera(access.session, recording.id, wanted.camera)
     built = build(access.session, detection, camera, exclude_flagged=wanted.exclude_flagged)
+    # Its notes say what people answered.
+    others = answered_by_others(access.session, detection.id, camera.id, access.person.id)
+    keep(access.session, access.person.id, camera, others, "pairs")
     row = CorrespondenceSet(
         fleet_id=recording.fleet_id,
         vehicle_id=recording.vehicle_id,
@@ -122,22 +127,27 @@ def _keep(access: WriteAccess, wanted: CorrespondenceSet) -> JSONResponse:
 
 
 @router.get("/correspondence-sets/{set_id}")
-def read_set(set_id: UUID, access: ReadAccess, conditions: Conditional) -> SetWithPairs:
+def read_set(set_id: UUID, access: ReadAccess, conditions: Conditional, request: Request) -> SetWithPairs:
     """A correspondence set with its pairs, in the form in which they are imported. [reviewer, if made of marks]
 
-    Who marks sees nothing of what others marked before an own answer.
+    What one answers afterwards on the vertices of such a set counts as reviewed.
     """
     row = access.find(CorrespondenceSet, set_id)
     if row.source == "annotations":
         access.need(row.fleet_id, "reviewer")
     conditions.offer(content_etag(row.content_hash))
-    return set_with_pairs(row)
+    found = set_with_pairs(row)
+    tell_pairs(access, request.app.state.database, row, "pairs")
+    return found
 
 
 @router.get("/rigs/{rig_id}/correspondence-sets")
 def list_sets(rig_id: UUID, access: ReadAccess, window: Paging) -> Page[SetView]:
-    """A rig's correspondence sets, the last made first, without their pairs."""
+    """A rig's correspondence sets, the last made first, without their pairs; those made of marks for reviewers."""
     rig = access.find(Rig, rig_id)
     statement = summaries().where(CorrespondenceSet.rig_id == rig.id)
+    if rank(access.role(rig.fleet_id) or "") < rank("reviewer"):
+        # Their counts and notes say what people answered.
+        statement = statement.where(CorrespondenceSet.source == "import")
     rows, following = fetch(access.session, statement, CorrespondenceSet.id, window, newest_first=True)
     return Page(items=[set_view(row, flagged) for row, flagged in rows], next=following)
