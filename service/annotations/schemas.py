@@ -92,9 +92,10 @@ class Own(Sent):
 
 
 class TaskView(Sent):
-    """A vertex and its frame, leased to one person until ``leased_until``."""
+    """A vertex and its frame, leased to the person ``person_id`` until ``leased_until``."""
 
     task_id: UUID
+    person_id: UUID
     leased_until: datetime
     vertex: TaskVertex
     camera: str

@@ -61,6 +61,7 @@ def task_view(session: Session, task: MarkingTask) -> TaskView:
     vertex, camera, frame, gap_ns = found
     return TaskView(
         task_id=task.id,
+        person_id=task.person_id,
         leased_until=task.leased_until,
         vertex=TaskVertex.model_validate(vertex, from_attributes=True),
         camera=camera.name,
