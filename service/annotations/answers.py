@@ -179,7 +179,7 @@ def _new(session: Session, task: MarkingTask, found: PairedFrame, id: UUID, vers
         sensor_id=found.camera.id,
         frame_index=found.frame.index,
         version=version,
-        reviewed=was_told(session, task.person_id, found.vertex.apex_id, found.camera.id),
+        reviewed=was_told(session, task.person_id, found.vertex.apex_id),
     )
     session.add(row)
     return row

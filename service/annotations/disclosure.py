@@ -27,21 +27,22 @@ from service.http.problems import not_found
 Place = Literal["marks", "tally", "pairs", "result", "calibration"]
 
 
-def was_told(session: Session, person_id: UUID, apex_id: UUID, sensor_id: UUID) -> bool:
-    """Whether the person knows something of others' answers on this apex in this camera."""
-    told = _of(person_id, sensor_id).where(Disclosure.apex_id == apex_id)
-    return bool(session.scalar(select(told.exists())))
+def was_told(session: Session, person_id: UUID, apex_id: UUID) -> bool:
+    """Whether the person knows something of others' answers on this apex, in any camera: a verdict is for all."""
+    told = exists().where(Disclosure.person_id == person_id, Disclosure.apex_id == apex_id)
+    return bool(session.scalar(select(told)))
 
 
 def was_told_of_frame(session: Session, person_id: UUID, sensor_id: UUID, frame_index: int) -> bool:
     """Whether the person knows something of others' answers on any vertex that is paired with this frame."""
-    paired = exists().where(
+    told = exists().where(
+        Disclosure.person_id == person_id,
         Vertex.apex_id == Disclosure.apex_id,
         VertexFrame.vertex_id == Vertex.id,
         VertexFrame.sensor_id == sensor_id,
         VertexFrame.frame_index == frame_index,
     )
-    return bool(session.scalar(select(_of(person_id, sensor_id).where(paired).exists())))
+    return bool(session.scalar(select(told)))
 
 
 def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[UUID]:

@@ -93,18 +93,17 @@ def visible_answers(
     That is, which they confirmed or rejected, and which have as many answers as ``wanted``: of such a vertex nobody
     is asked any more.
     """
+    told_at = (
+        select(func.min(Disclosure.told_at))
+        .where(Disclosure.person_id == Verdict.person_id, Disclosure.apex_id == Verdict.apex_id)
+        .correlate(Verdict)
+        .scalar_subquery()
+    )
     statement = answers_of(
         *(detection_id, camera_id, Verdict, Vertex.id, VertexFrame.frame_index, Mark, Person.name),
-        *(is_reviewed(), Disclosure.told_at),
+        *(is_reviewed(), told_at),
     )
-    statement = statement.join(Person, Person.id == Verdict.person_id).outerjoin(
-        Disclosure,
-        and_(
-            Disclosure.person_id == Verdict.person_id,
-            Disclosure.sensor_id == camera_id,
-            Disclosure.apex_id == Verdict.apex_id,
-        ),
-    )
+    statement = statement.join(Person, Person.id == Verdict.person_id)
     if everyone:
         return statement
     is_complete = and_(has_answered(person_id, decided=True), taken_by_others(person_id, {}) >= wanted - 1)

@@ -24,12 +24,17 @@ function tab(): string {
 
 const ofVertex = (person: string, task: MarkingTask): string => `${PREFIX}${person}.${task.vertex.id}.${task.camera}.`;
 
-/** Keeps the mark of a vertex, or that there is none any more. */
-export function keepDraft(person: string, task: MarkingTask, mark: Pixel | null): void {
-  const key = ofVertex(person, task) + tab();
-  if (!mark) return localStorage.removeItem(key);
-  localStorage.setItem(key, JSON.stringify({ u: mark.u, v: mark.v, at: Date.now() } satisfies Draft));
-  forgetOldest();
+/** Keeps the mark of a vertex, or that there is none any more. Returns whether the browser could. */
+export function keepDraft(person: string, task: MarkingTask, mark: Pixel | null): boolean {
+  try {
+    const key = ofVertex(person, task) + tab();
+    if (mark) localStorage.setItem(key, JSON.stringify({ u: mark.u, v: mark.v, at: Date.now() } satisfies Draft));
+    else localStorage.removeItem(key);
+    forgetOldest();
+    return true;
+  } catch {
+    return false;
+  }
 }
 
 /** The mark to show: this tab's draft, else that of the own answer, else the last draft of another tab. */

@@ -101,8 +101,8 @@ export class Marking {
     const task = this.task;
     if (!task || !this.takes(at)) return;
     this.mark = mark;
-    this.advice = "";
-    keepDraft(this.me.id, task, mark);
+    const isKept = keepDraft(this.me.id, task, mark);
+    this.advice = isKept ? "" : "This browser cannot keep the mark: save it before you leave the page.";
   }
 
   async answer(verdict: VerdictName, at: number): Promise<void> {

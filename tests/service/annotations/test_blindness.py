@@ -6,7 +6,7 @@ from sqlalchemy import update
 from service.db.annotations import Disclosure
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.recordings import Recording
-from tests.service.annotations.test_answers import take_back
+from tests.service.annotations.test_answers import add_rear_camera, take_back
 from tests.service.annotations.test_tasks import ask, reply
 from tests.service.detections.seeding import seed_marking
 from tests.support.people import Actor
@@ -210,6 +210,14 @@ def test_an_engineer_who_did_not_look_is_blind(api, fleet, seed, one):
     engineer.get(f"/vehicles/{seed.vehicle_id}/calibrations")
     assert ids
     assert reply(engineer, ask(engineer, seed), mark=(5.0, 5.0)).json()["reviewed"] is False
+
+
+def test_who_looked_in_one_camera_knows_the_verdicts_of_all(api, fleet, seed, one):
+    add_rear_camera(api, seed)
+    reply(one, ask(one, seed), mark=SECRET)
+    reviewer = api.member(fleet, "reviewer")
+    marks(reviewer, seed)
+    assert reply(reviewer, ask(reviewer, seed, camera="rear"), mark=(5.0, 5.0)).json()["reviewed"] is True
 
 
 def test_a_mark_without_an_answer_is_reviewed_too(api, fleet, seed, one):
