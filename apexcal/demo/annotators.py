@@ -24,7 +24,7 @@ _ELSEWHERE_M = 0.35
 def mark_everything(
     owner: Client, fleet_id: str, detection: Document, camera: str, truth: Truth, report: Report
 ) -> Document:
-    """Invite three annotators, let them work at the same time, and return the marking's progress at the end."""
+    """Invite three annotators, let them work at the same time; return the marking's progress and tally at the end."""
     invitations = [owner.fleets.invite(fleet_id, name, "annotator") for name in NAMES]
     counter = _Counter(len(NAMES) * int(detection["counts"]["paired"]), report)
     with ThreadPoolExecutor(len(NAMES)) as pool:
@@ -34,7 +34,7 @@ def mark_everything(
         ]
         for each in work:
             each.result()
-    return owner.marking.progress(detection["id"], camera)
+    return owner.marking.progress(detection["id"], camera) | owner.marking.tally(detection["id"], camera)
 
 
 def _work(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Literal
-from uuid import UUID
+from uuid import UUID, uuid4
 
 from apexcal.transport import Document, Transport, at
 
@@ -25,10 +25,29 @@ class Marking:
         body = {"camera": camera} | ({"skip": skip} if skip else {})
         return self._http.post(at("detections", detection_id, "tasks", "next"), body) or None
 
-    def answer(self, task_id: str, verdict: Verdict, *, u: float | None = None, v: float | None = None) -> Document:
-        """Answer a task; a confirmed vertex needs its mark (pixels)."""
+    def answer(
+        self,
+        task_id: str,
+        verdict: Verdict,
+        *,
+        u: float | None = None,
+        v: float | None = None,
+        version: int = 0,
+        id: UUID | str | None = None,
+    ) -> Document:
+        """Answer a task; a confirmed vertex needs its mark (pixels).
+
+        ``version``: of the own answer that this one replaces, as the task's ``own`` or the last answer has it.
+        ``id``: one's own random id, by which the same answer may be sent again. ApiError ``answer_changed`` where
+        this person has answered elsewhere meanwhile.
+        """
         mark = None if u is None or v is None else {"u": u, "v": v}
-        return self._http.post(at("tasks", task_id, "answer"), {"verdict": verdict, "mark": mark})
+        body = {"id": str(id or uuid4()), "version": version, "verdict": verdict, "mark": mark}
+        return self._http.post(at("tasks", task_id, "answer"), body)
+
+    def undo(self, task_id: str, version: int, *, id: UUID | str | None = None) -> Document:
+        """Take back the answer of this version; returns the task, which is this person's again."""
+        return self._http.post(at("tasks", task_id, "undo"), {"id": str(id or uuid4()), "version": version})
 
     def own_mark(self, recording_id: UUID | str, camera: str, index: int) -> Document:
         """This person's mark in a frame: ``{"u", "v", "version"}``; ApiError ``not_marked`` where there is none."""
@@ -37,28 +56,20 @@ class Marking:
     def put_mark(
         self, recording_id: UUID | str, camera: str, index: int, u: float, v: float, *, version: int | None = None
     ) -> Document:
-        """Set this person's mark in a frame; ``version`` is that of the mark that is corrected, None for a first."""
+        """Set this person's mark in a frame without an answer; ``version`` is that of the mark that is corrected."""
         condition = {"If-None-Match": "*"} if version is None else {"If-Match": f'"v{version}"'}
         return self._http.put(_mark(recording_id, camera, index), {"u": u, "v": v}, condition)
 
-    def delete_mark(self, recording_id: UUID | str, camera: str, index: int) -> None:
-        """Take this person's mark back; the vertex takes an answer again."""
-        self._http.delete(_mark(recording_id, camera, index))
-
-    def put_verdict(self, vertex_id: UUID | str, verdict: Verdict) -> Document:
-        """Set this person's verdict on a vertex."""
-        return self._http.put(at("vertices", vertex_id, "verdict"), {"verdict": verdict})
-
-    def delete_verdict(self, vertex_id: UUID | str) -> None:
-        """Take this person's verdict back; the vertex takes an answer again."""
-        self._http.delete(at("vertices", vertex_id, "verdict"))
-
     def progress(self, detection_id: UUID | str, camera: str) -> Document:
-        """How many marks are wanted, and how many are there."""
+        """How many answers are wanted, and on how many vertices they are there."""
         return self._http.get(at("detections", detection_id, "progress"), camera=camera)
 
+    def tally(self, detection_id: UUID | str, camera: str) -> Document:
+        """What people said, in numbers (a reviewer's). What one answers afterwards counts as reviewed."""
+        return self._http.get(at("detections", detection_id, "tally"), camera=camera)
+
     def marks(self, detection_id: UUID | str, camera: str) -> Iterator[Document]:
-        """This person's marks; a reviewer's answer holds everybody's."""
+        """This person's answers, and others' on complete vertices; a reviewer's list holds everybody's."""
         return self._http.items(at("detections", detection_id, "marks"), camera=camera)
 
 

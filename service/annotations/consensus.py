@@ -6,6 +6,9 @@ The rules, in the order in which they are applied:
 - More rejections than confirmations remove the vertex. As many of both keep it and flag it.
 - The correspondence is the only mark, the mean of two, the geometric median of more.
 - A vertex that nobody both confirmed and marked gives no correspondence.
+- Who answered after something of others' answers was told to them (``reviewed``) has a vote and a mark as all have:
+  correcting what one sees is what reviewing is for. Their answer is not independent: how many marks there are, and
+  how far they lie apart, is said of the others alone.
 """
 
 from __future__ import annotations
@@ -29,10 +32,14 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Opinion:
-    """One person's verdict on a vertex, and the mark (u, v) in pixels that belongs to it, if there is one."""
+    """One person's verdict on a vertex, and the mark (u, v) in pixels that belongs to it, if there is one.
+
+    ``reviewed``: they knew something of others' answers.
+    """
 
     verdict: str
     mark: Pixel | None = None
+    reviewed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +49,11 @@ class Consensus:
     Attributes:
         outcome: kept, tied (kept and flagged), removed or unmarked.
         pixel: (u, v) of the correspondence; None where there is none.
-        spread_px: root mean square distance of the marks from ``pixel``; 0 for one mark, None without.
-        marks: how many marks ``pixel`` stands on.
+        spread_px: root mean square distance of the independent marks from their own middle; 0 for one or none, None
+            without ``pixel``.
+        marks: how many independent marks ``pixel`` stands on.
         answers: how many people said anything, ``unsure`` included.
+        reviewed: how many of them had been told something of others' answers.
     """
 
     outcome: Outcome
@@ -52,21 +61,29 @@ class Consensus:
     spread_px: float | None
     marks: int
     answers: int
+    reviewed: int
 
 
 def agree(opinions: Sequence[Opinion]) -> Consensus:
     """Make one answer of all opinions on a vertex. Their order does not matter, to the last bit."""
-    marks = sorted(opinion.mark for opinion in opinions if opinion.verdict == "confirmed" and opinion.mark)
-    confirmed = sum(opinion.verdict == "confirmed" for opinion in opinions)
-    rejected = sum(opinion.verdict == "rejected" for opinion in opinions)
-    if rejected > confirmed:
-        return Consensus(Outcome.REMOVED, None, None, 0, len(opinions))
+    confirming = [one for one in opinions if one.verdict == "confirmed"]
+    rejected = sum(one.verdict == "rejected" for one in opinions)
+    answers, reviewed = len(opinions), sum(one.reviewed for one in opinions)
+    if rejected > len(confirming):
+        return Consensus(Outcome.REMOVED, None, None, 0, answers, reviewed)
+    marks = [one.mark for one in confirming if one.mark]
     if not marks:
-        return Consensus(Outcome.UNMARKED, None, None, 0, len(opinions))
-    pixel = combine(marks)
-    spread = math.sqrt(sum(_distance(mark, pixel) ** 2 for mark in marks) / len(marks))
-    outcome = Outcome.TIED if rejected == confirmed else Outcome.KEPT
-    return Consensus(outcome, pixel, spread, len(marks), len(opinions))
+        return Consensus(Outcome.UNMARKED, None, None, 0, answers, reviewed)
+    independent = sorted(one.mark for one in confirming if one.mark and not one.reviewed)
+    outcome = Outcome.TIED if rejected == len(confirming) else Outcome.KEPT
+    return Consensus(outcome, combine(marks), _spread(independent), len(independent), answers, reviewed)
+
+
+def _spread(marks: Sequence[Pixel]) -> float:
+    if not marks:
+        return 0.0
+    middle = combine(marks)
+    return math.sqrt(sum(_distance(mark, middle) ** 2 for mark in marks) / len(marks))
 
 
 def combine(marks: Sequence[Pixel]) -> Pixel:

@@ -1,22 +1,24 @@
-"""Marks and verdicts by their own addresses: a person's own, versioned, whether or not a task led to them."""
+"""A person's own mark in a frame that no task led to. Without a verdict it is no answer."""
 
 from __future__ import annotations
 
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Path, Request
+from sqlalchemy import select
 
-from service.annotations.schemas import MarkView, Pixel, VerdictBody, VerdictView
-from service.annotations.writing import find_mark, find_verdict, take_back, write_mark, write_verdict
+from service.annotations.answers import MOST_ANSWERS
+from service.annotations.disclosure import was_told_of_frame
+from service.annotations.schemas import MarkView, Pixel
+from service.annotations.writing import find_mark, write_mark
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.auth.roles import Role
-from service.db.annotations import Mark
-from service.db.detections import Apex, Detection, Vertex
+from service.db.annotations import Answer, Mark
 from service.db.recordings import CameraFrame, Recording, Sensor
 from service.detections.queries import find_camera
 from service.http.etags import Conditional, Conditions, version_etag
-from service.http.problems import Problem, not_found
+from service.http.problems import Problem
 from service.http.schemas import Sought
 
 router = APIRouter()
@@ -47,63 +49,18 @@ def put_mark(
     conditions: Conditional,
     request: Request,
 ) -> MarkView:
-    """Set one's own mark: the first with If-None-Match: *, a correction with If-Match. [annotator]"""
+    """Set one's own mark: the first with If-None-Match: *, a correction with If-Match. [annotator]
+
+    The mark of a vertex that one has answered changes with the answer, not here.
+    """
     sensor, frame = _frame(access, recording_id, camera, index, "annotator")
-    mark = find_mark(access.session, access.person.id, sensor.id, frame.index)
+    session, me = access.session, access.person.id
+    mark = find_mark(session, me, sensor.id, frame.index)
     _check_edit(mark, pixel, conditions, request)
-    return _answer(write_mark(access.session, access.person.id, sensor, frame, pixel.u, pixel.v), conditions)
-
-
-@router.delete(MARK, status_code=204)
-def delete_mark(
-    recording_id: UUID,
-    camera: Sought,
-    index: FrameIndex,
-    access: WriteAccess,
-    conditions: Conditional,
-    request: Request,
-) -> Response:
-    """Take one's own mark back; the vertex takes an answer again. [annotator]"""
-    sensor, frame = _frame(access, recording_id, camera, index, "annotator")
-    mark = find_mark(access.session, access.person.id, sensor.id, frame.index)
-    if mark is not None:
-        if "if-match" in request.headers:
-            conditions.require(version_etag(mark.version))
-        take_back(access.session, mark)
-    return Response(status_code=204)
-
-
-@router.put("/vertices/{vertex_id}/verdict")
-def put_verdict(
-    vertex_id: UUID, said: VerdictBody, access: WriteAccess, conditions: Conditional, request: Request
-) -> VerdictView:
-    """Set one's own verdict on a vertex; If-Match is looked at where it is sent. [annotator]"""
-    vertex = _vertex(access, vertex_id)
-    known = find_verdict(access.session, access.person.id, vertex.apex_id)
-    if "if-match" in request.headers:
-        conditions.require(version_etag(known.version if known else 0))
-    apex = access.session.get_one(Apex, vertex.apex_id)
-    verdict = write_verdict(access.session, access.person.id, apex, said.verdict)
-    conditions.offer(version_etag(verdict.version))
-    return VerdictView(vertex_id=vertex.id, verdict=said.verdict, version=verdict.version)
-
-
-@router.delete("/vertices/{vertex_id}/verdict", status_code=204)
-def delete_verdict(vertex_id: UUID, access: WriteAccess) -> Response:
-    """Take one's own verdict back; the vertex takes an answer again. [annotator]"""
-    vertex = _vertex(access, vertex_id)
-    verdict = find_verdict(access.session, access.person.id, vertex.apex_id)
-    if verdict is not None:
-        take_back(access.session, verdict)
-    return Response(status_code=204)
-
-
-def _vertex(access: Access, vertex_id: UUID) -> Vertex:
-    vertex = access.session.get(Vertex, vertex_id)
-    if vertex is None:
-        raise not_found()
-    access.find(Detection, vertex.detection_id, "annotator")
-    return vertex
+    if mark is None or (mark.u, mark.v) != (pixel.u, pixel.v):
+        _check_no_answer(access, sensor, frame, mark)
+    reviewed = was_told_of_frame(session, me, sensor.id, frame.index)
+    return _answer(write_mark(session, me, sensor, frame, pixel.u, pixel.v, reviewed=reviewed), conditions)
 
 
 def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Role) -> tuple[Sensor, CameraFrame]:
@@ -118,6 +75,32 @@ def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Ro
             f"Its frames are 0 to {sensor.count - 1}.",
         )
     return sensor, frame
+
+
+def _check_no_answer(access: Access, camera: Sensor, frame: CameraFrame, mark: Mark | None) -> None:
+    rows = access.session.scalars(
+        select(Answer)
+        .where(
+            Answer.person_id == access.person.id,
+            Answer.sensor_id == camera.id,
+            Answer.frame_index == frame.index,
+        )
+        .order_by(Answer.version)
+    )
+    if any(row.verdict for row in {row.apex_id: row for row in rows}.values()):
+        raise Problem(
+            409,
+            "answered",
+            "This is the mark of a vertex that you have answered.",
+            "Answer its task again, with the answer's version: POST /v1/tasks/{id}/answer.",
+        )
+    if mark is not None and mark.version >= MOST_ANSWERS:
+        raise Problem(
+            409,
+            "answered_too_often",
+            f"You have moved this mark {MOST_ANSWERS} times; it stays where it is.",
+            "Where it is wrong, ask a reviewer to look at it.",
+        )
 
 
 def _check_edit(mark: Mark | None, pixel: Pixel, conditions: Conditions, request: Request) -> None:

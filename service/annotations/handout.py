@@ -11,7 +11,7 @@ from uuid import UUID
 from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
-from service.annotations.answered import has_answered, is_live, leases_of_others, taken_by_others
+from service.annotations.answered import has_answered, is_live
 from service.annotations.seeking import Seeker
 from service.db.annotations import MarkingFrontier, MarkingTask
 from service.db.clock import now
@@ -43,6 +43,8 @@ def next_task(
         .join(Vertex, Vertex.id == MarkingTask.vertex_id)
         .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == camera.id))
         .where(*mine, MarkingTask.sensor_id == camera.id, is_live(MarkingTask), ~has_answered(person_id))
+        # Two are held after an undo: first the one that was taken back.
+        .order_by(MarkingTask.leased_until.desc())
         .limit(1)
     )
     if held is None:
@@ -56,19 +58,6 @@ def reopen(session: Session, recording_id: UUID) -> None:
     lock_recording(session, recording_id)
     gone = delete(MarkingFrontier).where(MarkingFrontier.recording_id == recording_id)
     session.execute(gone.execution_options(synchronize_session=False))
-
-
-def is_open(session: Session, vertex: Vertex, camera_id: UUID, person_id: UUID, wanted: int) -> bool:
-    """Whether a vertex still takes this person's answer: their own first one is in, or too few others gave one."""
-    leases = leases_of_others(session, camera_id, person_id)
-    statement = (
-        select(has_answered(person_id), taken_by_others(person_id, leases))
-        .select_from(Vertex)
-        .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == camera_id))
-        .where(Vertex.id == vertex.id)
-    )
-    answered, taken = session.execute(statement).one()
-    return bool(answered) or taken < wanted
 
 
 def _lease(

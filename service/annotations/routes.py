@@ -1,4 +1,4 @@
-"""Marking: tasks one after the other, and marks and verdicts by their own addresses."""
+"""Marking: tasks one after the other, answers and their taking back, and what may be seen of them."""
 
 from __future__ import annotations
 
@@ -8,27 +8,20 @@ from uuid import UUID
 from fastapi import APIRouter, Query, Request, Response
 
 from service.annotations import direct
-from service.annotations.handout import is_open, lock_recording, next_task
-from service.annotations.progress import marks_of_others, progress, visible_answers
-from service.annotations.schemas import (
-    Answer,
-    AnswerView,
-    GivenMark,
-    NextTask,
-    Progress,
-    TaskView,
-)
-from service.annotations.views import find_frame, find_task, mark_view, task_view
-from service.annotations.writing import write_mark, write_verdict
-from service.auth.access import ReadAccess, WriteAccess
+from service.annotations.answers import answer_view, give, undo
+from service.annotations.disclosure import answered_by_others, tell
+from service.annotations.handout import lock_recording, next_task
+from service.annotations.progress import progress, tally, visible_answers
+from service.annotations.schemas import Answer, AnswerView, GivenMark, NextTask, Progress, Tally, TaskView, Undo
+from service.annotations.views import PairedFrame, find_frame, find_task, mark_view, task_view
+from service.auth.access import Access, ReadAccess, WriteAccess
 from service.auth.roles import rank
-from service.db.annotations import Verdict
-from service.db.clock import now
-from service.db.detections import Apex, Detection
+from service.db.annotations import MarkingTask, Verdict
+from service.db.detections import Detection
+from service.db.recordings import Recording
 from service.detections.queries import done_detection, find_camera
 from service.events.hints import hint
 from service.http.pages import LongPaging, Page, fetch
-from service.http.problems import Problem
 from service.http.schemas import Sought
 
 router = APIRouter(tags=["annotations"])
@@ -55,36 +48,26 @@ def ask_task(detection_id: UUID, wanted: NextTask, access: WriteAccess, request:
 
 @router.post("/tasks/{task_id}/answer")
 def answer_task(task_id: UUID, answer: Answer, access: WriteAccess) -> AnswerView:
-    """Judge a vertex. A lease that ran out does no harm as long as the vertex still takes answers. [annotator]"""
-    session, me = access.session, access.person.id
+    """Judge a vertex: verdict and mark at once. The same id again is the same answer. [annotator]"""
+    task, found, detection = _locked(access, task_id)
+    row = give(access.session, task, found, answer)
+    hint(access.session, detection.fleet_id, "detection", detection.id)
+    return answer_view(row)
+
+
+@router.post("/tasks/{task_id}/undo")
+def undo_answer(task_id: UUID, answer: Undo, access: WriteAccess, request: Request) -> TaskView:
+    """Take one's own last answer back; its vertex is leased to the same person at once. [annotator]"""
+    task, found, detection = _locked(access, task_id)
+    undo(access.session, task, found, answer, request.app.state.settings.mark_lease_s)
+    hint(access.session, detection.fleet_id, "detection", detection.id)
+    return task_view(access.session, task)
+
+
+def _locked(access: Access, task_id: UUID) -> tuple[MarkingTask, PairedFrame, Detection]:
     task, detection = find_task(access, task_id)
-    found = find_frame(session, task.vertex_id, task.sensor_id)
-    recording = lock_recording(session, detection.recording_id)
-    if not is_open(session, found.vertex, found.camera.id, me, recording.marks_per_vertex):
-        raise Problem(
-            409,
-            "vertex_taken",
-            "Your lease on this vertex ran out, and meanwhile as many others as wanted have answered it.",
-            "Nothing is lost but this one answer: ask for the next task.",
-        )
-    if answer.verdict == "confirmed" and answer.mark is None:
-        raise Problem(
-            422, "mark_required", "A confirmed vertex needs its mark.", 'Send "mark": {"u": ..., "v": ...} in pixels.'
-        )
-    mark = None
-    if answer.verdict == "confirmed" and answer.mark is not None:
-        mark = write_mark(session, me, found.camera, found.frame, answer.mark.u, answer.mark.v)
-    verdict = write_verdict(session, me, session.get_one(Apex, found.vertex.apex_id), answer.verdict)
-    task.answered_at = now()  # pyright: ignore[reportAttributeAccessIssue] - the database's own clock
-    session.flush()
-    hint(session, detection.fleet_id, "detection", detection.id)
-    return AnswerView(
-        mark=mark_view(mark),
-        verdict=verdict.verdict,  # pyright: ignore[reportArgumentType] - the column holds only verdicts
-        progress=progress(session, detection, found.camera, me),
-        # Not to who is unsure: they may still decide, and by themselves.
-        others=[] if answer.verdict == "unsure" else marks_of_others(session, me, found.camera.id, found.frame.index),
-    )
+    lock_recording(access.session, detection.recording_id)
+    return task, find_frame(access.session, task.vertex_id, task.sensor_id), detection
 
 
 @router.get("/detections/{detection_id}/progress")
@@ -95,13 +78,30 @@ def read_progress(detection_id: UUID, access: ReadAccess, camera: CameraQuery) -
     return progress(access.session, detection, sensor, access.person.id)
 
 
+@router.get("/detections/{detection_id}/tally")
+def read_tally(detection_id: UUID, access: ReadAccess, camera: CameraQuery, request: Request) -> Tally:
+    """What people said in one camera, in numbers. What one answers afterwards counts as reviewed. [reviewer]"""
+    detection = access.find(Detection, detection_id, "reviewer")
+    sensor = find_camera(access.session, detection.recording_id, camera)
+    found = tally(access.session, detection.id, sensor.id)
+    others = answered_by_others(access.session, detection.id, sensor.id, access.person.id)
+    tell(access, request.app.state.database, sensor, others, "tally")
+    return found
+
+
 @router.get("/detections/{detection_id}/marks")
-def list_marks(detection_id: UUID, access: ReadAccess, window: LongPaging, camera: CameraQuery) -> Page[GivenMark]:
-    """Answers in one camera: one's own, others' on vertices that one confirmed or rejected; reviewers see all."""
+def list_marks(
+    detection_id: UUID, access: ReadAccess, window: LongPaging, camera: CameraQuery, request: Request
+) -> Page[GivenMark]:
+    """Answers in one camera: one's own, and others' on complete vertices that one decided; reviewers see all.
+
+    What one answers afterwards on a vertex where others' answers were told counts as reviewed.
+    """
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera)
     everyone = rank(access.role(detection.fleet_id) or "") >= rank("reviewer")
-    statement = visible_answers(detection.id, sensor.id, access.person.id, everyone=everyone)
+    wanted = access.session.get_one(Recording, detection.recording_id).marks_per_vertex
+    statement = visible_answers(detection.id, sensor.id, access.person.id, wanted, everyone=everyone)
     rows, following = fetch(access.session, statement, Verdict.id, window)
     items = [
         GivenMark(
@@ -111,7 +111,11 @@ def list_marks(detection_id: UUID, access: ReadAccess, window: LongPaging, camer
             verdict=verdict.verdict,
             frame_index=frame_index,
             mark=mark_view(mark) if verdict.verdict == "confirmed" else None,
+            reviewed=reviewed,
+            told_at=told_at,
         )
-        for verdict, vertex_id, frame_index, mark, name in rows
+        for verdict, vertex_id, frame_index, mark, name, reviewed, told_at in rows
     ]
+    others = {row[0].apex_id for row, item in zip(rows, items, strict=True) if not item.own}
+    tell(access, request.app.state.database, sensor, others, "marks")
     return Page(items=items, next=following)

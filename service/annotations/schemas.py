@@ -12,6 +12,7 @@ from service.detections.schemas import Flag, Quality
 from service.http.schemas import Received, Sent
 
 VerdictName = Literal["confirmed", "rejected", "unsure"]
+Version = Annotated[int, Field(ge=0, le=2**31 - 1)]
 CameraName = Annotated[str, Field(max_length=200, description="a camera's name in the rig")]
 
 
@@ -30,16 +31,23 @@ class NextTask(Received):
 
 
 class Answer(Received):
-    """A verdict, and with ``confirmed`` the place of the vertex. With another verdict a mark is not kept."""
+    """A verdict, and with ``confirmed`` the place of the vertex. With another verdict a mark is not kept.
 
+    ``id`` is a random one of the client's: the same answer sent again is the same. ``version`` is that of the own
+    answer that this one replaces, as the task has it; 0 for a first.
+    """
+
+    id: UUID
+    version: Version
     verdict: VerdictName
     mark: Pixel | None = None
 
 
-class VerdictBody(Received):
-    """A verdict on a vertex."""
+class Undo(Received):
+    """Take the answer of this ``version`` back. ``id`` as for an answer."""
 
-    verdict: VerdictName
+    id: UUID
+    version: Version
 
 
 class MarkView(Sent):
@@ -47,14 +55,6 @@ class MarkView(Sent):
 
     u: float
     v: float
-    version: int
-
-
-class VerdictView(Sent):
-    """A person's own verdict on a vertex."""
-
-    vertex_id: UUID
-    verdict: VerdictName
     version: int
 
 
@@ -84,16 +84,18 @@ class TaskFrame(Sent):
 
 
 class Own(Sent):
-    """What this person said of the vertex before."""
+    """What this person said of the vertex before: its ``version``, or 0. Taken back, it has a mark and no verdict."""
 
-    mark: MarkView | None
+    version: int
+    mark: Pixel | None
     verdict: VerdictName | None
 
 
 class TaskView(Sent):
-    """A vertex and its frame, leased to one person until ``leased_until``."""
+    """A vertex and its frame, leased to the person ``person_id`` until ``leased_until``."""
 
     task_id: UUID
+    person_id: UUID
     leased_until: datetime
     vertex: TaskVertex
     camera: str
@@ -103,6 +105,20 @@ class TaskView(Sent):
     own: Own
 
 
+class Progress(Sent):
+    """How far the marking of a detection is, in one camera. It says nothing of what anybody answered.
+
+    ``vertices`` have a frame of the camera; ``answered`` of them have at least one answer, ``complete`` of them as
+    many as wanted (``marks_wanted`` people), ``mine`` of them the asker's.
+    """
+
+    vertices: int
+    marks_wanted: int
+    answered: int
+    mine: int
+    complete: int
+
+
 class PersonAnswers(Sent):
     """How many of a detection's vertices somebody has answered."""
 
@@ -110,38 +126,37 @@ class PersonAnswers(Sent):
     answers: int
 
 
-class Progress(Sent):
-    """How far the marking of a detection is, in one camera.
+class Tally(Sent):
+    """What people said, in numbers: ``answers`` (people times vertices) and its parts; ``marks`` of the confirmed.
 
-    ``vertices`` have a frame of the camera; ``answered`` of them have at least one answer, ``complete`` of them as
-    many as wanted (``marks_wanted`` people), ``mine`` of them the asker's. ``answers`` counts all answers (people
-    times vertices), of which ``confirmed``, ``rejected`` and ``unsure`` are the parts; ``marks`` those with a mark.
+    ``reviewed`` of the answers were given after something of others' answers had been told to their person.
     """
 
-    vertices: int
-    marks_wanted: int
-    answered: int
     answers: int
-    mine: int
-    complete: int
     confirmed: int
     rejected: int
     unsure: int
     marks: int
+    reviewed: int
     people: list[PersonAnswers]
 
 
 class AnswerView(Sent):
-    """What was kept of an answer, and what others, who were not to be seen before, marked."""
+    """What was kept of an answer, and nothing of others'."""
 
-    mark: MarkView | None
+    id: UUID
+    version: int
     verdict: VerdictName
-    progress: Progress
-    others: list[Pixel]
+    mark: Pixel | None
+    reviewed: bool
 
 
 class GivenMark(Sent):
-    """An answer on a vertex, as far as the asker may see it."""
+    """An answer on a vertex, as far as the asker may see it.
+
+    ``told_at`` is when something of others' answers on the vertex was first told to this person. ``reviewed``: what
+    they say now they said after that, so it is no independent answer.
+    """
 
     vertex_id: UUID
     person: str
@@ -149,3 +164,5 @@ class GivenMark(Sent):
     verdict: VerdictName
     frame_index: int
     mark: MarkView | None
+    reviewed: bool
+    told_at: datetime | None

@@ -9,10 +9,10 @@ from uuid import UUID
 from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
-from service.annotations.schemas import MarkView, Own, TaskFrame, TaskVertex, TaskView
+from service.annotations.schemas import MarkView, Own, Pixel, TaskFrame, TaskVertex, TaskView
 from service.annotations.writing import find_mark, find_verdict
 from service.auth.access import Access
-from service.db.annotations import Mark, MarkingTask
+from service.db.annotations import Answer, Mark, MarkingTask
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import CameraFrame, Sensor
 from service.http.problems import not_found
@@ -59,9 +59,9 @@ def task_view(session: Session, task: MarkingTask) -> TaskView:
     """A task with all that is needed to judge it, and nothing of what others said."""
     found = find_frame(session, task.vertex_id, task.sensor_id)
     vertex, camera, frame, gap_ns = found
-    verdict = find_verdict(session, task.person_id, vertex.apex_id)
     return TaskView(
         task_id=task.id,
+        person_id=task.person_id,
         leased_until=task.leased_until,
         vertex=TaskVertex.model_validate(vertex, from_attributes=True),
         camera=camera.name,
@@ -74,8 +74,31 @@ def task_view(session: Session, task: MarkingTask) -> TaskView:
         ),
         gap_ns=gap_ns,
         predicted=None,
-        own=Own(
-            mark=mark_view(find_mark(session, task.person_id, camera.id, frame.index)),
-            verdict=verdict.verdict if verdict else None,  # pyright: ignore[reportArgumentType] - only verdicts
-        ),
+        own=own_answer(session, task.person_id, found),
+    )
+
+
+def last_answer(session: Session, person_id: UUID, apex_id: UUID, sensor_id: UUID) -> Answer | None:
+    """The last that a person said of an apex in a camera, or that they took it back."""
+    return session.scalar(
+        select(Answer)
+        .where(Answer.person_id == person_id, Answer.apex_id == apex_id, Answer.sensor_id == sensor_id)
+        .order_by(Answer.version.desc())
+        .limit(1)
+    )
+
+
+def own_answer(session: Session, person_id: UUID, found: PairedFrame) -> Own:
+    """What a person says of a vertex, and where they marked it; also the mark of an answer that they took back."""
+    last = last_answer(session, person_id, found.vertex.apex_id, found.camera.id)
+    mark: Mark | Answer | None = find_mark(session, person_id, found.camera.id, found.frame.index)
+    if mark is None and last is not None and last.frame_index == found.frame.index:
+        mark = last
+    # Without a version: an answer of old, or the verdict of one in another camera.
+    said = last or find_verdict(session, person_id, found.vertex.apex_id)
+    u, v = (mark.u, mark.v) if mark else (None, None)
+    return Own(
+        version=last.version if last else 0,
+        mark=None if u is None or v is None else Pixel(u=u, v=v),
+        verdict=said.verdict if said else None,  # pyright: ignore[reportArgumentType] - only verdicts
     )

@@ -43,8 +43,19 @@ def find_verdict(session: Session, person_id: UUID, apex_id: UUID) -> Verdict | 
     return session.scalar(select(Verdict).where(Verdict.person_id == person_id, Verdict.apex_id == apex_id))
 
 
-def write_mark(session: Session, person_id: UUID, camera: Sensor, frame: CameraFrame, u: float, v: float) -> Mark:
+def write_mark(
+    session: Session,
+    person_id: UUID,
+    camera: Sensor,
+    frame: CameraFrame,
+    u: float,
+    v: float,
+    *,
+    reviewed: bool = False,
+) -> Mark:
     """Set a person's mark in a frame. Saying the same again changes nothing.
+
+    ``reviewed``: something of others' answers had been told to the person before.
 
     Raises:
         Problem: ``mark_outside_image``.
@@ -59,32 +70,40 @@ def write_mark(session: Session, person_id: UUID, camera: Sensor, frame: CameraF
             frame_index=frame.index,
             u=u,
             v=v,
+            reviewed=reviewed,
             version=1,
         )
         session.add(mark)
     elif (mark.u, mark.v) == (u, v):
         return mark
     else:
-        mark.u, mark.v, mark.version, mark.updated_at = u, v, mark.version + 1, utc_now()
+        mark.u, mark.v, mark.reviewed = u, v, reviewed
+        mark.version, mark.updated_at = mark.version + 1, utc_now()
     session.flush()
     value = {"sensor_id": camera.id.hex, "frame_index": frame.index, "u": u, "v": v}
     _keep_revision(session, "mark", mark, value)
     return mark
 
 
-def write_verdict(session: Session, person_id: UUID, apex: Apex, verdict: str) -> Verdict:
-    """Set a person's verdict on an apex. Saying the same again changes nothing."""
+def write_verdict(session: Session, person_id: UUID, apex: Apex, verdict: str, *, reviewed: bool = False) -> Verdict:
+    """Set a person's verdict on an apex. Saying the same again changes nothing. ``reviewed`` as for a mark."""
     row = find_verdict(session, person_id, apex.id)
     if row is None:
         row = Verdict(
-            recording_id=apex.recording_id, apex_id=apex.id, person_id=person_id, verdict=verdict, version=1
+            recording_id=apex.recording_id,
+            apex_id=apex.id,
+            person_id=person_id,
+            verdict=verdict,
+            reviewed=reviewed,
+            version=1,
         )
         session.add(row)
     elif row.verdict == verdict:
         return row
     else:
         reopen(session, row.recording_id)  # a confirmation may lack its mark
-        row.verdict, row.version, row.updated_at = verdict, row.version + 1, utc_now()
+        row.verdict, row.reviewed = verdict, reviewed
+        row.version, row.updated_at = row.version + 1, utc_now()
     session.flush()
     _keep_revision(session, "verdict", row, {"apex_id": apex.id.hex, "verdict": verdict})
     return row

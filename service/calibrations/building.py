@@ -31,7 +31,8 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
 
     x, y, z is where the vertex was at the frame's time, where the pairing interpolated. Columns besides x y z u v:
     stamp_ns (of the vertex as it was measured), gap_ns (frame minus vertex), sweep_index, frame_index, marks (how
-    many people), spread_px (of their marks), flagged (as many rejections as confirmations), and sigma_azimuth_rad,
+    many independent ones), spread_px (of these), flagged (as many rejections as confirmations), reviewed (how many
+    answers were given after something of others' was told; where there are such), and sigma_azimuth_rad,
     sigma_elevation_rad, sigma_range_m where all vertices state a covariance.
 
     Raises:
@@ -60,6 +61,8 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
         )
     # A column is for all pairs or for none.
     common = [name for name in rows[0] if all(name in row for row in rows)]
+    if not any(row["reviewed"] for row in rows):
+        common.remove("reviewed")
     columns = {name: [row[name] for row in rows] for name in common}
     return Built(columns, _notes(consensus, wanted, exclude_flagged=exclude_flagged))
 
@@ -80,6 +83,7 @@ def _row(vertex: Vertex, frame: VertexFrame, agreed: Consensus) -> dict[str, Any
         "marks": agreed.marks,
         "spread_px": agreed.spread_px,
         "flagged": agreed.outcome is Outcome.TIED,
+        "reviewed": agreed.reviewed,
         **_sigmas(at.covariance),
     }
 
@@ -94,13 +98,18 @@ def _sigmas(covariance: list[list[float]] | None) -> dict[str, float]:
 def _notes(consensus: dict[UUID, Consensus], wanted: int, *, exclude_flagged: bool) -> list[str]:
     total = len(consensus)
     answered = [one for one in consensus.values() if one.answers]
-    few = sum(one.answers < wanted for one in answered)
+    few = sum(one.answers - one.reviewed < wanted for one in answered)
+    reviewed = sum(one.reviewed > 0 for one in answered)
     count = {outcome: sum(one.outcome is outcome for one in answered) for outcome in Outcome}
     tied = "left out" if exclude_flagged else "kept and flagged"
     unit = "mark" if wanted == 1 else "marks"
     sentences = [
         (total - len(answered), "{n} of {total} vertices {have} not been judged by anybody and {are} left out."),
         (few, f"{{n}} of {{total}} vertices {{have}} fewer than the {wanted} {unit} asked for."),
+        (
+            reviewed,
+            "{n} of {total} vertices {have} answers of people who had seen others'; they are not independent.",
+        ),
         (count[Outcome.REMOVED], "{n} of {total} vertices {were} removed, because most people rejected {them}."),
         (
             count[Outcome.TIED],

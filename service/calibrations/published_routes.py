@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 from uuid import UUID
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from service.annotations.disclosure import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.auth.roles import rank
 from service.calibration_runs.objections import objections
@@ -31,10 +32,12 @@ router = APIRouter()
 
 
 @router.get("/results/{result_id}")
-def read_result(result_id: UUID, access: ReadAccess) -> dict[str, Any]:
+def read_result(result_id: UUID, access: ReadAccess, request: Request) -> dict[str, Any]:
     """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids.
 
-    ``objections`` is what speaks against publishing it now, null of a fit that is not to all pairs.
+    ``objections`` is what speaks against publishing it now, null of a fit that is not to all pairs. Of pairs made of
+    marks only reviewers see what tells of single pairs; what they answer afterwards on the vertices of these counts
+    as reviewed.
     """
     result = access.find(Result, result_id)
     found = access.session.execute(
@@ -47,10 +50,12 @@ def read_result(result_id: UUID, access: ReadAccess) -> dict[str, Any]:
         # Deleted at this moment.
         raise not_found()
     run, calibration, pairs = found
-    # Who marks sees nothing of what others marked.
-    with_marks = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
+    with_pairs = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
     against = objections(access.session, result) if result.fold == FULL else None
-    return result_document(result, run, calibration, pairs, against, with_marks=with_marks)
+    document = result_document(result, run, calibration, pairs, against, with_pairs=with_pairs)
+    if with_pairs:
+        tell_pairs(access, request.app.state.database, pairs, "result")
+    return document
 
 
 @router.post("/results/{result_id}/publication", status_code=201, response_model=PublicationView)

@@ -10,7 +10,9 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from service.annotations.disclosure import tell_pairs
 from service.auth.access import Access, ReadAccess, WriteAccess
+from service.auth.roles import rank
 from service.calibrations import published_routes, set_routes
 from service.calibrations.requests import CameraPairs, plan_request
 from service.calibrations.runs import ask_to_end, create
@@ -18,7 +20,7 @@ from service.calibrations.schemas import CalibrationRequest, CalibrationView, Sl
 from service.calibrations.sets import rig_camera
 from service.calibrations.slots import slot_page
 from service.calibrations.stated import stated_intrinsics
-from service.calibrations.views import calibration_views
+from service.calibrations.views import calibration_views, vertices_apart
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
 from service.db.fleets import Rig, Vehicle
 from service.events.hints import hint
@@ -101,9 +103,20 @@ def list_calibrations(vehicle_id: UUID, access: ReadAccess, window: Paging) -> P
 
 
 @router.get("/calibrations/{calibration_id}")
-def read_calibration(calibration_id: UUID, access: ReadAccess) -> CalibrationView:
-    """A calibration: how far it is, and when it is done its models side by side."""
-    return calibration_views(access.session, [access.find(Calibration, calibration_id)])[0]
+def read_calibration(calibration_id: UUID, access: ReadAccess, request: Request) -> CalibrationView:
+    """A calibration: how far it is, and when it is done its models side by side.
+
+    Reviewers see which vertices two cameras put apart. Where these were marked here, what a reviewer answers on them
+    afterwards counts as reviewed.
+    """
+    calibration = access.find(Calibration, calibration_id)
+    with_pairs = rank(access.role(calibration.fleet_id) or "") >= rank("reviewer")
+    view = calibration_views(access.session, [calibration], with_pairs=with_pairs)[0]
+    if with_pairs and vertices_apart(view.summary):
+        runs = select(CalibrationRun.set_id).where(CalibrationRun.calibration_id == calibration.id)
+        for pairs in access.session.scalars(select(CorrespondenceSet).where(CorrespondenceSet.id.in_(runs))).all():
+            tell_pairs(access, request.app.state.database, pairs, "calibration")
+    return view
 
 
 @router.post("/calibrations/{calibration_id}/cancel", status_code=202)

@@ -13,7 +13,9 @@ from fastapi.responses import JSONResponse, StreamingResponse
 from sqlalchemy.orm import defer
 from starlette.requests import ClientDisconnect
 
+from service.annotations.disclosure import answered_by_others, keep, tell_pairs
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.auth.roles import rank
 from service.calibrations.building import build
 from service.calibrations.long_answers import pairs_of, set_in_pieces
 from service.calibrations.pairs import MAX_BYTES, Columns, invalid, read_csv, read_json
@@ -61,6 +63,9 @@ def build_set(detection_id: UUID, wanted: BuildRequest, access: WriteAccess) -> 
     recording = access.find(Recording, detection.recording_id, "engineer")
     camera = find_camera(access.session, recording.id, wanted.camera)
     built = build(access.session, detection, camera, exclude_flagged=wanted.exclude_flagged)
+    # Its notes say what people answered.
+    others = answered_by_others(access.session, detection.id, camera.id, access.person.id)
+    keep(access.session, access.person.id, camera, others, "pairs")
     row = CorrespondenceSet(
         fleet_id=recording.fleet_id,
         vehicle_id=recording.vehicle_id,
@@ -172,7 +177,8 @@ def _found(set_id: UUID, request: Request, identity: CurrentIdentity, conditions
         assert row is without_pairs
         if row.source == "annotations":
             access.need(row.fleet_id, "reviewer")
-    conditions.offer(content_etag(row.content_hash))
+        conditions.offer(content_etag(row.content_hash))
+        tell_pairs(access, database, row, "pairs")
     return row
 
 
@@ -189,7 +195,7 @@ async def _place(
 async def read_set(request: Request, found: Annotated[CorrespondenceSet, Depends(_place)]) -> StreamingResponse:
     """A correspondence set with its pairs, in the form in which they are imported. [reviewer, if made of marks]
 
-    Who marks sees nothing of what others marked before an own answer.
+    What one answers afterwards on the vertices of such a set counts as reviewed.
     """
     database: Database = request.app.state.database
     columns = await run_in_threadpool(pairs_of, database, found.id)
@@ -199,8 +205,11 @@ async def read_set(request: Request, found: Annotated[CorrespondenceSet, Depends
 
 @router.get("/rigs/{rig_id}/correspondence-sets")
 def list_sets(rig_id: UUID, access: ReadAccess, window: Paging) -> Page[SetView]:
-    """A rig's correspondence sets, the last made first, without their pairs."""
+    """A rig's correspondence sets, the last made first, without their pairs; those made of marks for reviewers."""
     rig = access.find(Rig, rig_id)
     statement = summaries().where(CorrespondenceSet.rig_id == rig.id)
+    if rank(access.role(rig.fleet_id) or "") < rank("reviewer"):
+        # Their counts and notes say what people answered.
+        statement = statement.where(CorrespondenceSet.source == "import")
     rows, following = fetch(access.session, statement, CorrespondenceSet.id, window, newest_first=True)
     return Page(items=[set_view(row, flagged) for row, flagged in rows], next=following)

@@ -16,13 +16,15 @@ from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 
 
-def calibration_views(session: Session, rows: Sequence[Calibration]) -> list[CalibrationView]:
-    """Calibrations with their runs."""
+def calibration_views(
+    session: Session, rows: Sequence[Calibration], *, with_pairs: bool = False
+) -> list[CalibrationView]:
+    """Calibrations with their runs; ``with_pairs`` also with the vertices that two cameras put apart."""
     runs: dict[UUID, list[CalibrationRun]] = defaultdict(list)
     statement = select(CalibrationRun).order_by(CalibrationRun.camera, CalibrationRun.model, CalibrationRun.fold)
     for run in session.scalars(statement.where(CalibrationRun.calibration_id.in_([row.id for row in rows]))):
         runs[run.calibration_id].append(run)
-    return [_calibration_view(row, runs[row.id]) for row in rows]
+    return [_calibration_view(row, runs[row.id], with_pairs=with_pairs) for row in rows]
 
 
 def _best_loss(run: CalibrationRun) -> float | None:
@@ -31,7 +33,7 @@ def _best_loss(run: CalibrationRun) -> float | None:
     return float(loss) if isinstance(loss, int | float) and isfinite(loss) else None
 
 
-def _calibration_view(row: Calibration, runs: list[CalibrationRun]) -> CalibrationView:
+def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pairs: bool) -> CalibrationView:
     return CalibrationView(
         id=row.id,
         fleet_id=row.fleet_id,
@@ -54,10 +56,23 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun]) -> Calibrati
             )
             for run in runs
         ],
-        summary=row.summary,
+        summary=row.summary if with_pairs else _without_vertices(row.summary),
         created_at=row.created_at,
         finished_at=row.finished_at,
     )
+
+
+def vertices_apart(summary: Json | None) -> list[Json]:
+    """What the comparison of two cameras says of single vertices, a list for each two that share some."""
+    shared = [pair.get("shared") for pair in ((summary or {}).get("rig") or {}).get("pairs", [])]
+    return [one["odd"] for one in shared if one and one["odd"]]
+
+
+def _without_vertices(summary: Json | None) -> Json | None:
+    if summary is None or not vertices_apart(summary):
+        return summary
+    pairs = [pair | {"shared": pair["shared"] and pair["shared"] | {"odd": []}} for pair in summary["rig"]["pairs"]]
+    return summary | {"rig": summary["rig"] | {"pairs": pairs}}
 
 
 def _progress(row: Calibration, runs: Sequence[CalibrationRun]) -> ProgressView:
@@ -77,18 +92,20 @@ def result_document(
     pairs: CorrespondenceSet,
     against: list[str] | None,
     *,
-    with_marks: bool,
+    with_pairs: bool,
 ) -> Json:
     """The solver's whole document, which rows it belongs to, what speaks ``against`` publishing it, and where its
     outliers come from.
 
-    ``with_marks``: whether the reader may see where people clicked.
+    ``with_pairs``: whether the reader may know how far single marks lie from where their vertices project. With the
+    calibration beside it that is to know the marks.
     """
-    outliers: list[Json] = row.document.get("outliers", [])
+    document = row.document if with_pairs else _without_pairs(row.document)
+    outliers: list[Json] = document.get("outliers", [])
     # Of a fit without a block the indices are into what was left.
     if row.fold == FULL:
-        outliers = [one | {"pair": _origin(pairs, one["index"], with_marks=with_marks)} for one in outliers]
-    return row.document | {
+        outliers = [one | {"pair": _origin(pairs, one["index"])} for one in outliers]
+    return document | {
         "outliers": outliers,
         "objections": against,
         "recording_id": str(pairs.recording_id) if pairs.recording_id else None,
@@ -108,7 +125,16 @@ def result_document(
     }
 
 
-def _origin(pairs: CorrespondenceSet, index: int, *, with_marks: bool) -> Json:
+def _without_pairs(document: Json) -> Json:
+    """A result without what it says of single pairs; its numbers over all pairs stay."""
+    kept = {name: value for name, value in document.items() if name not in ("outliers", "residuals_px")}
+    if isinstance(document.get("heldout"), dict):
+        over_all = ("mean_px", "rms_px", "forbidden")
+        kept["heldout"] = {name: document["heldout"][name] for name in over_all if name in document["heldout"]}
+    return kept
+
+
+def _origin(pairs: CorrespondenceSet, index: int) -> Json:
     """What a set knows of one of its pairs: its stamp, sweep, camera frame or pose, and the mark."""
-    known = ("stamp_ns", "sweep_index", "frame_index", "group", *(("u", "v") if with_marks else ()))
+    known = ("stamp_ns", "sweep_index", "frame_index", "group", "u", "v")
     return {name: pairs.pairs[name][index] for name in known if name in pairs.pairs}

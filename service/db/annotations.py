@@ -5,14 +5,17 @@ from __future__ import annotations
 from datetime import datetime
 from uuid import UUID
 
-from sqlalchemy import Index, String, UniqueConstraint
+from sqlalchemy import Index, String, UniqueConstraint, false
 from sqlalchemy.orm import Mapped, mapped_column
 
 from service.db.base import Base, Created, Json, RowId, Version, belongs_to, partial_index
 
 
 class Mark(Base):
-    """Where a person sees the vertex in one frame of one camera. (0, 0) is the centre of the top-left pixel."""
+    """Where a person sees the vertex in one frame of one camera. (0, 0) is the centre of the top-left pixel.
+
+    ``reviewed``: it was placed here after something of others' answers had been told to the person.
+    """
 
     __tablename__ = "mark"
     __table_args__ = (
@@ -28,13 +31,14 @@ class Mark(Base):
     u: Mapped[float]
     v: Mapped[float]
     covariance: Mapped[Json | None]
+    reviewed: Mapped[bool] = mapped_column(insert_default=False, server_default=false())
     version: Mapped[Version]
     created_at: Mapped[Created]
     updated_at: Mapped[Created]
 
 
 class Verdict(Base):
-    """A person's word on a vertex of a sweep: confirmed, rejected or unsure."""
+    """A person's word on a vertex of a sweep: confirmed, rejected or unsure; ``reviewed`` as for a mark."""
 
     __tablename__ = "verdict"
     __table_args__ = (UniqueConstraint("apex_id", "person_id"),)
@@ -44,6 +48,7 @@ class Verdict(Base):
     apex_id: Mapped[UUID] = belongs_to("apex.id", index=False)
     person_id: Mapped[UUID] = belongs_to("person.id")
     verdict: Mapped[str] = mapped_column(String(20))
+    reviewed: Mapped[bool] = mapped_column(insert_default=False, server_default=false())
     version: Mapped[Version]
     created_at: Mapped[Created]
     updated_at: Mapped[Created]
@@ -63,6 +68,45 @@ class AnnotationRevision(Base):
     version: Mapped[int]
     value: Mapped[Json]
     created_at: Mapped[Created]
+
+
+class Answer(Base):
+    """An answer of a person on a vertex in one camera, or that they took it back: then it has no verdict.
+
+    The client makes the ``id``: an answer that is sent twice is one. ``version`` counts from 1 for each person, apex
+    and camera; the last one says what the person's mark and verdict are. Rows are never changed.
+    """
+
+    __tablename__ = "answer"
+    __table_args__ = (UniqueConstraint("person_id", "apex_id", "sensor_id", "version"),)
+
+    id: Mapped[RowId]
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    person_id: Mapped[UUID] = belongs_to("person.id", index=False)
+    apex_id: Mapped[UUID] = belongs_to("apex.id")
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id")
+    frame_index: Mapped[int]
+    version: Mapped[int]
+    verdict: Mapped[str | None] = mapped_column(String(20))
+    u: Mapped[float | None]
+    v: Mapped[float | None]
+    reviewed: Mapped[bool]
+    created_at: Mapped[Created]
+
+
+class Disclosure(Base):
+    """Something of others' answers on an apex in a camera was told to a person: where, and when first."""
+
+    __tablename__ = "disclosure"
+    __table_args__ = (UniqueConstraint("person_id", "sensor_id", "apex_id"),)
+
+    id: Mapped[RowId]
+    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    person_id: Mapped[UUID] = belongs_to("person.id", index=False)
+    apex_id: Mapped[UUID] = belongs_to("apex.id")
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id")
+    told_in: Mapped[str] = mapped_column(String(20))
+    told_at: Mapped[datetime]
 
 
 class MarkingTask(Base):

@@ -1,6 +1,6 @@
 """All tables in one place, for the code that asks and for migrations."""
 
-from service.db.annotations import AnnotationRevision, Mark, MarkingFrontier, MarkingTask, Verdict
+from service.db.annotations import AnnotationRevision, Answer, Disclosure, Mark, MarkingFrontier, MarkingTask, Verdict
 from service.db.base import Base
 from service.db.calibrations import (
     Calibration,
@@ -20,6 +20,7 @@ from service.db.studies import Study
 
 __all__ = [
     "AnnotationRevision",
+    "Answer",
     "Apex",
     "ApiToken",
     "Base",
@@ -31,6 +32,7 @@ __all__ = [
     "CameraFrame",
     "CorrespondenceSet",
     "Detection",
+    "Disclosure",
     "Fleet",
     "FleetRequest",
     "FleetRequestVehicle",

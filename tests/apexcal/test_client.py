@@ -204,8 +204,9 @@ def test_from_a_bag_to_a_published_calibration(owner, rig, simulated):
             u, v = pixels[task["frame"]["stamp_ns"]]
             bo.marking.answer(task["task_id"], "confirmed", u=u, v=v)
     progress = owner.marking.progress(detection["id"], "front")
-    assert progress["marks"] == progress["complete"] == progress["vertices"]
-    assert len(list(owner.marking.marks(detection["id"], "front"))) == progress["marks"]
+    tally = owner.marking.tally(detection["id"], "front")
+    assert tally["marks"] == progress["complete"] == progress["vertices"]
+    assert len(list(owner.marking.marks(detection["id"], "front"))) == tally["marks"]
     moved = owner.wait(
         owner.detections.create(
             recording["id"], KEEP, detector="tolerant", options=loose, max_gap_ns=20_000_000, mode="interpolate"

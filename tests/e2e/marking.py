@@ -21,7 +21,7 @@ class Marker:
         page.on("response", lambda response: self._responses.append(response))
 
     def open(self) -> None:
-        """Go to the recording and press its button."""
+        """Go to the recording and follow its link."""
         self.page.goto(f"{self.track.url}/recordings/{self.track.recording_id}")
         self._responses.clear()
         self.page.get_by_role("link", name="Mark", exact=True).click()
@@ -41,7 +41,7 @@ class Marker:
     @property
     def vertex(self) -> str:
         """The vertex that is shown."""
-        return self.tasks()[-1]["vertex"]["id"]
+        return self.page.locator(".stage").get_attribute("data-vertex") or ""
 
     def frame(self) -> Any:
         """The camera frame's element."""
@@ -61,6 +61,16 @@ class Marker:
         self.page.mouse.click(x, y)
         return self.pixel(x, y)
 
+    def reload(self) -> None:
+        """Load the page anew and wait until it takes an answer."""
+        self.page.reload()
+        self.frame().wait_for()
+        self.ready()
+
+    def shown(self) -> int:
+        """How many marks lie on the shown frame."""
+        return self.page.get_by_role("application").locator("svg g.ink").count()
+
     def save(self, key: str = "Enter") -> dict[str, Any]:
         """Press a key that answers; wait for the answer and for the next task. Returns the answer's body."""
         with self.page.expect_response("**/tasks/next"), self.page.expect_response("**/answer") as answered:
@@ -69,6 +79,14 @@ class Marker:
         assert answered.value.ok, body
         self.ready()
         return body
+
+    def undo(self) -> None:
+        """Take the last answer back."""
+        with self.page.expect_response("**/undo") as undone:
+            self.page.keyboard.press("z")
+        assert undone.value.ok, undone.value.json()
+        self.page.get_by_text("was taken back").wait_for()
+        self.ready()
 
     def ready(self) -> None:
         """Wait until the page takes an answer."""

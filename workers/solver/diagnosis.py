@@ -20,7 +20,6 @@ _STAGES_DIFFER: Final = 0.25
 _STAGES_DIFFER_PX: Final = 0.05
 _BASELINE_BETTER: Final = 1e-3
 _EXACT_PX: Final = 1e-4
-_LISTED: Final = 5
 _MANY: Final = 0.4
 # Share of the image's diagonal: no marking, and no lens model that is roughly right, leaves half of the pairs there.
 _UNEXPLAINED: Final = 0.015
@@ -84,15 +83,12 @@ def alarms(
 def _outlier_alarms(problem: FitProblem, outliers: list[Outlier], excluded: bool) -> list[str]:
     if not outliers:
         return []
-    listed = ", ".join(f"{one.index} ({one.residual_px:.1f} px)" for one in outliers[:_LISTED])
-    more = f" and {len(outliers) - _LISTED} more" if len(outliers) > _LISTED else ""
+    # How many and not which: alarms go to whoever may see the calibration, the outliers only to who may see marks.
+    pairs = "1 pair does" if len(outliers) == 1 else f"{len(outliers)} pairs do"
     what = (
         "were left out" if excluded else "are in the fit; to leave them out: outliers: exclude, or --outliers exclude"
     )
-    found = [
-        f"Pairs that do not belong, counted from 0: {listed}{more}. They {what}. "
-        "Check their marks and their frames' times."
-    ]
+    found = [f"{pairs} not belong; the outliers name them. They {what}. Check their marks and their frames' times."]
     if len(outliers) > _MANY * np.count_nonzero(problem.weights):
         found.append(
             f"{len(outliers)} of {np.count_nonzero(problem.weights)} pairs do not belong to the fit, too many to "

@@ -2,56 +2,78 @@
 
 import * as annotations from "./api/annotations.ts";
 import { vertices } from "./api/detections.ts";
-import { ApiProblem, asProblem } from "./api/http.ts";
+import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
+import * as people from "./api/people.ts";
 import { frameUrl } from "./api/recordings.ts";
 import type { MarkingProgress, MarkingTask, VerdictName } from "./api/types/annotations.ts";
+import type { Me } from "./api/types/people.ts";
 import type { Vertex } from "./api/types/detections.ts";
+import { keepDraft, shownMark } from "./drafts.ts";
+import type { KeptAnswer } from "./answers_kept.ts";
+import { History } from "./history.svelte.ts";
 import { loadImage, preload } from "./images.ts";
+import { outbox } from "./outbox.svelte.ts";
 import type { Pixel } from "./pixels.ts";
-
-interface Answered {
-  task: MarkingTask;
-  verdict: VerdictName;
-  mark: Pixel | null;
-  /** Distances of others' marks to the own one, shown only after the own answer. */
-  others: number[];
-}
+import { session } from "./session.svelte.ts";
 
 const AHEAD = 3;
 const RENEW_MS = 45_000;
 const AWAY_MS = 10 * 60_000;
+/** Nobody reacts to a new picture faster (simple visual reaction time): what comes before meant the one before it. */
+const REACTION_MS = 200;
 
 export class Marking {
   task = $state.raw<MarkingTask | null>(null);
   image = $state.raw<HTMLImageElement | null>(null);
   mark = $state.raw<Pixel | null>(null);
   progress = $state.raw<MarkingProgress | null>(null);
-  history = $state.raw<readonly Answered[]>([]);
   problem = $state.raw<ApiProblem | null>(null);
-  /** What to do, where a key did not fit: no problem of the service. */
+  /** What to do, where a key or a click was not used: no problem of the service. */
   advice = $state("");
   busy = $state(true);
   finished = $state(false);
+  /** The answer that must be sent, or decided on, before there is a next task. */
+  private waitsFor = $state.raw<KeptAnswer | null>(null);
+  /** The frame is so new that nobody can have meant it yet. */
+  private fresh = $state(false);
+  readonly history: History;
 
+  private readonly me: Me;
   private readonly recordingId: string;
   private readonly detectionId: string;
   private readonly camera: string;
   private order: readonly Vertex[] = [];
   private lastTouch = Date.now();
+  /** From when on, in time stamps of events, the shown frame was seen. */
+  private seenFrom = Infinity;
 
-  constructor(recordingId: string, detectionId: string, camera: string) {
+  constructor(me: Me, recordingId: string, detectionId: string, camera: string) {
+    this.me = me;
     this.recordingId = recordingId;
     this.detectionId = detectionId;
     this.camera = camera;
+    this.history = new History(`${me.id}.${detectionId}.${camera}`);
   }
 
-  get last(): Answered | undefined {
-    return this.history.at(-1);
+  /** An answer of this page is kept in the browser and not yet sent. */
+  get waiting(): boolean {
+    return this.waitsFor !== null;
+  }
+
+  /** Whether the shown vertex takes an answer now. */
+  get idle(): boolean {
+    return this.task !== null && !this.busy && !this.waiting && !this.fresh;
   }
 
   async start(): Promise<void> {
-    await this.guarded(() => this.advance(null));
-    await this.count();
+    await this.guarded(async () => {
+      await outbox.start();
+      // Until the service has these, it would hand out the very vertices that they answer.
+      const here = outbox.unsent.filter((one) => one.detectionId === this.detectionId && one.camera === this.camera);
+      this.waitsFor = here.at(-1) ?? null;
+      if (!this.waiting) await this.advance(null);
+    });
+    void this.count();
     try {
       this.order = await vertices(this.detectionId, this.camera);
       this.preloadAfter(this.task);
@@ -60,86 +82,178 @@ export class Marking {
     }
   }
 
-  /** Keeps the lease of the shown task while its person is there. Returns the end of it. */
+  /** Keeps the lease of the shown task while its person is there, and follows the outbox. Returns the end of it. */
   keep(): () => void {
     const timer = setInterval(() => {
       const away = Date.now() - this.lastTouch > AWAY_MS || document.visibilityState === "hidden";
-      if (this.task && !this.busy && !away) void annotations.nextTask(this.detectionId, this.camera, null).catch(() => null);
+      if (this.idle && !away) void annotations.nextTask(this.detectionId, this.camera, null).catch(() => null);
     }, RENEW_MS);
-    return () => clearInterval(timer);
+    const deaf = outbox.onChange(() => void this.settle());
+    return () => {
+      clearInterval(timer);
+      deaf();
+    };
   }
 
-  place(mark: Pixel | null): void {
+  /** Places or removes the mark. `at`: when the click or key began, as its event says. */
+  place(mark: Pixel | null, at: number): void {
     this.lastTouch = Date.now();
-    this.advice = "";
-    if (this.task && !this.busy) this.mark = mark;
+    const task = this.task;
+    if (!task || !this.takes(at)) return;
+    this.mark = mark;
+    const isKept = keepDraft(this.me.id, task, mark);
+    this.advice = isKept ? "" : "This browser cannot keep the mark: save it before you leave the page.";
   }
 
-  async answer(verdict: VerdictName): Promise<void> {
+  async answer(verdict: VerdictName, at: number): Promise<void> {
     const task = this.task;
+    if (!task || !this.takes(at)) return;
     const mark = verdict === "confirmed" ? this.mark : null;
-    if (!task || this.busy) return;
     if (verdict === "confirmed" && !mark) {
       this.advice = "Click the board's top vertex first, or press R where this is no vertex.";
       return;
     }
+    const { task_id: taskId, vertex, frame, own } = task;
     await this.guarded(async () => {
-      const answer = await annotations.answerTask(task.task_id, verdict, mark);
-      this.progress = answer.progress;
-      const others = mark ? answer.others.map((other) => Math.hypot(other.u - mark.u, other.v - mark.v)) : [];
-      this.history = [...this.history, { task, verdict, mark, others }];
-      await this.advance(null);
+      this.waitsFor = await outbox.add({
+        ...{ id: randomKey(), version: own.version, verdict, mark },
+        ...{ person: this.me.id, personName: this.me.name, detectionId: this.detectionId, camera: this.camera },
+        ...{ taskId, vertexId: vertex.id, frameIndex: frame.index },
+      });
+      // From here on it is no draft any more: the outbox has it.
+      keepDraft(this.me.id, task, null);
+      await outbox.send();
+      await this.goOn();
     });
   }
 
-  async skip(): Promise<void> {
+  async skip(at: number): Promise<void> {
     const task = this.task;
-    if (task && !this.busy) await this.guarded(() => this.advance(task.task_id));
+    if (task && this.takes(at)) await this.guarded(() => this.advance(task.task_id));
   }
 
-  /** Takes back the last thing done: a mark not yet saved, else the last answer, whose vertex is shown again. */
-  async undo(): Promise<void> {
-    if (this.busy) return;
-    if (this.mark && this.task) {
-      this.mark = null;
-      return;
-    }
-    const last = this.last;
+  /**
+   * Takes back the last thing done: an answer not yet sent, else a mark not yet saved, else the last answer, whose
+   * vertex is shown again.
+   */
+  async undo(at: number): Promise<void> {
+    if (this.waiting) return this.withdraw();
+    if (this.task && !this.takes(at)) return;
+    if (this.mark && this.task) return this.place(null, at);
+    const last = this.history.last;
     if (!last) {
       this.advice = "Nothing was answered on this page yet.";
       return;
     }
     await this.guarded(async () => {
-      await annotations.deleteVerdict(last.task.vertex.id);
-      if (last.mark) await annotations.deleteMark(this.recordingId, this.camera, last.task.frame.index);
-      this.history = this.history.slice(0, -1);
-      await this.show(last.task, last.mark);
+      const task = await annotations.undoAnswer(last.taskId, last.undoId, last.version);
+      this.history.pop();
+      await this.show(task);
+      this.advice = `Your answer "${last.verdict}" was taken back. Answer this vertex again.`;
     });
-    await this.count();
-    if (!this.problem) this.advice = `Your answer "${last.verdict}" was taken back. Answer this vertex again.`;
+    void this.count();
   }
 
-  /** Asks again after a problem. */
+  /** Goes on after a problem: with the vertex that is shown, else with the next one. */
   async again(): Promise<void> {
-    await this.guarded(() => this.advance(null));
+    await this.guarded(async () => {
+      if (!this.task && !this.waiting) await this.advance(null);
+    });
   }
 
-  /** Progress is told with every answer; without one, it is asked for. A failure costs only the number shown. */
+  /** Whether what the person did at this moment was meant for the vertex that is shown. Says so where it was not. */
+  private takes(at: number): boolean {
+    if (this.waiting) this.advice = "Your answer to this vertex is not with the service yet. Z takes it back.";
+    else if (this.busy) this.advice = "That came while your answer was on its way, and was not used.";
+    else if (at < this.seenFrom) this.advice = "That came as the frame changed, and was not used. Do it again.";
+    else return true;
+    return false;
+  }
+
+  /** Takes the answer that waits out of the outbox, unless it has left meanwhile. Its vertex is answered anew. */
+  private async withdraw(): Promise<void> {
+    const waiting = this.waitsFor;
+    if (!waiting || this.busy) return;
+    await this.guarded(async () => {
+      if (!(await outbox.drop(waiting.order))) return;
+      this.waitsFor = null;
+      if (this.task) keepDraft(this.me.id, this.task, this.mark);
+      else await this.advance(null);
+    });
+  }
+
+  /** Goes on as soon as the answer that was waited for is sent, or given up. */
+  private async settle(): Promise<void> {
+    if (!this.waitsFor || this.busy) return;
+    // It may be sent again in place of another version.
+    const kept = outbox.find(this.waitsFor.order);
+    if (kept) this.waitsFor = kept;
+    else await this.guarded(() => this.goOn());
+  }
+
+  /** The next task, if the answer of the shown one has left the outbox. */
+  private async goOn(): Promise<void> {
+    const sent = this.waitsFor;
+    if (!sent || outbox.find(sent.order)) return;
+    this.waitsFor = null;
+    if (!outbox.wasDropped(sent.order)) this.history.push(sent);
+    try {
+      await this.advance(null);
+    } catch (error) {
+      // The vertex is answered: it must not take another answer.
+      this.clear();
+      throw error;
+    } finally {
+      void this.count();
+    }
+  }
+
+  /** Progress costs only the number shown, so nobody waits for it. */
   private async count(): Promise<void> {
     this.progress = await annotations.progress(this.detectionId, this.camera).catch(() => this.progress);
   }
 
   private async advance(skip: string | null): Promise<void> {
     const task = await annotations.nextTask(this.detectionId, this.camera, skip);
-    await this.show(task, task?.own?.mark ?? null);
+    if (task && task.person_id !== this.me.id) {
+      // Another tab has signed in as somebody else: from here on this page is theirs too.
+      session.enter(await people.me());
+      return;
+    }
+    await this.show(task);
     this.preloadAfter(task);
   }
 
-  private async show(task: MarkingTask | null, mark: Pixel | null): Promise<void> {
-    this.image = task ? await loadImage(task.frame.url) : null;
+  private async show(task: MarkingTask | null): Promise<void> {
+    if (!task) {
+      this.clear();
+      this.finished = true;
+      return;
+    }
+    const image = await loadImage(task.frame.url);
+    const mark = shownMark(this.me.id, task);
+    this.seenFrom = Infinity;
+    this.fresh = true;
+    this.finished = false;
+    this.image = image;
     this.task = task;
     this.mark = mark;
-    this.finished = task === null;
+    if (mark) this.advice = "Your mark from before is shown again. Enter saves it.";
+    void this.watch(task);
+  }
+
+  /** Waits until the frame is on the screen and could have been seen. */
+  private async watch(task: MarkingTask): Promise<void> {
+    await painted();
+    if (this.task !== task) return;
+    this.seenFrom = performance.now() + REACTION_MS;
+    setTimeout(() => {
+      if (this.task === task) this.fresh = false;
+    }, REACTION_MS);
+  }
+
+  private clear(): void {
+    this.task = this.image = this.mark = null;
   }
 
   /** Vertices are handed out in this order, so the next ones' frames are wanted soon. */
@@ -163,6 +277,13 @@ export class Marking {
       this.problem = asProblem(error);
     } finally {
       this.busy = false;
+      // What came while this was busy.
+      void this.settle();
     }
   }
+}
+
+/** The next frame that the browser has drawn. */
+function painted(): Promise<void> {
+  return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())));
 }

@@ -116,3 +116,13 @@ def test_the_median_moves_with_the_marks(points, du, dv):
     moved = geometric_median([(u + du, v + dv) for u, v in points])
     shifted = [(u + du, v + dv) for u, v in points]
     assert total(moved, shifted) == pytest.approx(total(found, points), rel=1e-9, abs=1e-9)
+
+
+def test_a_reviewed_answer_counts_but_is_not_independent():
+    seen = Opinion("confirmed", (14.0, 20.0), reviewed=True)
+    found = agree([confirmed(10.0, 20.0), seen])
+    assert found.pixel == (12.0, 20.0)
+    assert (found.marks, found.reviewed, found.spread_px) == (1, 1, 0.0)
+    alone = agree([seen])
+    assert (alone.outcome, alone.pixel, alone.marks, alone.spread_px) == (Outcome.KEPT, (14.0, 20.0), 0, 0.0)
+    assert agree([confirmed(1.0, 1.0), Opinion("rejected", reviewed=True)]).outcome is Outcome.TIED

@@ -1,8 +1,10 @@
-"""Marks and verdicts by their own addresses, with the conditions that keep two tabs from overwriting each other."""
+"""Marks by their own addresses, with the conditions that keep two programs from overwriting each other."""
+
+from uuid import uuid4
 
 import pytest
 
-from service.db.annotations import AnnotationRevision, Mark
+from service.annotations.answers import MOST_ANSWERS
 from tests.service.detections.seeding import seed_marking
 
 
@@ -50,52 +52,30 @@ def test_a_correction_of_a_mark_that_is_gone_is_a_conflict(seed, annotator):
     assert (answer.status_code, answer.json()["code"]) == (412, "version_conflict")
 
 
-def test_a_mark_taken_back_is_gone_but_stays_in_the_history(api, seed, annotator):
-    annotator.put(address(seed), json={"u": 1.5, "v": 2.5})
-    assert annotator.delete(address(seed), headers={"If-Match": '"v9"'}).status_code == 412
-    assert annotator.delete(address(seed)).status_code == 204
-    assert annotator.delete(address(seed)).status_code == 204
-    assert annotator.get(address(seed)).json()["code"] == "not_marked"
-    with api.database.reading() as session:
-        assert session.query(Mark).count() == 0
-        kept = [row.value for row in session.query(AnnotationRevision).order_by(AnnotationRevision.version)]
-    assert kept[0]["u"] == 1.5
-    assert kept[1] == {"taken_back": True}
+def test_a_mark_alone_is_no_answer(seed, annotator):
+    annotator.put(address(seed), json={"u": 1.0, "v": 1.0})
+    progress = annotator.get(f"/detections/{seed.detection_id}/progress?camera=front").json()
+    assert (progress["answered"], progress["mine"]) == (0, 0)
+    task = annotator.post(f"/detections/{seed.detection_id}/tasks/next", {"camera": "front"}).json()
+    assert task["own"] == {"version": 0, "mark": {"u": 1.0, "v": 1.0}, "verdict": None}
 
 
-def test_a_verdict_with_its_mark_is_an_answer_and_without_is_none(seed, annotator):
-    progress = f"/detections/{seed.detection_id}/progress?camera=front"
-    said = annotator.put(f"/vertices/{seed.vertices[2]}/verdict", json={"verdict": "confirmed"})
-    assert said.json() == {"vertex_id": str(seed.vertices[2]), "verdict": "confirmed", "version": 1}
-    assert annotator.get(progress).json()["answered"] == 0
-    annotator.put(address(seed, 2), json={"u": 1.0, "v": 1.0})
-    assert annotator.get(progress).json()["answered"] == 1
-    annotator.delete(address(seed, 2))
-    assert annotator.get(progress).json()["answered"] == 0
-    changed = annotator.put(
-        f"/vertices/{seed.vertices[2]}/verdict", json={"verdict": "rejected"}, headers={"If-Match": '"v1"'}
-    )
-    assert changed.json()["version"] == 2
-    assert annotator.get(progress).json()["rejected"] == 1
-    stale = annotator.put(
-        f"/vertices/{seed.vertices[2]}/verdict", json={"verdict": "unsure"}, headers={"If-Match": '"v1"'}
-    )
-    assert stale.status_code == 412
-    assert annotator.delete(f"/vertices/{seed.vertices[2]}/verdict").status_code == 204
-    assert annotator.get(progress).json()["answered"] == 0
+def test_the_mark_of_an_answered_vertex_changes_with_its_answer_only(seed, annotator):
+    task = annotator.post(f"/detections/{seed.detection_id}/tasks/next", {"camera": "front"}).json()
+    said = {"id": str(uuid4()), "version": 0, "verdict": "confirmed", "mark": {"u": 1.0, "v": 1.0}}
+    assert annotator.post(f"/tasks/{task['task_id']}/answer", said).status_code == 200
+    moved = annotator.put(address(seed), json={"u": 9.0, "v": 9.0}, headers={"If-Match": '"v1"'})
+    assert (moved.status_code, moved.json()["code"]) == (409, "answered")
+    assert annotator.get(address(seed)).json() == {"u": 1.0, "v": 1.0, "version": 1}
 
 
-def test_an_answer_taken_back_is_handed_out_again(seed, annotator):
-    tasks = f"/detections/{seed.detection_id}/tasks/next"
-    task = annotator.post(tasks, {"camera": "front"}).json()
-    annotator.post(f"/tasks/{task['task_id']}/answer", {"verdict": "confirmed", "mark": {"u": 1, "v": 1}})
-    annotator.delete(address(seed, 0))
-    given = []
-    while (answer := annotator.post(tasks, {"camera": "front"})).status_code == 200:
-        given.append(answer.json()["vertex"]["id"])
-        annotator.post(f"/tasks/{answer.json()['task_id']}/answer", {"verdict": "unsure"})
-    assert sorted(given) == sorted(str(one) for one in seed.vertices)
-    assert given[-1] == task["vertex"]["id"]
+def test_a_mark_is_moved_a_few_times_and_then_stays(seed, annotator):
+    annotator.put(address(seed), json={"u": 0.0, "v": 0.0})
+    for version in range(1, MOST_ANSWERS):
+        etag = {"If-Match": f'"v{version}"'}
+        assert annotator.put(address(seed), json={"u": version, "v": 0.0}, headers=etag).status_code == 200
+    last = annotator.put(address(seed), json={"u": 99.0, "v": 0.0}, headers={"If-Match": f'"v{MOST_ANSWERS}"'})
+    assert (last.status_code, last.json()["code"]) == (409, "answered_too_often")
 
 
 def test_bad_addresses_say_what_there_is(seed, annotator):
@@ -117,4 +97,3 @@ def test_a_person_edits_only_their_own(api, fleet, seed, annotator):
     assert api.member(fleet, "viewer").put(address(seed), json={"u": 1, "v": 1}).status_code == 403
     outsider = api.member(api.fleet(), "admin")
     assert outsider.put(address(seed), json={"u": 1, "v": 1}).status_code == 404
-    assert outsider.put(f"/vertices/{seed.vertices[0]}/verdict", json={"verdict": "unsure"}).status_code == 404

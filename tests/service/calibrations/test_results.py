@@ -125,17 +125,25 @@ def test_a_result_is_the_whole_document_with_its_ids(api, fleet, rig):
 
 
 @pytest.mark.parametrize(("source", "seen"), [("annotations", False), ("import", True)])
-def test_an_outlier_says_where_it_comes_from_and_marks_are_for_reviewers(api, fleet, rig, source, seen):
+def test_single_pairs_of_marks_are_for_reviewers(api, fleet, rig, source, seen):
     _, (full, held) = seed_results(api, rig)
     columns = {"stamp_ns": [5, 6], "frame_index": [8, 9], "u": [1.5, 2.5], "v": [3.5, 4.5], "x": [0.0, 0.0]}
     outlier = {"index": 1, "residual_px": 30.0, "score": 9.0, "reason": "30 px right.", "excluded": False}
+    heldout = {"mean_px": 1.0, "rms_px": 1.0, "max_px": 31.5, "errors_px": [31.5], "forbidden": 0, "indices": [1]}
+    single = {"residuals_px": [1.0, 30.5], "heldout": heldout, "outliers": [outlier]}
     with api.database.writing() as session:
         session.execute(update(CorrespondenceSet).values(pairs=columns, source=source))
-        session.execute(update(Result).values(document=DOCUMENT | {"outliers": [outlier]}))
-    place, mark = {"stamp_ns": 6, "frame_index": 9}, {"u": 2.5, "v": 4.5}
-    for role, marks in (("viewer", seen), ("reviewer", True)):
-        (one,) = api.member(fleet, role).get(f"/results/{full}").json()["outliers"]
-        assert one == outlier | {"pair": place | (mark if marks else {})}
+        session.execute(update(Result).values(document=DOCUMENT | single))
+    place = {"stamp_ns": 6, "frame_index": 9, "u": 2.5, "v": 4.5}
+    for role, sees in (("viewer", seen), ("annotator", seen), ("reviewer", True)):
+        read = api.member(fleet, role).get(f"/results/{full}")
+        if sees:
+            assert read.json()["outliers"] == [outlier | {"pair": place}]
+            assert read.json()["residuals_px"] == [1.0, 30.5]
+        else:
+            assert read.json()["outliers"] == []
+            assert not [text for text in ("30", "31.5", "errors_px") if text in read.text.replace(str(full), "")]
+            assert read.json()["heldout"] == {"mean_px": 1.0, "rms_px": 1.0, "forbidden": 0}
     of_fold = api.member(fleet, "reviewer").get(f"/results/{held}").json()
     assert of_fold["outliers"] == [outlier], "its indices are into what the fold left"
     assert of_fold["recording_id"] is None

@@ -1,0 +1,236 @@
+"""No placed or saved mark is lost or replaced in silence: offline, reload, Back, undo, tabs, other people."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.e2e.conftest import Track
+from tests.e2e.marking import Marker
+from tests.e2e.test_marking import ask_marks
+
+SignIn = Callable[[str, str], Page]
+
+SHOWS_ANOTHER = "vertex => document.querySelector('.stage')?.dataset.vertex !== vertex"
+
+
+@pytest.fixture(autouse=True)
+def everybody_gets_every_vertex(track: Track) -> None:
+    """So that no test takes another one's vertices away."""
+    ask_marks(track, 50)
+
+
+def marker(sign_in: SignIn, track: Track, name: str) -> Marker:
+    person = Marker(sign_in(name, "annotator"), track)
+    person.open()
+    return person
+
+
+def wait_for_mark(person: Marker, vertex: str, pixel: tuple[float, float]) -> dict[str, Any]:
+    """The stored mark of a vertex, which is the one that was placed."""
+    for _ in range(100):
+        if vertex in person.own_marks():
+            break
+        person.page.wait_for_timeout(100)
+    mark = person.own_marks()[vertex]["mark"]
+    assert (mark["u"], mark["v"]) == pytest.approx(pixel, abs=0.51)
+    return mark
+
+
+def test_an_answer_given_offline_is_kept_and_sent(sign_in: SignIn, track: Track) -> None:
+    hana = marker(sign_in, track, "Hana")
+    vertex, placed = hana.vertex, hana.click(0.3, 0.4)
+    hana.page.context.set_offline(True)
+    hana.page.keyboard.press("Enter")
+    expect(hana.page.get_by_test_id("unsent")).to_contain_text("1 answer waits to be sent")
+    hana.page.mouse.click(400, 400)
+    expect(hana.page.get_by_text("not with the service yet")).to_be_visible()
+    assert (hana.vertex, hana.shown()) == (vertex, 1)
+    hana.page.context.set_offline(False)
+    wait_for_mark(hana, vertex, placed)
+    hana.ready()
+    assert hana.vertex != vertex
+    expect(hana.page.get_by_test_id("unsent")).to_have_count(0)
+
+
+def test_an_answer_that_waits_survives_the_page_and_is_sent_once(sign_in: SignIn, track: Track) -> None:
+    ivo = marker(sign_in, track, "Ivo")
+    vertex, placed = ivo.vertex, ivo.click(0.3, 0.4)
+
+    def lose_the_answer(route: Any) -> None:
+        route.fetch()  # the service has it, and the browser does not know
+        route.abort()
+
+    ivo.page.route("**/answer", lose_the_answer)
+    ivo.page.keyboard.press("Enter")
+    ivo.page.get_by_test_id("unsent").wait_for()
+    context = ivo.page.context
+    ivo.page.close()
+    again = Marker(context.new_page(), track)
+    again.open()
+    assert again.vertex != vertex
+    assert wait_for_mark(again, vertex, placed)["version"] == 1
+    expect(again.page.get_by_test_id("unsent")).to_have_count(0)
+
+
+def test_an_answer_that_waits_is_taken_back_before_it_is_sent(sign_in: SignIn, track: Track) -> None:
+    jo = marker(sign_in, track, "Jo")
+    vertex = jo.vertex
+    jo.click(0.3, 0.4)
+    jo.page.context.set_offline(True)
+    jo.page.keyboard.press("Enter")
+    jo.page.get_by_test_id("unsent").wait_for()
+    jo.page.keyboard.press("z")
+    jo.ready()
+    assert (jo.vertex, jo.shown()) == (vertex, 1)
+    jo.page.context.set_offline(False)
+    placed = jo.click(0.6, 0.5)
+    jo.save()
+    wait_for_mark(jo, vertex, placed)
+
+
+def test_a_placed_mark_survives_reload_and_back(sign_in: SignIn, track: Track) -> None:
+    kai = marker(sign_in, track, "Kai")
+    vertex, placed = kai.vertex, kai.click(0.3, 0.4)
+    kai.reload()
+    assert (kai.vertex, kai.shown()) == (vertex, 1)
+    kai.page.go_back()
+    kai.page.get_by_role("link", name="Mark", exact=True).wait_for()
+    kai.page.go_forward()
+    kai.frame().wait_for()
+    kai.ready()
+    assert (kai.vertex, kai.shown()) == (vertex, 1)
+    kai.save()
+    wait_for_mark(kai, vertex, placed)
+
+
+def test_undo_and_reload_show_the_mark_and_undo_works_after_a_reload(sign_in: SignIn, track: Track) -> None:
+    lea = marker(sign_in, track, "Lea")
+    vertex, placed = lea.vertex, lea.click(0.3, 0.4)
+    lea.save()
+    lea.reload()
+    lea.undo()
+    assert (lea.vertex, lea.shown()) == (vertex, 1)
+    lea.reload()
+    assert (lea.vertex, lea.shown()) == (vertex, 1)
+    assert lea.own_marks() == {}
+    lea.save()
+    wait_for_mark(lea, vertex, placed)
+
+
+@pytest.mark.parametrize(
+    ("name", "choice", "first_stays"), [("Mia", "The saved one", True), ("Nils", "This one", False)]
+)
+def test_two_tabs_of_one_person_ask_which_answer_holds(
+    sign_in: SignIn, track: Track, name: str, choice: str, first_stays: bool
+) -> None:
+    here = marker(sign_in, track, name)
+    there = Marker(here.page.context.new_page(), track)
+    there.open()
+    vertex = here.vertex
+    assert there.vertex == vertex
+    first, second = here.click(0.3, 0.4), there.click(0.6, 0.6)
+    here.save()
+    there.page.keyboard.press("Enter")
+    asked = there.page.get_by_test_id("refused")
+    expect(asked).to_contain_text(f"{first[0]:.1f}")
+    expect(asked).to_contain_text(f"{second[0]:.1f}")
+    wait_for_mark(here, vertex, first)
+    asked.get_by_role("button", name=choice).click()
+    there.page.wait_for_function(SHOWS_ANOTHER, arg=vertex)
+    there.ready()
+    wait_for_mark(there, vertex, first if first_stays else second)
+    assert there.page.get_by_test_id("refused").count() == 0
+
+
+def test_a_click_right_after_enter_never_lands_on_the_next_vertex(sign_in: SignIn, track: Track) -> None:
+    otto = marker(sign_in, track, "Otto")
+    for pause in (0, 50, 100, 150):
+        vertex, placed = otto.vertex, otto.click(0.3, 0.4)
+        # Within the page, so that the pause is the one that is meant.
+        otto.page.evaluate(CLICK_AFTER_ENTER, pause)
+        otto.page.wait_for_function(
+            "vertex => document.querySelector('.stage')?.dataset.vertex !== vertex", arg=vertex
+        )
+        otto.ready()
+        wait_for_mark(otto, vertex, placed)
+        assert otto.shown() == 0
+        expect(otto.page.get_by_text("was not used")).to_be_visible()
+
+
+CLICK_AFTER_ENTER = """async (pause) => {
+  const frame = document.querySelector('[role=application]');
+  const seen = document.querySelector('.stage').dataset.vertex;
+  const changed = new Promise((done) => new MutationObserver(done).observe(
+    document.querySelector('.stage'), { attributes: true, attributeFilter: ['data-vertex'] }));
+  window.dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter' }));
+  await changed;
+  await new Promise((done) => setTimeout(done, pause));
+  const box = document.querySelector('[role=application]').getBoundingClientRect();
+  const at = { bubbles: true, button: 0, pointerId: 1, clientX: box.x + 300, clientY: box.y + 300 };
+  const target = document.querySelector('[role=application]');
+  target.setPointerCapture = () => undefined;
+  target.dispatchEvent(new PointerEvent('pointerdown', at));
+  target.dispatchEvent(new PointerEvent('pointerup', at));
+}"""
+
+
+def test_answers_are_never_sent_as_somebody_else(sign_in: SignIn, track: Track) -> None:
+    pia = marker(sign_in, track, "Pia")
+    vertex, placed = pia.vertex, pia.click(0.3, 0.4)
+    context = pia.page.context
+    context.route("**/answer", lambda route: route.abort())
+    pia.page.keyboard.press("Enter")
+    pia.page.get_by_test_id("unsent").wait_for()
+    pias = context.cookies()
+    context.clear_cookies()
+    other = context.new_page()
+    other.goto(track.owner.fleets.invite(track.fleet_id, "Quin", "annotator")["link"])
+    other.get_by_role("button", name="Sign in").click()
+    other.get_by_role("link", name="Van 7").wait_for()
+    context.unroute("**/answer")
+    # Pia's page sends now, with the cookie that has become Quin's.
+    pia.page.get_by_test_id("unsent").get_by_role("button").click()
+    for page in (pia.page, other):
+        expect(page.get_by_test_id("of-others")).to_contain_text("until Pia signs in again")
+        expect(page.get_by_text("Quin", exact=True)).to_be_visible()
+    quins = Marker(other, track)
+    assert quins.own_marks() == {}
+    context.clear_cookies()
+    context.add_cookies([{**cookie} for cookie in pias])  # pyright: ignore[reportArgumentType] - what it gave
+    quins.page.goto(track.url)
+    wait_for_mark(quins, vertex, placed)
+
+
+def test_a_page_whose_browser_became_somebody_elses_is_theirs_from_then_on(sign_in: SignIn, track: Track) -> None:
+    uma = marker(sign_in, track, "Uma")
+    context = uma.page.context
+    umas = context.cookies()
+    context.clear_cookies()
+    other = context.new_page()
+    other.goto(track.owner.fleets.invite(track.fleet_id, "Vic", "annotator")["link"])
+    other.get_by_role("button", name="Sign in").click()
+    other.get_by_role("link", name="Van 7").wait_for()
+    uma.page.keyboard.press("s")
+    expect(uma.page.get_by_text("Vic", exact=True)).to_be_visible()
+    uma.ready()
+    assert umas
+    uma.save("r")
+    assert [item["person"] for item in uma.own_marks().values()] == ["Vic"]
+
+
+def test_what_the_service_does_not_take_is_shown_and_kept(sign_in: SignIn, track: Track) -> None:
+    rosa = marker(sign_in, track, "Rosa")
+    vertex, placed = rosa.vertex, rosa.click(0.3, 0.4)
+    me = rosa.page.request.get(f"{track.url}/v1/me").json()["id"]
+    track.owner.fleets.set_role(track.fleet_id, me, "viewer")
+    rosa.page.keyboard.press("Enter")
+    refused = rosa.page.get_by_test_id("refused")
+    expect(refused).to_contain_text("This takes the role annotator")
+    expect(refused).to_contain_text(f"{placed[0]:.1f}")
+    rosa.page.reload()
+    expect(refused).to_contain_text(f"{placed[0]:.1f}")
+    assert vertex not in rosa.own_marks()
+    refused.get_by_role("button", name="Give it up").click()
+    expect(refused).to_have_count(0)
