@@ -146,7 +146,11 @@ export class Marking {
       return;
     }
     await this.guarded(async () => {
-      const task = await annotations.undoAnswer(last.taskId, last.undoId, last.version);
+      const task = await annotations.undoAnswer(last.taskId, last.undoId, last.version).catch((error: unknown) => {
+        // It was changed elsewhere, or is gone: the next undo is of the answer before it.
+        if (error instanceof ApiProblem && [404, 409].includes(error.status)) this.history.pop();
+        throw error;
+      });
       this.history.pop();
       await this.show(task);
       this.advice = `Your answer "${last.verdict}" was taken back. Answer this vertex again.`;
