@@ -11,10 +11,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from service.http.schemas import Name, Received
+from service.http.schemas import Magnitude, Name, Received
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Vector = tuple[Number, Number, Number]
+Vector = tuple[Magnitude, Magnitude, Magnitude]
 
 # Published matrices carry four to six digits.
 _ORTHONORMAL_TO = 1e-3
@@ -48,7 +47,7 @@ class Matrix(Received):
 class Quaternion(Received):
     """Scalar last."""
 
-    quaternion_xyzw: tuple[Number, Number, Number, Number]
+    quaternion_xyzw: tuple[Magnitude, Magnitude, Magnitude, Magnitude]
 
     @model_validator(mode="after")
     def _has_unit_length(self) -> Quaternion:

@@ -1,0 +1,133 @@
+"""Whatever the API's own description allows, and forbids, is answered: Schemathesis asks, and no answer is a 5xx."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+from uuid import UUID
+
+import pytest
+from sqlalchemy import select
+
+from service.db.models import Sensor, VertexFrame
+from service.settings import Settings
+from tests.faults.jobs import pairs
+from tests.service.auth.test_every_route import address, fill
+from tests.service.fleet_requests.conftest import QUICK
+from tests.support.databases import one_database
+from tests.support.people import Actor, Api
+from tests.support.uploads import new_vehicle
+from tests.support.work import work
+from workers.tasks.context import Context
+
+TOOL = str(Path(sys.executable).with_name("schemathesis"))
+# A stream that never ends, and what answers 503 while no worker runs.
+LEFT_OUT = "/events$|^/readyz$"
+
+
+class Asked(NamedTuple):
+    """What came of a run: requests sent, how many were answered with 2xx, and each answer of 500 and above."""
+
+    requests: int
+    accepted: int
+    failures: list[str]
+
+
+@pytest.fixture
+def context(settings: Settings) -> Iterator[Context]:
+    made = Context(settings)
+    yield made
+    made.database.close()
+
+
+def rows_of(api: Api, fleet: Any, engineer: Actor, context: Context) -> dict[str, str]:
+    """Ids of rows of every kind; the calibration, its result and its publication are real ones."""
+    with api.database.writing() as session:
+        rows = fill(session, fleet)
+        sensor = session.scalars(select(Sensor.id)).one()
+        session.add(VertexFrame(vertex_id=UUID(rows["vertices"]), sensor_id=sensor, frame_index=0, gap_ns=0))
+    van = new_vehicle(engineer, fleet, "calibrated")
+    brought = engineer.post(
+        f"/rigs/{van['rig']}/correspondence-sets", {"pairs": pairs(40, 1)}, params={"camera": "front"}
+    ).json()
+    body = {"vehicles": {"name": "calibrated"}, "calibration": QUICK}
+    request = engineer.post(f"/fleets/{fleet}/fleet-requests", body).json()
+    work(context)
+    (calibration,) = engineer.get(f"/vehicles/{van['vehicle']}/calibrations").json()["items"]
+    result = calibration["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"]
+    assert engineer.post(f"/results/{result}/publication").status_code == 201
+    real = {"vehicles": van["vehicle"], "rigs": van["rig"], "correspondence-sets": brought["id"], "results": result}
+    return rows | real | {"calibrations": calibration["id"], "fleet-requests": request["id"]}
+
+
+def ids(api: Api, rows: dict[str, str]) -> str:
+    """A configuration that puts rows which exist into the paths."""
+    lines: list[str] = []
+    for path in api.app.openapi()["paths"]:
+        if "{" not in path:
+            continue
+        parts = zip(path.split("/"), address(path, rows).split("/"), strict=True)
+        lines += ["[[operations]]", f'include-path = "{path}"', "[operations.parameters]"]
+        lines += [f'"path.{name[1:-1]}" = "{value}"' for name, value in parts if name.startswith("{")]
+    return "\n".join(lines)
+
+
+def ask(url: str, actor: Actor, folder: Path, config: str, *more: str) -> Asked:
+    """Run Schemathesis, always with the same seed."""
+    folder.mkdir()
+    (folder / "schemathesis.toml").write_text(config)
+    report = folder / "report.ndjson"
+    command = [
+        *(TOOL, "--config-file", str(folder / "schemathesis.toml"), "run", f"{url}/v1/openapi.json"),
+        *("--header", f"Authorization: Bearer {actor.token}", "--checks", "not_a_server_error"),
+        *("--exclude-path-regex", LEFT_OUT, "--seed", "7", "--generation-database", "none", "--warnings", "off"),
+        *("--continue-on-failure", "--no-shrink", "--request-timeout", "60", "--suppress-health-check", "all"),
+        *("--report", "ndjson", "--report-ndjson-path", str(report), *more),
+    ]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=1700)
+    assert done.returncode in (0, 1) and report.exists(), done.stdout + done.stderr
+    answers = [answer for line in report.read_text().splitlines() for answer in answers_in(json.loads(line))]
+    assert done.returncode == 0 or any(status >= 500 for _, status in answers), done.stdout
+    failures = [f"{status} {what}" for what, status in answers if status >= 500]
+    return Asked(len(answers), sum(200 <= status < 300 for _, status in answers), failures)
+
+
+def answers_in(event: dict[str, Any]) -> Iterator[tuple[str, int]]:
+    """What was asked and the status of its answer, of everything that an event of the report holds."""
+    for scenario in event.values():
+        recorder = scenario.get("recorder") or {}
+        for id, sent in recorder.get("interactions", {}).items():
+            case = recorder["cases"][id]["value"]
+            assert sent["response"] is not None, f"no answer: {case}"
+            yield f"{case['method']} {case['path']} {case.get('body')!r:.300}", sent["response"]["status_code"]
+
+
+@one_database
+def test_a_quick_look_finds_no_failure(served: tuple[Api, str], context: Context, tmp_path: Path) -> None:
+    api, url = served
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    config = ids(api, rows_of(api, fleet, engineer, context))
+    asked = ask(
+        *(url, engineer, tmp_path / "quick", config, "--exclude-method", "DELETE"),
+        *("--phases", "fuzzing", "--max-examples", "2"),
+    )
+    assert asked.failures == []
+    assert asked.requests > 100 and asked.accepted > 20
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_a_long_look_finds_no_failure(served: tuple[Api, str], context: Context, tmp_path: Path) -> None:
+    api, url = served
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    config = ids(api, rows_of(api, fleet, engineer, context))
+    kept = ("--exclude-method", "DELETE", "--phases", "coverage,fuzzing", "--max-examples", "30")
+    known = ask(url, engineer, tmp_path / "known", config, *kept)
+    found = ask(url, engineer, tmp_path / "found", "", "--phases", "fuzzing,stateful", "--max-examples", "15")
+    print(f"rows that exist: {known[:2]}; rows that it finds itself: {found[:2]}")
+    assert known.failures + found.failures == []
+    assert known.requests > 4000 and found.requests > 1000 and known.accepted > 200
