@@ -159,6 +159,21 @@ def test_what_a_person_should_look_at_first_does_not_publish_itself(database, mo
     assert len(front["not_published"]) == 1 and says in front["not_published"][0]
 
 
+def test_what_speaks_against_each_result_is_kept_also_where_nobody_asked_to_publish(database):
+    calibration_id, runs = two_models(database)
+    with database.writing() as session:
+        session.get_one(Calibration, calibration_id).publish = "none"
+    end_model(database, runs["pinhole"], 5.0, "pinhole")
+    end_model(database, runs["brown_conrady"], 1.0, "brown_conrady", at_bounds=["k1"])
+    _, summary, published = ended(database, calibration_id)
+    front = summary["cameras"]["front"]
+    assert published == [] and "not_published" not in front
+    (edge,) = front["models"]["brown_conrady"]["objections"]
+    (other,) = front["models"]["pinhole"]["objections"]
+    assert edge == "brown_conrady lies on the edge of its bounds (k1): widen them, or lock what is known."
+    assert other.startswith("brown_conrady is recommended, not pinhole. brown_conrady has the lowest mean error")
+
+
 def test_what_fits_far_better_than_it_foretells_does_not_publish_itself(database):
     calibration_id, runs = two_models(database)
     end_model(database, runs["pinhole"], 5.0, "pinhole")
