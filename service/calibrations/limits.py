@@ -13,8 +13,8 @@ from service.settings import get_settings
 # A worker may be so many times slower than the machine that the costs were measured on, or so busy.
 SLOWER = 4.0
 # Rows that a calibration's slots leave: 465 bytes each, and 14 s a million when they are summed up at the end, in
-# which SQLite lets nobody else write (a busy 2-core machine). Sixteen cameras, three models and five folds come to 69,120
-# with the default schedule at most.
+# which SQLite lets nobody else write (a busy 2-core machine). Sixteen cameras, three models and five folds come to
+# 69,120 with the default schedule at most.
 MOST_SLOTS = 200_000
 # Pairs over all runs of a calibration. Each leaves a residual in its run's result, all of which are read at the end:
 # 21 bytes and 2 s a million. The most pairs that a set may have, three models and five folds come to 1.8 million.
