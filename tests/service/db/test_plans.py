@@ -37,7 +37,7 @@ class Most(NamedTuple):
 PERIODIC = Most(rows=500, pages=200, steps=3_000)
 REQUEST = Most(rows=2_500, pages=1_500, steps=30_000)
 # Two cameras for each vehicle, of each its newest sets and its publication, each by an index of a few pages' depth.
-A_VEHICLE = Most(rows=40, pages=80, steps=700)
+A_VEHICLE = Most(rows=40, pages=120, steps=700)
 MARKING = Most(rows=1_000, pages=1_500, steps=10_000)
 
 
