@@ -63,7 +63,7 @@ def test_a_few_wrong_marks_are_named_also_where_the_pairs_hold_too_little():
     solution = finish(narrow, truth)
     assert solution["status"] == "not_determined"
     assert {one["index"] for one in solution["outliers"]} == {0, 1, 2}
-    assert any(alarm.startswith("Pairs that do not belong") for alarm in solution["alarms"])
+    assert any(alarm.startswith("3 pairs do not belong") for alarm in solution["alarms"])
 
 
 @pytest.mark.parametrize("noise_px", [0.3, 1.0, 3.0])
