@@ -25,7 +25,7 @@ def tell_beats(tell: Callable[[], None]) -> None:
 
 
 def beat() -> None:
-    """Say that work goes on. It costs a tenth of a microsecond; call it for each piece of work, and from no timer."""
+    """Say that work goes on, for each piece of it and never from a timer. It costs half a microsecond at most."""
     if _PULSE.tell is not None:
         now = time.monotonic()
         if now >= _PULSE.due:

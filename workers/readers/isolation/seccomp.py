@@ -1,7 +1,7 @@
 """seccomp, through libseccomp: calls that no reading of a file makes are refused with EPERM.
 
-The library comes with every Debian (apt needs it). Its one binding on PyPI finds it by starting other programs, and
-was last released in 2021; these five functions of the library are all that is needed.
+The library comes with Debian, whose apt depends on it. A binding from PyPI would need the same library; these six
+functions of it are all that is used.
 """
 
 from __future__ import annotations
