@@ -10,7 +10,7 @@ from sqlalchemy import insert
 
 from service.annotations.handout import next_task
 from service.annotations.writing import write_mark, write_verdict
-from service.db.annotations import Mark, MarkingTask, Verdict
+from service.db.annotations import Mark, MarkingFrontier, MarkingTask, Verdict
 from service.db.clock import now, utc_now
 from service.db.detections import Apex, Detection, Vertex
 from service.db.people import Person
@@ -105,3 +105,34 @@ def test_handing_out_takes_little_time_near_the_end_of_a_thousand_vertices(datab
         taken.append(time.perf_counter() - began)
     print(f"hand-out {1e3 * statistics.median(taken):.1f} ms")
     assert statistics.median(taken) < 0.25  # a few ms on an idle machine; seconds where an index is missed
+
+
+def ask(database, seed, person_id):
+    with database.writing() as session:
+        detection, camera = session.get_one(Detection, seed.detection_id), session.get_one(Sensor, seed.camera_id)
+        task = next_task(session, detection, camera, person_id, LEASE_S, None)
+        return task.vertex_id if task else None
+
+
+def test_what_an_older_version_took_back_is_found_a_minute_after_nothing_was_left(database):
+    """It does not say that a vertex takes answers again, so the frontier lies beyond."""
+    seed = seed_marking(database, make_fleet(database), vertices=5)
+    first, second = make_people(database, 2)
+    seed_answers(database, seed, [first], 5)
+    assert ask(database, seed, second) is None
+    with database.writing() as session:
+        session.query(Verdict).filter_by(apex_id=seed.apexes[2]).delete()
+    assert ask(database, seed, second) is None
+    with database.writing() as session:
+        session.query(MarkingFrontier).update({"nothing_at": now(-61)})
+    assert ask(database, seed, second) == seed.vertices[2]
+
+
+def test_what_another_held_and_gave_back_lies_not_behind_the_frontier(database):
+    seed = seed_marking(database, make_fleet(database), vertices=5)
+    first, second = make_people(database, 2)
+    assert ask(database, seed, first) == seed.vertices[0]
+    assert ask(database, seed, second) == seed.vertices[1]
+    with database.writing() as session:
+        session.query(MarkingTask).update({"leased_until": now(-1)})
+    assert ask(database, seed, second) == seed.vertices[0]

@@ -144,6 +144,21 @@ def test_it_gives_up_in_words_where_a_lock_is_never_free(first_version: str) -> 
     database.close()
 
 
+@ON_POSTGRESQL
+def test_an_index_that_a_broken_migration_left_unfinished_is_made_anew(first_version: str) -> None:
+    upgrade(first_version, "0005")
+    database = Database(first_version)
+    with database.writing() as session:
+        session.execute(text("CREATE INDEX ix_job_running ON job (id)"))
+        left = "UPDATE pg_index SET indisvalid = false WHERE indexrelid = 'ix_job_running'::regclass"
+        session.execute(text(left))
+    upgrade(first_version)
+    with database.reading() as session:
+        made = "SELECT indisvalid AND indpred IS NOT NULL FROM pg_index WHERE indexrelid = 'ix_job_running'::regclass"
+        assert session.scalar(text(made))
+    database.close()
+
+
 def test_which_schema_is_older() -> None:
     assert revisions()[-1] == "0001" and is_older("0001")
     assert not is_older(newest()) and not is_older("of another age")
