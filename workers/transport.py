@@ -42,7 +42,7 @@ class Transport(redis.Transport):
 
     def _forget(self, message: Any) -> None:
         """Give it up, so that it does not count as work in hand."""
-        for channel in self.channels:
+        for channel in self.channels or ():
             with contextlib.suppress(KeyError, TypeError):
                 tag = message["properties"]["delivery_tag"]
                 channel.qos.get(tag)

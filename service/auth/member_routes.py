@@ -49,7 +49,8 @@ def patch_member(id: UUID, person_id: UUID, body: NewRole, access: WriteAccess) 
     # Somebody else may hold a link, session or token from before, and would rise with them.
     ended = end_credentials(access.session, person_id, id) if is_raised else None
     hint(access.session, id, "member", person_id)
-    return ChangedMember(**_member(membership, person).model_dump(), ended=ended and ended._asdict())
+    changed = {**_member(membership, person).model_dump(), "ended": ended and ended._asdict()}
+    return ChangedMember.model_validate(changed)
 
 
 @router.delete("/fleets/{id}/members/{person_id}", status_code=204)
