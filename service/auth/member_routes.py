@@ -13,7 +13,7 @@ from service.auth.access import ReadAccess, WriteAccess
 from service.auth.credentials import end_credentials
 from service.auth.members import check_may_give, check_may_sign_in_as, find_member, hold_to_give
 from service.auth.roles import rank
-from service.auth.schemas import ChangedMember, Ended, Invitation, Member, NewInvitation, NewRole
+from service.auth.schemas import ChangedMember, Invitation, Member, NewInvitation, NewRole
 from service.auth.sessions import make_link
 from service.db.fleets import Fleet
 from service.db.ids import new_id
@@ -49,9 +49,8 @@ def patch_member(id: UUID, person_id: UUID, body: NewRole, access: WriteAccess) 
     # Somebody else may hold a link, session or token from before, and would rise with them.
     ended = end_credentials(access.session, person_id, id) if is_raised else None
     hint(access.session, id, "member", person_id)
-    return ChangedMember(
-        **_member(membership, person).model_dump(), ended=Ended(**ended._asdict()) if ended else None
-    )
+    changed = {**_member(membership, person).model_dump(), "ended": ended and ended._asdict()}
+    return ChangedMember.model_validate(changed)
 
 
 @router.delete("/fleets/{id}/members/{person_id}", status_code=204)

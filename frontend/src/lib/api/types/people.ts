@@ -16,6 +16,11 @@ export interface Member {
   role: Role;
 }
 
+/** `ended` counts what let somebody in until they were raised. */
+export interface ChangedMember extends Member {
+  ended: { sessions: number; links: number; tokens: number } | null;
+}
+
 export interface Invitation {
   person_id: string;
   name: string;
