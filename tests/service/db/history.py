@@ -23,6 +23,7 @@ RUNS_OF_A_CALIBRATION = 4
 # Microseconds: the newest row is some minutes old, a million runs are of 58 days.
 _MINUTE = 60_000_000
 _APART = 20_000_000
+_SENT_JOBS = 20
 _NOT_NULL_JSON = "'{}'"
 
 
@@ -264,25 +265,26 @@ def _work(filler: _Filler, size: Size) -> None:
     """A job for each run, all of one fleet; recordings with their blobs; answers to repeated requests."""
     at = filler.at(number=f"n / {RUNS_OF_A_CALIBRATION}", count=size.calibrations)
     job = {"kind": "'solve'", "attempt": "1", "started_at": at}
-    filler.fill(
-        "job",
-        size.runs,
-        {
-            "id": "n + 1",
-            "fleet_id": filler.id(1, "0"),
-            **job,
-            "queue": "'solve'",
-            "subject_id": filler.id(_RUN),
-            "payload": _NOT_NULL_JSON,
-            "state": "'done'",
-            "lost": "0",
-            "sends": "1",
-            "send_after": at,
-            "cancel_requested": filler.bool(False),
-            "created_at": at,
-            "finished_at": at,
-        },
-    )
+    ended = {
+        "id": "n + 1",
+        "fleet_id": filler.id(1, "0"),
+        **job,
+        "queue": "'solve'",
+        "subject_id": filler.id(_RUN),
+        "payload": _NOT_NULL_JSON,
+        "state": "'done'",
+        "lost": "0",
+        "sends": "1",
+        "send_after": at,
+        "cancel_requested": filler.bool(False),
+        "created_at": at,
+        "finished_at": at,
+    }
+    filler.fill("job", size.runs, ended)
+    # A few are sent and not claimed yet, so that nothing is skipped because there is no work.
+    tomorrow = filler.at(-24 * 60)
+    sent = {"id": f"n + {size.runs + 1}", "state": "'queued'", "send_after": tomorrow, "finished_at": "NULL"}
+    filler.fill("job", _SENT_JOBS, ended | sent)
     told = {"what": "'done'", "at": at, "tallied": filler.bool(True)}
     filler.fill("job_event", size.runs, {"id": "n + 1", "job_id": "n + 1", **job, **told})
     count = size.runs // 20
@@ -323,7 +325,7 @@ def _work(filler: _Filler, size: Size) -> None:
         },
     )
     if filler._postgresql:
-        filler._connection.execute(text(f"SELECT setval('job_id_seq', {size.runs + 1})"))
+        filler._connection.execute(text(f"SELECT setval('job_id_seq', {size.runs + _SENT_JOBS + 1})"))
         filler._connection.execute(text(f"SELECT setval('job_event_id_seq', {size.runs + 1})"))
 
 
