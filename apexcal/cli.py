@@ -31,7 +31,7 @@ COMMANDS = {
     "admin": "Look after a service, as its operator.",
     "publish": "Give a result to its vehicle's camera.",
     "publications": "List what a camera was given, and by whom and why.",
-    "rollback": "Give a camera again what it had before.",
+    "rollback": "Give a camera back what it had before.",
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
     "export": "Write a camera's current calibration, or one result.",
 }

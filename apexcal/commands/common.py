@@ -33,7 +33,7 @@ TOKEN_HINT = "An engineer makes one with `apexcal token NAME --role ROLE`"
 
 
 class _Terminal(Console):
-    """A console on which no name can order the terminal about: what cannot be seen is spelled out."""
+    """A console that spells out what cannot be seen, so that no name sends commands to the terminal."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """The pieces that are written."""

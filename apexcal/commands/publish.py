@@ -21,7 +21,7 @@ def publish(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a result its camera's current calibration; the service's objections are said first."""
+    """Make a result its camera's current calibration. Where something speaks against it, this takes --override."""
     check_id(result, "result")
     if override and not reason.strip():
         usage("--override needs a reason", "Say why with --reason; it is kept with the publication")

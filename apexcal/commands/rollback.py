@@ -1,4 +1,4 @@
-"""``apexcal rollback``: gives a camera again what it had before."""
+"""``apexcal rollback``: gives a camera back what it had before."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def rollback(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Publish again what the camera had before the current result was first given. Nothing is deleted.
+    """Give a camera back the result that it had before the current one. Nothing is deleted.
 
-    Again goes one further back. `apexcal publications` lists the results, and `apexcal publish` takes any of them.
+    A second call goes back one further. `apexcal publications` lists all results, and `apexcal publish` gives any.
     """
     if not reason.strip():
         usage("the reason is empty", "Say why with --reason; it is kept with the publication")

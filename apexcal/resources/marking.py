@@ -61,11 +61,11 @@ class Marking:
         return self._http.put(_mark(recording_id, camera, index), {"u": u, "v": v}, condition)
 
     def progress(self, detection_id: UUID | str, camera: str) -> Document:
-        """How many answers are wanted, and on how many vertices they are there."""
+        """How many answers each vertex needs, and how many vertices have them."""
         return self._http.get(at("detections", detection_id, "progress"), camera=camera)
 
     def tally(self, detection_id: UUID | str, camera: str) -> Document:
-        """What people said, in numbers (a reviewer's). What one answers afterwards counts as reviewed."""
+        """What people said, in numbers; for reviewers. What they answer afterwards counts as reviewed."""
         return self._http.get(at("detections", detection_id, "tally"), camera=camera)
 
     def marks(self, detection_id: UUID | str, camera: str) -> Iterator[Document]:

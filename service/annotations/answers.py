@@ -1,4 +1,4 @@
-"""Giving an answer and taking it back: once for each id, on the version that the person saw, and not for ever.
+"""Giving an answer and taking it back: once for each id, on the version that the person saw, ten times at most.
 
 The recording's lock is held, so that two browser tabs of one person come one after the other.
 """
@@ -20,15 +20,15 @@ from service.db.clock import now
 from service.db.detections import Apex
 from service.http.problems import Problem
 
-# People correct themselves once or twice. More is somebody who tries what happens, and each answer stays in the
-# history: at most this many rows, and as many for taking them back.
+# People correct themselves once or twice. Each answer stays in the history, so their number is bounded: this many
+# rows, and as many for taking them back.
 MOST_ANSWERS = 10
 
 
 def give(session: Session, task: MarkingTask, found: PairedFrame, said: Answer) -> AnswerRow:
     """Write mark and verdict of a task's vertex. The same id again changes nothing and gives the same row.
 
-    A lease that ran out does no harm: who has looked at a vertex has an opinion, wanted or one more than wanted.
+    An answer counts also when its lease ran out, and when the vertex has as many answers as wanted already.
 
     Raises:
         Problem: ``mark_required``, ``mark_outside_image``, ``answer_id_used``, ``answer_changed``,
@@ -148,12 +148,12 @@ def _check_version(session: Session, task: MarkingTask, found: PairedFrame, vers
 
 def _in_words(own: Own) -> str:
     if own.verdict is None:
-        return "and took the answer back"
+        return "you took the answer back"
     return f"{own.verdict} at ({own.mark.u:g}, {own.mark.v:g})" if own.mark else own.verdict
 
 
 def _check_patience(session: Session, task: MarkingTask, found: PairedFrame) -> None:
-    """Taking the last allowed answer back would leave none."""
+    """Refuse more answers; also to take the last one back, which would leave none."""
     rows = session.scalars(
         select(AnswerRow.verdict).where(
             AnswerRow.person_id == task.person_id,

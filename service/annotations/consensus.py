@@ -6,9 +6,9 @@ The rules, in the order in which they are applied:
 - More rejections than confirmations remove the vertex. As many of both keep it and flag it.
 - The correspondence is the only mark, the mean of two, the geometric median of more.
 - A vertex that nobody both confirmed and marked gives no correspondence.
-- Who answered after something of others' answers was told to them (``reviewed``) has a vote and a mark as all have:
-  correcting what one sees is what reviewing is for. Their answer is not independent: how many marks there are, and
-  how far they lie apart, is said of the others alone.
+- An answer that was given after its person was told something of others' answers (``reviewed``) has a vote and a mark
+  as all have, because reviewing means correcting what one sees. It is not independent: the number of marks and their
+  spread are those of the other answers alone.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Outcome(StrEnum):
 class Opinion:
     """One person's verdict on a vertex, and the mark (u, v) in pixels that belongs to it, if there is one.
 
-    ``reviewed``: they knew something of others' answers.
+    ``reviewed``: the person knew something of others' answers.
     """
 
     verdict: str

@@ -1,8 +1,8 @@
 """Who was told something of others' answers, on which vertex, and when.
 
-An annotator is told nothing of others before the vertex is complete and decided by themselves. A reviewer, or who is
-more, may look at any time. Either way it is kept before it is told: what the person answers on that vertex afterwards
-is reviewed, and no independent answer any more.
+An annotator is told nothing of others before the vertex is complete and they have decided it themselves. Reviewers,
+engineers and admins may look at any time. Each disclosure is written down before the answer goes out. What the person
+answers on that vertex afterwards is reviewed, and not independent.
 """
 
 from __future__ import annotations

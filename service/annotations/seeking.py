@@ -1,4 +1,4 @@
-"""Which vertex is open to a person: sought from where the last one was found, not past all that are answered."""
+"""Which vertex is open to a person. The search starts where the last one was found."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from service.db.detections import Vertex, VertexFrame
 
 # A rank beyond all: a detection has far fewer vertices.
 _END = 2**30
-# The next open vertex lies so near where the last one was, but for stretches that others have answered.
+# The next open vertex is mostly within so many ranks; stretches that others have answered may be longer.
 _NEAR = 200
 # How often all vertices are looked at for a person for whom nothing is left. 100,000 take half a second.
 _LOOK_S = 60.0
@@ -38,8 +38,7 @@ class Seeker:
     def seek(self) -> UUID | None:
         """The open vertex of the lowest rank that is new to the person, else the open one that they saw longest ago.
 
-        All vertices are looked at the first time, and where nothing is found; but once they had nothing, not again
-        for a minute.
+        The first search looks at all vertices. So does one that finds nothing, but not again for a minute.
         """
         leases = leases_of_others(self.session, self.camera_id, self.person_id)
         frontier = self._frontier()
@@ -63,7 +62,7 @@ class Seeker:
         return found if found is not None and found.marks_wanted == self.marks_wanted else None
 
     def _no_frontier(self) -> MarkingFrontier:
-        """Before all vertices."""
+        """A frontier before all vertices."""
         detection_id, camera_id, person_id = self._key
         return self.session.merge(
             MarkingFrontier(
@@ -94,11 +93,11 @@ class Seeker:
             MarkingTask.person_id == self.person_id,
         )
         new = self._open(leases).where(~had).order_by(Vertex.rank).limit(1)
-        # The few next ones first: of them the database knows that they are few, and looks each up.
+        # The next ones first: the database knows that they are few, and looks each up.
         near = new.where(Vertex.rank >= first, Vertex.rank < first + _NEAR)
         far = new.where(Vertex.rank >= first + _NEAR)
         found = self.session.execute(near).first() or self.session.execute(far).first()
-        # Not past what somebody holds, who may give it back.
+        # Not past a vertex that somebody else holds: they may give it back.
         frontier.rank = min(found.rank if found else _END, self._first_leased(leases, first))
         self.session.flush()
         return found.id if found else None

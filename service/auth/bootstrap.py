@@ -49,7 +49,7 @@ def renew_owner_token(session: Session, person: Person) -> str:
     secret = new_secret(TOKEN_PREFIX)
     token = ApiToken(id=new_id(), secret_hash=secret_hash(secret), name=_LOCAL_TOKEN, person_id=person.id)
     session.add(token)
-    # People who were invited at the command line stay signed in, and end with the token that is valid now.
+    # People who were invited at the command line stay signed in; their sessions end with the token that is valid now.
     hand_over(session, [*earlier], token.id)
     return secret
 

@@ -1,4 +1,4 @@
-"""What lets somebody in: sign-in links, sessions and tokens. None outlives what made it, or its person's raise."""
+"""Credentials: sign-in links, sessions and tokens. Each ends with what made it, and with a higher role."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Ended(NamedTuple):
 def hold(session: Session, *person_ids: UUID) -> None:
     """Hold these people's rights and credentials until the transaction ends (PostgreSQL; SQLite has one writer).
 
-    Whoever makes or ends credentials holds their person first: a link that is made while its person is raised is
-    made before, and ends, or after, by somebody who still may.
+    Whoever makes or ends credentials holds their person first. So a link is made before its person gets a higher
+    role, and ends, or after, by somebody who still may make it.
     """
     wanted = select(Person.id).where(Person.id.in_(person_ids)).order_by(Person.id)
     session.execute(wanted.with_for_update(key_share=True)).all()

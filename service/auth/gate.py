@@ -8,7 +8,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.auth.access import identify, keep_identity
 
-# Nothing that has one of these methods reads a body.
+# No request with one of these methods has its body read.
 _WITHOUT_BODY = frozenset(("GET", "HEAD", "OPTIONS"))
 # Who signs in has no credentials yet; the route itself limits the body to a few KiB.
 _OPEN = frozenset((("POST", "/v1/sign-in"),))

@@ -38,7 +38,7 @@ def get_members(id: UUID, access: ReadAccess, paging: Paging) -> Page[Member]:
 
 @router.patch("/fleets/{id}/members/{person_id}")
 def patch_member(id: UUID, person_id: UUID, body: NewRole, access: WriteAccess) -> ChangedMember:
-    """Give a member another role. A higher one ends what let them in: they sign in again, with a new link."""
+    """Give a member another role. A higher one ends their sessions, links and tokens; an admin makes a new link."""
     access.find(Fleet, id, "admin")
     hold_to_give(access, person_id)
     access.need(id, "admin")
@@ -46,7 +46,7 @@ def patch_member(id: UUID, person_id: UUID, body: NewRole, access: WriteAccess) 
     # An owner has every right in every fleet already, whatever their role.
     is_raised = rank(body.role) > rank(membership.role) and not person.is_owner
     membership.role = body.role
-    # Somebody else may hold a link, session or token from before, and would rise with them.
+    # Somebody else may hold a link, session or token from before, and would get the higher role too.
     ended = end_credentials(access.session, person_id, id) if is_raised else None
     hint(access.session, id, "member", person_id)
     changed = {**_member(membership, person).model_dump(), "ended": ended and ended._asdict()}

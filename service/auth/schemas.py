@@ -52,7 +52,7 @@ class Ended(Sent):
 
 
 class ChangedMember(Member):
-    """A member with their new role; ``ended`` says what let them in until now, where they were raised."""
+    """A member with their new role; ``ended`` counts the credentials that a higher role ended."""
 
     ended: Ended | None
 

@@ -1,7 +1,7 @@
-"""What speaks against giving a result to a vehicle, in sentences. One rule for whoever publishes: machine or person.
+"""What speaks against giving a result to a vehicle, in sentences: the same for a person and for the service itself.
 
-Some of it is the result's own, is found when its calibration ends, and is kept in the calibration's summary. The rest
-hangs on what the camera is given at the moment of asking.
+Objections to the result itself are found when its calibration ends, and kept in the calibration's summary. The others
+depend on what the camera has at the moment of asking.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig
 
-# Held-out pairs that lie so many times further off than the fitted ones: the fit says little about where it was not
-# fitted. Twenty real pairs for sixteen parameters come to 3.3, pairs enough to 1.1.
+# Where held-out pairs lie so many times further off than the fitted ones, the fit says little about other places.
+# Twenty real pairs for sixteen parameters give 3.3, enough pairs 1.1.
 _FAR_HELD_OUT = 3.0
-# And so many times further off than those of the result that the vehicle has: it would rather keep that.
+# Where they lie so many times further off than those of the current result, the vehicle better keeps that.
 _WORSE = 1.5
-# Below this no held-out error is a reason: whoever marks it so well has nothing to fear.
+# A held-out error below this is never an objection.
 _FINE_PX = 0.5
-_NOT_ENDED = "Its calibration has not ended: what else it finds is not known yet."
+_NOT_ENDED = "Its calibration has not ended, so more may speak against it."
 
 
 def objections(session: Session, result: Result) -> list[str]:
-    """Everything that speaks against giving this fit to all pairs to its camera now; none: it may be given.
+    """Everything that speaks against giving this result, a fit to all pairs, to its camera now.
 
     What an older version of the service did not keep is computed here.
     """
@@ -49,8 +49,8 @@ def objections(session: Session, result: Result) -> list[str]:
 def own_objections(camera: str, found: Json, name: str, rig: Json | None, *, ended_well: bool) -> list[str]:
     """What speaks against a model's fit to all pairs, whatever the vehicle has.
 
-    A vehicle is given without a question only what was judged on pairs that it was not fitted to, with every run
-    done, and with nothing that a person should look at first. ``found`` is the camera's summary, ``rig`` what the
+    Nothing speaks against a result that was judged on held-out pairs, with every run done, and with nothing that a
+    person should look at first. ``found`` is the camera's summary, ``rig`` what the
     comparison of the cameras found.
     """
     model, recommended = found["models"][name], found["recommended"]

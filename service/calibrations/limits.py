@@ -10,7 +10,7 @@ from service.http.problems import Problem
 from service.jobs.costs import RunCost, comparison_s, run_cost
 from service.settings import get_settings
 
-# A worker may be so many times slower than the machine that the costs were measured on, or so busy.
+# A worker may be so many times slower, or busier, than the machine on which the costs were measured.
 SLOWER = 4.0
 # Rows that a calibration's slots leave: 465 bytes each, and 14 s a million when they are summed up at the end, in
 # which SQLite lets nobody else write (a busy 2-core machine). Sixteen cameras, three models and five folds come to

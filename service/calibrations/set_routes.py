@@ -116,7 +116,7 @@ async def _whole_body(request: Request) -> bytes:
             408,
             "body_too_slow",
             f"The pairs did not arrive within {_RECEIVING_S:.0f} s.",
-            "Send them as CSV, which is half as long, or over a better line.",
+            "Send them as CSV, which is half as long, or over a faster connection.",
         ) from None
 
 

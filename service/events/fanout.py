@@ -28,7 +28,7 @@ from service.http.problems import Problem
 STREAMS_OF_A_PERSON = 12
 # Half of the connections that a process takes by itself.
 STREAMS_OF_A_PROCESS = 500
-# Who is taken out of a fleet, signed out, or given another role hears nothing more after so long.
+# Somebody who is removed from a fleet, signed out, or given another role hears nothing more after so long.
 CHECK_S = 1.0
 _TICK_S = 0.25
 # The broker is asked whether it still lives, and believed dead when it has not answered meanwhile.
@@ -80,7 +80,7 @@ class Fanout:
         while True:
             try:
                 async for one in _hints(self._url):
-                    if one is None:  # what was told before nobody heard
+                    if one is None:  # earlier hints may be lost
                         said = False
                         for follower in self._followers:
                             follower.tell(anything(follower.fleet_id))

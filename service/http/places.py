@@ -1,4 +1,4 @@
-"""Places: what costs memory is done for so many people at once, and the next one waits for a moment."""
+"""Places: so many requests that cost memory are served at once, and the next one waits for a moment."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ def _seen(text: str) -> str:
     for one in text:
         if unicodedata.category(one) in _UNSEEN and one not in _JOINERS:
             raise ValueError(
-                f"holds U+{ord(one):04X}: line breaks, control characters, and characters that cannot be seen or "
-                "change the direction of text may not be in it"
+                f"holds U+{ord(one):04X}; line breaks, control characters, and characters that cannot be seen or "
+                "change the direction of text are not allowed"
             )
     if all(one in _BLANK or one in _JOINERS or one.isspace() for one in text):
         raise ValueError("holds nothing that can be seen")

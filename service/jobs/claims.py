@@ -30,7 +30,7 @@ from service.settings import get_settings
 
 log = logging.getLogger(__name__)
 
-# Between renewals: whoever asks for the end of a job waits no longer than a second for it.
+# Between renewals, so that a cancelled job ends within a second.
 _LOOK_S = 0.5
 
 # Built once: SQLAlchemy takes ten times longer to build such a statement than to run it.

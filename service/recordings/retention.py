@@ -67,7 +67,7 @@ def _expire(database: Database, recording_id: UUID) -> bool:
         row.state, row.taken_bytes = "failed", 0
         row.problem = {
             "code": EXPIRED,
-            "detail": "No part of this upload came until its end, so what had come was removed.",
+            "detail": "No further part of this upload came in time, so the parts that had come were removed.",
             "hint": "Upload the file again as a new recording, and delete this one.",
         }
         told_until = session.scalars(select(now(_TOLD_S))).one()

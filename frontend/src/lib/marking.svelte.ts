@@ -167,9 +167,9 @@ export class Marking {
 
   /** Whether what the person did at this moment was meant for the vertex that is shown. Says so where it was not. */
   private takes(at: number): boolean {
-    if (this.waiting) this.advice = "Your answer to this vertex is not with the service yet. Z takes it back.";
-    else if (this.busy) this.advice = "That came while your answer was on its way, and was not used.";
-    else if (at < this.seenFrom) this.advice = "That came as the frame changed, and was not used. Do it again.";
+    if (this.waiting) this.advice = "The service does not have your answer to this vertex yet. Z takes it back.";
+    else if (this.busy) this.advice = "Your last key or click came while your answer was on its way. It was not used.";
+    else if (at < this.seenFrom) this.advice = "Your last key or click came as the frame changed. It was not used: do it again.";
     else return true;
     return false;
   }
