@@ -46,7 +46,7 @@ def make_app(tasks: str) -> Celery:
         worker_hijack_root_logger=False,
         worker_redirect_stdouts=False,
         worker_send_task_events=False,
-        # Nobody orders a worker through the broker: not to end, not to leave a queue (docs/operators.md, The broker).
+        # A worker takes no orders through the broker, neither to end nor to leave a queue (docs/operators.md).
         worker_enable_remote_control=False,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,

@@ -1,4 +1,4 @@
-"""Kombu's Redis transport, which drops what is no message of Celery's instead of ending the worker.
+"""Kombu's Redis transport, which drops what is not a Celery message instead of ending the worker.
 
 Messages are hints: of a job whose message is lost the sweep sends another.
 """

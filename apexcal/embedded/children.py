@@ -20,7 +20,7 @@ _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 _FIRST_DELAY_S = 0.2
 _LONGEST_DELAY_S = 10.0
 _STEADY_S = 20.0
-# A hundred thousand lines, and as many of before: a day of a busy service.
+# A hundred thousand lines, and as many before them: a day of a busy service.
 _LOG_BYTES = 10 * 1024 * 1024
 
 

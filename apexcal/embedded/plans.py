@@ -13,7 +13,7 @@ from apexcal.embedded.children import ChildPlan
 from apexcal.embedded.folder import DataFolder
 
 QUEUES = "ingest,detect,solve,report"
-# A worker of its own reads uploads: how long that takes is up to the file, and nothing else waits for it meanwhile.
+# A worker of its own reads uploads: a file may take long, and nothing else must wait for it.
 READING, COMPUTING = "ingest", "detect,solve,report"
 # More than this is a slip of the hand; each takes some 200 MB and two open files of its parent.
 MOST_PROCESSES = 256

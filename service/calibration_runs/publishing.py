@@ -28,7 +28,7 @@ class Words(NamedTuple):
 
 
 def hold_publications(session: Session, vehicle_id: UUID) -> None:
-    """Let nobody else publish for this vehicle until the commit. Calibrations are held before."""
+    """Let nobody else publish for this vehicle until the commit. Calibrations are locked before it."""
     session.execute(select(Vehicle.id).where(Vehicle.id == vehicle_id).with_for_update(key_share=True))
 
 

@@ -39,7 +39,7 @@ def publication_view(session: Session, publication: Publication) -> PublicationV
 
 def current_document(session: Session, vehicle_id: UUID, camera: str) -> Json | None:
     """What a camera is given now: intrinsics and transform together, both frames named. None: nothing yet."""
-    # One statement, for what it reads may be deleted between two.
+    # One statement: what it reads may be deleted between two.
     found = session.execute(
         select(Publication, Result, Calibration, Rig, Person.name)
         .join(Result, Result.id == Publication.result_id)

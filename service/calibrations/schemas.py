@@ -182,7 +182,7 @@ class SlotView(Sent):
     worker: str
 
 
-# A sentence or two of plain text. No control characters, nor those that turn the direction of what follows.
+# A sentence or two of plain text, without control characters and those that change the direction of text.
 Reason = Annotated[
     str,
     StringConstraints(

@@ -131,8 +131,8 @@ class MarkingTask(Base):
 class MarkingFrontier(Base):
     """How far a person's marking is in one camera: no vertex of a lower rank is new to them and takes their answer.
 
-    So the next one is sought from here, and not past all that are answered. True of ``marks_wanted`` marks of each
-    vertex. What makes a vertex take answers again removes the rows of its recording. ``nothing_at`` is when a look at
+    The search for the next one starts here. It holds for ``marks_wanted`` marks of each vertex. Whatever makes a
+    vertex take answers again removes the rows of its recording. ``nothing_at`` is when a look at
     all vertices, the person's answered ones too, last found nothing.
     """
 

@@ -78,8 +78,8 @@ class Base(DeclarativeBase):
 def partial_index(name: str, *columns: str, where: str) -> Index:
     """An index of the few rows that match ``where``, however many others there are.
 
-    It serves statements that say the same in the same words: values by :func:`written`, for no database finds a
-    partial index by a parameter. A boolean column stands in it as ``IS_TRUE(column)``.
+    It serves statements that repeat the condition in the same words, with values by :func:`written`: no database
+    finds a partial index by a parameter. A boolean column stands in it as ``IS_TRUE(column)``.
     """
     sqlite = re.sub(r"IS_TRUE\((\w+)\)", r"\1 = 1", where)
     postgresql = re.sub(r"IS_TRUE\((\w+)\)", r"\1", where)

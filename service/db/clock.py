@@ -59,8 +59,8 @@ def _sqlite_clock(element: _clock, compiler: Any, **kw: Any) -> str:
 
 @compiles(_clock, "postgresql")
 def _postgresql_clock(element: _clock, compiler: Any, **kw: Any) -> str:
-    # now() is when the transaction began, and one that waited for a lock would make its rows older than they are.
-    # As a query of its own it is asked once, and an index is sought by its answer; the function alone ever changes.
+    # now() is when the transaction began; after a wait for a lock it would make rows older than they are.
+    # As a query of its own it is evaluated once, so that an index can be searched by it.
     return "(SELECT CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS BIGINT))"
 
 

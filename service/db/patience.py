@@ -1,8 +1,8 @@
 """How long a connection to PostgreSQL waits, and how long the server waits for us.
 
 A host that vanishes answers nothing, not even that it is gone. By itself TCP tries for a quarter of an hour to send
-something to it, and waits two hours for something that it owes us: so long the sweep would stand still, or the locks
-of a worker that vanished would hold up everybody else.
+something to it, and waits two hours or more for an answer. So long the sweep would stand still, or the locks of a
+worker that vanished would hold up everybody else.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _STATEMENT_S = 120
 
 
 def connect_args(url: URL, *, patient: bool) -> dict[str, Any]:
-    """Arguments of psycopg's ``connect``. What the URL itself says goes before.
+    """Arguments of psycopg's ``connect``. The URL's own values take precedence.
 
     ``patient``: for migrations, backups and other commands of operators, whose statements take as long as they take.
     """

@@ -11,8 +11,8 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to
 
-# The token that it was made with, and ends with. No foreign key: a token is followed by a younger one (`hand_over`),
-# and a backup is brought back in the order of ids.
+# The token that it was made with, and ends with. No foreign key: a younger token may take its place (`hand_over`),
+# and a backup is restored in the order of ids.
 MadeBy = Annotated[UUID | None, mapped_column(Uuid)]
 
 

@@ -1,4 +1,4 @@
-"""Transactions that are worth doing again: what they write was computed for minutes, and is still in hand."""
+"""Transactions that are repeated after a deadlock, because what they write took minutes to compute."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ log = logging.getLogger(__name__)
 
 
 def repeated(transaction: Callable[[], T]) -> T:
-    """What ``transaction`` returns, done again where the database ended it for another one's sake.
+    """What ``transaction`` returns; repeated where the database ended it in favour of another one.
 
-    PostgreSQL does so with a deadlock, SQLite with a lock that is not to be had. A connection that broke may have
-    committed: so only for a transaction that refuses to be done twice, as the gate of a job's finish does.
+    PostgreSQL does so in a deadlock, SQLite where it gets no lock. A connection that broke may have committed: so
+    ``transaction`` must refuse to be done twice, as the gate of a job's finish does.
     """
     for pause in _PAUSES_S:
         try:

@@ -21,7 +21,7 @@ router = APIRouter(tags=["events"])
 
 # Then the browser connects anew, perhaps to another process.
 _LONGEST_S = 600.0
-# A stream that made room for a newer one comes back after so long, and not to push that one out at once.
+# A stream that made room for a newer one comes back after so long, else it would push that one out at once.
 _COMES_BACK_MS = 30_000
 
 

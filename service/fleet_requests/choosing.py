@@ -128,7 +128,7 @@ def _newest_sets(session: Session, fleet_id: UUID, rig_pattern: str | None) -> d
     """By vehicle, the newest set of each camera of the rig whose newest set is the newest."""
     made = (CorrespondenceSet.brought_at.is_(None), CorrespondenceSet.created_at)
     brought = (CorrespondenceSet.brought_at.is_not(None), CorrespondenceSet.brought_at)
-    # Each camera's newest of those that came once and of those that came again, for each of which there is an index.
+    # Each camera's newest set of those made once, and of those imported again; there is an index for each.
     cameras = (
         select(
             *(Rig.vehicle_id, Rig.id.label("rig_id"), Rig.name.label("rig"), RigCamera.name.label("camera")),

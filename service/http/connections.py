@@ -25,11 +25,11 @@ from service.settings import get_settings
 # Apache's mod_reqtimeout gives the head of a request 20 s, and asks for 500 bytes a second.
 HEAD_S = 20.0
 _BYTES_PER_S = 500
-# nginx waits 60 s for the next bytes of a body and for a client that takes none of an answer: a bad line may pause.
+# As nginx: 60 s for the next bytes of a body, and for a client that takes none of an answer. Bad lines pause.
 WINDOW_S = 60.0
-# What still comes of a body that was answered already, such as a part from somebody who is not signed in.
+# For the rest of a body that was answered already, such as a part from somebody who is not signed in.
 UNWANTED_S = 10.0
-# A peer that vanished without a word: the pings of an event stream, every 15 s, stay unacknowledged.
+# A peer that vanished acknowledges nothing, such as the pings of an event stream every 15 s.
 _VANISHED_MS = 60_000
 # What a process opens beside connections: database, broker, objects in transit.
 _OTHER_FILES = 256
@@ -46,9 +46,9 @@ class PatientProtocol(H11Protocol):
     _unsent = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take the connection; where it is one too many, let one go that has asked for nothing."""
+        """Take the connection; where it is one too many, end one that has asked for nothing."""
         super().connection_made(transport)
-        # So the protocol hears of each byte that the client does not take, and adds none meanwhile.
+        # So the protocol is told of each byte that the client does not take, and adds none meanwhile.
         transport.set_write_buffer_limits(high=0)
         _notice_the_vanished(transport)
         self._origin = _origin(self.client)
@@ -70,7 +70,7 @@ class PatientProtocol(H11Protocol):
         self._look_at_request(before)
 
     def on_response_complete(self) -> None:
-        """Wait for the next request, not for long where this one's body still comes."""
+        """Wait for the next request; not for long where this one's body is still coming."""
         super().on_response_complete()
         self.since = self.loop.time()
         if self.conn.their_state is h11.SEND_BODY and self.cycle.response_complete:
@@ -174,13 +174,13 @@ class PatientProtocol(H11Protocol):
 
 
 def _origin(client: tuple[str, int] | None) -> str | None:
-    """Whose connections are counted together; nobody's from this host, where a proxy brings everybody's."""
+    """The address under which a connection is counted; None from this host, where a proxy brings everybody's."""
     if client is None:
         return None
     address = ip_address(client[0].partition("%")[0])
     if address.is_loopback:
         return None
-    # One line has 2^64 addresses of IPv6.
+    # One subscriber has 2^64 addresses of IPv6.
     return str(ip_network((address, 64), strict=False)) if address.version == 6 else str(address)
 
 

@@ -15,9 +15,9 @@ from service.jobs.costs import RunCost
 TRIP_MS = 6.0
 # A slot farmed on its own should be worth this many trips, so that the queue costs at most a tenth.
 TRIPS_PER_BUNDLE = 10
-# A bundle holds other fleets up for so long, and is lost with its worker. Trips cost a thousandth of it.
+# Other fleets wait for a bundle, and it is lost with its worker. Trips cost a thousandth of it.
 BUNDLE_S = 5.0
-# So does a whole run in one job. It counts with all its iterations, and mostly ends after a third of them.
+# The same for a whole run in one job, with all its iterations. Most runs end after a third of them.
 RUN_S = 60.0
 # Rows that one transaction inserts: half a second on a busy machine, in which SQLite lets nobody else write.
 RUN_SLOTS = 2000
@@ -34,8 +34,7 @@ def plan(farm: str, *, slots: int, cost: RunCost, waiting_runs: int, workers: in
     """Decide how a run is farmed.
 
     Args:
-        farm: ``slots`` (one slot a job) is taken as said, ``runs`` where a run is not too long for one job; ``auto``
-            decides.
+        farm: ``slots`` is one slot a job; ``runs`` is one run a job where that is not too long; ``auto`` decides.
         slots: slots of one iteration.
         cost: see :func:`service.jobs.costs.run_cost`.
         waiting_runs: runs that are there to be worked on, this one included.

@@ -1,4 +1,4 @@
-"""What solver work costs, predicted before anybody does it.
+"""What solver work costs, predicted before it is done.
 
 Seconds of one processor, for cutting work into jobs and for refusing what would never end. The search counts with
 all the iterations that its schedule allows; most end after a third of them.

@@ -13,7 +13,7 @@ class Queue(NamedTuple):
 
 
 _QUEUES = {
-    # How long a file is read is up to who made it: one fleet never holds every process.
+    # The maker of a file decides how long it takes to read: one fleet must not hold every process.
     "ingest": Queue(("ingest",), fleet_cap="fleet_ingests"),
     "detect": Queue(("preview", "suggestion", "detect")),
     "solve": Queue(("clock_offset", "solve")),

@@ -33,7 +33,7 @@ from service.settings import get_settings
 _UNENDED = ("queued", "running")
 
 
-# Nobody else lets out jobs of a capped queue meanwhile. Locked after every other row, so that none wait in a ring.
+# Nobody else releases jobs of a capped queue meanwhile. This row is locked last, so that there is no deadlock.
 _HOLD_FLEET = select(Fleet.id).where(Fleet.id == bindparam("fleet")).with_for_update(key_share=True)
 
 

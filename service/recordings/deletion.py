@@ -44,7 +44,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     # In one order: two recordings of one vehicle share calibrations, and may be deleted at the same moment.
     shared = select(Calibration.id).where(Calibration.id.in_(calibrations)).order_by(Calibration.id)
     session.execute(shared.with_for_update()).all()
-    # After the calibrations, as who publishes one of them.
+    # After the calibrations, in the same order as publishing.
     if vehicle_id is not None:
         hold_publications(session, vehicle_id)
         if not with_published:

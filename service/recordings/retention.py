@@ -1,4 +1,4 @@
-"""What goes by itself: recordings whose retention has ended, for they show people, and uploads left unfinished."""
+"""What is removed by itself: recordings at the end of their retention, and uploads left unfinished."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def post_recording(id: UUID, body: NewRecording, request: Request, access: Write
     )
     access.session.add(row)
     access.session.flush()
-    # One byte at least: a fleet that has no room at all hears so before the first part.
+    # One byte at least, so that a fleet without any room is told before the first part.
     take(access.session, row, body.size or 1, settings.fleet_quota_bytes)
     hint(access.session, row.fleet_id, "recording", row.id)
     document = view(access.session, row).model_dump()

@@ -48,8 +48,8 @@ class Reading(Received):
 class NewRecording(Received):
     """A recording to upload: one file of a known format, or a folder packed as tar.
 
-    ``size`` is the file's in bytes. Where it is said, the fleet's quota is asked for all of it at once, and not part
-    by part.
+    ``size`` is that of the file in bytes. With it the fleet's quota is checked once for all parts, without it
+    for each part.
     """
 
     rig_id: UUID

@@ -44,7 +44,7 @@ class Announced:
 
 
 def how_to_upload(request: Request, row: Recording) -> Upload:
-    """Which way parts go, how large they are, and until when the next one is waited for."""
+    """Which way parts go, how large they are, and when the upload ends without another one."""
     presigner = Presigner.of(request)
     return Upload(
         part_bytes=presigner.settings.part_bytes,
@@ -146,7 +146,7 @@ def begin_part(
             # Its object is lost, whatever lost it: these bytes take its place.
             session.execute(delete(UploadPart).where(UploadPart.blob_key == known.blob_key))
         if not copied:
-            # What was announced for the whole file has its room; beyond that each part asks for its own.
+            # The announced size of the file has its room already; beyond it each part takes its own.
             needed = coming(session, recording) + announced.size
             take(session, recording, needed, settings.fleet_quota_bytes)
         suffix = f".{copied}" if copied else ""

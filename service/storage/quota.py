@@ -1,7 +1,7 @@
-"""What a fleet's recordings take of what they may, counted from the recordings' own rows, so that it cannot drift.
+"""What a fleet's recordings take of its quota: a sum over the recordings' own rows, so that it cannot drift.
 
 A recording takes what was announced or has come of its file, and the files of its sensors. Whoever lets it take more
-holds the fleet's row until the commit, so that many at once do not pass the quota together.
+locks the fleet's row until the commit, so that many at once do not exceed the quota together.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class QuotaExceededError(Exception):
 
 
 def uses(session: Session, fleets: Iterable[Fleet], default: int) -> dict[UUID, Use]:
-    """What these fleets take and may take; ``default`` where nothing is said of a fleet."""
+    """What these fleets take and may take; ``default`` where a fleet has no quota of its own."""
     allowed = {fleet.id: fleet.quota_bytes for fleet in fleets}
     summed = (
         select(Recording.fleet_id, func.sum(Recording.taken_bytes))
@@ -91,7 +91,7 @@ def coming(session: Session, recording: Recording) -> int:
 
 
 def count_older(database: Database, upload_hours: float) -> int:
-    """Count what recordings take, and say when their uploads end, where a version wrote them that did neither."""
+    """Count what recordings of an older version take, and set when their uploads end."""
     parts = select(func.sum(UploadPart.size)).where(UploadPart.recording_id == Recording.id).scalar_subquery()
     sensors = (
         select(func.sum(Blob.size))

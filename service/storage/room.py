@@ -1,4 +1,4 @@
-"""What a folder's disk has left for uploads, with all that is on its way to it at this moment."""
+"""How much room a folder's disk has for uploads, less what is on its way to it at this moment."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from service.settings import MIB
 from service.storage.problems import disk_full
 from service.storage.store import Store
 
-# The disk is looked at again after so many bytes of a part: others write to it too, and know nothing of ours.
+# The disk is looked at again after so many bytes of a part, because others write to it too.
 _LOOK_EVERY = 8 * MIB
 
 
 class Room:
-    """One for an application, used from its event loop alone. ``reserve`` bytes of the disk stay free."""
+    """One object for an application, used from its event loop alone. ``reserve`` bytes of the disk stay free."""
 
     def __init__(self, store: Store, reserve: int) -> None:
         self._store = store
@@ -26,7 +26,7 @@ class Room:
     async def kept_for(self, size: int) -> AsyncIterator[Kept]:
         """Room for ``size`` bytes until the block ends. Raises :class:`Problem` 507 ``disk_full``.
 
-        What is on its way counts whole until it is there: nobody knows how much of it lies in buffers.
+        A part counts whole until it has arrived: nobody knows how much of it lies in buffers.
         """
         self._promised += size
         try:
@@ -45,7 +45,7 @@ class Room:
 
 
 class Kept:
-    """The room of one part. ``lost`` says what the disk had left where it went while the part's bytes came."""
+    """The room of one part. ``lost`` is what the disk had free when it got too full while the bytes came."""
 
     def __init__(self, room: Room, size: int) -> None:
         self._room = room
@@ -53,7 +53,7 @@ class Kept:
         self.lost: int | None = None
 
     async def watch(self, chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
-        """Pass the part's bytes on, and end where the disk has no room for the rest any more."""
+        """Pass the part's bytes on; end when the disk has no room for the rest."""
         since = 0
         async for chunk in chunks:
             yield chunk

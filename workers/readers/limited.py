@@ -172,7 +172,7 @@ class _Ingestion:
             self._last = spoken
 
     def _look(self) -> None:
-        """Whatever is to end the child before it ends itself."""
+        """Raise where the child must end before it ends itself."""
         if self._must_stop is not None:
             self._must_stop()
         now = time.monotonic()
@@ -189,7 +189,7 @@ class _Ingestion:
             self._disk_due = time.monotonic() + _LOOK_AT_DISK_S + 20 * (time.monotonic() - now)
 
     def _look_at_disk(self) -> None:
-        """The child counts what it writes; this holds although what it reads may have taken it over."""
+        """The child counts what it writes; this check also holds where an upload has taken the child over."""
         if _stored(self._out) + _stored(self._scratch) > self._limits.output_bytes(self._size, video=True):
             raise self._grown()
         if shutil.disk_usage(self._out).free < self._limits.reserve_bytes:

@@ -10,7 +10,7 @@ from typing import BinaryIO, Final, cast
 
 from workers.readers.pulse import beat
 
-# So rarely is the disk asked how much is free: a tenth of the smallest reserve that makes sense.
+# The disk is asked how much is free after so many bytes: a tenth of the smallest reserve that makes sense.
 _LOOK_BYTES: Final = 4 * 1024**2
 
 

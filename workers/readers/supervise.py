@@ -1,4 +1,4 @@
-"""A child process whose every word is read with a timeout, and that ends at once when its starter wants it to."""
+"""A child process whose output is read with a timeout, and that its starter can end at once."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def alarms(
             "the standard deviations are scaled by that: marks or times are worse than stated, or the model is wrong."
         )
     if not of_points and spread.rank == len(spread.names):
-        # Of points without extent any fit is one of many, and any pair would be named.
+        # Points without extent allow many fits, and any pair would be named.
         found += _outlier_alarms(problem, outliers, excluded)
     return found + elsewhere + _search_alarms(ga_px, polished)
 
@@ -83,7 +83,7 @@ def alarms(
 def _outlier_alarms(problem: FitProblem, outliers: list[Outlier], excluded: bool) -> list[str]:
     if not outliers:
         return []
-    # How many and not which: alarms go to whoever may see the calibration, the outliers only to who may see marks.
+    # How many and not which: everybody who sees the calibration sees alarms, only reviewers see the outliers.
     pairs = "1 pair does" if len(outliers) == 1 else f"{len(outliers)} pairs do"
     what = (
         "were left out" if excluded else "are in the fit; to leave them out: outliers: exclude, or --outliers exclude"

@@ -58,7 +58,7 @@ def _once(problem: FitProblem, start: Floats) -> Estimate:
     outliers = judge(problem, np.array(fit.parameters))
     if not outliers:
         return Estimate(fit, outliers, problem, uncertainty(problem, np.array(fit.parameters)))
-    # What is left is honest: plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
+    # No gross errors are left: plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
     kept = without(replace(problem, loss="mean"), outliers)
     if problem.outliers == "exclude":
         fit, fitted = polish(kept, fit.parameters), kept

@@ -155,7 +155,7 @@ def evaluate_population(
     p = base.copy()
     diagonal, bend = np.float32(scales[0]), np.float32(scales[1])
     for n in range(first, population.shape[1]):
-        # The losses that are stored in between keep the compiler from reading it once for all.
+        # The losses that are stored in between keep the compiler from reading the flag only once.
         if stop[0] != 0:
             return
         for j in range(free.shape[0]):

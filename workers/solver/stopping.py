@@ -1,4 +1,4 @@
-"""How a long computation is ended from outside: it looks often whether it shall."""
+"""How a long computation is ended from outside: it checks often whether it must stop."""
 
 from typing import Final, Protocol
 
@@ -15,7 +15,7 @@ class Stop(Protocol):
         ...
 
     def check(self) -> None:
-        """Raise where the computation shall end."""
+        """Raise where the computation must end."""
         ...
 
 

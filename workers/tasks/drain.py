@@ -70,7 +70,7 @@ def _drain(number: int, frame: FrameType | None) -> None:
 
 
 def _stop_kernels(reading: int) -> None:
-    """End what computes as soon as the signal is here; the pipe has the number of each signal, as it arrives."""
+    """End the computation when the signal arrives; the pipe gets the number of each signal."""
     while received := os.read(reading, 64):
         lease = _State.lease
         if DRAIN_SIGNAL in received and lease:

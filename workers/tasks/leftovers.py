@@ -9,7 +9,7 @@ import socket
 from pathlib import Path
 from urllib.parse import quote
 
-# It parts the host from the process. No quoted name of a host holds it: hosts may be called `gpu` and `gpu-7`.
+# It separates host and process. No quoted host name holds it: hosts may be called `gpu` and `gpu-7`.
 _SEPARATOR = "+"
 
 

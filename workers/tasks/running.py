@@ -48,7 +48,7 @@ _ROOMS = {
     "consistency": "comparing",
 }
 WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
-# The room that needs no kernels.
+# The module that needs no kernels.
 _READING = "ingesting"
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
@@ -60,8 +60,8 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 # The process that read an upload was killed: the surroundings may be why, or the file.
 _SUSPECT_CODES = ("ingest_killed",)
 _TRY_AGAIN_S = 2.0
-# Tries where there was no room, the waits before them 2, 8 and 32 s: what a neighbour that fails too leaves is swept
-# within seconds. What is full for longer needs an operator, and each try would fill it for everybody again.
+# Tries where there was no room, with waits of 2, 8 and 32 s: what another failing job leaves is swept within seconds.
+# A disk that is full for longer needs an operator, and each try would fill it for everybody again.
 _TRIES_WITHOUT_ROOM = 4
 
 
@@ -113,7 +113,7 @@ def _do(context: Context, held: Claim) -> None:
 
 
 def _refused(context: Context, held: Claim, error: ReadError | InputError | MissingBlobError, said: str) -> None:
-    """The input cannot be used; or the process that read it had bad luck, and is given another try."""
+    """The input cannot be used; or the process that read it was killed or had no room, and it is tried again."""
     if error.code in _SUSPECT_CODES:
         log.warning("job %d stumbled; it is tried again: %s", held.job_id, said)
         stumble(context.database, held, _refusal(error), _TRY_AGAIN_S, suspect=True)
@@ -126,7 +126,7 @@ def _refused(context: Context, held: Claim, error: ReadError | InputError | Miss
 
 
 def _stumbled(context: Context, held: Claim, error: Exception) -> None:
-    """What the work needs failed: later it may work."""
+    """What the work needs failed: a later try may succeed."""
     number = error.errno if isinstance(error, OSError) else None
     state = getattr(getattr(error, "orig", None), "sqlstate", None) or ""
     if number in _NEVER_PASSING or state.startswith(_PROGRAM_LIMIT):

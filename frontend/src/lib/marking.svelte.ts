@@ -19,7 +19,7 @@ import { session } from "./session.svelte.ts";
 const AHEAD = 3;
 const RENEW_MS = 45_000;
 const AWAY_MS = 10 * 60_000;
-/** Nobody reacts to a new picture faster (simple visual reaction time): what comes before meant the one before it. */
+/** Nobody reacts to a new picture faster (simple visual reaction time): an earlier click meant the one before. */
 const REACTION_MS = 200;
 
 export class Marking {

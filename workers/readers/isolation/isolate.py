@@ -78,7 +78,7 @@ def isolate(readable: Iterable[Path], writable: Iterable[Path]) -> Isolation:
         return Isolation(False, False, 0, False)
     libc = ctypes.CDLL(None, use_errno=True)
     no_new_privs = libc.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0
-    # Without privileges only a new user namespace may make the others; root may be refused that and not these.
+    # Without privileges only a new user namespace may make the others; root may be refused that one but not these.
     others = _CLONE_NEWNET | _CLONE_NEWIPC
     own_users = libc.unshare(_CLONE_NEWUSER | others) == 0
     namespaces = own_users or libc.unshare(others) == 0
@@ -92,14 +92,14 @@ def isolate(readable: Iterable[Path], writable: Iterable[Path]) -> Isolation:
 def hide_from_others() -> None:
     """Make this process's memory and environment unreadable for other processes of its user.
 
-    It ends core dumps, and tracers that are not root's. It does not outlive an ``exec``; a fork keeps it.
+    It prevents core dumps, and tracing by others than root. It does not outlive an ``exec``; a fork keeps it.
     """
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_DUMPABLE, 0, 0, 0, 0)
 
 
 def _drop_capabilities(libc: ctypes.CDLL) -> None:
-    """A new user namespace gives all of them inside itself, and root has them anyway: none is needed."""
+    """Drop all capabilities: a new user namespace gives all of them, root has them, and none is needed."""
     header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION, 0)
     libc.capset(header, (ctypes.c_uint32 * 6)())
 
