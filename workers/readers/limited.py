@@ -204,13 +204,13 @@ class _Ingestion:
             return ReadError(
                 "ingest_memory_limit",
                 f"Reading {name} took more than the {_size(limits.memory_bytes)} of memory allowed for it.",
-                "A message in it may be damaged and claim a huge size. If it really is this large, raise the limit.",
+                "A message in it may be damaged and claim a huge size. If it really is this large, ask whoever runs the service to raise the limit.",
             )
         if kind == "ingest_file_limit" or code == -signal.SIGXFSZ:
             return ReadError(
                 "ingest_file_limit",
                 f"A sensor of {name}, or a file packed in it, takes more than {_size(limits.file_bytes)}.",
-                "Split the recording, or raise the limit.",
+                "Split the recording, or ask whoever runs the service to raise the limit.",
             )
         if kind == "ingest_output_limit":
             return self._grown()
@@ -220,7 +220,7 @@ class _Ingestion:
             return ReadError(
                 "ingest_cpu_limit",
                 f"Reading {name} took more than the {limits.cpu_s} s of processor time allowed for it.",
-                "Split the recording, or raise the limit.",
+                "Split the recording, or ask whoever runs the service to raise the limit.",
             )
         if code == -signal.SIGKILL:
             return ReadError(
@@ -243,7 +243,7 @@ class _Ingestion:
             "ingest_output_limit",
             f"Reading {self._name} ({_size(self._size)}) would store more than a recording of its size can hold.",
             "Its content is packed far tighter than recorders pack, or is named again and again. If it is a real "
-            "recording, upload it without compression, or raise the limit.",
+            "recording, upload it without compression, or ask whoever runs the service to raise the limit.",
         )
 
     def _disk_full(self) -> ReadError:

@@ -44,7 +44,8 @@ NATURAL = {
     "/arrival": "a part that arrived has arrived",
     "/cancel": "what was asked to end is asked to end",
     "/tasks/next": "the vertex that one holds is handed out again",
-    "/answer": "the same answer of the same person is the same row",
+    "/answer": "the id that its client made says whether it is the same answer",
+    "/undo": "as /answer",
 }
 
 
