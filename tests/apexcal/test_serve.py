@@ -74,14 +74,15 @@ def test_a_killed_child_is_back_and_the_service_ready(embedded, name):
 
 
 def reader_of(embedded) -> int:
-    """The process that reads an upload at this moment."""
+    """The process that reads an upload at this moment; it leads a session of its own."""
     found = []
 
     def there() -> bool:
-        for pid in session_of(embedded.children()["worker-ingest"]["pid"]):
+        for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
-                if b"workers.readers" in Path(f"/proc/{pid}/cmdline").read_bytes():
-                    found.append(pid)
+                command = (entry / "cmdline").read_bytes()
+                if b"workers.readers" in command and os.fsencode(embedded.data) in command:
+                    found.append(int(entry.name))
         return bool(found)
 
     eventually(there, "the reading of an upload")
