@@ -29,7 +29,7 @@ TokenOption = Annotated[
 DataOption = Annotated[Path, typer.Option("--data", help="Data folder of a service on this machine.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the outcome as JSON, and no progress.")]
 
-TOKEN_HINT = "An engineer makes one with `apexcal token NAME --role ROLE`"
+TOKEN_HINT = "An engineer makes one with `apexcal token NAME --role ROLE --link LINK`, the owner without a link"
 
 
 class _Terminal(Console):

@@ -21,18 +21,23 @@ _WHERE_IDS_ARE = {
 
 
 @contextmanager
-def connected(url: str, token: str, data: Path) -> Iterator[Client]:
-    """A client; what goes wrong inside the block is said in a sentence and ends the command with its exit code."""
-    address, secret, origin = locate(url, token, data)
+def connected(url: str, token: str, data: Path, link: str = "") -> Iterator[Client]:
+    """A client; what goes wrong inside the block is said in a sentence and ends the command with its exit code.
+
+    With a sign-in ``link`` the client is signed in as its person instead, for as long as the block.
+    """
+    address, secret, origin = (url, "", "") if link else locate(url, token, data)
     try:
-        client = Client(address, secret)
+        client = None if link else Client(address, secret)
     except TokenError as error:
         usage(str(TokenError(origin)), error.hint)
     except ValueError as error:
         usage(str(error), "Give it with --url or APEXCAL_URL")
     try:
-        with client:
-            yield client
+        with client or Client.sign_in(link, url or None) as ready:
+            yield ready
+            if link:
+                ready.sign_out()
     except UnreachableError as error:
         complain(str(error), error.hint, code=UNREACHABLE)
     except ApiError as error:

@@ -17,13 +17,17 @@ def token(
     role: Annotated[Role, typer.Option(help="What its bearer may do.")] = Role.viewer,
     fleet: Annotated[str, typer.Option(help="Fleet, by name or id; needed where there are several.")] = "",
     days: Annotated[int, typer.Option(help="Days that it is valid; 0 for no end.", min=0, max=3650)] = 0,
+    link: Annotated[str, typer.Option(help="A sign-in link of whoever makes the token; it works once.")] = "",
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Make an API token of one fleet, for programs and other machines. It is shown this once."""
-    with connected(url, token, data) as client:
+    """Make an API token of one fleet, for programs and other machines. It is shown this once.
+
+    A token of a fleet makes no other: on another machine than the service's, give a sign-in link with --link.
+    """
+    with connected(url, token, data, link) as client:
         chosen = find_fleet(client, fleet)
         made = client.fleets.create_token(chosen["id"], name, role.value, expires_in_days=days or None)
     say(

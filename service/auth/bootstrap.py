@@ -8,6 +8,7 @@ import sys
 from datetime import timedelta
 from pathlib import Path
 
+from pydantic import TypeAdapter, ValidationError
 from sqlalchemy import select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
@@ -19,6 +20,7 @@ from service.db.clock import utc_now
 from service.db.ids import new_id
 from service.db.people import ApiToken, Person
 from service.db.session import Database
+from service.http.schemas import Name
 from service.settings import settings_or_exit
 
 _LOCAL_TOKEN = "this machine"
@@ -64,10 +66,17 @@ def write_private(path: Path, text: str) -> None:
     staged.replace(path)
 
 
+def _name(text: str) -> str:
+    try:
+        return TypeAdapter(Name).validate_python(text)
+    except ValidationError as error:
+        raise argparse.ArgumentTypeError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
+
+
 def main() -> None:
     """Print the owner's link; with --token-file, leave an API token there too."""
     parser = argparse.ArgumentParser(prog="python -m service.auth.bootstrap", description=__doc__)
-    parser.add_argument("--name", default="Owner", help="the owner's name, where there is no owner yet")
+    parser.add_argument("--name", default="Owner", type=_name, help="the owner's name, where there is no owner yet")
     parser.add_argument("--token-file", type=Path, help="write an API token of the owner to this file (mode 0600)")
     parser.add_argument("--no-link", action="store_true", help="print no sign-in link")
     chosen = parser.parse_args()

@@ -58,7 +58,7 @@ def hold_to_give(access: Access, *others: UUID) -> None:
             403,
             "token_gives_nothing",
             "A token makes no tokens and no sign-in links, and changes nobody's role: what it gave would outlive it.",
-            "Sign in with a browser, or use the command `apexcal` on the service's own machine.",
+            "Sign in with a link (a browser, or `apexcal token --link`), or ask on the service's own machine.",
         )
 
 

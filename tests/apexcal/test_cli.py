@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from apexcal.cli import COMMANDS, app
 from apexcal.client import Client
+from apexcal.commands.common import complain, say
 from apexcal.commands.connect import connected
 
 
@@ -317,6 +318,33 @@ def test_a_token_of_a_fleet_signs_a_program_in(embedded, owner):
     )
     with Client(embedded.url, made["token"]) as robot:
         assert [(each["id"], each["role"]) for each in robot.fleets.list()] == [(fleet["id"], "viewer")]
+
+
+def test_a_token_of_a_fleet_makes_none_and_a_sign_in_link_does(embedded, owner):
+    fleet = owner.fleets.create("Links")
+    made = owner.fleets.create_token(fleet["id"], "robot", "admin")
+    elsewhere = ("--fleet", "Links", "--url", embedded.url)
+    refused = apexcal("token", "child", *elsewhere, "--token", made["token"])
+    assert refused.returncode == 1 and "token_gives_nothing" in refused.stderr and "--link" in refused.stderr
+    link = owner.fleets.invite(fleet["id"], "Ada", "admin")["link"]
+    child = json.loads(apexcal("token", "child", *elsewhere, "--link", link, "--json").stdout)
+    with Client(embedded.url, child["token"]) as robot:
+        assert robot.me()["name"] == "Ada"
+    used = apexcal("token", "child", *elsewhere, "--link", link)
+    assert used.returncode == 1 and "link_used" in used.stderr and "Traceback" not in used.stderr
+
+
+def test_a_name_orders_no_terminal(capsys):
+    name = "van\x1b[2J\u202e\x9b\udc80"
+    with pytest.raises(typer.Exit):
+        complain(f"there is no {name}\nhere", f"Not {name}.")
+    say({"name": name}, False, f"Made {name}.")
+    say({"name": name}, True, "")
+    shown = capsys.readouterr()
+    assert all(one.isprintable() for one in (shown.out + shown.err).split("\n"))
+    assert "van\\u001b[2J\\u202e" in shown.err and "\nhere" in shown.err
+    document = shown.out.partition("\n")[2]
+    assert json.loads(document)["name"] == name
 
 
 def test_calibrate_says_what_became_of_its_result(embedded, simulated, tmp_path):

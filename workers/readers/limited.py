@@ -204,8 +204,8 @@ class _Ingestion:
             return ReadError(
                 "ingest_memory_limit",
                 f"Reading {name} took more than the {_size(limits.memory_bytes)} of memory allowed for it.",
-                "A message in it may be damaged and claim a huge size. If it really is this large, ask whoever runs the "
-                "service to raise the limit.",
+                "A message in it may be damaged and claim a huge size. If it really is this large, ask whoever "
+                "runs the service to raise the limit.",
             )
         if kind == "ingest_file_limit" or code == -signal.SIGXFSZ:
             return ReadError(
