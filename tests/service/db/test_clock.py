@@ -61,7 +61,7 @@ def test_a_host_three_days_ahead_stamps_and_deletes_as_the_database_says(databas
         made = session.scalars(select(Fleet.created_at).where(Fleet.name == "ahead")).one()
         brought = session.scalars(
             select(CorrespondenceSet.brought_at).where(CorrespondenceSet.brought_at.is_not(None))
-        )
+        ).one()
         assert abs(right - made) < timedelta(minutes=5)
         assert abs(right - brought) < timedelta(minutes=5)
         assert session.get_one(Blob, "on its way").state == "reserved"

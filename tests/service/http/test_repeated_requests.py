@@ -64,20 +64,20 @@ def test_a_key_has_a_sensible_form(api: Api, key: str) -> None:
 
 
 def test_reads_are_conditional_and_edits_name_their_version(api: Api) -> None:
-    fleet = api.fleet("north")
-    admin = api.member(fleet, "admin")
-    got = admin.get(f"/fleets/{fleet}")
-    tag = got.headers["etag"]
+    engineer = api.member(api.fleet("north"), "engineer")
+    fleet = engineer.get("/fleets").json()["items"][0]["id"]
+    van = f"/vehicles/{engineer.post(f'/fleets/{fleet}/vehicles', {'name': 'old'}).json()['id']}"
+    tag = engineer.get(van).headers["etag"]
     assert tag == '"v1"'
-    same = admin.get(f"/fleets/{fleet}", headers={"If-None-Match": f'"v0", W/{tag}'})
+    same = engineer.get(van, headers={"If-None-Match": f'"v0", W/{tag}'})
     assert (same.status_code, same.content, same.headers["etag"]) == (304, b"", tag)
-    blind = admin.patch(f"/fleets/{fleet}", {"name": "south"})
+    blind = engineer.patch(van, {"name": "new"})
     assert (blind.status_code, blind.json()["code"]) == (428, "if_match_required")
-    edited = admin.patch(f"/fleets/{fleet}", {"name": "south"}, headers={"If-Match": tag})
-    assert (edited.status_code, edited.headers["etag"], edited.json()["name"]) == (200, '"v2"', "south")
-    late = admin.patch(f"/fleets/{fleet}", {"name": "west"}, headers={"If-Match": tag})
+    edited = engineer.patch(van, {"name": "new"}, headers={"If-Match": tag})
+    assert (edited.status_code, edited.headers["etag"], edited.json()["name"]) == (200, '"v2"', "new")
+    late = engineer.patch(van, {"name": "newer"}, headers={"If-Match": tag})
     assert (late.status_code, late.json()["code"]) == (412, "version_conflict")
-    assert admin.get(f"/fleets/{fleet}", headers={"If-None-Match": tag}).json()["name"] == "south"
+    assert engineer.get(van, headers={"If-None-Match": tag}).json()["name"] == "new"
 
 
 def test_of_two_edits_of_one_version_one_wins(api: Api) -> None:
