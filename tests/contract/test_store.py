@@ -5,6 +5,7 @@ from sqlalchemy import select
 
 from service.db.models import Job, UploadPart
 from service.storage.store import Store
+from tests.service.jobs.support import let_backoff_end
 from tests.support.s3 import free_port
 from tests.support.uploads import new_recording, upload
 from tests.support.work import work
@@ -60,5 +61,6 @@ def test_a_store_that_is_away_is_tried_again(api, context, engineer, uploaded, s
         job = session.get_one(Job, job_id)
     assert (job.state, job.lost) == ("queued", 1)
     context.store = folder
+    let_backoff_end(context.database)
     work(context)
     assert engineer.get(f"/recordings/{uploaded}").json()["problem"]["code"] == "not_a_recording"
