@@ -187,11 +187,11 @@ def test_who_leaves_at_once_is_no_fault(served, follow, caplog: pytest.LogCaptur
     """Also where the stream has given way meanwhile, so that more waits for its client than the first event."""
     api, _ = served
     fleet = api.fleet()
-    viewer = api.member(fleet, "viewer")
+    hasty, staying = api.member(fleet, "viewer"), api.member(fleet, "viewer")
     for _ in range(8):
-        leaving = [follow(fleet, viewer.headers) for _ in range(2 * fanout.STREAMS_OF_A_PERSON)]
+        leaving = [follow(fleet, hasty.headers) for _ in range(2 * fanout.STREAMS_OF_A_PERSON)]
         for stream in leaving:
             stream.close()
-    assert "200 OK" in begins(follow(fleet, viewer.headers))
+    assert "200 OK" in begins(follow(fleet, staying.headers))
     wait_until(lambda: len(api.app.state.fanout._followers) == 1, "the end of all streams that were left")
     assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == []
