@@ -1,16 +1,22 @@
 """No byte of a stranger's body is read, on any route; nobody's body is read beyond what its route takes."""
 
 import asyncio
+import select
+import socket
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from urllib.parse import urlsplit
 from uuid import UUID
 
+import httpx
 import pytest
 
 from service.auth.secrets import new_secret
 from service.http.bodies import DOCUMENT
 from tests.service.auth.test_every_route import OPEN, address, fill, routes
 from tests.support.databases import one_database
-from tests.support.people import Api
+from tests.support.people import Actor, Api
+from tests.support.processes import wait_until
 from tests.support.uploads import digest
 
 pytestmark = one_database
@@ -134,3 +140,32 @@ def test_pairs_are_bounded_too(api: Api) -> None:
     assert Exchange(api, "post", where, engineer | {"Content-Type": "text/html"}, untouchable()).status == 415
     answer = Exchange(api, "post", where, engineer, endless())
     assert answer.status == 413 and answer.taken <= 33554432 + PIECE
+
+
+def test_nobody_holds_all_connections_with_slow_bodies(served: tuple[Api, str]) -> None:
+    api, url = served
+    fleet = api.fleet()
+    slow, other = api.member(fleet, "engineer"), api.member(fleet, "engineer")
+    with ExitStack() as opened:
+        sending = [opened.enter_context(begun(url, fleet, slow)) for _ in range(100)]
+        wait_until(lambda: len(answered(sending)) == 36, "the refusal of those beyond 64")
+        assert all(b" 429 " in said and b"too_many_at_once" in said for said in answered(sending).values())
+        for who, status in ((slow, 429), (other, 201)):
+            said = httpx.post(f"{url}/v1/fleets/{fleet}/vehicles", json={"name": "van"}, headers=who.headers)
+            assert said.status_code == status
+    wait_until(lambda: slow.post(f"/fleets/{fleet}/vehicles", {"name": "car"}).status_code == 201, "room again")
+
+
+def begun(url: str, fleet: UUID, who: Actor) -> socket.socket:
+    """A connection with a request whose body does not come."""
+    where = urlsplit(url)
+    connection = socket.create_connection((where.hostname, where.port))
+    lines = [f"POST /v1/fleets/{fleet}/vehicles HTTP/1.1", "Host: a", "Content-Type: application/json"]
+    lines += ["Content-Length: 100", *(f"{name}: {value}" for name, value in who.headers.items()), "", "{"]
+    connection.sendall("\r\n".join(lines).encode())
+    return connection
+
+
+def answered(connections: list[socket.socket]) -> dict[socket.socket, bytes]:
+    ready, _, _ = select.select(connections, [], [], 0)
+    return {one: one.recv(65536, socket.MSG_PEEK) for one in ready}
