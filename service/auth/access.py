@@ -6,8 +6,9 @@ that the person is not in do not exist for them: 404, never 403.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeVar
 from uuid import UUID
 
@@ -34,6 +35,9 @@ from service.http.problems import Problem, not_found
 COOKIE = "apexcal_session"
 _SCOPE = "apexcal.identity"
 
+# A body comes after its credentials, and may come slowly: who was looked up before is looked up again after so long.
+FRESH_S = 1.0
+
 # Of more fleets the rows are sorted together: the statement would get too long.
 _FLEETS_ONE_BY_ONE = 50
 
@@ -42,7 +46,10 @@ ModelT = TypeVar("ModelT")
 
 @dataclass(frozen=True)
 class Identity:
-    """A person who proved who they are, with ``credential``, and the fleets and role that it is limited to."""
+    """A person who proved who they are, with ``credential``, and the fleets and role that it is limited to.
+
+    ``known_at`` is when, on the clock that only goes forward.
+    """
 
     person: Person
     roles: dict[UUID, Role]
@@ -50,6 +57,7 @@ class Identity:
     only_fleet: UUID | None = None
     only_role: str | None = None
     token: ApiToken | None = None
+    known_at: float = field(default_factory=time.monotonic, compare=False)
 
     @property
     def sees_all(self) -> bool:
@@ -80,9 +88,12 @@ class Access:
         """The session. Its first use looks whether this request was answered before, and raises that answer.
 
         Not earlier: what a dependency locks stays locked until the route gets a thread, which others may wait in.
+        It raises :class:`Problem` 401 ``not_signed_in`` too, where the credential ended while the body came.
         """
         if not self._is_known_new:
             self._is_known_new = True
+            if time.monotonic() - self.identity.known_at > FRESH_S:
+                self.confirm()
             self._replay()
         return self._session
 
@@ -111,7 +122,7 @@ class Access:
         Raises :class:`Problem` 401 ``not_signed_in``.
         """
         again = _by_cookie if self.identity.token is None else _by_token
-        self.identity = again(self.session, self.identity.credential)
+        self.identity = again(self._session, self.identity.credential)
 
     def find(self, model: type[ModelT], key: Any, role: Role = "viewer", *, lock: bool = False) -> ModelT:
         """The row of ``model`` with this key, where the person has ``role`` in its fleet.

@@ -1,17 +1,26 @@
-"""Credentials before bodies: no byte of an unknown sender's body is read."""
+"""Credentials before bodies: no byte of an unknown sender's body is read, and nobody sends many at once."""
 
 from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from uuid import UUID
 
 from fastapi.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.auth.access import identify, keep_identity
+from service.http.problems import Problem
 
 # No request with one of these methods has its body read.
 _WITHOUT_BODY = frozenset(("GET", "HEAD", "OPTIONS"))
 # Who signs in has no credentials yet; the route itself limits the body to a few KiB.
 _OPEN = frozenset((("POST", "/v1/sign-in"),))
+# A body may come slowly. Each holds a connection, of which a process takes a thousand, and a part of an upload holds
+# room on the disk. A program that sends parts and asks for work has a dozen requests under way.
+_OF_A_PERSON = 64
 
 
 class Gate:
@@ -19,13 +28,39 @@ class Gate:
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
+        self._under_way: Counter[UUID] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request, or raise what :func:`identify` raises."""
-        if scope["type"] == "http" and scope["method"] not in _WITHOUT_BODY and not _is_open(scope):
-            keep_identity(scope, await run_in_threadpool(identify, Request(scope)))
-        await self._app(scope, receive, send)
+        """Serve one request. Raises what :func:`identify` raises, and :class:`Problem` 429 ``too_many_at_once``."""
+        if scope["type"] != "http" or scope["method"] in _WITHOUT_BODY or _is_open(scope):
+            await self._app(scope, receive, send)
+            return
+        identity = await run_in_threadpool(identify, Request(scope))
+        keep_identity(scope, identity)
+        with self._counted(identity.person.id):
+            await self._app(scope, receive, send)
+
+    @contextmanager
+    def _counted(self, person_id: UUID) -> Iterator[None]:
+        if self._under_way[person_id] >= _OF_A_PERSON:
+            raise _too_many()
+        self._under_way[person_id] += 1
+        try:
+            yield
+        finally:
+            self._under_way[person_id] -= 1
+            self._under_way += Counter()  # forgets who has none
 
 
 def _is_open(scope: Scope) -> bool:
     return (scope["method"], scope["path"]) in _OPEN
+
+
+def _too_many() -> Problem:
+    return Problem(
+        429,
+        "too_many_at_once",
+        f"You have {_OF_A_PERSON} requests under way that change something, which is the most for one person.",
+        "Wait for the answers of some of them, then send this one again.",
+        headers={"Retry-After": "1"},
+    )

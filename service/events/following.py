@@ -36,15 +36,17 @@ class Follower:
         self.gives_way = gives_way
         self._put_only(None)
 
-    async def hints(self, seconds: float) -> AsyncIterator[Hint]:
-        """Hints as they come, until the end or for so many seconds."""
-        end = asyncio.get_running_loop().time() + seconds
-        while True:
+    async def hints(self, seconds: float, pause_s: float) -> AsyncIterator[Hint | None]:
+        """Hints as they come, and None after each pause without one; until the end or for so many seconds."""
+        clock = asyncio.get_running_loop().time
+        end = clock() + seconds
+        while clock() < end:
             try:
-                async with asyncio.timeout_at(end):
+                async with asyncio.timeout_at(min(end, clock() + pause_s)):
                     found = await self._waiting.get()
             except TimeoutError:
-                return
+                yield None
+                continue
             if found is None:
                 return
             yield found

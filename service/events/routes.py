@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterable, AsyncIterator
+import json
+from collections.abc import AsyncIterator
 from typing import Annotated
 from uuid import UUID
 
 from fastapi import APIRouter, Depends, Request
-from fastapi.sse import EventSourceResponse, ServerSentEvent
+from fastapi.responses import StreamingResponse
+from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from service.auth.access import CurrentIdentity, ReadAccess
 from service.auth.roles import Role
@@ -23,6 +25,16 @@ router = APIRouter(tags=["events"])
 _LONGEST_S = 600.0
 # A stream that made room for a newer one comes back after so long, else it would push that one out at once.
 _COMES_BACK_MS = 30_000
+# As the standard recommends: proxies end connections on which nothing passes.
+_PING_S = 15.0
+# nginx holds nothing back.
+_HEADERS = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
+
+
+class EventStream(StreamingResponse):
+    """Server-sent events. The framework's own fail where the client leaves while an event waits for it."""
+
+    media_type = "text/event-stream"
 
 
 def _role(id: UUID, access: ReadAccess) -> Role:
@@ -40,19 +52,23 @@ async def _follower(
         yield follower
 
 
-@router.get("/fleets/{id}/events", response_class=EventSourceResponse)
-async def get_events(follower: Annotated[Follower, Depends(_follower)]) -> AsyncIterable[ServerSentEvent]:
+@router.get("/fleets/{id}/events", response_class=EventStream)
+async def get_events(follower: Annotated[Follower, Depends(_follower)]) -> EventStream:
     """Events ``changed`` with {"kind", "id"}. They may be lost: on every connection, read the state again.
 
     A person follows with up to twelve streams in each process; the oldest ends when one more begins.
     """
+    return EventStream(_events(follower), headers=_HEADERS)
+
+
+async def _events(follower: Follower) -> AsyncIterator[bytes]:
     # At once, so that the client knows it is connected; kind `fleet` says that anything may have changed.
     yield _changed(anything(follower.fleet_id))
-    async for one in follower.hints(_LONGEST_S):
-        yield _changed(one)
+    async for one in follower.hints(_LONGEST_S, _PING_S):
+        yield KEEPALIVE_COMMENT if one is None else _changed(one)
     if follower.gives_way:
-        yield ServerSentEvent(comment="a newer stream of the same person took its place", retry=_COMES_BACK_MS)
+        yield format_sse_event(comment="a newer stream of the same person took its place", retry=_COMES_BACK_MS)
 
 
-def _changed(one: Hint) -> ServerSentEvent:
-    return ServerSentEvent(event="changed", data={"kind": one.kind, "id": one.id})
+def _changed(one: Hint) -> bytes:
+    return format_sse_event(event="changed", data_str=json.dumps({"kind": one.kind, "id": one.id}))

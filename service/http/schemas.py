@@ -21,7 +21,7 @@ def _composed(given: Any) -> Any:
     return unicodedata.normalize("NFC", given) if isinstance(given, str) else given
 
 
-def _seen(text: str) -> str:
+def seen(text: str) -> str:
     """The text, where it can be told from another by looking. Raises ValueError."""
     for one in text:
         if unicodedata.category(one) in _UNSEEN and one not in _JOINERS:
@@ -38,10 +38,10 @@ Name = Annotated[
     str,
     BeforeValidator(_composed),
     StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
-    AfterValidator(_seen),
+    AfterValidator(seen),
 ]
 # Letter by letter as the recording has it.
-Topic = Annotated[str, StringConstraints(min_length=1, max_length=300), AfterValidator(_seen)]
+Topic = Annotated[str, StringConstraints(min_length=1, max_length=300), AfterValidator(seen)]
 # What is only looked for: a NUL is in no stored text, and PostgreSQL refuses it.
 Sought = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00]*$")]
 # Pixels, metres, radians, degrees and coefficients are all far below; a square of more may be infinite.

@@ -148,11 +148,11 @@ def test_every_message_delivered_three_times(farm: Farm, undisturbed):
 
 @both_in_the_long_form
 def test_a_worker_told_to_stop_gives_its_job_back_uncounted_and_a_cancel_ends_it(farm: Farm):
-    long = {"slots": 1, "population": 100_000, "generations": 10_000, "max_iterations": 1}
+    long = {"slots": 1, "population": 19_000, "generations": 10_000, "max_iterations": 1}
     calibration = ask(farm.client, next(_names), schedule=long)
     wait_until(lambda: _running(farm) != [], "work", 120)
     (job_id,) = _running(farm)
-    # Well before the end of the slot, which takes minutes.
+    # Before the end of the slot, which is as long as one may be.
     assert seconds_of(lambda: farm.stop("worker")) < 20
     assert (farm.job(job_id).state, farm.job(job_id).lost) == ("queued", 0)
     # The comparison below waits for a worker that reads its queue.

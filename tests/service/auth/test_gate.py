@@ -1,17 +1,25 @@
 """No byte of a stranger's body is read, on any route; nobody's body is read beyond what its route takes."""
 
 import asyncio
+import select
+import socket
+import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from urllib.parse import urlsplit
 from uuid import UUID
 
+import httpx
 import pytest
 
+from service.auth import access
 from service.auth.secrets import new_secret
 from service.http.bodies import DOCUMENT
 from tests.service.auth.test_every_route import OPEN, address, fill, routes
 from tests.support.databases import one_database
-from tests.support.people import Api
-from tests.support.uploads import digest
+from tests.support.people import Actor, Api
+from tests.support.processes import wait_until
+from tests.support.uploads import digest, new_recording
 
 pytestmark = one_database
 
@@ -134,3 +142,60 @@ def test_pairs_are_bounded_too(api: Api) -> None:
     assert Exchange(api, "post", where, engineer | {"Content-Type": "text/html"}, untouchable()).status == 415
     answer = Exchange(api, "post", where, engineer, endless())
     assert answer.status == 413 and answer.taken <= 33554432 + PIECE
+
+
+def test_nobody_holds_all_connections_with_slow_bodies(served: tuple[Api, str]) -> None:
+    api, url = served
+    fleet = api.fleet()
+    slow, other = api.member(fleet, "engineer"), api.member(fleet, "engineer")
+    where = f"POST /v1/fleets/{fleet}/vehicles"
+    with ExitStack() as opened:
+        sending = [opened.enter_context(begun(url, slow, where, b'{"name": "van"}')) for _ in range(100)]
+        wait_until(lambda: len(answered(sending)) == 36, "the refusal of those beyond 64")
+        assert all(b" 429 " in said and b"too_many_at_once" in said for said in answered(sending).values())
+        for who, status in ((slow, 429), (other, 201)):
+            said = httpx.post(f"{url}/v1/fleets/{fleet}/vehicles", json={"name": "van"}, headers=who.headers)
+            assert said.status_code == status
+    wait_until(lambda: slow.post(f"/fleets/{fleet}/vehicles", {"name": "car"}).status_code == 201, "room again")
+
+
+def test_who_is_taken_out_while_a_body_comes_does_nothing_more(
+    served: tuple[Api, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(access, "FRESH_S", 0.0)
+    api, url = served
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    recording = new_recording(engineer, fleet)
+    pairs = b'{"pairs": [{"x": 1, "y": 1, "z": 1, "u": 1, "v": 1}]}'
+    bodies = {
+        f"POST /v1/fleets/{fleet}/vehicles": b'{"name": "car"}',
+        f"PUT /v1/recordings/{recording['id']}/parts/1": b"abc",
+        f"POST /v1/rigs/{recording['rig_id']}/correspondence-sets?camera=front": pairs,
+    }
+    with ExitStack() as opened:
+        sending = {
+            opened.enter_context(begun(url, engineer, where, body)): body[1:] for where, body in bodies.items()
+        }
+        time.sleep(1)
+        assert api.owner().delete(f"/fleets/{fleet}/members/{engineer.person_id}").status_code == 204
+        for connection, rest in sending.items():
+            connection.sendall(rest)
+        wait_until(lambda: len(answered(list(sending))) == len(sending), "an answer to each")
+        assert [said[9:12] for said in answered(list(sending)).values()] == [b"404"] * len(sending)
+
+
+def begun(url: str, who: Actor, request: str, body: bytes) -> socket.socket:
+    """A connection with a request of whose body one byte came."""
+    where = urlsplit(url)
+    connection = socket.create_connection((where.hostname, where.port))
+    headers = {**who.headers, "Host": "a", "Content-Type": "application/json", "Content-Length": len(body)}
+    headers["Content-Digest"] = digest(body)
+    lines = [f"{request} HTTP/1.1", *(f"{name}: {value}" for name, value in headers.items()), "", ""]
+    connection.sendall("\r\n".join(lines).encode() + body[:1])
+    return connection
+
+
+def answered(connections: list[socket.socket]) -> dict[socket.socket, bytes]:
+    ready, _, _ = select.select(connections, [], [], 0)
+    return {one: one.recv(65536, socket.MSG_PEEK) for one in ready}

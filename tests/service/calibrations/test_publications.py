@@ -67,7 +67,7 @@ def test_an_override_of_nothing_is_a_reason(api, rig, reviewer):
     assert (given["reason"], given["override"]) == ("To be sure.", None)
 
 
-@pytest.mark.parametrize("reason", ["", "   ", "x" * 501, "a\nb", "gnp.\u202exof", None, 5, {"a": 1}])
+@pytest.mark.parametrize("reason", ["", "   ", "x" * 501, "a\nb", "gnp.\u202exof", "\u200b", "\u3164", None, 5, {}])
 def test_a_reason_is_a_sentence_or_two_of_plain_text(api, rig, reviewer, reason):
     _, (full, _) = seed_results(api, rig, found=ON_BOUNDS)
     refused = reviewer.post(f"/results/{full}/publication", {"override": {"reason": reason}})

@@ -173,10 +173,25 @@ def test_who_does_not_listen_is_told_to_read_anew(api: Api) -> None:
         follower.tell(Hint(fleet, "job", str(number)))
     follower.tell(Hint(fleet, "job", "last"))
 
-    async def heard() -> list[Hint]:
-        return [one async for one in follower.hints(0.1)]
+    async def heard() -> list[Hint | None]:
+        return [one async for one in follower.hints(0.1, 1.0)]
 
-    assert asyncio.run(heard()) == [anything(fleet), Hint(fleet, "job", "last")]
+    assert asyncio.run(heard()) == [anything(fleet), Hint(fleet, "job", "last"), None]
     follower.tell(Hint(fleet, "job", "unheard"))
     follower.end()
     assert asyncio.run(heard()) == []
+
+
+@one_database
+def test_who_leaves_at_once_is_no_fault(served, follow, caplog: pytest.LogCaptureFixture) -> None:
+    """Also where the stream has given way meanwhile, so that more waits for its client than the first event."""
+    api, _ = served
+    fleet = api.fleet()
+    hasty, staying = api.member(fleet, "viewer"), api.member(fleet, "viewer")
+    for _ in range(8):
+        leaving = [follow(fleet, hasty.headers) for _ in range(2 * fanout.STREAMS_OF_A_PERSON)]
+        for stream in leaving:
+            stream.close()
+    assert "200 OK" in begins(follow(fleet, staying.headers))
+    wait_until(lambda: len(api.app.state.fanout._followers) == 1, "the end of all streams that were left")
+    assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == []
