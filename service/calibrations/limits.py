@@ -13,8 +13,8 @@ from service.settings import get_settings
 
 # A worker may be so many times slower, or busier, than the machine on which the costs were measured.
 SLOWER = 4.0
-# Other fleets wait for a slot that runs. The dearest model with the preset `toolbox` on 100,000 pairs, the most that a
-# set may have, comes to 10 s.
+# Other fleets wait for a slot that runs. The dearest model with the preset `toolbox` on 100,000 pairs, the most that
+# a set may have, comes to 10 s.
 LONGEST_SLOT_S = 30.0
 # Rows that a calibration's slots leave: 465 bytes each, and 14 s a million when they are summed up at the end, in
 # which SQLite lets nobody else write (a busy 2-core machine). Sixteen cameras, three models and five folds come to
