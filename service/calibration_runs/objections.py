@@ -13,7 +13,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, exists, func, select
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.publishing import current_ids
+from service.calibration_runs.publishing import current_id
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig
@@ -132,7 +132,7 @@ def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None
 
 def _beside_current(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
     """What speaks against a result beside the one that its camera has now."""
-    given = current_ids(Publication.vehicle_id == vehicle_id, Publication.camera == result.camera)
+    given = current_id(vehicle_id, result.camera)
     published = select(Publication.result_id).where(Publication.id.in_(given))
     own, current = _standing(session, Result.id == result.id), _standing(session, Result.id.in_(published))
     if own is None or current is None or own.result_id == current.result_id:

@@ -9,7 +9,7 @@ from sqlalchemy import Row, Select, Uuid, literal, select, tuple_
 from sqlalchemy.exc import NoResultFound
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.publishing import current_ids
+from service.calibration_runs.publishing import current_id
 from service.calibrations.schemas import OverrideView, PublicationView
 from service.calibrations.transforms import T_vehicle_camera
 from service.db.base import Json
@@ -27,7 +27,7 @@ def publication_page(session: Session, vehicle_id: UUID, camera: str, window: Wi
     if window.after is not None:
         statement = statement.where(_older_than(session, vehicle_id, camera, window.after))
     rows = session.execute(statement.order_by(*(key.desc() for key in NEWNESS)).limit(window.limit + 1)).all()
-    current = session.scalar(current_ids(Publication.vehicle_id == vehicle_id, Publication.camera == camera))
+    current = session.scalar(current_id(vehicle_id, camera))
     items = [_view(row, is_current=row[0].id == current) for row in rows[: window.limit]]
     return Page(items=items, next=items[-1].id.hex if len(rows) > window.limit else None)
 
@@ -46,7 +46,7 @@ def current_document(session: Session, vehicle_id: UUID, camera: str) -> Json | 
         .join(Calibration, Calibration.id == Result.calibration_id)
         .join(Rig, Rig.id == Calibration.rig_id)
         .outerjoin(Person, Person.id == Publication.published_by)
-        .where(Publication.id.in_(current_ids(Publication.vehicle_id == vehicle_id, Publication.camera == camera)))
+        .where(Publication.id == current_id(vehicle_id, camera).scalar_subquery())
     ).one_or_none()
     if found is None:
         return None

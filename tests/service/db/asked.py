@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session
 from service.annotations.handout import next_task
 from service.auth.access import Access, Identity
 from service.auth.expiry import remove_ended
-from service.calibration_runs.publishing import _current_held_out
-from service.calibrations.published_routes import _current
+from service.calibration_runs.publishing import current_publication
+from service.calibrations.publications import current_document
 from service.calibrations.routes import list_calibrations
 from service.calibrations.runs import waiting_runs
 from service.calibrations.set_routes import list_sets
@@ -84,8 +84,8 @@ def requests(database: Database) -> dict[str, Asked]:
         "calibrations": asking(lambda access: list_calibrations(vehicle, access, page)),
         "sets": asking(lambda access: list_sets(history.RIG, access, page)),
         "vehicles of a request": asking(lambda access: list_request_vehicles(request, access, page, None)),
-        "the current calibration": asking(lambda access: _current(access.session, vehicle, "front")),
-        "its held-out error": _reading(database, lambda session: _current_held_out(session, vehicle, "front")),
+        "the current calibration": _reading(database, lambda session: current_document(session, vehicle, "front")),
+        "the current publication": _reading(database, lambda session: current_publication(session, vehicle, "front")),
     }
 
 
