@@ -133,6 +133,8 @@ class _Ingestion:
             )
         except TalksTooMuchError as error:
             raise self._crashed("it printed without end") from error
+        if "error" not in self._last:
+            self._look_at_disk()  # a fast disk takes gigabytes between two looks
         if ended.code == 0 and "manifest" in self._last:
             return Manifest.from_json(self._last["manifest"])
         raised = self._explain(ended.code, self._last.get("error"), ended.complaint)

@@ -51,7 +51,7 @@ def test_the_largest_schedule_is_refused_and_nothing_is_made(api, ask):
     assert (answer.status_code, answer.json()["code"]) == (422, "work_too_long")
     assert answer.json()["limit_seconds"] == LONGEST_SLOT_S < answer.json()["predicted_seconds"]
     # In shorter slots it takes months.
-    answer = ask(schedule=largest | {"generations": 1000})
+    answer = ask(schedule=largest | {"generations": 500})
     refused = answer.json()
     assert (answer.status_code, refused["code"]) == (422, "calibration_too_large")
     assert refused["limit_seconds"] == 24 * 3600 < refused["predicted_seconds"] / 100
