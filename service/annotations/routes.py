@@ -7,6 +7,7 @@ from uuid import UUID
 
 from fastapi import APIRouter, Query, Request, Response
 
+from apexcal.documents.base import Sought
 from service.annotations import direct
 from service.annotations.answers import answer_view, give, undo
 from service.annotations.disclosure import answered_by_others, tell
@@ -22,7 +23,6 @@ from service.db.recordings import Recording
 from service.detections.queries import done_detection, find_camera
 from service.events.hints import hint
 from service.http.pages import LongPaging, Page, fetch
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["annotations"])
 router.include_router(direct.router)

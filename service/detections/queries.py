@@ -7,11 +7,11 @@ from uuid import UUID
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.detectors import resolve_options
 from service.auth.access import Access
 from service.auth.roles import Role
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
-from service.detections.detectors import resolve_options
 from service.detections.digests import content_hash
 from service.detections.schemas import DetectionRequest
 from service.http.problems import Problem
@@ -78,7 +78,7 @@ def find_camera(session: Session, recording_id: UUID, name: str) -> Sensor:
 
 
 def new_detection(recording: Recording, wanted: DetectionRequest, person_id: UUID) -> Detection:
-    """The row of a detection, all its options resolved. Raises :class:`Problem` as ``resolve_options`` does."""
+    """The row of a detection, all its options resolved. Raises DocumentError as ``resolve_options`` does."""
     options = resolve_options(wanted.detector, wanted.options)
     pairing = wanted.pairing.model_dump()
     content = {"region": wanted.region, "detector": wanted.detector, "options": options, "pairing": pairing}

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
 from service.auth.access import ReadAccess, WriteAccess
 from service.db.detections import Detection, Vertex
 from service.db.recordings import Recording
@@ -18,7 +19,6 @@ from service.detections.views import detection_view, jobs_of, vertex_views
 from service.events.hints import hint
 from service.http.bodies import DOCUMENT
 from service.http.pages import LongPaging, Page, Paging, fetch
-from service.http.schemas import Sought
 from service.jobs.queue import cancel, enqueue_all
 
 router = APIRouter(tags=["detections"])

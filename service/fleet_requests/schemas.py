@@ -8,8 +8,8 @@ from uuid import UUID
 
 from pydantic import AwareDatetime, Field
 
+from apexcal.documents.base import Name, Received, Sent
 from service.calibrations.schemas import CalibrationTemplate, ProgressView
-from service.http.schemas import Name, Received, Sent
 
 Json = dict[str, Any]
 VehicleState = Literal["queued", "running", "done", "failed", "cancelled", "skipped"]

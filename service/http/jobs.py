@@ -12,12 +12,12 @@ from pydantic import computed_field
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import Sent
 from service.auth.access import ReadAccess
 from service.db.base import written
 from service.db.clock import utc_now
 from service.db.jobs import Job
 from service.http.pages import Page, Paging, fetch
-from service.http.schemas import Sent
 
 router = APIRouter(tags=["jobs"])
 
