@@ -13,7 +13,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
-from service.storage.opening import S3Options, check_url
+from service.storage.urls import S3Options, check_url
 
 MIB = 1024 * 1024
 

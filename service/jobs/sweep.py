@@ -15,7 +15,7 @@ from sqlalchemy import ColumnElement, exists, select, update
 from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.fleet_progress import count_missed
+from service.calibration_runs.fleet_request_actions import count_missed
 from service.db.base import Json, written
 from service.db.calibrations import CalibrationRun
 from service.db.clock import now
