@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from apexcal.documents.base import Received, Sent
 from apexcal.documents.detectors import FLAGS, PairingMode, Quality
 from apexcal.documents.region_fields import KeptRegion, Region
-from service.http.jobs import JobView
+from service.job_status.routes import JobView
 
 Json = dict[str, Any]
 State = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from apexcal.documents.base import Name, Received, Sent, Topic
 from apexcal.documents.readings import LidarModel, PointTimes, StampConvention
-from service.http.jobs import JobView
+from service.job_status.routes import JobView
 
 MAX_PARTS = 100_000
 

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from apexcal.documents.base import Received, Sent
 from apexcal.documents.region_fields import KeptRegion, Region
-from service.http.jobs import JobView
+from service.job_status.routes import JobView
 
 Json = dict[str, Any]
 State = Literal["queued", "running", "done", "failed", "cancelled"]

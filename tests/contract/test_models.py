@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from service.calibrations import transforms
-from service.calibrations.holding_out import fold_count
+from service.calibrations.fold_rules import fold_count
 from service.fleets.transforms import Transform
 from workers.geometry import transforms as worker_transforms
 from workers.geometry.transforms import RigidTransform
