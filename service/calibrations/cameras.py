@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from apexcal.documents.calibrations import GivenLens
 from apexcal.documents.camera_models import FOCAL_AND_CENTRE, ModelName
 from apexcal.documents.rules import LensUse
 from service.calibrations.known_lens import as_stated, known_lens, near_stated
 from service.calibrations.lens_queries import check_size
-from service.calibrations.schemas import GivenLens
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import RigCamera

@@ -8,6 +8,7 @@ from math import radians
 from typing import Any
 
 from apexcal.documents.bounds import BoundsPreset, Interval
+from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.camera_models import (
     EXTRINSICS,
     MODELS,
@@ -31,7 +32,6 @@ from service.calibrations.cameras import (
 from service.calibrations.fold_rules import fold_count
 from service.calibrations.known_lens import Known, known_lens
 from service.calibrations.lock_rules import check_camera_locks, check_locks
-from service.calibrations.schemas import CalibrationTemplate
 from service.calibrations.weight_rules import weighing, weighing_note
 from service.calibrations.work_rules import Wanted, check_work, cost_of, predicted_s
 from service.db.base import Json

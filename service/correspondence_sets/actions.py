@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import Select, select, update
 from sqlalchemy.orm import Session, defer
 
-from service.calibrations.schemas import SetView
+from apexcal.documents.calibrations import SetView
 from service.correspondence_sets.pair_files import Columns
 from service.db.calibrations import CorrespondenceSet
 from service.db.clock import now

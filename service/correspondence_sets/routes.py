@@ -14,11 +14,11 @@ from sqlalchemy.orm import defer
 from starlette.requests import ClientDisconnect
 
 from apexcal.documents.base import Sought
+from apexcal.documents.calibrations import BuildRequest, SetView, SetWithPairs
+from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.auth.roles import rank
 from service.broker.hints import hint
-from service.calibrations.schemas import BuildRequest, SetView, SetWithPairs
 from service.correspondence_sets.actions import keep_set, notes_on_image, rig_camera, set_view, summaries
 from service.correspondence_sets.marked_pairs import build
 from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, read_csv, read_json

@@ -7,13 +7,13 @@ from uuid import UUID
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.detections import DetectionRequest
 from apexcal.documents.detectors import resolve_options
+from apexcal.documents.roles import Role
 from service.auth.access import Access
-from service.auth.roles import Role
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.digests import content_hash
 from service.db.recordings import Recording, Sensor
-from service.detections.schemas import DetectionRequest
 from service.http.problems import Problem
 from service.jobs.bundles import shards
 

@@ -10,9 +10,9 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session, selectinload
 
+from apexcal.documents.calibrations import CalibrationRequest, CalibrationTemplate
 from service.calibrations.lens_queries import stated_intrinsics
 from service.calibrations.plan import CameraPairs, Plan, plan_request
-from service.calibrations.schemas import CalibrationRequest, CalibrationTemplate
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import Rig

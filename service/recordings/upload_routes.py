@@ -9,16 +9,16 @@ from fastapi import APIRouter, Path, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
+from apexcal.documents.recordings import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
 from service.http.store_problems import disk_full
-from service.job_status.routes import job_views
+from service.job_status.views import job_views
 from service.jobs.queue import enqueue
 from service.recordings.queries import parts_of, view
-from service.recordings.schemas import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
 from service.recordings.upload_actions import (
     Announced,
     Body,

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 from uuid import UUID
 
 from pydantic import AwareDatetime, Field
 
-from apexcal.documents.base import Name, Received, Sent
-from service.calibrations.schemas import CalibrationTemplate, ProgressView
+from apexcal.documents.base import Document, Name, Received, Sent, Stored
+from apexcal.documents.calibrations import CalibrationTemplate, ProgressView
+from apexcal.documents.jobs import ProblemView
 
-Json = dict[str, Any]
 VehicleState = Literal["queued", "running", "done", "failed", "cancelled", "skipped"]
 RequestState = Literal["running", "done", "done_with_failures", "cancelled"]
 
@@ -39,6 +39,13 @@ class FleetRequestBody(Received):
     dry_run: bool = False
 
 
+class AskedOfFleet(Document):
+    """What was asked: the filter, and the calibration of each vehicle."""
+
+    vehicles: VehicleFilter
+    calibration: CalibrationTemplate
+
+
 class Counts(Sent):
     """How many vehicles the filter matched, and how many of them are in which state."""
 
@@ -61,7 +68,7 @@ class FleetRequestView(Sent):
     id: UUID
     fleet_id: UUID
     state: RequestState
-    asked: Json
+    asked: Stored[AskedOfFleet]
     asked_by: str | None
     counts: Counts
     published: int | None
@@ -98,7 +105,7 @@ class RequestVehicleView(Sent):
     vehicle: str
     state: VehicleState
     calibration_id: UUID | None
-    problem: Json | None
+    problem: Stored[ProblemView | None]
     cameras: dict[str, CameraOutcome]
     finished_at: datetime | None
 
@@ -108,7 +115,7 @@ class SkippedView(Sent):
 
     vehicle_id: UUID
     vehicle: str
-    problem: Json
+    problem: Stored[ProblemView]
 
 
 class DryRunView(Sent):
