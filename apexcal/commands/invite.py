@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from enum import StrEnum
 from typing import Annotated
 
@@ -35,11 +34,11 @@ def invite(
     """Make a link that signs one person in, once. Send it to that person only."""
     with connected(url, token, data) as client:
         chosen = find_fleet(client, fleet)
-        invitation = client.fleets.invite(chosen["id"], name, role.value)
-    until = datetime.fromisoformat(invitation["expires_at"]).astimezone()
+        invitation = client.fleets.invite(chosen.id, name, role.value)
+    until = invitation.expires_at.astimezone()
     say(
         invitation,
         as_json,
-        f"{name} becomes {role.value} of {chosen['name']} with this link, "
-        f"which works once until {until:%Y-%m-%d %H:%M %Z}:\n{invitation['link']}",
+        f"{name} becomes {role.value} of {chosen.name} with this link, "
+        f"which works once until {until:%Y-%m-%d %H:%M %Z}:\n{invitation.link}",
     )

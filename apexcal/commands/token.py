@@ -29,7 +29,5 @@ def token(
     """
     with connected(url, token, data, link) as client:
         chosen = find_fleet(client, fleet)
-        made = client.fleets.create_token(chosen["id"], name, role.value, expires_in_days=days or None)
-    say(
-        made, as_json, f"{name} is {role.value} of {chosen['name']} with this token, shown only now:\n{made['token']}"
-    )
+        made = client.fleets.create_token(chosen.id, name, role.value, expires_in_days=days or None)
+    say(made, as_json, f"{name} is {role.value} of {chosen.name} with this token, shown only now:\n{made.token}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Mapping
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -98,6 +98,13 @@ class Sent(BaseModel):
     """An answer's body, read from a row's attributes where it is given one."""
 
     model_config = ConfigDict(from_attributes=True)
+
+
+class Page(BaseModel, Generic[T]):
+    """One page; ``next`` is given as ``after`` to get the following one, and is null on the last."""
+
+    items: list[T]
+    next: str | None = None
 
 
 class Document(BaseModel):

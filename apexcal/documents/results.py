@@ -235,6 +235,12 @@ class ModelSummary(Document):
     objections: list[str] | None = None
     behind: Behind | None = None
 
+    @property
+    def stages(self) -> dict[str, Errors]:
+        """The errors of search, polish and baseline, of those that there are."""
+        named = {"ga": self.ga, "polished": self.polished, "baseline": self.baseline}
+        return {name: errors for name, errors in named.items() if errors is not None}
+
 
 class CameraSummary(Document):
     """The models of a camera side by side, which one to take and why; whether it was published, where asked for."""
