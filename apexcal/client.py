@@ -168,7 +168,7 @@ def time_left(seconds: float) -> str:
 
 
 # What is followed: where it stands, as what it is read, and what to call it.
-_FOLLOWED: dict[type[BaseModel], tuple[str, type[BaseModel], str]] = {
+_FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     RecordingSummary: ("recordings", RecordingView, "the recording {0.name!r}"),
     DetectionView: ("detections", DetectionView, "the detection"),
     FleetRequestView: ("fleet-requests", FleetRequestView, "the fleet request"),

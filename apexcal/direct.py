@@ -78,18 +78,19 @@ class Direct:
 
     def _put(self, path: str, address: PartAddress, data: bytes, *, last: bool) -> bool:
         """Whether the part is acknowledged; False where it is to be tried again. The ``last`` try raises instead."""
+        url = address.url or ""
         md5 = hashlib.md5(data, usedforsecurity=False).digest()
         # S3 compares Content-MD5 with what arrived, so damage on the way shows at once and not in the worker.
         headers = {"Content-MD5": base64.b64encode(md5).decode(), "Content-Type": "application/octet-stream"}
         try:
-            response = self._http.put(address.url, content=data, headers=headers)
+            response = self._http.put(url, content=data, headers=headers)
         except httpx.TransportError as error:
             if last:
-                raise _unreachable(address.url, str(error)) from error
+                raise _unreachable(url, str(error)) from error
             return False
         if not response.is_success:
             if last or response.status_code not in _AGAIN:
-                raise _unreachable(address.url, f"it answered {response.status_code}")
+                raise _unreachable(url, f"it answered {response.status_code}")
             return False
         try:
             self._service.post(f"{path}/arrival", PartView, {"reservation": address.reservation})

@@ -115,7 +115,7 @@ def _settle(running: set[Future[None]]) -> set[Future[None]]:
 
 
 def _require_same(number: int, held: PartView, digest: str, name: str) -> None:
-    if held["sha256"] != digest:
+    if held.sha256 != digest:
         raise ClientError(
             f"the recording's upload began with something else: its part {number} differs from {name}",
             "Upload it as a new recording (--new), or finish the old upload with the file that it began with.",

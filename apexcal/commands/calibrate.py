@@ -139,7 +139,7 @@ def calibrate(
             if pairs
             else pairs_of_marks(client, detection, cameras)
         )
-        given.intrinsics = lenses(intrinsics or [], [one.camera for one in of_cameras]) or None
+        given["intrinsics"] = lenses(intrinsics or [], [one.camera for one in of_cameras]) or None
         sets: list[SetView] = []
         with saying_what_stays(sets):
             sets.extend(one.make() for one in of_cameras)

@@ -66,7 +66,7 @@ def calibrate_fleet(
         )
     given: dict[str, Any] = {"models": model or None, "preset": preset, "folds": folds}
     calibration = {word: value for word, value in given.items() if value is not None}
-    calibration.publish = "recommended" if publish else "none"
+    calibration["publish"] = "recommended" if publish else "none"
     wanted = {"name": name, "rig": rig, "not_calibrated_since": _moment(since), "new_pairs": new_pairs or None}
     vehicles = {word: value for word, value in wanted.items() if value is not None}
     with connected(url, token, data) as client:

@@ -57,7 +57,7 @@ def saying_objections() -> Iterator[None]:
         yield
     except ApiError as error:
         if error.code == "objections":
-            listed = "".join(f"\n  {one}" for one in error.fields.objections)
+            listed = "".join(f"\n  {one}" for one in error.fields["objections"])
             error.args = (f"something speaks against publishing this result:{listed}\nNothing was published",)
             error.hint = "To publish it all the same, add --override, and say why with --reason."
         elif error.code == "reason_missing":

@@ -35,9 +35,9 @@ def reread(
             raise ClientError(f"the recording {of.name!r} is {of.state}", "Only a failed one is read again.")
         changes: dict[str, object] = {}
         if rig:
-            changes.rig_id = find_rig(client, client.vehicles.get(of.vehicle_id), rig).id
+            changes["rig_id"] = str(find_rig(client, client.vehicles.get(of.vehicle_id), rig).id)
         if known:
-            changes.reading = _added(of.reading.model_dump(mode="json", exclude_unset=True), known)
+            changes["reading"] = _added(of.reading.model_dump(mode="json", exclude_unset=True), known)
         if changes:
             of = client.recordings.edit(of, **changes)
         of = client.recordings.retry(of.id)

@@ -49,5 +49,5 @@ def _what_was_found(facts: SuggestionFacts) -> str:
     notes = "".join(f"\n  {note}" for note in facts.notes)
     return (
         f"Somebody walks in {facts.sweeps_moving} of {facts.sweeps_read} sweeps that were looked at, over "
-        f"{facts['area_m2']:.0f} square metres.{notes}"
+        f"{facts.area_m2:.0f} square metres.{notes}"
     )

@@ -170,12 +170,12 @@ class Recordings:
         with Direct(self._http) as direct:
             for position, part in enumerate(list(parts)):
                 try:
-                    data = direct.get(part.url, 0, part.size)
+                    data = direct.get(part.url or "", 0, part.size)
                 except EndedAddressError:
                     # A large file takes longer than addresses live.
                     parts = self._http.get(f"{path}/parts", Original).parts
-                    data = direct.get(parts[position].url, 0, part.size)
-                if hashlib.sha256(data).hexdigest() != part["sha256"]:
+                    data = direct.get(parts[position].url or "", 0, part.size)
+                if hashlib.sha256(data).hexdigest() != part.sha256:
                     raise ClientError(
                         f"part {part.number} of the original is not what was uploaded",
                         "Try again; if it happens again, the operator should look at the store.",
