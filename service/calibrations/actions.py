@@ -14,11 +14,11 @@ from service.calibrations.plan import Fit, Plan
 from service.db.base import written
 from service.db.calibrations import Calibration, CalibrationRun
 from service.db.fleets import Rig
+from service.db.states import UNENDED, WorkState
 from service.jobs.bundles import plan
 from service.jobs.queue import cancel
 
 FULL = -1
-UNENDED = ("queued", "running")
 
 
 def create(
@@ -89,7 +89,7 @@ def _calibration(rig: Rig, asked: Plan, publish: str, person_id: UUID) -> Calibr
         rig_id=rig.id,
         request=asked.request,
         content_hash=asked.content_hash,
-        state="queued",
+        state=WorkState.QUEUED,
         remaining=sum(fit.folds + 1 for fit in asked.fits),
         publish=publish,
         notes=asked.notes,
@@ -112,5 +112,5 @@ def _run(
         slots=asked.size.slots,
         bundle=cut.bundle,
         problem=fit.problem | {"fold": fold},
-        state="queued",
+        state=WorkState.QUEUED,
     )

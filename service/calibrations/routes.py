@@ -20,7 +20,7 @@ from service.calibrations.plan import CameraPairs, plan_request
 from service.calibrations.schemas import CalibrationRequest, CalibrationView, SlotView
 from service.calibrations.slot_views import slot_page
 from service.calibrations.views import calibration_views, vertices_apart
-from service.correspondence_sets.actions import rig_camera
+from service.correspondence_sets.queries import rig_camera
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
 from service.db.fleets import Rig, Vehicle
 from service.http.pages import LongPaging, Page, Paging, fetch

@@ -1,4 +1,4 @@
-"""What requests and answers about correspondence sets, calibrations and results look like."""
+"""What requests and answers about calibrations, results and publications look like."""
 
 from __future__ import annotations
 
@@ -23,37 +23,6 @@ from service.http.schemas import Magnitude, Received, Sent, seen
 Json = dict[str, Any]
 # What a browser's numbers hold exactly.
 _LARGEST_SEED = 2**53 - 1
-
-
-class BuildRequest(Received):
-    """Make pairs of what people marked; ``exclude_flagged`` leaves out vertices whose verdicts are tied."""
-
-    camera: Annotated[str, Field(max_length=200)]
-    exclude_flagged: bool = False
-
-
-class SetView(Sent):
-    """A correspondence set without its pairs."""
-
-    id: UUID
-    fleet_id: UUID
-    vehicle_id: UUID
-    rig_id: UUID
-    recording_id: UUID | None
-    detection_id: UUID | None
-    camera: str
-    source: Literal["annotations", "import"]
-    count: int
-    content_hash: str
-    notes: list[str]
-    flagged: int
-    created_at: datetime
-
-
-class SetWithPairs(SetView):
-    """A correspondence set with its pairs: x y z (metres, LiDAR frame), u v (pixels), and what else is known."""
-
-    pairs: list[Json]
 
 
 class Prior(Received):

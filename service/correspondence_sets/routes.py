@@ -17,11 +17,13 @@ from service.annotations.disclosure_actions import answered_by_others, keep, tel
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.auth.roles import rank
 from service.broker.hints import hint
-from service.calibrations.schemas import BuildRequest, SetView, SetWithPairs
-from service.correspondence_sets.actions import keep_set, notes_on_image, rig_camera, set_view, summaries
+from service.correspondence_sets.actions import keep_set
 from service.correspondence_sets.marked_pairs import build
-from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, read_csv, read_json
+from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
+from service.correspondence_sets.queries import rig_camera
+from service.correspondence_sets.schemas import BuildRequest, SetView, SetWithPairs
 from service.correspondence_sets.streamed_views import pairs_of, set_in_pieces
+from service.correspondence_sets.views import set_view, summaries
 from service.db.calibrations import CorrespondenceSet
 from service.db.detections import Detection
 from service.db.fleets import Rig

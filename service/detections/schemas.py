@@ -8,13 +8,13 @@ from uuid import UUID
 
 from pydantic import Field, model_validator
 
+from service.db.states import WorkState
 from service.detections.detectors import FLAGS
 from service.detections.regions import Region
 from service.http.schemas import Received, Sent
-from service.job_status.routes import JobView
+from service.job_status.schemas import JobView
 
 Json = dict[str, Any]
-State = Literal["queued", "running", "done", "failed", "cancelled"]
 Quality = Literal["fine", "usable"]
 Covariance = list[list[float]]
 
@@ -56,7 +56,7 @@ class DetectionView(Sent):
     detector: str
     options: Json
     pairing: Json
-    state: State
+    state: WorkState
     counts: Json
     problem: Json | None
     job: JobView | None

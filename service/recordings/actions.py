@@ -14,6 +14,7 @@ from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceS
 from service.db.detections import Detection
 from service.db.fleet_requests import FleetRequestVehicle
 from service.db.recordings import Recording, Sensor, UploadPart
+from service.db.states import VehicleState
 from service.db.studies import Study
 from service.http.problems import Problem
 from service.jobs.queue import abandon
@@ -32,7 +33,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     # A retry of a fleet request holds its failed vehicles, then the sets; a cancel holds only the keys of these.
     failed = select(FleetRequestVehicle.id).where(
         FleetRequestVehicle.calibration_id.in_(_calibrations(session, recording_id)),
-        FleetRequestVehicle.state == "failed",
+        FleetRequestVehicle.state == VehicleState.FAILED,
     )
     session.execute(failed.order_by(FleetRequestVehicle.id).with_for_update(key_share=True)).all()
     # A calibration being asked for holds its sets, not the recording: wait for it, so that its runs are seen below.

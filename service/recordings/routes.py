@@ -16,6 +16,7 @@ from service.db.clock import now
 from service.db.fleets import Rig, Vehicle
 from service.db.ids import new_id
 from service.db.recordings import Recording
+from service.db.states import RecordingState
 from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found
@@ -25,7 +26,6 @@ from service.recordings.schemas import (
     CreatedRecording,
     NewRecording,
     RecordingEdit,
-    RecordingState,
     RecordingSummary,
     RecordingView,
 )
@@ -117,7 +117,7 @@ def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditio
 
 
 def _refuse_if_read(row: Recording, code: str, what: str) -> None:
-    if row.state not in ("uploading", "failed"):
+    if row.state not in (RecordingState.UPLOADING, RecordingState.FAILED):
         raise Problem(
             409,
             code,

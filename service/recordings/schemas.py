@@ -8,12 +8,12 @@ from uuid import UUID
 
 from pydantic import Field
 
+from service.db.states import RecordingState
 from service.http.schemas import Name, Received, Sent, Topic
-from service.job_status.routes import JobView
+from service.job_status.schemas import JobView
 
 MAX_PARTS = 100_000
 
-RecordingState = Literal["uploading", "queued", "ingesting", "ready", "failed"]
 MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
 
 

@@ -10,7 +10,7 @@ from service.annotations.progress_queries import opinions_of
 from service.calibrations.model_names import PRESETS, check_model
 from service.calibrations.plan import describe_camera
 from service.calibrations.work_rules import check_job, cost_of
-from service.correspondence_sets.actions import rig_camera
+from service.correspondence_sets.queries import rig_camera
 from service.db.base import Json
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.fleets import Rig
