@@ -9,12 +9,12 @@ from uuid import UUID
 from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import start_runs
 from service.calibrations.plan import Fit, Plan
 from service.db.base import written
 from service.db.calibrations import Calibration, CalibrationRun
 from service.db.fleets import Rig
-from service.db.states import UNENDED, WorkState
 from service.jobs.bundles import plan
 from service.jobs.queue import cancel
 

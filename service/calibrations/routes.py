@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.auth.roles import rank
@@ -20,12 +21,11 @@ from service.calibrations.plan import CameraPairs, plan_request
 from service.calibrations.schemas import CalibrationRequest, CalibrationView, SlotView
 from service.calibrations.slot_views import slot_page
 from service.calibrations.views import calibration_views, vertices_apart
-from service.correspondence_sets.queries import rig_camera
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
 from service.db.fleets import Rig, Vehicle
+from service.fleets.queries import rig_camera
 from service.http.pages import LongPaging, Page, Paging, fetch
 from service.http.problems import Problem
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["calibrations"])
 

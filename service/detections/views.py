@@ -8,10 +8,10 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Sensor
-from service.db.states import WorkState
 from service.detections.schemas import DetectionView, FrameOfVertex, Moved, VertexView
 from service.job_status.schemas import JobView
 
@@ -22,7 +22,7 @@ def detection_view(row: Detection, job: Job | None) -> DetectionView:
         id=row.id,
         fleet_id=row.fleet_id,
         recording_id=row.recording_id,
-        region=row.region,
+        region=row.region,  # pyright: ignore[reportArgumentType] - it was checked when it was sent
         detector=row.detector,
         options=row.options,
         pairing=row.pairing,

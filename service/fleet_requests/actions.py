@@ -10,6 +10,7 @@ from uuid import UUID
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import RequestState, VehicleState
 from service.calibrations.actions import ask_to_end, create_all, waiting_runs
 from service.calibrations.schemas import CalibrationTemplate
 from service.calibrations.work_rules import check_fleet_total
@@ -17,7 +18,6 @@ from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet
 from service.db.ids import new_id
-from service.db.states import RequestState, VehicleState
 from service.fleet_requests.plan import Planned, check_template, plan_vehicles
 from service.fleet_requests.schemas import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
 from service.fleet_requests.vehicle_queries import Chosen, choose

@@ -9,6 +9,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
+from apexcal.documents.states import VehicleState, WorkState
 from service.calibrations.schemas import ProgressView
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
@@ -17,7 +18,6 @@ from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Vehicle
 from service.db.jobs import Job
 from service.db.people import Person
-from service.db.states import VehicleState, WorkState
 from service.fleet_requests.schemas import (
     CameraOutcome,
     Counts,

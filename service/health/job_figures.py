@@ -18,11 +18,11 @@ from sqlalchemy import case, func, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.db.clock import now
 from service.db.jobs import Heartbeat, Job, JobTotal, Worker
 from service.db.recordings import Blob
 from service.db.session import Database
-from service.db.states import UNENDED, WorkState
 from service.jobs.kinds import QUEUES
 from service.jobs.totals import BUCKETS_S
 

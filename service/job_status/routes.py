@@ -8,10 +8,10 @@ from uuid import UUID
 from fastapi import APIRouter, Path, Query
 from sqlalchemy import select
 
+from apexcal.documents.states import WorkState
 from service.auth.access import ReadAccess
 from service.db.base import written
 from service.db.jobs import Job
-from service.db.states import WorkState
 from service.http.pages import Page, Paging, fetch
 from service.job_status.schemas import JobView
 

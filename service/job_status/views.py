@@ -8,8 +8,8 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED
 from service.db.jobs import Job
-from service.db.states import UNENDED
 from service.job_status.schemas import JobView
 
 

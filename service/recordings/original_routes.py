@@ -10,10 +10,10 @@ from uuid import UUID
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import StreamingResponse
 
+from apexcal.documents.states import RecordingState
 from service.auth.access import Access, CurrentIdentity
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
-from service.db.states import RecordingState
 from service.http.problems import Problem
 from service.recordings.presigner import Presigner
 from service.recordings.queries import parts_of

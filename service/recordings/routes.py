@@ -10,13 +10,13 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.states import RecordingState
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.clock import now
 from service.db.fleets import Rig, Vehicle
 from service.db.ids import new_id
 from service.db.recordings import Recording
-from service.db.states import RecordingState
 from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found

@@ -9,10 +9,10 @@ from fastapi import APIRouter, Path, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
+from apexcal.documents.states import RecordingState
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
-from service.db.states import RecordingState
 from service.http.problems import Problem
 from service.job_status.views import job_views
 from service.recordings.jobs import queue_ingestion

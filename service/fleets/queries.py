@@ -1,4 +1,4 @@
-"""The camera that a set's pairs are of."""
+"""A rig and its cameras."""
 
 from __future__ import annotations
 
