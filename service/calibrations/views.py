@@ -11,7 +11,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED
-from service.calibrations.actions import FULL
+from service.calibration_runs.conclusion import FULL
 from service.calibrations.schemas import CalibrationView, ProgressView, RunView
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result

@@ -18,7 +18,7 @@ from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet
 from service.db.ids import new_id
-from service.fleet_requests.plan import Planned, check_template, plan_vehicles
+from service.fleet_requests.plan import VehiclePlan, check_template, plan_vehicles
 from service.fleet_requests.schemas import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
 from service.fleet_requests.vehicle_queries import Chosen, choose
 from service.http.problems import Problem
@@ -155,7 +155,7 @@ class _Total:
     slots: int = 0
     seconds: float = 0.0
 
-    def add(self, planned: Sequence[Planned]) -> None:
+    def add(self, planned: Sequence[VehiclePlan]) -> None:
         """Count some vehicles more. Raises :class:`Problem` 422 ``fleet_request_too_large``."""
         plans = [one.plan for one in planned if one.plan]
         fits = [fit for one in plans for fit in one.fits]
@@ -180,7 +180,7 @@ def _too_large(what: str, most: str) -> Problem:
 
 def _calibrate(
     session: Session,
-    planned: Sequence[Planned],
+    planned: Sequence[VehiclePlan],
     template: CalibrationTemplate,
     person_id: UUID,
     workers: int,
@@ -195,7 +195,7 @@ def _calibrate(
     return {calibration.vehicle_id: calibration.id for calibration in made}
 
 
-def _vehicle(row: FleetRequest, id: UUID, one: Planned, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
+def _vehicle(row: FleetRequest, id: UUID, one: VehiclePlan, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
     state, problem, finished_at = _first_state(one)
     return FleetRequestVehicle(
         id=id,
@@ -208,7 +208,7 @@ def _vehicle(row: FleetRequest, id: UUID, one: Planned, calibrations: dict[UUID,
     )
 
 
-def _first_state(one: Planned) -> tuple[str, dict[str, object] | None, datetime | None]:
+def _first_state(one: VehiclePlan) -> tuple[str, dict[str, object] | None, datetime | None]:
     return (
         (VehicleState.QUEUED, None, None) if one.plan is not None else (VehicleState.SKIPPED, one.problem, utc_now())
     )

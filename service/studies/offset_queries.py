@@ -9,7 +9,7 @@ from apexcal.documents.camera_models import parse_model
 from apexcal.documents.schedules import PRESETS
 from service.annotations.consensus import agree
 from service.annotations.progress_queries import opinions_of
-from service.calibrations.plan import describe_camera
+from service.calibrations.fit_documents import describe_camera
 from service.calibrations.work_rules import check_job, cost_of
 from service.db.base import Json
 from service.db.detections import Detection, Vertex, VertexFrame
