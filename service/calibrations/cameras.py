@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from service.calibrations.known_lens import FOCAL_AND_CENTRE, UseAs, as_stated, known_lens, near_stated
+from apexcal.documents.camera_models import FOCAL_AND_CENTRE, ModelName
+from apexcal.documents.rules import LensUse
+from service.calibrations.known_lens import as_stated, known_lens, near_stated
 from service.calibrations.lens_queries import check_size
 from service.calibrations.schemas import GivenLens
 from service.db.base import Json
@@ -46,7 +48,7 @@ def with_given_lenses(sources: Sequence[CameraPairs], given: Mapping[str, GivenL
     return [_with(source, given[source.camera.name]) if source.camera.name in given else source for source in sources]
 
 
-def check_given_lenses(given: Mapping[str, GivenLens], models: Sequence[str], use_as: UseAs) -> None:
+def check_given_lenses(given: Mapping[str, GivenLens], models: Sequence[ModelName], use_as: LensUse) -> None:
     """Refuse lenses that are wrong whatever the rig: as ``as_stated``, and 422 ``intrinsics_of_another_model``."""
     for name, lens in given.items():
         _able(name, as_stated(name, lens.model_dump()), models, use_as)
@@ -59,7 +61,7 @@ def _with(source: CameraPairs, given: GivenLens) -> CameraPairs:
     return replace(source, stated=stated)
 
 
-def models_of(source: CameraPairs, models: Sequence[str], use_as: UseAs) -> list[str]:
+def models_of(source: CameraPairs, models: Sequence[ModelName], use_as: LensUse) -> list[ModelName]:
     """Those of the models that can be the camera's lens.
 
     Raises:
@@ -69,7 +71,7 @@ def models_of(source: CameraPairs, models: Sequence[str], use_as: UseAs) -> list
 
 
 def locked_by_lens(
-    source: CameraPairs, models: Sequence[str], use_as: UseAs, asked: Collection[str]
+    source: CameraPairs, models: Sequence[ModelName], use_as: LensUse, asked: Collection[str]
 ) -> dict[str, float]:
     """Focal lengths and principal point (pixels) at which the camera's stated lens holds them, where it locks any.
 
@@ -82,8 +84,8 @@ def locked_by_lens(
     return {name: locked[name] for name in FOCAL_AND_CENTRE if name in locked and name not in asked}
 
 
-def _able(camera: str, stated: Json, models: Sequence[str], use_as: UseAs) -> list[str]:
-    able = [model for model in models if known_lens(stated, model, use_as) is not None]
+def _able(camera: str, stated: Json, models: Sequence[ModelName], use_as: LensUse) -> list[ModelName]:
+    able: list[ModelName] = [model for model in models if known_lens(stated, model, use_as) is not None]
     if able:
         return able
     lens = stated["model"]
@@ -97,7 +99,7 @@ def _able(camera: str, stated: Json, models: Sequence[str], use_as: UseAs) -> li
     )
 
 
-def lens_notes(source: CameraPairs, models: Sequence[str], use_as: UseAs, settled: set[str]) -> list[str]:
+def lens_notes(source: CameraPairs, models: Sequence[ModelName], use_as: LensUse, settled: set[str]) -> list[str]:
     """What became of a stated lens. ``settled`` are the parameters that the request itself bounds or locks."""
     if source.stated is None:
         return []

@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 from typing import Any
 
+from apexcal.documents.bounds import BoundsPreset, Interval
+from apexcal.documents.camera_models import (
+    EXTRINSICS,
+    MODELS,
+    ModelName,
+    SearchForm,
+    all_names,
+    bare_name,
+    parameter_names,
+    parse_model,
+)
+from apexcal.documents.rules import LensUse
+from apexcal.documents.schedules import PRESETS, Schedule
 from service.calibrations.cameras import (
     CameraPairs,
     check_given_lenses,
@@ -16,20 +29,8 @@ from service.calibrations.cameras import (
     with_given_lenses,
 )
 from service.calibrations.fold_rules import fold_count
-from service.calibrations.known_lens import Known, UseAs, known_lens
+from service.calibrations.known_lens import Known, known_lens
 from service.calibrations.lock_rules import check_camera_locks, check_locks
-from service.calibrations.model_names import (
-    ANGLES,
-    EXTRINSICS,
-    MODELS,
-    PRESETS,
-    BoundsPreset,
-    PresetSize,
-    SearchForm,
-    all_names,
-    check_model,
-    parameter_names,
-)
 from service.calibrations.schemas import CalibrationTemplate
 from service.calibrations.weight_rules import weighing, weighing_note
 from service.calibrations.work_rules import Wanted, check_work, cost_of, predicted_s
@@ -38,8 +39,6 @@ from service.db.digests import content_hash
 from service.db.fleets import RigCamera
 from service.http.problems import Problem
 from service.jobs.costs import RunCost
-
-Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Fit:
     """
 
     source: CameraPairs
-    model: str
+    model: ModelName
     folds: int
     problem: Json
     cost: RunCost
@@ -61,7 +60,7 @@ class Plan:
     """Everything that a request comes to."""
 
     fits: list[Fit]
-    size: PresetSize
+    size: Schedule
     content_hash: str
     request: Json
     notes: list[str]
@@ -84,7 +83,7 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
             ``intrinsics_of_another_model`` and those of :func:`~service.calibrations.known_lens.as_stated`;
             and those of :func:`~service.calibrations.work_rules.check_work`.
     """
-    models = list(dict.fromkeys(check_model(name) for name in wanted.models))
+    models: list[ModelName] = list(dict.fromkeys(parse_model(name) for name in wanted.models))
     size = _size(wanted)
     common = _common(wanted, models)
     bounds = _by_name(wanted.bounds, "bounds", models, common["search"])
@@ -93,10 +92,14 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
     use_as = wanted.intrinsics_as
     check_given_lenses(wanted.intrinsics, models, use_as)
     sources = with_given_lenses(sources, wanted.intrinsics)
-    asked = [(one.camera.name, model, one.pairs.count) for one in sources for model in models_of(one, models, use_as)]
+    runs = 1 + wanted.folds
+    work = [
+        Wanted(one.camera.name, model, one.pairs.count, runs, cost_of(model, one.pairs.count, size))
+        for one in sources
+        for model in models_of(one, models, use_as)
+    ]
     # A template is checked as for a camera without pairs.
-    asked = asked or [("", model, 0) for model in models]
-    check_work([Wanted(*one, 1 + wanted.folds, cost_of(*one[1:], size)) for one in asked], size)
+    check_work(work or [Wanted("", model, 0, runs, cost_of(model, 0, size)) for model in models], size)
     settled = {*bounds, *common["locked"]}
     for source in sources:
         of_lens = locked_by_lens(source, models, use_as, settled | set(common["priors"]))
@@ -130,7 +133,7 @@ def plan_request(wanted: CalibrationTemplate, sources: list[CameraPairs]) -> Pla
     return Plan(fits, size, digest, wanted.model_dump(mode="json") | resolved, list(dict.fromkeys(notes)))
 
 
-def _common(wanted: CalibrationTemplate, models: list[str]) -> Json:
+def _common(wanted: CalibrationTemplate, models: list[ModelName]) -> Json:
     """What all fits of a request share, with everything filled in that the preset means."""
     paper, size = wanted.preset == "paper", _size(wanted)
     search: SearchForm = wanted.search or ("euler" if paper else "rotation_vector")
@@ -153,18 +156,12 @@ def _common(wanted: CalibrationTemplate, models: list[str]) -> Json:
     }
 
 
-def _size(wanted: CalibrationTemplate) -> PresetSize:
-    size, given = PRESETS[wanted.preset], wanted.schedule
-    return PresetSize(
-        given.slots or size.slots,
-        given.population or size.population,
-        given.generations or size.generations,
-        given.max_iterations or size.max_iterations,
-    )
+def _size(wanted: CalibrationTemplate) -> Schedule:
+    return replace(PRESETS[wanted.preset], **wanted.schedule.model_dump(exclude_none=True))
 
 
 def _document(
-    source: CameraPairs, model: str, common: Json, asked_bounds: Mapping[str, Interval], use_as: UseAs
+    source: CameraPairs, model: ModelName, common: Json, asked_bounds: Mapping[str, Interval], use_as: LensUse
 ) -> Json:
     """The solver's document of one model on one camera, with only the parameters that this model has.
 
@@ -190,7 +187,7 @@ def _document(
     )
 
 
-def describe_camera(camera: RigCamera, model: str, search: SearchForm) -> Json:
+def describe_camera(camera: RigCamera, model: ModelName, search: SearchForm) -> Json:
     """The part of the solver's document that the rig tells, with the bounds that this model has."""
     names = parameter_names(model, search)
     return {
@@ -222,17 +219,17 @@ def _folds(source: CameraPairs, document: Json, wanted: int) -> tuple[int, str |
 def _notes(source: CameraPairs) -> list[str]:
     """What the set says of itself, and what of the rig's bounds is of no use."""
     known = {name for form in EXTRINSICS for name in all_names(MODELS, form)}
-    unused = [name for name in source.camera.bounds if _plain(name) not in known]
+    unused = [name for name in source.camera.bounds if bare_name(name) not in known]
     return [f"{source.camera.name}: {note}" for note in source.pairs.notes] + [
         f"The rig's bounds of {source.camera.name} name {n!r}, which no model has; unused." for n in unused
     ]
 
 
-def _by_name(given: Mapping[str, Any], where: str, models: Iterable[str], search: SearchForm) -> dict[str, Any]:
+def _by_name(given: Mapping[str, Any], where: str, models: Iterable[ModelName], search: SearchForm) -> dict[str, Any]:
     """Values by parameter name, angles in radians; every name must be a parameter of one of the models."""
     names = all_names(models, search)
     for name in given:
-        if _plain(name) not in names:
+        if bare_name(name) not in names:
             raise Problem(
                 422,
                 "unknown_parameter",
@@ -259,14 +256,9 @@ def _check_order(bounds: Mapping[str, Interval]) -> None:
             )
 
 
-def _plain(name: str) -> str:
-    stem = name.removesuffix("_deg")
-    return stem if stem in ANGLES else name
-
-
 def _bare(given: Mapping[str, Any]) -> dict[str, Any]:
     """The same values under the solver's names: what is given in degrees becomes radians."""
-    return {_plain(name): _radians(value) if _plain(name) != name else value for name, value in given.items()}
+    return {bare_name(name): _radians(value) if bare_name(name) != name else value for name, value in given.items()}
 
 
 def _radians(value: Any) -> Any:

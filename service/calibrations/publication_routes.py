@@ -10,6 +10,7 @@ from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.auth.roles import rank
@@ -32,7 +33,6 @@ from service.db.fleets import Vehicle
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging
 from service.http.problems import Problem, not_found
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["calibrations"])
 

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.auth.roles import rank
@@ -25,7 +26,6 @@ from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceS
 from service.db.fleets import Rig, Vehicle
 from service.http.pages import LongPaging, Page, Paging, fetch
 from service.http.problems import Problem
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["calibrations"])
 

@@ -8,17 +8,11 @@ from uuid import UUID
 
 from pydantic import AfterValidator, Field, StringConstraints
 
-from service.calibrations.known_lens import UseAs
-from service.calibrations.model_names import (
-    MODELS,
-    BoundsPreset,
-    Loss,
-    OutlierRule,
-    PresetName,
-    SearchForm,
-    WeightRule,
-)
-from service.http.schemas import Magnitude, Received, Sent, seen
+from apexcal.documents.base import Magnitude, Received, Sent, seen
+from apexcal.documents.bounds import BoundsPreset
+from apexcal.documents.camera_models import MODELS, SearchForm
+from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
+from apexcal.documents.schedules import LIMITS, PresetName
 
 Json = dict[str, Any]
 # What a browser's numbers hold exactly.
@@ -45,14 +39,14 @@ class GivenLens(Received):
 class ScheduleOverrides(Received):
     """Single numbers of the preset's schedule, replaced."""
 
-    slots: Annotated[int, Field(ge=1, le=1000)] | None = None
-    population: Annotated[int, Field(ge=64, le=100_000)] | None = None
-    generations: Annotated[int, Field(ge=1, le=10_000)] | None = None
-    scale: Annotated[float, Field(gt=0, le=1)] | None = None
-    max_iterations: Annotated[int, Field(ge=1, le=1000)] | None = None
-    patience: Annotated[int, Field(ge=1, le=1000)] | None = None
-    tolerance: Annotated[float, Field(ge=0, lt=1)] | None = None
-    goal_px: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    slots: Annotated[int, Field(**LIMITS["slots"])] | None = None
+    population: Annotated[int, Field(**LIMITS["population"])] | None = None
+    generations: Annotated[int, Field(**LIMITS["generations"])] | None = None
+    scale: Annotated[float, Field(**LIMITS["scale"])] | None = None
+    max_iterations: Annotated[int, Field(**LIMITS["max_iterations"])] | None = None
+    patience: Annotated[int, Field(**LIMITS["patience"])] | None = None
+    tolerance: Annotated[float, Field(**LIMITS["tolerance"])] | None = None
+    goal_px: Annotated[float, Field(**LIMITS["goal_px"])] | None = None
 
 
 class CalibrationTemplate(Received):
@@ -75,7 +69,7 @@ class CalibrationTemplate(Received):
     bounds_preset: BoundsPreset | None = None
     intrinsics_from: Literal["bounds", "recording"] = "bounds"
     intrinsics: Annotated[dict[str, GivenLens], Field(default_factory=dict, max_length=16)]
-    intrinsics_as: UseAs = "bounds"
+    intrinsics_as: LensUse = "bounds"
     bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]
@@ -89,7 +83,7 @@ class CalibrationTemplate(Received):
     ] = "auto"
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
     folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5
-    farm: Literal["auto", "slots", "runs"] = "auto"
+    farm: Farm = "auto"
     publish: Literal["recommended", "none"] = "none"
 
 

@@ -9,15 +9,11 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
+from apexcal.documents.pairs import MARK_SIGMA, REQUIRED, SIGMAS
 from service.correspondence_sets.json_elements import NoDocumentError, elements_of
 from service.db.fleets import RigCamera
 from service.http.problems import Problem
 
-REQUIRED = ("x", "y", "z", "u", "v")
-# Standard deviations of the vertex as the LiDAR sees it.
-SIGMAS = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
-# And of the mark, pixels per coordinate.
-MARK_SIGMA = "sigma_px"
 _LEAST_MARK_SIGMA_PX = 0.01
 _OPTIONAL = ("stamp_ns", "group", *SIGMAS, MARK_SIGMA)
 Columns = dict[str, list[Any]]

@@ -13,6 +13,7 @@ from fastapi.responses import JSONResponse, StreamingResponse
 from sqlalchemy.orm import defer
 from starlette.requests import ClientDisconnect
 
+from apexcal.documents.base import Sought
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.auth.roles import rank
@@ -34,7 +35,6 @@ from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.places import Places
 from service.http.problems import Problem
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["calibrations"])
 

@@ -8,7 +8,7 @@ from uuid import UUID
 
 from pydantic import Field
 
-from service.http.schemas import Received, Sent
+from apexcal.documents.base import Received, Sent
 
 Json = dict[str, Any]
 

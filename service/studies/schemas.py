@@ -8,9 +8,9 @@ from uuid import UUID
 
 from pydantic import Field
 
+from apexcal.documents.base import Received, Sent
+from apexcal.documents.region_fields import KeptRegion, Region
 from service.db.states import WorkState
-from service.detections.regions import Region
-from service.http.schemas import Received, Sent
 from service.job_status.schemas import JobView
 
 Json = dict[str, Any]
@@ -49,7 +49,7 @@ class StudyView(Sent):
 class PreviewView(StudyView):
     """A region preview; ``result`` counts frames and points, also per ring."""
 
-    region: Json
+    region: KeptRegion
 
 
 class SuggestionView(StudyView):

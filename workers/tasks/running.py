@@ -11,6 +11,7 @@ from importlib import import_module
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
+from apexcal.documents.errors import DocumentError
 from service.db.base import Json
 from service.db.states import WorkState
 from service.job_kinds import KINDS
@@ -18,7 +19,6 @@ from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, cl
 from service.observability.logs import about
 from service.observability.request_ids import working_for
 from service.storage.errors import MissingBlobError, ReservationEndedError
-from workers.geometry.errors import InputError
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 from workers.tasks.drain import DrainedError, interruptible, is_draining
@@ -98,7 +98,7 @@ def _do(context: Context, held: Claim) -> None:
     except CancelledError:
         log.info("job %d was cancelled", held.job_id)
         _end(context, held, WorkState.CANCELLED, None)
-    except (ReadError, InputError, MissingBlobError) as error:
+    except (ReadError, DocumentError, MissingBlobError) as error:
         # Notes are for the operator: what a reading process said before it died.
         _refused(context, held, error, "\n".join([error.code, *getattr(error, "__notes__", [])]))
     except _PASSING as error:
@@ -113,7 +113,7 @@ def _do(context: Context, held: Claim) -> None:
         _end(context, held, WorkState.FAILED, _INTERNAL)
 
 
-def _refused(context: Context, held: Claim, error: ReadError | InputError | MissingBlobError, said: str) -> None:
+def _refused(context: Context, held: Claim, error: ReadError | DocumentError | MissingBlobError, said: str) -> None:
     """The input cannot be used; or the process that read it was killed or had no room, and it is tried again."""
     if error.code in _SUSPECT_CODES:
         log.warning("job %d stumbled; it is tried again: %s", held.job_id, said)
@@ -155,7 +155,7 @@ _INTERNAL: Json = {
 }
 
 
-def _refusal(error: ReadError | InputError | MissingBlobError) -> Json:
+def _refusal(error: ReadError | DocumentError | MissingBlobError) -> Json:
     """A refusal as a problem; what a program can answer with, such as `candidates`, stands beside the sentences."""
     more = error.fields if isinstance(error, ReadError) else {}
     return {**more, "code": error.code, "detail": error.message, "hint": error.hint}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.pairs import held_together
 from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, Result, Slot
@@ -98,8 +99,7 @@ def fit_of(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> Fit:
 
 def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
     """Whole poses where pairs have groups, else blocks in time, else blocks in the order of the pairs."""
-    known: Sequence[Any] = pairs.get("group") or pairs.get("stamp_ns") or range(len(pairs["x"]))
-    return folds(known, count)
+    return folds(held_together(pairs), count)
 
 
 def _state(schedule: Json | None, problem: FitProblem) -> State:
