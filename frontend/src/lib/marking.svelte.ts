@@ -169,7 +169,8 @@ export class Marking {
   private takes(at: number): boolean {
     if (this.waiting) this.advice = "The service does not have your answer to this vertex yet. Z takes it back.";
     else if (this.busy) this.advice = "Your last key or click came while your answer was on its way. It was not used.";
-    else if (at < this.seenFrom) this.advice = "Your last key or click came as the frame changed. It was not used: do it again.";
+    else if (at < this.seenFrom)
+      this.advice = "Your last key or click came as the frame changed. It was not used: do it again.";
     else return true;
     return false;
   }

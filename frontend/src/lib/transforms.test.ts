@@ -3,7 +3,9 @@ import { test } from "node:test";
 import { eulerZyx, matrixOf } from "./transforms.ts";
 
 function near(actual: readonly number[], expected: readonly number[]): void {
-  actual.forEach((value, i) => assert.ok(Math.abs(value - (expected[i] ?? NaN)) < 1e-9, `${actual} is not ${expected}`));
+  actual.forEach((value, i) =>
+    assert.ok(Math.abs(value - (expected[i] ?? NaN)) < 1e-9, `${actual} is not ${expected}`),
+  );
 }
 
 test("the centre of Table I's box turns LiDAR axes into optical axes", () => {

@@ -13,9 +13,23 @@ function product(a: Matrix, b: Matrix): Matrix {
 function about(axis: 0 | 1 | 2, degrees: number): Matrix {
   const c = Math.cos(degrees * RAD);
   const s = Math.sin(degrees * RAD);
-  if (axis === 0) return [[1, 0, 0], [0, c, -s], [0, s, c]];
-  if (axis === 1) return [[c, 0, s], [0, 1, 0], [-s, 0, c]];
-  return [[c, -s, 0], [s, c, 0], [0, 0, 1]];
+  if (axis === 0)
+    return [
+      [1, 0, 0],
+      [0, c, -s],
+      [0, s, c],
+    ];
+  if (axis === 1)
+    return [
+      [c, 0, s],
+      [0, 1, 0],
+      [-s, 0, c],
+    ];
+  return [
+    [c, -s, 0],
+    [s, c, 0],
+    [0, 0, 1],
+  ];
 }
 
 function ofQuaternion([x = 0, y = 0, z = 0, w = 1]: number[]): Matrix {

@@ -58,7 +58,8 @@ async function withRetry(signal: AbortSignal, put: () => Promise<unknown>): Prom
       await put();
       return;
     } catch (error) {
-      const passing = error instanceof ApiProblem && (error.status === 0 || error.status >= 500) && error.status !== 507;
+      const passing =
+        error instanceof ApiProblem && (error.status === 0 || error.status >= 500) && error.status !== 507;
       if (!passing || attempt >= 5 || signal.aborted) throw error;
       await new Promise((resolve) => setTimeout(resolve, 500 * 2 ** attempt));
     }

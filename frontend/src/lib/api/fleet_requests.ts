@@ -24,7 +24,8 @@ export const requestVehicles = (
   id: string,
   state: VehicleState | null,
   after: string | null,
-): Promise<Page<RequestVehicle>> => get<Page<RequestVehicle>>(`/fleet-requests/${id}/vehicles${query({ state, after, limit: VEHICLES_PER_PAGE })}`);
+): Promise<Page<RequestVehicle>> =>
+  get<Page<RequestVehicle>>(`/fleet-requests/${id}/vehicles${query({ state, after, limit: VEHICLES_PER_PAGE })}`);
 
 export const cancelFleetRequest = (id: string): Promise<unknown> => post(`/fleet-requests/${id}/cancel`);
 

@@ -102,7 +102,10 @@ async function problemOf(response: Response): Promise<ApiProblem> {
   try {
     document = (await response.json()) as ProblemDocument;
   } catch {
-    document = { detail: `The service answered ${response.status} without saying why.`, hint: "Try again in a moment." };
+    document = {
+      detail: `The service answered ${response.status} without saying why.`,
+      hint: "Try again in a moment.",
+    };
   }
   const problem = new ApiProblem(response.status, document);
   if (response.status === 401) for (const listener of signedOutListeners) listener();

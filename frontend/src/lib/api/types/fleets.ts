@@ -15,9 +15,7 @@ export interface Vehicle {
 }
 
 export type Rotation =
-  | { euler_order: "zyx" | "xyz_eq2"; angles_deg: number[] }
-  | { matrix: number[][] }
-  | { quaternion_xyzw: number[] };
+  { euler_order: "zyx" | "xyz_eq2"; angles_deg: number[] } | { matrix: number[][] } | { quaternion_xyzw: number[] };
 
 export interface Transform {
   to_frame: string;

@@ -9,7 +9,14 @@ export interface Outlier {
   score: number;
   reason: string;
   excluded: boolean;
-  pair?: { stamp_ns?: number; frame_index?: number; sweep_index?: number; group?: number | string; u?: number; v?: number };
+  pair?: {
+    stamp_ns?: number;
+    frame_index?: number;
+    sweep_index?: number;
+    group?: number | string;
+    u?: number;
+    v?: number;
+  };
 }
 
 /** A run's solution; `parameters` and `std` are in degrees, metres and pixels. */

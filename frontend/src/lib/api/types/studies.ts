@@ -14,8 +14,13 @@ export interface SuggestionFacts {
 
 export type RegionSuggestion = Study<{ region: unknown; facts: SuggestionFacts }>;
 
-export interface ClockOffset
-  extends Study<{ offset_ns: number; sigma_ns: number; rms_px: number; pairs: number; message?: string }> {
+export interface ClockOffset extends Study<{
+  offset_ns: number;
+  sigma_ns: number;
+  rms_px: number;
+  pairs: number;
+  message?: string;
+}> {
   detection_id: string;
   camera: string;
   marks: number;
