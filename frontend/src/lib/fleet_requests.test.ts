@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { ApiProblem } from "./api/http.ts";
-import type { Counts, DryRun } from "./api/types/fleet_requests.ts";
+import type { Counts } from "./api/types.ts";
+import type { DryRun } from "./api/untyped.ts";
 import {
   countsInWords,
   dryRunInWords,
