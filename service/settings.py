@@ -13,7 +13,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
-from service.storage.opening import S3Options, check_url
+from service.storage.urls import S3Options, check_url
 
 MIB = 1024 * 1024
 
@@ -63,6 +63,9 @@ class Settings(BaseSettings):
     renew_s: float = Field(default=3.0, description="how often a worker renews its lease")
     resend_s: float = Field(default=10.0, description="first resend of an unclaimed job; doubles each time")
     sweep_s: float = Field(default=2.0, description="period of the sweep")
+    stalled_s: float = Field(
+        default=90.0, gt=0, description="sweeper and beat end, to be started again, after so long without progress"
+    )
     max_lost_leases: int = Field(default=5, description="a job that loses this many leases fails")
     max_stumbles: int = Field(default=30, description="a job whose surroundings fail so often fails: after an hour")
     task_limit_s: int = Field(default=1800, description="a task that runs longer is ended and its lease expires")

@@ -11,14 +11,14 @@ from uuid import UUID
 from sqlalchemy import delete, exists, select, update
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.solving import start_runs
+from service.broker.hints import hint
+from service.calibration_runs.actions import start_runs
 from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.db.detections import Detection, Vertex
 from service.db.fleet_requests import FleetRequestVehicle
 from service.db.jobs import Job
 from service.db.recordings import Recording
 from service.db.studies import Study
-from service.events.hints import hint
 from service.jobs.history import note
 from service.jobs.queue import enqueue, enqueue_all
 

@@ -13,8 +13,8 @@ from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
 from service.calibration_runs.model_choice import Candidate, Choice, choose
-from service.calibration_runs.objections import objections, own_objections
-from service.calibration_runs.publishing import hold_publications, publish_by_itself
+from service.calibration_runs.objection_queries import objections, own_objections
+from service.calibration_runs.publication_actions import hold_publications, publish_by_itself
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.db.clock import now

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from service.calibrations.locks import LEAST_FOCAL_PX
+from service.calibrations.lock_rules import LEAST_FOCAL_PX
 from service.calibrations.model_names import INTRINSICS
 from service.db.base import Json
 from service.http.problems import Problem

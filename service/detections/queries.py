@@ -10,9 +10,9 @@ from sqlalchemy.orm import Session
 from service.auth.access import Access
 from service.auth.roles import Role
 from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.digests import content_hash
 from service.db.recordings import Recording, Sensor
 from service.detections.detectors import resolve_options
-from service.detections.digests import content_hash
 from service.detections.schemas import DetectionRequest
 from service.http.problems import Problem
 from service.jobs.bundles import shards

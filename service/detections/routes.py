@@ -10,12 +10,12 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import ReadAccess, WriteAccess
+from service.broker.hints import hint
 from service.db.detections import Detection, Vertex
 from service.db.recordings import Recording
 from service.detections.queries import find_camera, new_detection, ready_recording, shard_payloads, vertices_of
 from service.detections.schemas import DetectionRequest, DetectionView, Quality, VertexView
 from service.detections.views import detection_view, jobs_of, vertex_views
-from service.events.hints import hint
 from service.http.bodies import DOCUMENT
 from service.http.pages import LongPaging, Page, Paging, fetch
 from service.http.schemas import Sought

@@ -10,8 +10,8 @@ from pydantic import Field, model_validator
 
 from service.detections.detectors import FLAGS
 from service.detections.regions import Region
-from service.http.jobs import JobView
 from service.http.schemas import Received, Sent
+from service.job_status.routes import JobView
 
 Json = dict[str, Any]
 State = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -12,7 +12,7 @@ from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Sensor
 from service.detections.schemas import DetectionView, FrameOfVertex, Moved, VertexView
-from service.http.jobs import JobView
+from service.job_status.routes import JobView
 
 _UNENDED = ("queued", "running")
 

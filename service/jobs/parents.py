@@ -11,15 +11,15 @@ from uuid import UUID
 from sqlalchemy import update
 from sqlalchemy.orm import Session
 
+from service.broker.hints import hint
+from service.calibration_runs.actions import end_calibration, end_run
 from service.calibration_runs.conclusion import runs_of
-from service.calibration_runs.solving import end_calibration, end_run
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun
 from service.db.clock import now
 from service.db.detections import Detection
 from service.db.recordings import Recording
 from service.db.studies import Study
-from service.events.hints import hint
 
 
 def tell_parent(session: Session, kind: str, subject_id: UUID, state: str, problem: Json | None) -> None:

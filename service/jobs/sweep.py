@@ -9,12 +9,13 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 
 from sqlalchemy import ColumnElement, exists, select, update
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.fleet_progress import count_missed
+from service.calibration_runs.fleet_request_actions import count_missed
 from service.db.base import Json, written
 from service.db.calibrations import CalibrationRun
 from service.db.clock import now
@@ -36,20 +37,42 @@ _BATCH = 200
 
 
 def sweep(database: Database, store: Store) -> None:
-    """One pass over everything that may need help."""
+    """One pass over everything that may need help. A step that fails keeps none of the others from being done.
+
+    Raises the first failure once all have been tried; at once where the database is away, as none of them can work.
+    """
+    lost = (Job.state == written("running")) & (Job.lease_until < now())
+    cancelled = (Job.state == written("queued")) & Job.cancel_requested
+    steps: tuple[Callable[[], None], ...] = (
+        partial(_write, database, _beat),
+        partial(_each, database, lost, _recover),
+        partial(_write, database, _spread_cancels),
+        partial(_each, database, cancelled, _end_cancelled),
+        partial(_write, database, _send_again),
+        partial(_write, database, _end_backoff),
+        partial(_write, database, _release_waiting),
+        partial(count_missed, database),
+        partial(_write, database, tally),
+        partial(_write, database, forget_workers),
+        partial(_remove_blobs, database, store),
+    )
+    failures: list[Exception] = []
+    for step in steps:
+        try:
+            step()
+        except Exception as error:
+            # Without a statement: no connection could be opened.
+            if isinstance(error, DBAPIError) and (error.connection_invalidated or error.statement is None):
+                raise
+            log.exception("a step of the sweep failed")
+            failures.append(error)
+    if failures:
+        raise failures[0]
+
+
+def _write(database: Database, step: Callable[[Session], None]) -> None:
     with database.writing() as session:
-        _beat(session)
-        tally(session)
-        forget_workers(session)
-        _spread_cancels(session)
-    count_missed(database)
-    _each(database, (Job.state == written("running")) & (Job.lease_until < now()), _recover)
-    _each(database, (Job.state == written("queued")) & Job.cancel_requested, _end_cancelled)
-    with database.writing() as session:
-        _send_again(session)
-        _end_backoff(session)
-        _release_waiting(session)
-    _remove_blobs(database, store)
+        step(session)
 
 
 def swept_lately(database: Database) -> bool:

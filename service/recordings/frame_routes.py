@@ -17,7 +17,7 @@ from service.http.etags import Conditional, content_etag
 from service.http.pages import LongPaging, Page, fetch
 from service.http.problems import Problem
 from service.http.schemas import Sought
-from service.recordings.presigning import Presigner
+from service.recordings.presigner import Presigner
 from service.recordings.queries import find_camera
 from service.recordings.schemas import BlobAddress, FrameView
 from service.storage.store import Store

@@ -14,7 +14,7 @@ from service.auth.access import Access, CurrentIdentity
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
-from service.recordings.presigning import Presigner
+from service.recordings.presigner import Presigner
 from service.recordings.queries import parts_of
 from service.recordings.schemas import Original, OriginalPart
 from service.storage.store import Store

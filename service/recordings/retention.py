@@ -8,13 +8,13 @@ from uuid import UUID
 from sqlalchemy import delete, select
 from sqlalchemy.exc import OperationalError
 
+from service.broker.hints import hint
 from service.db.clock import now
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
-from service.events.hints import hint
 from service.http.problems import Problem
-from service.recordings.deletion import delete_recording
-from service.recordings.uploads import EXPIRED
+from service.recordings.actions import delete_recording
+from service.recordings.upload_actions import EXPIRED
 from service.storage.blobs import condemn
 
 log = logging.getLogger(__name__)

@@ -8,8 +8,8 @@ from uuid import UUID
 
 from pydantic import Field
 
-from service.http.jobs import JobView
 from service.http.schemas import Name, Received, Sent, Topic
+from service.job_status.routes import JobView
 
 MAX_PARTS = 100_000
 

@@ -10,16 +10,16 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.broker.hints import hint
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
-from service.events.hints import hint
-from service.http.jobs import job_views
 from service.http.problems import Problem
+from service.http.store_problems import disk_full
+from service.job_status.routes import job_views
 from service.jobs.queue import enqueue
-from service.recordings.completion import check_complete
 from service.recordings.queries import parts_of, view
 from service.recordings.schemas import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
-from service.recordings.uploads import (
+from service.recordings.upload_actions import (
     Announced,
     Body,
     begin_part,
@@ -30,8 +30,8 @@ from service.recordings.uploads import (
     part_too_large,
     refuse_expired,
 )
+from service.recordings.upload_rules import check_complete
 from service.settings import Settings
-from service.storage.problems import disk_full
 from service.storage.room import Room
 from service.storage.store import Store
 

@@ -22,8 +22,8 @@ from service.db.session import Database
 from service.settings import Settings, settings_or_exit
 from service.storage.adopting import StrangeFolderError, adopt
 from service.storage.errors import StoreUnavailableError
-from service.storage.opening import S3Options, open_bucket_root
 from service.storage.store import Store, open_store
+from service.storage.urls import S3Options, open_bucket_root
 
 _PROBE = "probe/prepare"
 _OF_AMAZON = "<CreateBucketConfiguration><LocationConstraint>{}</LocationConstraint></CreateBucketConfiguration>"

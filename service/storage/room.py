@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import AsyncIterable, AsyncIterator
 from contextlib import asynccontextmanager
 
+from service.http.store_problems import disk_full
 from service.settings import MIB
-from service.storage.problems import disk_full
 from service.storage.store import Store
 
 # The disk is looked at again after so many bytes of a part, because others write to it too.

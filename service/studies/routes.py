@@ -18,7 +18,7 @@ from service.http.bodies import DOCUMENT
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import not_found
 from service.jobs.queue import enqueue
-from service.studies.offsets import what_is_known
+from service.studies.offset_queries import what_is_known
 from service.studies.schemas import (
     OffsetRequest,
     OffsetView,

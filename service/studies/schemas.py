@@ -9,8 +9,8 @@ from uuid import UUID
 from pydantic import Field
 
 from service.detections.regions import Region
-from service.http.jobs import JobView
 from service.http.schemas import Received, Sent
+from service.job_status.routes import JobView
 
 Json = dict[str, Any]
 State = Literal["queued", "running", "done", "failed", "cancelled"]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from apexcal.commands import choices
-from service.calibrations import known_lens, locks, model_names, transforms
-from service.calibrations.holding_out import fold_count
+from service.calibrations import known_lens, lock_rules, model_names, transforms
+from service.calibrations.fold_rules import fold_count
 from service.calibrations.schemas import CalibrationRequest, ScheduleOverrides
 from service.db.fleets import RigCamera
 from service.detections.detectors import DETECTORS
@@ -208,7 +208,7 @@ def test_locks_are_held_against_the_bounds_that_the_search_has():
     camera = RigCamera(image_width=1280, image_height=720, nominal=worker_transforms.to_document(nominal))
     for preset in worker_bounds.BOUNDS_PRESETS:
         for form in worker_models.SEARCH_FORMS:
-            ours = locks.preset_bounds(preset, form, camera, 12.5)
+            ours = lock_rules.preset_bounds(preset, form, camera, 12.5)
             for model in worker_models.MODELS:
                 theirs = worker_bounds.preset_bounds(preset, model, form, (1280, 720), nominal, 12.5)
                 for name, interval in theirs.items():

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.solving import count_down, end_run, start_finish, start_iteration
+from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, Result, Slot
 from service.jobs.claims import CancelledError, Claim, Lease
@@ -62,7 +62,7 @@ class Fit:
 
 
 def solve(context: Context, held: Claim, lease: Lease) -> Write:
-    """Do one part of a run: see the payloads in :mod:`service.calibration_runs.solving`."""
+    """Do one part of a run: see the payloads in :mod:`service.calibration_runs.actions`."""
     with context.database.alone() as connection:
         run = connection.execute(_RUN, {"run": held.subject_id}).one()
     if run.state not in ("queued", "running") or run.cancel_requested:
