@@ -7,12 +7,12 @@ import type { BlobAddress } from "./types.ts";
 export async function putIntoStore(
   id: string,
   number: number,
-  bytes: ArrayBuffer,
+  bytes: Blob,
   sha256: string,
   signal: AbortSignal,
 ): Promise<void> {
   const params = { path: { id, number } };
-  const asked = { size: bytes.byteLength, sha256 };
+  const asked = { size: bytes.size, sha256 };
   const address = await bodyOf(
     client.POST("/v1/recordings/{id}/parts/{number}/address", { params, body: asked, signal }),
   );

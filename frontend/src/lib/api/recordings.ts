@@ -28,7 +28,7 @@ export const uploadedParts = (id: string): Promise<UploadedParts> =>
 export const putPart = (
   id: string,
   number: number,
-  body: ArrayBuffer,
+  body: Blob,
   digest: string,
   signal: AbortSignal,
 ): Promise<unknown> => {
