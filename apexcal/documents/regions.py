@@ -8,7 +8,7 @@ Branches: ``{"and": [nodes]}``, ``{"or": [nodes]}``, ``{"not": node}``. Leaves:
 - ``{"polygon": [[x, y], ...], "z": [low, high]}``, 3 to 64 corners seen from above; where it crosses itself the
   even-odd rule says what is inside; without ``z`` it reaches from the ground to the sky.
 
-The service checks requests in the same words (``service/detections/regions.py``); a contract test holds both to it.
+Quantities are x, y, z and range in metres, azimuth_deg and elevation_deg, all in the LiDAR's frame.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any, Final, cast
 
-from workers.geometry.errors import InputError
+from apexcal.documents.errors import DocumentError
 
 # The position of each name is its number in the compiled program.
 QUANTITIES: Final = ("x", "y", "z", "range", "azimuth_deg", "elevation_deg")
@@ -31,7 +31,7 @@ MAX_METRES: Final = 1e6
 Document = dict[str, Any]
 
 
-class RegionError(InputError):
+class RegionError(DocumentError):
     """A region document that cannot be used; its message names the bad node, for example ``$.and[1].op``.
 
     Codes: ``region_invalid``, ``region_too_large``.
