@@ -29,7 +29,6 @@ EXTRINSICS: Final[dict[SearchForm, tuple[str, ...]]] = {
 `rotation_vector`: R = exp(w) R_nominal, w in the axes of the camera frame. `euler`: R = Rz(alpha) Ry(beta) Rx(gamma).
 """
 
-MODEL_ID: Final[dict[ModelName, int]] = {name: index for index, name in enumerate(MODELS)}
 FORM_ID: Final[dict[SearchForm, int]] = {name: index for index, name in enumerate(SEARCH_FORMS)}
 
 

@@ -19,9 +19,9 @@ def sources_sha256() -> str:
     """
     digest = hashlib.sha256()
     home = Path(__file__).parents[1]
-    for path in sorted(path for room in _ROOMS for path in (home / room).glob("*.py")):
+    for path in sorted(path for room in _ROOMS for path in (home / room).rglob("*.py")):
         text = path.read_text(encoding="utf-8").encode()  # line ends of the platform become \n
-        digest.update(f"{path.parent.name}/{path.name} {len(text)}\n".encode())
+        digest.update(f"{path.relative_to(home).as_posix()} {len(text)}\n".encode())
         digest.update(text)
     return digest.hexdigest()
 
