@@ -20,8 +20,9 @@ from apexcal.commands.choices import FoldsOption, ModelsOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import connected
 from apexcal.documents.bounds import BoundsPreset
-from apexcal.documents.calibrations import CalibrationView, SetView
+from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.camera_models import SearchForm
+from apexcal.documents.correspondence_sets import SetView
 from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
 from apexcal.documents.schedules import PresetName
 from apexcal.embedded.folder import DEFAULT

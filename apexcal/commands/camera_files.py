@@ -13,7 +13,7 @@ from rich.markup import escape
 from apexcal.client import ApiError, Client, InputError
 from apexcal.commands.common import console, usage
 from apexcal.commands.connect import cameras_of, check_id, find_camera, find_rig, find_vehicle
-from apexcal.documents.calibrations import SetView
+from apexcal.documents.correspondence_sets import SetView
 from apexcal.intrinsics import read_intrinsics
 from apexcal.transport import Document
 

@@ -8,8 +8,9 @@ from typing import Any
 
 from apexcal.client import Client
 from apexcal.demo.steps import Steps
-from apexcal.documents.calibrations import CalibrationView, SetView
+from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.camera_models import MODELS
+from apexcal.documents.correspondence_sets import SetView
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleets import RigOut
 from apexcal.documents.recordings import RecordingView

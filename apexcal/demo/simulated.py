@@ -14,7 +14,8 @@ from apexcal.demo import job
 from apexcal.demo.annotators import NAMES, mark_everything
 from apexcal.demo.steps import Steps
 from apexcal.demo.truth import Truth
-from apexcal.documents.calibrations import CalibrationView, SetView
+from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.correspondence_sets import SetView
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleets import FleetOut
 from apexcal.documents.results import ResultView

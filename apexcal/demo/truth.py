@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.calibrations import PairView
+from apexcal.documents.correspondence_sets import PairView
 from apexcal.documents.transforms import SolvedTransform
 from apexcal.transport import Document
 

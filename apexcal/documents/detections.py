@@ -10,8 +10,9 @@ from pydantic import Field, model_validator
 
 from apexcal.documents.base import Document, Received, Sent, Stored
 from apexcal.documents.detectors import FLAGS, PairingMode, Quality
-from apexcal.documents.jobs import JobState, JobView, ProblemView
+from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.region_fields import KeptRegion, Region
+from apexcal.documents.states import WorkState
 
 Covariance = list[list[float]]
 
@@ -67,7 +68,7 @@ class DetectionView(Sent):
     detector: str
     options: Stored[dict[str, int | float]]
     pairing: Stored[Pairing]
-    state: JobState
+    state: WorkState
     counts: Stored[DetectionCounts]
     problem: Stored[ProblemView | None]
     job: JobView | None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated
 from uuid import UUID
 
 from pydantic import AwareDatetime, Field
@@ -11,9 +11,7 @@ from pydantic import AwareDatetime, Field
 from apexcal.documents.base import Document, Name, Received, Sent, Stored
 from apexcal.documents.calibrations import CalibrationTemplate, ProgressView
 from apexcal.documents.jobs import ProblemView
-
-VehicleState = Literal["queued", "running", "done", "failed", "cancelled", "skipped"]
-RequestState = Literal["running", "done", "done_with_failures", "cancelled"]
+from apexcal.documents.states import RequestState, VehicleState
 
 
 class VehicleFilter(Received):

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Literal
 
 from apexcal.documents.base import Document, Sent, Stored
-
-JobState = Literal["queued", "running", "done", "failed", "cancelled"]
+from apexcal.documents.states import WorkState
 
 
 class ProblemView(Document):
@@ -35,7 +33,7 @@ class JobView(Sent):
 
     id: int
     kind: str
-    state: JobState
+    state: WorkState
     attempt: int
     progress: Stored[JobProgress | None]
     problem: Stored[ProblemView | None]

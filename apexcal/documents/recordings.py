@@ -11,10 +11,10 @@ from pydantic import Field
 from apexcal.documents.base import Document, Name, Received, Sent, Stored, Topic
 from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.readings import LidarModel, PointTimes, StampConvention
+from apexcal.documents.states import RecordingState
 
 MAX_PARTS = 100_000
 
-RecordingState = Literal["uploading", "queued", "ingesting", "ready", "failed"]
 MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
 
 

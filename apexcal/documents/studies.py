@@ -9,8 +9,9 @@ from uuid import UUID
 from pydantic import Field
 
 from apexcal.documents.base import Document, Received, Sent, Stored
-from apexcal.documents.jobs import JobState, JobView, ProblemView
+from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.region_fields import KeptRegion, Region
+from apexcal.documents.states import WorkState
 
 
 class PreviewRequest(Received):
@@ -36,7 +37,7 @@ class StudyView(Sent):
 
     id: UUID
     recording_id: UUID
-    state: JobState
+    state: WorkState
     problem: Stored[ProblemView | None]
     job: JobView | None
     created_at: datetime

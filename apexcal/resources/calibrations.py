@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
-from apexcal.documents.calibrations import CalibrationView, SetView, SetWithPairs, SlotView
+from apexcal.documents.calibrations import CalibrationView, SlotView
+from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.publications import PublicationView
 from apexcal.documents.results import CurrentCalibration, ResultView
 from apexcal.transport import Transport, at, read

@@ -17,6 +17,7 @@ from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
+from service.calibration_runs.conclusion import FULL
 from service.calibration_runs.objection_queries import objections
 from service.calibration_runs.publication_actions import (
     Words,
@@ -25,7 +26,6 @@ from service.calibration_runs.publication_actions import (
     publish,
     was_given,
 )
-from service.calibrations.actions import FULL
 from service.calibrations.publication_views import current_document, publication_page, publication_view
 from service.calibrations.views import result_document
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result

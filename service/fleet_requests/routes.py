@@ -15,8 +15,8 @@ from apexcal.documents.fleet_requests import (
     FleetRequestBody,
     FleetRequestView,
     RequestVehicleView,
-    VehicleState,
 )
+from apexcal.documents.states import VehicleState
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.digests import content_hash

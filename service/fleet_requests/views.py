@@ -11,13 +11,8 @@ from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import ProgressView
-from apexcal.documents.fleet_requests import (
-    CameraOutcome,
-    Counts,
-    FleetRequestView,
-    RequestVehicleView,
-    VehicleState,
-)
+from apexcal.documents.fleet_requests import CameraOutcome, Counts, FleetRequestView, RequestVehicleView
+from apexcal.documents.states import VehicleState, WorkState
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
 from service.db.clock import utc_now
@@ -38,25 +33,25 @@ def is_running() -> ColumnElement[bool]:
     worked_on = (
         select(CalibrationRun.calibration_id)
         .join(Job, Job.subject_id == CalibrationRun.id)
-        .where(Job.state == "running", Job.queue == "solve")
+        .where(Job.state == WorkState.RUNNING, Job.queue == "solve")
     )
     theirs = aliased(Calibration)
     begun = (
         select(theirs.id)
-        .where(theirs.id == FleetRequestVehicle.calibration_id, theirs.state == "running")
+        .where(theirs.id == FleetRequestVehicle.calibration_id, theirs.state == WorkState.RUNNING)
         .correlate(FleetRequestVehicle)
     )
-    return (FleetRequestVehicle.state == "queued") & or_(
+    return (FleetRequestVehicle.state == VehicleState.QUEUED) & or_(
         FleetRequestVehicle.calibration_id.in_(worked_on), begun.exists()
     )
 
 
 def in_state(statement: Select[*tuple[Any, ...]], state: VehicleState) -> Select[*tuple[Any, ...]]:
     """The vehicles of a statement that are in this state."""
-    if state == "running":
+    if state == VehicleState.RUNNING:
         return statement.where(is_running())
     statement = statement.where(FleetRequestVehicle.state == state)
-    return statement.where(~is_running()) if state == "queued" else statement
+    return statement.where(~is_running()) if state == VehicleState.QUEUED else statement
 
 
 def request_views(session: Session, rows: Sequence[FleetRequest]) -> list[FleetRequestView]:
@@ -154,7 +149,7 @@ def vehicle_view(row: FleetRequestVehicle, name: str, running: bool, summary: Js
     return RequestVehicleView(
         vehicle_id=row.vehicle_id,
         vehicle=name,
-        state="running" if running else row.state,  # pyright: ignore[reportArgumentType] - only states
+        state=VehicleState.RUNNING if running else VehicleState(row.state),
         calibration_id=row.calibration_id,
         problem=stored(row.problem),
         cameras={camera: _outcome(found) for camera, found in (summary or {}).get("cameras", {}).items()},

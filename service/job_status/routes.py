@@ -1,4 +1,4 @@
-"""Jobs as the outside sees them: what 202 answers with, and how far it is."""
+"""Routes of jobs: how far work is that was asked for."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from uuid import UUID
 from fastapi import APIRouter, Path, Query
 from sqlalchemy import select
 
-from apexcal.documents.jobs import JobState, JobView
+from apexcal.documents.jobs import JobView
+from apexcal.documents.states import WorkState
 from service.auth.access import ReadAccess
 from service.db.base import written
 from service.db.jobs import Job
@@ -23,7 +24,7 @@ def get_jobs(
     access: ReadAccess,
     paging: Paging,
     fleet_id: UUID | None = None,
-    state: Annotated[JobState | None, Query()] = None,
+    state: Annotated[WorkState | None, Query()] = None,
 ) -> Page[JobView]:
     """The jobs of the person's fleets, newest first."""
     statement = select(Job)

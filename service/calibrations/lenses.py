@@ -7,13 +7,15 @@ which a recording's CameraInfo is kept. Coefficients have OpenCV's order, which 
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX
-from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
+from apexcal.documents.camera_models import CAMERA_MODELS, FOCAL_AND_CENTRE, INTRINSICS, ModelName
 from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
 from apexcal.documents.rules import LensUse
 from service.db.base import Json
+from service.db.fleets import RigCamera
 from service.http.problems import Problem
 
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
@@ -74,14 +76,86 @@ def as_stated(camera: str, given: Json) -> Json:
     return {"model": model, "K": K, "D": D, "width": given["width"], "height": given["height"]}
 
 
-def known_lens(stated: Json, model: ModelName, use_as: LensUse) -> Known | None:
+def check_size(stated: Json, camera: RigCamera, what: str) -> None:
+    """Refuse intrinsics of other images than the camera's: 422 ``intrinsics_of_another_size``."""
+    if (stated["width"], stated["height"]) != (camera.image_width, camera.image_height):
+        raise Problem(
+            422,
+            "intrinsics_of_another_size",
+            f"{what} for {stated['width']} x {stated['height']} pixels, "
+            f"and its images have {camera.image_width} x {camera.image_height}.",
+            "Leave them out, scale them to the images' size, or give bounds.",
+        )
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A stated lens, and what it says of the parameters of each model that can be it: ``known``, in their order."""
+
+    stated: Json
+    use_as: LensUse
+    known: Mapping[ModelName, Known]
+
+    def locks_besides(self, named: Collection[str]) -> dict[str, float]:
+        """Focal lengths and principal point (pixels) at which the lens holds them, where it locks any.
+
+        Those in ``named`` are the request's own. The distortion is not among them: any may be right that was
+        measured.
+        """
+        locked = next(iter(self.known.values())).locked
+        return {name: locked[name] for name in FOCAL_AND_CENTRE if name in locked and name not in named}
+
+
+def take_over(camera: str, stated: Json, models: Sequence[ModelName], use_as: LensUse) -> Lens:
+    """The lens as those of the models that can be it take it over.
+
+    Raises:
+        Problem: 422 ``intrinsics_of_another_model`` where none can.
+    """
+    known: dict[ModelName, Known] = {
+        model: found for model in models if (found := _known_of(stated, model, use_as)) is not None
+    }
+    if known:
+        return Lens(stated, use_as, known)
+    lens = stated["model"]
+    what = f"are of {lens}" if lens else f"({stated.get('distortion_model')}) are of a model that has no equal here"
+    raise Problem(
+        422,
+        "intrinsics_of_another_model",
+        f"The intrinsics of {camera} {what}, and {' and '.join(models)} cannot take them over.",
+        (f"Ask for {lens}, or take" if lens else "Take") + " focal lengths and centre alone "
+        "(intrinsics_as: bounds; --intrinsics-as bounds).",
+    )
+
+
+def lens_notes(lens: Lens, models: Sequence[ModelName], settled: Collection[str]) -> list[str]:
+    """What became of a lens. ``settled`` are the parameters that the request or the rig bounds or locks."""
+    if lens.use_as == "bounds":
+        return [_bounds_note(lens.stated, settled)]
+    notes = [f"the intrinsics are {'locked at' if lens.use_as == 'locked' else 'drawn to'} those stated."]
+    rest = [model for model in models if model not in lens.known]
+    if rest:
+        verb = "is" if len(rest) == 1 else "are"
+        notes.append(f"{' and '.join(rest)} {verb} left out, for the stated lens is {lens.stated['model']}.")
+    return notes
+
+
+def _bounds_note(stated: Json, settled: Collection[str]) -> str:
+    names = [name for name in _near_stated(stated) if name not in settled]
+    if not names:
+        return "the stated intrinsics bound nothing, because the rig or the request settles it all."
+    listed = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+    return f"{listed} {'is' if len(names) == 1 else 'are'} looked for near what is stated."
+
+
+def _known_of(stated: Json, model: ModelName, use_as: LensUse) -> Known | None:
     """What a stated lens says of a model's parameters; None where the model cannot be that lens.
 
     As bounds only focal lengths and centre count, which every model has. As priors and locks the distortion counts
     too: a lens without any is a pinhole's as well as ``brown_conrady``'s.
     """
     if use_as == "bounds":
-        return Known(bounds=near_stated(stated))
+        return Known(bounds=_near_stated(stated))
     values = _values(stated, model)
     if values is None:
         return None
@@ -93,7 +167,7 @@ def known_lens(stated: Json, model: ModelName, use_as: LensUse) -> Known | None:
     return Known(priors=priors)
 
 
-def near_stated(stated: Json) -> dict[str, list[float]]:
+def _near_stated(stated: Json) -> dict[str, list[float]]:
     """Bounds about the stated focal lengths and principal point, pixels."""
     f_x, _, c_x, _, f_y, c_y = stated["K"][:6]
     across, down = _CENTRE_SHARE * stated["width"], _CENTRE_SHARE * stated["height"]
