@@ -9,12 +9,12 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.recordings import Reading, RecordingSummary, RecordingView, SensorView
 from service.auth.access import Access
 from service.db.fleets import RigCamera
 from service.db.recordings import Recording, Sensor, UploadPart
 from service.http.problems import Problem
-from service.job_status.routes import job_views
-from service.recordings.schemas import Reading, RecordingSummary, RecordingView, SensorView
+from service.job_status.views import job_views
 
 
 def summaries(session: Session, rows: Sequence[Recording]) -> list[RecordingSummary]:
