@@ -12,7 +12,7 @@ from typing import Any
 from celery import Celery
 from celery.signals import celeryd_init, setup_logging
 
-from service.events.patience import CONSUMER
+from service.broker.connection import CONSUMER
 from service.jobs.kinds import QUEUES
 from service.observability import logs
 from service.settings import get_settings, settings_or_exit

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from apexcal.documents.schedules import Schedule
 from workers.solver.fitness import Fitness, evaluate_population
 from workers.solver.genetic import (
     ELITE_FRACTION,
@@ -31,7 +32,6 @@ from workers.solver.genetic import (
     select_best,
     weigh_by_rank,
 )
-from workers.solver.presets import Schedule
 from workers.solver.random_streams import draw, fill_normal, fill_uniform
 from workers.solver.slot import Search
 from workers.solver.stopping import Stop

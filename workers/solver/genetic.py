@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from apexcal.documents.schedules import Schedule
 from workers.solver.fitness import Fitness, FitnessData, evaluate_population
-from workers.solver.presets import Schedule
 from workers.solver.random_streams import draw, fill_normal, fill_uniform
 from workers.solver.stopping import Stop, flag_of
 

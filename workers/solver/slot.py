@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from apexcal.documents.schedules import Schedule
 from workers.geometry.models import MODELS
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from workers.geometry.transforms import RigidTransform
 from workers.solver.bounds import preset_bounds
 from workers.solver.fitness import Fitness, fitness_of, loss_px
 from workers.solver.genetic import Found, genetic_search
-from workers.solver.presets import Schedule
 from workers.solver.problem import FitProblem
 from workers.solver.random_streams import stream_key
 from workers.solver.residuals import residuals_and_jacobian
