@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 _SOURCES: Final = (
-    *("workers/geometry/**/*.py", "workers/solver/*.py"),
+    *("workers/geometry/**/*.py", "workers/solver/**/*.py"),
     *(f"apexcal/documents/{name}.py" for name in ("bounds", "camera_models", "pairs", "schedules")),
 )
 _NUMBERS: Final = frozenset("xyzuv")
