@@ -85,7 +85,7 @@ def check_texts(given: Any) -> None:
 class Received(BaseModel):
     """A request's body: unknown fields are refused, so that a misspelt one is not silently ignored."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
@@ -97,7 +97,7 @@ class Received(BaseModel):
 class Sent(BaseModel):
     """An answer's body, read from a row's attributes where it is given one."""
 
-    model_config = ConfigDict(from_attributes=True, defer_build=True)
+    model_config = ConfigDict(from_attributes=True)
 
 
 class Page(BaseModel, Generic[T]):
@@ -110,7 +110,7 @@ class Page(BaseModel, Generic[T]):
 class Document(BaseModel):
     """A document that is kept as JSON. Of another version it may have further members, which stay."""
 
-    model_config = ConfigDict(extra="allow", defer_build=True)
+    model_config = ConfigDict(extra="allow")
 
 
 def _as_stored(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:

@@ -89,7 +89,7 @@ def plan_request(wanted: CalibrationTemplate, sources: Sequence[CameraPairs]) ->
 
 def _work(terms: Terms, fitted: Sequence[tuple[ResolvedCamera, ModelName]]) -> list[Wanted]:
     """What each fit costs. A template without cameras is looked at as for a camera without pairs."""
-    asked = [(camera.name, model, camera.pairs.count) for camera, model in fitted]
+    asked: list[tuple[str, ModelName, int]] = [(camera.name, model, camera.pairs.count) for camera, model in fitted]
     asked = asked or [("", model, 0) for model in terms.models]
     return [
         Wanted(camera, model, pairs, 1 + terms.folds, cost_of(model, pairs, terms.schedule))
