@@ -148,6 +148,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         version="1",
         lifespan=lifespan,
         openapi_url="/v1/openapi.json",
+        separate_input_output_schemas=False,
         docs_url=None,
         redoc_url=None,
     )
