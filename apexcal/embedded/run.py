@@ -1,4 +1,4 @@
-"""Brings an embedded service up, says where it is, keeps it up, and takes it down."""
+"""Starts an embedded service, says where it is, supervises it, and stops it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The service's own settings, database and store, opened for one command, and faults turned into sentences."""
+"""Opens the service's settings, database and store for one command, and turns faults into sentences."""
 
 from __future__ import annotations
 

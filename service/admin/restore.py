@@ -1,4 +1,4 @@
-"""A backup brought back, into an empty database and store of either kind."""
+"""Restores a backup into an empty database and store of either kind."""
 
 from __future__ import annotations
 

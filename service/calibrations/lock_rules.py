@@ -1,4 +1,4 @@
-"""Locked values held against the bounds in which the search would look for them."""
+"""Checks locked values against the bounds of the search."""
 
 from __future__ import annotations
 

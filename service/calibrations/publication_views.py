@@ -1,4 +1,4 @@
-"""What cameras were given and are given now: who published it, when, why and against what."""
+"""Current and earlier publications of cameras: by whom, when, why, and against which objections."""
 
 from __future__ import annotations
 

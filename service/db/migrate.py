@@ -30,7 +30,7 @@ from service.db.session import open_engine
 from service.observability import logs
 from service.settings import settings_or_exit
 
-# Any number: who migrates holds this lock of the database.
+# An arbitrary number: a migration holds this advisory lock.
 _LOCK = 4_711_001
 _LOCK_TIMEOUT_S = 2
 _PATIENCE_S = 300.0
@@ -104,7 +104,7 @@ def _alone(engine: Engine) -> Iterator[Connection]:
             yield connection
         return
     with engine.connect() as connection:
-        # Asked again and again: who waits within a statement is waited for by an index that is made concurrently.
+        # Polled: a statement that waited for the lock would itself hold up an index that is built concurrently.
         while not connection.scalar(text("SELECT pg_try_advisory_lock(:lock)"), {"lock": _LOCK}):
             connection.rollback()
             time.sleep(_LOOKS_AGAIN_S)

@@ -1,7 +1,6 @@
-"""Looks at the parts of a service, in time: what was found stands for a moment, and a look that hangs is left alone.
+"""Checks the parts of a service within a time limit, keeps each answer for a moment, and abandons checks that hang.
 
-Whoever asks, and however often, makes each part be looked at no more than its ``fresh_s`` allows. Nobody is told what
-a driver said: that is for the log.
+However often somebody asks, a part is checked once per ``fresh_s``. What a driver said goes to the log only.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Every request gets an id, a line in the log and a place in the figures."""
+"""Gives every request an id, a log line and metrics."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service.http.figures import HttpFigures
 from service.observability import request_ids
 
-# Asked every few seconds by machines: figures yes, lines no.
+# Machines ask these every few seconds: they are counted but not logged.
 _UNLOGGED = frozenset(("/healthz", "/readyz", "/metrics"))
 _API = "/v1/"
-# Ours have at most 250 letters; a line of the log is not for a stranger to fill.
+# Our addresses have at most 250 letters; longer ones are cut, so that strangers cannot fill the log.
 _LONGEST_PATH = 500
 # nginx's number for a client that left before its answer began.
 _CLIENT_LEFT = 499

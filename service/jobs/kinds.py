@@ -23,7 +23,7 @@ _CAPS: dict[str, str | None] = {
     "ingest": "fleet_ingests",
     "detect": None,
     "solve": None,
-    # Not behind a fleet's waiting runs: it is a moment's work, and a calibration ends with it.
+    # A queue of its own: the comparison takes a moment and ends a calibration, so it must not wait behind runs.
     "report": None,
 }
 QUEUES = tuple(_CAPS)

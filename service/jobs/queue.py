@@ -43,7 +43,7 @@ def _releasing(*, capped: bool) -> Update:
     window = bindparam("window", type_=Integer())
     mine = select(Job.id).where(Job.queue == bindparam("of_queue"), Job.fleet_id == bindparam("fleet"))
     queued = mine.where(Job.state == written(WorkState.QUEUED))
-    # At most a window's worth is sent and unclaimed, but whoever counts stops there.
+    # At most a window's worth is sent and unclaimed; counting stops there.
     room = window - _count(queued.where(Job.sends > literal_column("0")).limit(window))
     if capped:
         room -= _count(mine.where(Job.state == written(WorkState.RUNNING)))

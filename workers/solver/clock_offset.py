@@ -1,4 +1,4 @@
-"""How much the camera's clock shows more than the LiDAR's, estimated from the moving board.
+"""Estimates how far the camera's clock is ahead of the LiDAR's, from the moving board.
 
 The offset is one more unknown of the least squares over the camera's parameters (see `offset_fit`). Each mark counts
 by its own noise and by the track's covariance as the image sees it; marks far from everything else are left out.
@@ -204,10 +204,10 @@ def _refuse(estimate: OffsetEstimate, outcome: Outcome, poor: float, at_end: boo
 
 def _told(estimate: OffsetEstimate) -> OffsetEstimate:
     offset_ms, sigma_ms = estimate.offset_ns * 1e-6, estimate.sigma_ns * 1e-6
-    way = "more" if offset_ms >= 0 else "less"
+    way = "ahead of" if offset_ms >= 0 else "behind"
     message = (
-        f"The camera's clock shows {abs(offset_ms):.1f} ms {way} than the LiDAR's, give or take {sigma_ms:.1f} ms "
-        f"(one standard deviation, {estimate.pairs} marks)."
+        f"The camera's clock is {abs(offset_ms):.1f} ms {way} the LiDAR's, with a standard deviation of "
+        f"{sigma_ms:.1f} ms, from {estimate.pairs} marks."
     )
     return replace(estimate, message=message)
 

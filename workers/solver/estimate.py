@@ -1,4 +1,4 @@
-"""What a run ends with: the fit, the pairs that hold it, the noise of the marks, and the covariance."""
+"""The estimate at the end of a run: the fit, the pairs it uses, the noise of the marks, and the covariance."""
 
 from dataclasses import dataclass, replace
 from typing import Final

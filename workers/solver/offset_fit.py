@@ -197,7 +197,7 @@ def _normal(
     rows = (J * np.sqrt(weight)[:, None, None]).reshape(-1, len(x))
     gradient = rows.T @ (r * np.sqrt(weight)[:, None]).reshape(-1)
     gradient[:-1] += strength * off
-    # What nothing tells of does not move.
+    # An undetermined parameter does not move.
     normal = rows.T @ rows + np.diag(np.append(strength**2, 0.0) + 1e-12)
     return 0.5 * float(np.sum(loss) + off @ off), gradient, normal
 

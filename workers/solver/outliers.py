@@ -1,4 +1,4 @@
-"""Pairs that do not belong: named, with how far off they are and in which way."""
+"""Names outliers, the pairs that the fit of the others rejects, with their distance and direction."""
 
 from dataclasses import dataclass, replace
 from math import inf, log, sqrt
@@ -52,14 +52,14 @@ def without(problem: FitProblem, outliers: list[Outlier]) -> FitProblem:
 
 
 class Judged(NamedTuple):
-    """The pairs that the others' fit speaks against, the worst first, and how that fit ended."""
+    """The pairs that the fit of the others rejects, the worst first, and how that fit ended."""
 
     outliers: list[Outlier]
     outcome: Outcome
 
 
 def judge(problem: FitProblem, start: Floats) -> Judged:
-    """The pairs that the others' fit speaks against.
+    """The pairs that the fit of the others rejects.
 
     start (D,): any fit of these pairs. A robust fit from there finds the clear ones; then the rest is fitted by
     least squares and all pairs are judged again, until the same ones stand out twice. A pair's distance counts in
@@ -108,7 +108,7 @@ def _scores(problem: FitProblem, reduced: FitProblem, p: Floats) -> Floats:
     taken = leverage(weighted_residuals(reduced, p)[1], J[: 2 * n].reshape(n, 2, -1))
     sign = np.where(reduced.weights > 0.0, -1.0, 1.0)[:, None, None]
     covariance = np.eye(2) + sign * taken
-    # A pair that is fitted whatever it says cannot be judged: its share is floored, not divided by zero.
+    # A pair that the fit follows wherever its mark lies cannot be judged: its share is floored, not divided by zero.
     values, vectors = np.linalg.eigh(covariance)
     along = np.einsum("nji,nj->ni", vectors, residuals[: 2 * n].reshape(n, 2))
     squares = np.sum(along**2 / np.maximum(values, 0.05), axis=1)

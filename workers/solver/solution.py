@@ -42,12 +42,12 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     with RANSAC, then least squares; null where no linear camera fits) stand side by side, each over the pairs that
     it was given (`ga` over all, also where the others leave outliers out), with mean and RMS distance in px, what
     it minimised and its parameters (search form: radians, metres, pixels). `parameters` and `std` are in people's
-    units (degrees, metres, pixels). `outliers` names the pairs that the others speak against; where the problem
+    units (degrees, metres, pixels). `outliers` names the pairs that the fit of the others rejects; where the problem
     says `exclude` the polish leaves them out, and `kept` has its errors on the rest. `weights` says whether the
     pairs weighed equally or by stated covariances; then `noise_scale` says how many times larger the errors are
     than stated (the deviations here are scaled by it), and `sigma_px` is the noise of a typical pair. `status` is
     `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the polish ran out),
-    `not_determined` (the pairs do not hold every free parameter) or `not_explained` (half of them lie far from
+    `not_determined` (the pairs leave a free parameter open) or `not_explained` (half of them lie far from
     where it projects them).
     Raises SolveError `bad_schedule` where no iteration was done.
     """
@@ -191,7 +191,7 @@ def _status(state: State, found: Estimate) -> tuple[str, str]:
     if not is_determined(problem, p, spread):
         reasons = point_alarms(problem, p)
         return "not_determined", reasons[0] if reasons else (
-            f"The pairs do not hold {', '.join(arbitrary(problem, spread))}: these values are arbitrary."
+            f"The pairs do not determine {', '.join(arbitrary(problem, spread))}: these values are arbitrary."
         )
     if state.stopped is None:
         return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."

@@ -1,4 +1,4 @@
-"""The last work of a calibration of several cameras: hold their recommended results against each other."""
+"""The last job of a calibration of several cameras: compare their recommended results."""
 
 from __future__ import annotations
 

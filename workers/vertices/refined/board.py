@@ -1,4 +1,4 @@
-"""One sweep's board: the planes that could be it, and the apex that the rays tell for the best of them."""
+"""One sweep's board: the planes that could be it, and the apex that the rays give for the best of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the detector takes as known, and what it says of one sweep."""
+"""What the detector assumes known, and its result for one sweep."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recording's near sweeps tell of its sensor, its board and the person who carries it.
+"""Learns noise, lean, roll and edges of a recording's sensor and board from its near sweeps.
 
 Everything comes from a fixed selection of sweeps spread over the whole recording, so that it is the same however the
 recording is cut into shards.

@@ -1,4 +1,4 @@
-"""What the sweeps before and after tell of a vertex: the board's roll, and whether the vertex lies on the path."""
+"""Uses the sweeps before and after a vertex: a prior of the board's roll, and rejection of vertices off the path."""
 
 from __future__ import annotations
 
