@@ -11,6 +11,7 @@ from importlib.metadata import version
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
 
+from service import imports_done
 from service.annotations import routes as annotations
 from service.auth import member_routes, token_routes
 from service.auth import routes as auth
@@ -156,3 +157,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.router.middleware_stack = Gate(app.router.middleware_stack)
     web.install(app)
     return app
+
+
+imports_done()

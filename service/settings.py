@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from functools import lru_cache
 from pathlib import Path
@@ -10,12 +11,11 @@ from typing import Literal
 
 from pydantic import AliasChoices, Field, SecretStr, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
-from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError
 
 from service.storage.opening import S3Options, check_url
 
 MIB = 1024 * 1024
+_DATABASE = re.compile(r"(postgresql|sqlite)(\+\w+)?://")
 
 
 class Settings(BaseSettings):
@@ -123,11 +123,7 @@ class Settings(BaseSettings):
     @field_validator("database_url")
     @classmethod
     def _is_database(cls, url: str) -> str:
-        try:
-            known = not url or make_url(url).get_backend_name() in ("postgresql", "sqlite")
-        except ArgumentError:
-            known = False
-        if not known:  # in words without the URL, which may hold a password
+        if url and not _DATABASE.match(url):  # in words without the URL, which may hold a password
             raise ValueError("it looks like postgresql+psycopg://user:password@host/name or sqlite:///file")
         return url
 

@@ -10,7 +10,7 @@ import logging
 from queue import Empty
 from typing import Any
 
-from kombu.transport import TRANSPORT_ALIASES, redis
+from kombu.transport import redis
 
 log = logging.getLogger(__name__)
 
@@ -47,9 +47,3 @@ class Transport(redis.Transport):
                 tag = message["properties"]["delivery_tag"]
                 channel.qos.get(tag)
                 channel.basic_reject(tag, requeue=False)
-
-
-def install() -> None:
-    """Use it for every broker of this process."""
-    for scheme in ("redis", "rediss"):
-        TRANSPORT_ALIASES[scheme] = f"{__name__}:Transport"

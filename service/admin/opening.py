@@ -17,7 +17,7 @@ from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from service.admin.errors import AdminError, WrongUsageError
-from service.db.migrate import is_older, newest
+from service.db.revisions import is_older, newest
 from service.db.session import Database
 from service.jobs.messages import COURIER, Sender
 from service.observability.logs import visible

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from math import pi, radians
 
 from service.calibrations.model_names import ANGLES, BoundsPreset, SearchForm
-from service.calibrations.transforms import read
 from service.db.base import Json
 from service.db.fleets import RigCamera
 from service.http.problems import Problem
@@ -87,14 +86,14 @@ def preset_bounds(
     if preset == "paper-table-1":
         return _LENS | _TABLE_1 | angles
     width, height = camera.image_width, camera.image_height
-    _, t = read(camera.nominal)
+    t = camera.nominal["translation_m"]
     return (
         _LENS
         | _ANY_ANGLES
         | angles
         | dict.fromkeys(("f_x", "f_y"), (0.2 * width, 3.0 * width))
         | {"c_x": (0.0, width - 1.0), "c_y": (0.0, height - 1.0)}
-        | {name: (at - 1.0, at + 1.0) for name, at in zip(("t_x", "t_y", "t_z"), t.tolist(), strict=True)}
+        | {name: (at - 1.0, at + 1.0) for name, at in zip(("t_x", "t_y", "t_z"), t, strict=True)}
     )
 
 

@@ -6,9 +6,9 @@ written; the workers compute with it (SPEC.md: the Euler orders).
 
 from __future__ import annotations
 
+from math import hypot
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from service.http.schemas import Magnitude, Name, Received
@@ -20,6 +20,14 @@ _ORTHONORMAL_TO = 1e-3
 # A result says its rotation in every form; sent back, its matrix is taken.
 _AS_RESULTS_SAY_IT = {"matrix", "quaternion_xyzw", "euler"}
 _Farthest = Annotated[float, Field(allow_inf_nan=False, ge=-1000.0, le=1000.0)]
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 class EulerAngles(Received):
@@ -36,10 +44,12 @@ class Matrix(Received):
 
     @model_validator(mode="after")
     def _is_a_rotation(self) -> Matrix:
-        rows = np.array(self.matrix)
-        if np.abs(rows @ rows.T - np.eye(3)).max() > _ORTHONORMAL_TO:
-            raise ValueError("the rows are not orthonormal: is it the 3 x 3 part alone, without scale?")
-        if np.linalg.det(rows) < 0:
+        rows = self.matrix
+        for i, row in enumerate(rows):
+            for j, other in enumerate(rows):
+                if abs(_dot(row, other) - (i == j)) > _ORTHONORMAL_TO:
+                    raise ValueError("the rows are not orthonormal: is it the 3 x 3 part alone, without scale?")
+        if _dot(_cross(rows[0], rows[1]), rows[2]) < 0:
             raise ValueError("the matrix mirrors (determinant -1): is an axis flipped?")
         return self
 
@@ -51,7 +61,7 @@ class Quaternion(Received):
 
     @model_validator(mode="after")
     def _has_unit_length(self) -> Quaternion:
-        if abs(float(np.linalg.norm(self.quaternion_xyzw)) - 1.0) > _ORTHONORMAL_TO:
+        if abs(hypot(*self.quaternion_xyzw) - 1.0) > _ORTHONORMAL_TO:
             raise ValueError("the quaternion has no unit length: is it in the order x, y, z, w?")
         return self
 

@@ -10,12 +10,12 @@ from typing import Any
 import redis
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
-from sqlalchemy import select, text
+from sqlalchemy import select
 
 from service.db.clock import now
 from service.db.ids import new_id
 from service.db.jobs import Heartbeat, Worker
-from service.db.migrate import is_older, newest
+from service.db.revisions import is_older, newest, stored
 from service.db.session import Database
 from service.http.readiness import PATIENCE_S, Answer, Part, look_at
 from service.jobs.kinds import QUEUES
@@ -75,7 +75,7 @@ async def readyz(request: Request) -> JSONResponse:
 
 def _database(database: Database) -> Answer:
     with database.reading() as session:
-        has, wants = session.scalar(text("SELECT version_num FROM alembic_version")), newest()
+        has, wants = stored(session), newest()
     if has is None or is_older(has):
         return {"ok": False, "detail": "schema_mismatch: older than the code; run python -m service.db.migrate"}
     return {"ok": True} if has == wants else {"ok": True, "detail": "the schema is newer than the code"}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, Generic, TypeVar
 from uuid import UUID
 
 from fastapi import Depends, Query
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 from sqlalchemy import ColumnElement, Select, select, union_all
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
@@ -22,11 +23,14 @@ _LIMIT = "how many at most"
 class Page(BaseModel, Generic[ItemT]):
     """One page; ``next`` is given as ``after`` to get the following one, and is null on the last."""
 
+    model_config = ConfigDict(defer_build=True)
+
     items: list[ItemT]
     next: str | None = None
 
 
-class Window(BaseModel):
+@dataclass(frozen=True)
+class Window:
     """Which part of a list is asked for."""
 
     after: str | None = None

@@ -68,10 +68,11 @@ def check_texts(given: Any) -> None:
             left.extend(one)
 
 
+# Both are built when a request needs them first: at the start that takes a tenth of the time, for all at once.
 class Received(BaseModel):
     """A request's body: unknown fields are refused, so that a misspelt one is not silently ignored."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -83,4 +84,4 @@ class Received(BaseModel):
 class Sent(BaseModel):
     """An answer's body, read from a row's attributes where it is given one."""
 
-    model_config = ConfigDict(from_attributes=True)
+    model_config = ConfigDict(from_attributes=True, defer_build=True)
