@@ -20,10 +20,10 @@ from apexcal.client import Client
 from apexcal.embedded import plans
 from apexcal.embedded.children import ChildPlan
 from apexcal.embedded.folder import DataFolder
+from service.broker.hints import channel
 from service.db.jobs import Worker
 from service.db.migrate import upgrade
 from service.db.session import Database
-from service.events.hints import channel
 from tests.faults.farm import free_port
 from tests.support.postgres import Postgres
 from tests.support.processes import start, stop, wait_until

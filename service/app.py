@@ -11,32 +11,48 @@ from importlib.metadata import version
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
 
+import service.job_kinds  # noqa: F401  # known before the first request
 from service import imports_done
+from service.annotations import mark_routes
 from service.annotations import routes as annotations
 from service.auth import member_routes, token_routes
 from service.auth import routes as auth
-from service.auth.expiry import remove_ended
 from service.auth.gate import Gate
+from service.auth.retention import remove_ended
+from service.broker.hints import COURIER as HINTS
+from service.broker.hints import Publisher
+from service.calibrations import publication_routes
 from service.calibrations import routes as calibrations
+from service.correspondence_sets import routes as correspondence_sets
 from service.db.session import Database
 from service.detections import routes as detections
 from service.events import routes as events
 from service.events.fanout import Fanout
-from service.events.hints import COURIER as HINTS
-from service.events.hints import Publisher
 from service.fleet_requests import routes as fleet_requests
 from service.fleets import routes as fleets
-from service.http import bodies, draining, etags, headers, health, idempotency, jobs, metrics, problems, watching, web
+from service.health import metrics_routes
+from service.health import routes as health
+from service.http import (
+    bodies,
+    draining,
+    etags,
+    headers,
+    idempotency,
+    problems,
+    store_problems,
+    watching,
+    web,
+)
 from service.http.places import Places
+from service.job_status import routes as job_status
 from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
 from service.jobs.retention import forget_jobs
 from service.observability import logs
-from service.recordings import direct_routes, frame_routes, original_routes, upload_routes
+from service.recordings import frame_routes, original_routes, presigned_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
 from service.settings import Settings, settings_or_exit
-from service.storage import problems as store_problems
 from service.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.storage.audit import audit_if_due
 from service.storage.quota import count_older
@@ -51,14 +67,17 @@ ROUTERS: tuple[APIRouter, ...] = (
     fleets.router,
     recordings.router,
     upload_routes.router,
-    direct_routes.router,
+    presigned_routes.router,
     original_routes.router,
     frame_routes.router,
-    jobs.router,
+    job_status.router,
     events.router,
     detections.router,
     studies.router,
     annotations.router,
+    mark_routes.router,
+    correspondence_sets.router,
+    publication_routes.router,
     calibrations.router,
     fleet_requests.router,
 )
@@ -150,7 +169,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         room.install(app)
     app.add_middleware(headers.SafeHeaders, stores=[app.state.store.origin] if app.state.store.signs else [])
     app.add_middleware(draining.PoliteClosing, drain=drain)
-    app.add_middleware(watching.Watched, figures=metrics.install(app, version("apexcal")))
+    app.add_middleware(watching.Watched, figures=metrics_routes.install(app, version("apexcal")))
     health.install(app)
     for router in ROUTERS:
         app.include_router(router, prefix="/v1", max_body_size=bodies.DEFAULT)

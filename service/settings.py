@@ -5,17 +5,33 @@ from __future__ import annotations
 import os
 import re
 import sys
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
+from urllib.parse import urlsplit
 
 from pydantic import AliasChoices, Field, SecretStr, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from service.storage.opening import S3Options, check_url
-
 MIB = 1024 * 1024
 _DATABASE = re.compile(r"(postgresql|sqlite)(\+\w+)?://")
+
+
+@dataclass(frozen=True)
+class S3Options:
+    """Where the bucket is and how long to wait for it.
+
+    ``public_endpoint`` is the address at which clients reach what ``endpoint`` reaches from here; presigned addresses
+    carry it. Without keys, obstore looks for credentials itself: AWS_* variables, web identities, an instance's role.
+    """
+
+    endpoint: str = ""
+    public_endpoint: str = ""
+    region: str = "us-east-1"
+    access_key_id: str = ""
+    secret_access_key: str = field(default="", repr=False)
+    timeout_s: float = 20.0
 
 
 class Settings(BaseSettings):
@@ -63,6 +79,9 @@ class Settings(BaseSettings):
     renew_s: float = Field(default=3.0, description="how often a worker renews its lease")
     resend_s: float = Field(default=10.0, description="first resend of an unclaimed job; doubles each time")
     sweep_s: float = Field(default=2.0, description="period of the sweep")
+    stalled_s: float = Field(
+        default=90.0, gt=0, description="sweeper and beat end, to be started again, after so long without progress"
+    )
     max_lost_leases: int = Field(default=5, description="a job that loses this many leases fails")
     max_stumbles: int = Field(default=30, description="a job whose surroundings fail so often fails: after an hour")
     task_limit_s: int = Field(default=1800, description="a task that runs longer is ended and its lease expires")
@@ -131,7 +150,7 @@ class Settings(BaseSettings):
     @classmethod
     def _is_store(cls, url: str) -> str:
         if url:
-            check_url(url)
+            check_store_url(url)
         return url
 
     @property
@@ -175,6 +194,13 @@ class Settings(BaseSettings):
     def scratch(self) -> Path:
         """Folder for files that live as long as one task."""
         return self.data_dir.resolve() / "scratch"
+
+
+def check_store_url(url: str) -> None:
+    """Raises ValueError for a URL that names no store."""
+    parts = urlsplit(url)
+    if not ((parts.scheme == "file" and parts.path) or (parts.scheme == "s3" and parts.netloc)):
+        raise ValueError(f"{url!r} names no store; one looks like file:///folder or s3://bucket/prefix")
 
 
 class SettingsError(Exception):

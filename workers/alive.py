@@ -12,6 +12,7 @@ from celery import Celery, bootsteps
 from celery.beat import Scheduler
 
 from service.settings import get_settings
+from workers.stalls import expect_progress
 
 _EVERY_S = 5.0
 
@@ -43,6 +44,7 @@ class AliveScheduler(Scheduler):
 
     def tick(self, *given: Any, **named: Any) -> float:
         """Send what is due; the seconds until it is to be called again."""
+        expect_progress()
         file = get_settings().alive_file
         if file:
             touch(file)

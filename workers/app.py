@@ -14,8 +14,8 @@ from celery.signals import beat_init, celeryd_init, setup_logging, worker_init
 from kombu.transport import TRANSPORT_ALIASES
 
 from service import imports_done
-from service.events.patience import CONSUMER
-from service.jobs.kinds import QUEUES
+from service.broker.connection import CONSUMER
+from service.jobs.queues import QUEUES
 from service.observability import logs
 from service.settings import get_settings, settings_or_exit
 from workers import alive

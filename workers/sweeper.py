@@ -6,9 +6,12 @@ Started by name: ``celery -A workers.sweeper beat`` and ``celery -A workers.swee
 
 from __future__ import annotations
 
+from celery.signals import beat_init, task_prerun, worker_init
+
 from service.jobs.messages import SWEEP
 from service.settings import settings_or_exit
 from workers.app import make_app
+from workers.stalls import expect_progress
 
 settings = settings_or_exit()
 
@@ -22,3 +25,11 @@ app.conf.beat_schedule = {
         "options": {"queue": "sweep", "expires": 3600.0},
     }
 }
+
+
+@beat_init.connect
+@worker_init.connect
+@task_prerun.connect
+def _gets_on(**_: object) -> None:
+    """A start, and each sweep, is progress; so is each tick of beat, in :mod:`workers.alive`."""
+    expect_progress()

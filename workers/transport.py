@@ -1,4 +1,4 @@
-"""Kombu's Redis transport, which drops what is not a Celery message instead of ending the worker.
+"""Kombu's Redis transport, with which nothing that the broker says or fails to say stops a worker.
 
 Messages are hints: of a job whose message is lost the sweep sends another.
 """
@@ -10,13 +10,37 @@ import logging
 from queue import Empty
 from typing import Any
 
-from kombu.transport import redis
+from kombu.transport import redis, virtual
 
 log = logging.getLogger(__name__)
 
 
+class QoS(redis.QoS):
+    """Counts the messages in hand; a worker that has as many as it may takes no more.
+
+    A message leaves the count also where the broker could not be told, which Celery only logs. Else the worker would
+    wait for ever with free hands. The broker gives such a message out again an hour later, which does no harm.
+    """
+
+    def ack(self, delivery_tag: str) -> None:
+        """The message was taken."""
+        try:
+            super().ack(delivery_tag)
+        finally:
+            virtual.QoS.ack(self, delivery_tag)
+
+    def reject(self, delivery_tag: str, requeue: bool = False) -> None:
+        """The message was not taken."""
+        try:
+            super().reject(delivery_tag, requeue)
+        finally:
+            virtual.QoS.ack(self, delivery_tag)
+
+
 class Channel(redis.Channel):
     """Reads the queues."""
+
+    QoS = QoS
 
     def _brpop_read(self, **options: Any) -> Any:
         try:

@@ -71,7 +71,7 @@ def beat(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
     """The clock of the sweep. Its schedule lives in memory: there is nothing to remember, nothing to corrupt."""
     command = (
         *(sys.executable, "-m", "celery", "--quiet", "-A", "workers.sweeper", "beat"),
-        *("--scheduler", "celery.beat:Scheduler", "--loglevel", "WARNING"),
+        *("--scheduler", "workers.alive:AliveScheduler", "--loglevel", "WARNING"),
     )
     return ChildPlan("beat", command, settings, folder.logs / "beat.log", grace_s=5.0)
 

@@ -13,15 +13,15 @@ from typing import Annotated
 import typer
 
 from service.admin.backup import back_up
+from service.admin.context import FAILED, GIVEN_FOLDER, opened, program, spoken
 from service.admin.errors import AdminError
-from service.admin.keeping import retention
+from service.admin.job_commands import job, jobs, requeue
 from service.admin.manifest import Manifest, verify
-from service.admin.opening import FAILED, GIVEN_FOLDER, opened, program, spoken
-from service.admin.people import tokens, users
-from service.admin.quotas import quota
+from service.admin.people_commands import tokens, users
+from service.admin.quota_commands import quota
 from service.admin.restore import restore as bring_back
-from service.admin.serving import is_served
-from service.admin.work import job, jobs, requeue
+from service.admin.retention_commands import retention
+from service.admin.served import is_served
 from service.settings import get_settings
 from service.storage.store import open_store
 

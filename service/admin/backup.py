@@ -25,10 +25,10 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection, select
 
+from service.admin.blob_hold import holding
 from service.admin.errors import AdminError
-from service.admin.holding import holding
 from service.admin.manifest import BLOB_LIST, BLOBS, FORMAT, TABLES, BlobFile, Damaged, Manifest, table_path
-from service.admin.retrying import retried
+from service.admin.retries import retried
 from service.admin.rows import TableFile, digest, write_table
 from service.db.clock import now, utc_now
 from service.db.jobs import Heartbeat

@@ -12,7 +12,7 @@ from sqlalchemy.engine import make_url
 from service.admin.backup import TRANSIENT
 from service.admin.errors import AdminError
 from service.admin.manifest import BlobFile, Manifest, table_path, verify
-from service.admin.retrying import retried
+from service.admin.retries import retried
 from service.admin.rows import read_table
 from service.db.migrate import upgrade
 from service.db.models import Base

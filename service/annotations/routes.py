@@ -7,25 +7,23 @@ from uuid import UUID
 
 from fastapi import APIRouter, Query, Request, Response
 
-from service.annotations import direct
-from service.annotations.answers import answer_view, give, undo
-from service.annotations.disclosure import answered_by_others, tell
-from service.annotations.handout import lock_recording, next_task
-from service.annotations.progress import progress, tally, visible_answers
+from apexcal.documents.base import Sought
+from service.annotations.answer_actions import answer_view, give, undo
+from service.annotations.disclosure_actions import answered_by_others, tell
+from service.annotations.progress_queries import progress, tally, visible_answers
 from service.annotations.schemas import Answer, AnswerView, GivenMark, NextTask, Progress, Tally, TaskView, Undo
+from service.annotations.task_actions import lock_recording, next_task
 from service.annotations.views import PairedFrame, find_frame, find_task, mark_view, task_view
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.auth.roles import rank
+from service.broker.hints import hint
 from service.db.annotations import MarkingTask, Verdict
 from service.db.detections import Detection
 from service.db.recordings import Recording
 from service.detections.queries import done_detection, find_camera
-from service.events.hints import hint
 from service.http.pages import LongPaging, Page, fetch
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["annotations"])
-router.include_router(direct.router)
 
 CameraQuery = Annotated[Sought, Query(description="a camera's name in the rig")]
 

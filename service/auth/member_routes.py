@@ -10,15 +10,15 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import ReadAccess, WriteAccess
-from service.auth.credentials import end_credentials
-from service.auth.members import check_may_give, check_may_sign_in_as, find_member, hold_to_give
+from service.auth.credential_actions import end_credentials
+from service.auth.member_rules import check_may_give, check_may_sign_in_as, find_member, hold_to_give
 from service.auth.roles import rank
 from service.auth.schemas import ChangedMember, Invitation, Member, NewInvitation, NewRole
-from service.auth.sessions import make_link
+from service.auth.session_actions import make_link
+from service.broker.hints import hint
 from service.db.fleets import Fleet
 from service.db.ids import new_id
 from service.db.people import Membership, Person
-from service.events.hints import hint
 from service.http.pages import Page, Paging, fetch
 from service.settings import Settings
 

@@ -10,7 +10,7 @@ from sqlalchemy import select
 from service.auth.access import COOKIE, Access, Identity, ReadAccess, WriteAccess
 from service.auth.origins import check_origin
 from service.auth.schemas import FleetRole, Me, SignIn
-from service.auth.sessions import sign_in, sign_out
+from service.auth.session_actions import sign_in, sign_out
 from service.db.fleets import Fleet
 from service.db.people import Membership
 from service.db.session import Database

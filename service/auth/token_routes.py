@@ -10,8 +10,8 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import Access, ReadAccess, WriteAccess
-from service.auth.credentials import revoke
-from service.auth.members import hold_to_give
+from service.auth.credential_actions import revoke
+from service.auth.member_rules import hold_to_give
 from service.auth.roles import rank
 from service.auth.schemas import MadeToken, NewToken, Token
 from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash

@@ -8,31 +8,13 @@ which a recording's CameraInfo is kept. Coefficients have OpenCV's order, which 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
 
-from service.calibrations.locks import LEAST_FOCAL_PX
-from service.calibrations.model_names import INTRINSICS
+from apexcal.documents.bounds import LEAST_FOCAL_PX
+from apexcal.documents.camera_models import CAMERA_MODELS, INTRINSICS, ModelName
+from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
+from apexcal.documents.rules import LensUse
 from service.db.base import Json
 from service.http.problems import Problem
-
-UseAs = Literal["bounds", "prior", "locked"]
-
-# Names of sensor_msgs/CameraInfo, camera_calibration and Kalibr. The workers read recordings by the same ones; a
-# contract test holds the two together.
-MODEL_OF = {
-    "plumb_bob": "brown_conrady",
-    "rational_polynomial": "brown_conrady",
-    "radtan": "brown_conrady",
-    "brown_conrady": "brown_conrady",
-    "": "brown_conrady",
-    "none": "brown_conrady",
-    "equidistant": "kannala_brandt",
-    "fisheye": "kannala_brandt",
-    "kannala_brandt": "kannala_brandt",
-    "kannala_brandt4": "kannala_brandt",
-}
-FOCAL_AND_CENTRE = ("f_x", "f_y", "c_x", "c_y")
-COEFFICIENTS = {"brown_conrady": 5, "kannala_brandt": 4}
 
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
 _FOCAL_SHARE = 0.10
@@ -43,7 +25,6 @@ _FOCAL_SIGMA = 0.005
 _CENTRE_SIGMA = 0.005
 _COEFFICIENT_SIGMA = 0.02
 _TANGENTIAL_SIGMA = 0.002
-_TANGENTIAL = ("k3", "k4")  # of brown_conrady: OpenCV's p1 and p2
 
 
 @dataclass(frozen=True)
@@ -62,7 +43,7 @@ def as_stated(camera: str, given: Json) -> Json:
         Problem: 422 ``unknown_distortion_model``, ``distortion_without_equal``, ``invalid_intrinsics``.
     """
     name = str(given["distortion_model"])
-    model = MODEL_OF.get(name.strip().lower())
+    model = model_stated(name)
     if model is None:
         raise Problem(
             422,
@@ -71,13 +52,14 @@ def as_stated(camera: str, given: Json) -> Json:
             f"Known are {', '.join(sorted(one for one in MODEL_OF if one))}. Leave the intrinsics out, or give their "
             "focal lengths and centre as bounds of the rig or the request.",
         )
-    size, D = COEFFICIENTS[model], [float(value) for value in given["D"]]
-    if any(D[size:]):
+    stated = [float(value) for value in given["D"]]
+    D = coefficients_of(model, stated)
+    if D is None:
         raise Problem(
             422,
             "distortion_without_equal",
-            f"The intrinsics of {camera} have {len(D)} coefficients ({name}), and {model} has {size}: the further "
-            "ones are not zero, and no model here has them.",
+            f"The intrinsics of {camera} have {len(stated)} coefficients ({name}), and {model} has "
+            f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero, and no model here has them.",
             "Calibrate the lens as plumb_bob (k1 k2 p1 p2 k3) or equidistant (k1 k2 k3 k4), or give focal lengths "
             "and centre as bounds of the rig or the request.",
         )
@@ -89,11 +71,10 @@ def as_stated(camera: str, given: Json) -> Json:
             f"K of {camera} is no camera matrix: it is [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows.",
             "A CameraInfo without a calibration has zeros there.",
         )
-    D = (D + [0.0] * size)[:size]
     return {"model": model, "K": K, "D": D, "width": given["width"], "height": given["height"]}
 
 
-def known_lens(stated: Json, model: str, use_as: UseAs) -> Known | None:
+def known_lens(stated: Json, model: ModelName, use_as: LensUse) -> Known | None:
     """What a stated lens says of a model's parameters; None where the model cannot be that lens.
 
     As bounds only focal lengths and centre count, which every model has. As priors and locks the distortion counts
@@ -124,10 +105,11 @@ def near_stated(stated: Json) -> dict[str, list[float]]:
     }
 
 
-def _values(stated: Json, model: str) -> dict[str, float] | None:
+def _values(stated: Json, model: ModelName) -> dict[str, float] | None:
     """Every intrinsic parameter of a model as stated, or None where it has not that distortion."""
     f_x, s, c_x, _, f_y, c_y = stated["K"][:6]
-    coefficients = {f"k{place}": value for place, value in enumerate(stated["D"], 1)}
+    of: ModelName = stated["model"]
+    coefficients = dict(zip(CAMERA_MODELS[of].distortion, stated["D"], strict=True)) if of else {}
     plain = model == "pinhole" and stated["model"] == "brown_conrady" and not any(stated["D"])
     if not plain and model != stated["model"]:
         return None
@@ -142,5 +124,5 @@ def _sigma(name: str, value: float, stated: Json) -> float:
         return _FOCAL_SIGMA * value
     if name in ("c_x", "c_y"):
         return _CENTRE_SIGMA * float(stated["width" if name == "c_x" else "height"])
-    small = name == "skew" or (stated["model"] == "brown_conrady" and name in _TANGENTIAL)
+    small = name == "skew" or name in CAMERA_MODELS[stated["model"]].tangential
     return (_TANGENTIAL_SIGMA if small else _COEFFICIENT_SIGMA) + 0.1 * abs(value)

@@ -10,27 +10,24 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
-from service.annotations.disclosure import tell_pairs
+from apexcal.documents.base import Sought
+from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.auth.roles import rank
-from service.calibrations import published_routes, set_routes
-from service.calibrations.requests import CameraPairs, plan_request
-from service.calibrations.runs import ask_to_end, create
+from service.broker.hints import hint
+from service.calibrations.actions import ask_to_end, create
+from service.calibrations.lens_queries import stated_intrinsics
+from service.calibrations.plan import CameraPairs, plan_request
 from service.calibrations.schemas import CalibrationRequest, CalibrationView, SlotView
-from service.calibrations.sets import rig_camera
-from service.calibrations.slots import slot_page
-from service.calibrations.stated import stated_intrinsics
+from service.calibrations.slot_views import slot_page
 from service.calibrations.views import calibration_views, vertices_apart
+from service.correspondence_sets.queries import rig_camera
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
 from service.db.fleets import Rig, Vehicle
-from service.events.hints import hint
 from service.http.pages import LongPaging, Page, Paging, fetch
 from service.http.problems import Problem
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["calibrations"])
-router.include_router(set_routes.router)
-router.include_router(published_routes.router)
 
 
 @router.post("/vehicles/{vehicle_id}/calibrations", status_code=202, response_model=CalibrationView)

@@ -10,10 +10,11 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.calibrations.runs import FULL, UNENDED
+from service.calibrations.actions import FULL
 from service.calibrations.schemas import CalibrationView, ProgressView, RunView
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.states import UNENDED
 
 
 def calibration_views(

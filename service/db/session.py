@@ -15,7 +15,7 @@ from sqlalchemy.exc import DisconnectionError
 from sqlalchemy.orm import Session, sessionmaker
 
 import service.db.models  # noqa: F401  # a flush sorts tables by their foreign keys, so all of them must be known
-from service.db.patience import connect_args
+from service.db.connection import connect_args
 
 _WRITES = "apexcal_writes"
 _ALONE = "apexcal_alone"
@@ -41,7 +41,7 @@ def _to_json(value: Any) -> str:
 
 
 def open_engine(url: str, *, patient: bool = False) -> Engine:
-    """An engine for ``url``. Open it after a fork, never before. ``patient``: see :mod:`service.db.patience`.
+    """An engine for ``url``. Open it after a fork, never before. ``patient``: see :mod:`service.db.connection`.
 
     SQLite: write-ahead log, full synchronisation of transactions, and `BEGIN IMMEDIATE` for sessions that write, so
     that two writers queue up instead of failing on an upgrade of their locks.

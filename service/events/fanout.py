@@ -17,10 +17,10 @@ from redis.exceptions import RedisError
 
 from service.auth.access import Identity, renewed
 from service.auth.roles import Role
+from service.broker.connection import tcp_options
+from service.broker.hints import EVERY_CHANNEL, Hint, fleet_of
 from service.db.session import Database
-from service.events.following import Follower, anything
-from service.events.hints import EVERY_CHANNEL, Hint, fleet_of
-from service.events.patience import tcp_options
+from service.events.follower import Follower, anything
 from service.http.draining import Drain
 from service.http.problems import Problem
 

@@ -13,10 +13,10 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from service.auth.access import CurrentIdentity, ReadAccess
 from service.auth.roles import Role
+from service.broker.hints import Hint
 from service.db.fleets import Fleet
 from service.events.fanout import Fanout
-from service.events.following import Follower, anything
-from service.events.hints import Hint
+from service.events.follower import Follower, anything
 from service.http.problems import not_found
 
 router = APIRouter(tags=["events"])

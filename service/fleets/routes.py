@@ -12,9 +12,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import selectinload
 
 from service.auth.access import Access, ReadAccess, WriteAccess
+from service.broker.hints import hint
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.ids import new_id
-from service.events.hints import hint
 from service.fleets.schemas import FleetOut, Named, NewRig, RigOut, VehicleOut
 from service.http.bodies import DOCUMENT
 from service.http.etags import Conditional, version_etag

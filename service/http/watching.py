@@ -9,8 +9,8 @@ from urllib.parse import quote
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.http.figures import HttpFigures
 from service.observability import request_ids
-from service.observability.http_figures import HttpFigures
 
 # Asked every few seconds by machines: figures yes, lines no.
 _UNLOGGED = frozenset(("/healthz", "/readyz", "/metrics"))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from celery import Celery
 from kombu.exceptions import OperationalError
 
-from service.events.patience import TCP
+from service.broker.connection import TCP
 
 RUN_JOB = "apexcal.run_job"
 SWEEP = "apexcal.sweep"

@@ -9,22 +9,23 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 
 from sqlalchemy import ColumnElement, exists, select, update
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.fleet_progress import count_missed
 from service.db.base import Json, written
-from service.db.calibrations import CalibrationRun
 from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.jobs import Heartbeat, Job
 from service.db.session import Database, post
-from service.jobs.kinds import QUEUES
+from service.db.states import WorkState
+from service.jobs.kinds import kinds
 from service.jobs.losses import end, lose
 from service.jobs.messages import COURIER, Message
 from service.jobs.queue import cancel, release
+from service.jobs.queues import QUEUES
 from service.jobs.retention import forget_workers
 from service.jobs.totals import tally
 from service.settings import get_settings
@@ -36,20 +37,42 @@ _BATCH = 200
 
 
 def sweep(database: Database, store: Store) -> None:
-    """One pass over everything that may need help."""
+    """One pass over everything that may need help. A step that fails keeps none of the others from being done.
+
+    Raises the first failure once all have been tried; at once where the database is away, as none of them can work.
+    """
+    lost = (Job.state == written(WorkState.RUNNING)) & (Job.lease_until < now())
+    cancelled = (Job.state == written(WorkState.QUEUED)) & Job.cancel_requested
+    steps: tuple[Callable[[], None], ...] = (
+        partial(_write, database, _beat),
+        partial(_each, database, lost, _recover),
+        partial(_write, database, _spread_cancels),
+        partial(_each, database, cancelled, _end_cancelled),
+        partial(_write, database, _send_again),
+        partial(_write, database, _end_backoff),
+        partial(_write, database, _release_waiting),
+        *(partial(kind.tend, database) for kind in kinds() if kind.tend),
+        partial(_write, database, tally),
+        partial(_write, database, forget_workers),
+        partial(_remove_blobs, database, store),
+    )
+    failures: list[Exception] = []
+    for step in steps:
+        try:
+            step()
+        except Exception as error:
+            # Without a statement: no connection could be opened.
+            if isinstance(error, DBAPIError) and (error.connection_invalidated or error.statement is None):
+                raise
+            log.exception("a step of the sweep failed")
+            failures.append(error)
+    if failures:
+        raise failures[0]
+
+
+def _write(database: Database, step: Callable[[Session], None]) -> None:
     with database.writing() as session:
-        _beat(session)
-        tally(session)
-        forget_workers(session)
-        _spread_cancels(session)
-    count_missed(database)
-    _each(database, (Job.state == written("running")) & (Job.lease_until < now()), _recover)
-    _each(database, (Job.state == written("queued")) & Job.cancel_requested, _end_cancelled)
-    with database.writing() as session:
-        _send_again(session)
-        _end_backoff(session)
-        _release_waiting(session)
-    _remove_blobs(database, store)
+        step(session)
 
 
 def swept_lately(database: Database) -> bool:
@@ -66,9 +89,10 @@ def _beat(session: Session) -> None:
 
 
 def _spread_cancels(session: Session) -> None:
-    """Flag the jobs that a cancelled run got after the cancel looked."""
-    unended = CalibrationRun.state.in_((written("queued"), written("running")))
-    cancel(session, select(CalibrationRun.id).where(CalibrationRun.cancel_requested, unended))
+    """Flag the jobs that a cancelled subject got after the cancel looked."""
+    for kind in kinds():
+        if kind.cancelled is not None:
+            cancel(session, kind.cancelled)
 
 
 def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], None]) -> None:
@@ -122,7 +146,7 @@ def _worker_lost(job: Job) -> Json:
 
 
 def _end_cancelled(session: Session, job: Job) -> None:
-    end(session, job, "cancelled", None)
+    end(session, job, WorkState.CANCELLED, None)
 
 
 def _send_again(session: Session) -> None:
@@ -131,7 +155,7 @@ def _send_again(session: Session) -> None:
     delay = round(settings.resend_s * 1e6)
     overdue = (
         select(Job.id, Job.queue, Job.sends)
-        .where(Job.state == written("queued"), Job.sends > 0, ~Job.cancel_requested, Job.send_after < now())
+        .where(Job.state == written(WorkState.QUEUED), Job.sends > 0, ~Job.cancel_requested, Job.send_after < now())
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
@@ -146,7 +170,7 @@ def _end_backoff(session: Session) -> None:
     """Let the jobs whose time to be tried again has come wait for their place in the window, as fresh ones do."""
     over = (
         select(Job.id)
-        .where(Job.state == written("queued"), Job.sends == 0, Job.send_after < now())
+        .where(Job.state == written(WorkState.QUEUED), Job.sends == 0, Job.send_after < now())
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
@@ -165,7 +189,10 @@ def _release_waiting(session: Session) -> None:
     for queue in QUEUES:
         # One look for each fleet, however many jobs wait.
         waits = exists().where(
-            Job.fleet_id == Fleet.id, Job.queue == queue, Job.state == written("queued"), Job.send_after.is_(None)
+            Job.fleet_id == Fleet.id,
+            Job.queue == queue,
+            Job.state == written(WorkState.QUEUED),
+            Job.send_after.is_(None),
         )
         # Two sweeps hold fleets in one order.
         for fleet_id in session.scalars(select(Fleet.id).where(waits).order_by(Fleet.id)).all():

@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session
 from service.auth.access import Access
 from service.db.fleets import RigCamera
 from service.db.recordings import Recording, Sensor, UploadPart
-from service.http.jobs import job_views
 from service.http.problems import Problem
+from service.job_status.views import job_views
 from service.recordings.schemas import Reading, RecordingSummary, RecordingView, SensorView
 
 

@@ -11,25 +11,25 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from service.auth.access import ReadAccess, WriteAccess
+from service.broker.hints import hint
 from service.db.clock import now
 from service.db.fleets import Rig, Vehicle
 from service.db.ids import new_id
 from service.db.recordings import Recording
-from service.events.hints import hint
+from service.db.states import RecordingState
 from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found
-from service.recordings.deletion import delete_recording
+from service.recordings.actions import delete_recording
 from service.recordings.queries import reading_document, summaries, view
 from service.recordings.schemas import (
     CreatedRecording,
     NewRecording,
     RecordingEdit,
-    RecordingState,
     RecordingSummary,
     RecordingView,
 )
-from service.recordings.uploads import how_to_upload
+from service.recordings.upload_actions import how_to_upload
 from service.settings import Settings
 from service.storage.quota import take
 
@@ -117,7 +117,7 @@ def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditio
 
 
 def _refuse_if_read(row: Recording, code: str, what: str) -> None:
-    if row.state not in ("uploading", "failed"):
+    if row.state not in (RecordingState.UPLOADING, RecordingState.FAILED):
         raise Problem(
             409,
             code,

@@ -16,6 +16,7 @@ from service.db.clock import now
 from service.db.ids import new_id
 from service.db.jobs import Job
 from service.db.recordings import Blob, BlobHold
+from service.db.states import WorkState
 from service.storage.errors import ReservationEndedError
 
 # When an object that could not be removed is tried again: as after a store that was away for a moment, at last daily.
@@ -72,7 +73,7 @@ def give_up(session: Session, key: str) -> None:
 
 def condemn_lost(session: Session) -> None:
     """Condemn reservations whose work ended without winning: another attempt, or no job, or long abandoned."""
-    working = select(Job.id).where(Job.id == Blob.job_id, Job.attempt == Blob.attempt, Job.state == "running")
+    working = select(Job.id).where(Job.id == Blob.job_id, Job.attempt == Blob.attempt, Job.state == WorkState.RUNNING)
     session.execute(
         update(Blob)
         .where(

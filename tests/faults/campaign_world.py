@@ -10,7 +10,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.annotations.writing import write_mark
+from service.annotations.mark_actions import write_mark
 from service.db.ids import new_id
 from service.db.models import (
     Blob,

@@ -12,8 +12,8 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
 
+from service.db.connection import CONNECT_S, SILENCE_S
 from service.db.migrate import upgrade
-from service.db.patience import CONNECT_S, SILENCE_S
 from service.db.session import Database
 from service.jobs.sweep import sweep
 from service.storage.store import Store

@@ -8,6 +8,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import redis
+from redis.backoff import NoBackoff
+from redis.retry import Retry
 
 from tests.support.networks import Host
 from tests.support.processes import start, stop, wait_until
@@ -68,7 +70,7 @@ class Broker:
 
     def client(self) -> redis.Redis:
         """A client of it; close it."""
-        return redis.Redis(unix_socket_path=str(self.socket))
+        return redis.Redis(unix_socket_path=str(self.socket), socket_timeout=2, retry=Retry(NoBackoff(), 0))
 
     def close(self) -> None:
         """Stop it and remove its folder."""
@@ -80,5 +82,5 @@ class Broker:
         try:
             with self.client() as client:
                 return bool(client.ping())
-        except redis.ConnectionError:
+        except (redis.ConnectionError, redis.TimeoutError):
             return False

@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 from pydantic import SecretStr
 
-from service.storage.opening import S3Options
+from service.settings import S3Options
 from service.storage.prepare import prepare
 from service.storage.store import Store
 from tests.support.processes import start, stop, wait_until

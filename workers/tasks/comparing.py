@@ -9,8 +9,8 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.actions import end_calibration
 from service.calibration_runs.conclusion import FULL, choices, results_of, runs_of
-from service.calibration_runs.solving import end_calibration
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig
 from service.jobs.claims import Claim, Lease

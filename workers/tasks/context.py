@@ -14,11 +14,11 @@ from uuid import UUID
 
 from sqlalchemy import select
 
+from service.broker.hints import COURIER as HINTS
+from service.broker.hints import Publisher
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.session import Database
-from service.events.hints import COURIER as HINTS
-from service.events.hints import Publisher
 from service.jobs.messages import COURIER, Sender
 from service.settings import Settings, get_settings
 from service.storage.store import open_store

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 from celery.signals import worker_ready
 
+import service.job_kinds  # noqa: F401  # the sweep asks every kind what its subjects need
 from service.jobs.messages import SWEEP
 from service.jobs.sweep import sweep, swept_lately
 from service.storage.store import Store

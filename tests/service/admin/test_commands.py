@@ -15,7 +15,7 @@ from sqlalchemy import select, update
 from typer.testing import CliRunner, Result
 
 from service.admin import __main__ as commands
-from service.admin.opening import GIVEN_FOLDER, command
+from service.admin.context import GIVEN_FOLDER, command
 from service.db.clock import now, utc_now
 from service.db.models import (
     ApiToken,

@@ -6,8 +6,8 @@ import pytest
 from sqlalchemy import select, update
 
 from service.auth.bootstrap import main as bootstrap
-from service.auth.expiry import remove_ended
-from service.auth.sessions import make_link
+from service.auth.retention import remove_ended
+from service.auth.session_actions import make_link
 from service.db.clock import utc_now
 from service.db.people import ApiToken, BrowserSession, Person, SignInLink
 from service.settings import Settings

@@ -3,8 +3,8 @@
 import pytest
 from sqlalchemy import insert, select, update
 
+from service.calibration_runs.actions import end_run
 from service.calibration_runs.conclusion import conclude, runs_of
-from service.calibration_runs.solving import end_run
 from service.db.models import Calibration, CalibrationRun, Publication, Result
 from tests.service.jobs.support import make_calibration, statements
 

@@ -9,23 +9,23 @@ from uuid import UUID
 
 from sqlalchemy.orm import Session
 
-from service.annotations.handout import next_task
+from service.annotations.task_actions import next_task
 from service.auth.access import Access, Identity
-from service.auth.expiry import remove_ended
-from service.calibration_runs.publishing import current_publication
-from service.calibrations.publications import current_document
+from service.auth.retention import remove_ended
+from service.calibration_runs.publication_actions import current_publication
+from service.calibrations.actions import waiting_runs
+from service.calibrations.publication_views import current_document
 from service.calibrations.routes import list_calibrations
-from service.calibrations.runs import waiting_runs
-from service.calibrations.set_routes import list_sets
+from service.correspondence_sets.routes import list_sets
 from service.db.clock import utc_now
 from service.db.models import Detection, Person, Sensor
 from service.db.session import Database
-from service.fleet_requests.choosing import choose
 from service.fleet_requests.routes import list_request_vehicles
 from service.fleet_requests.schemas import VehicleFilter
+from service.fleet_requests.vehicle_queries import choose
 from service.fleets.routes import get_vehicles
-from service.http.jobs import get_jobs
 from service.http.pages import Window
+from service.job_status.routes import get_jobs
 from service.jobs.retention import forget_jobs
 from service.jobs.sweep import sweep
 from service.recordings.retention import delete_overdue

@@ -5,7 +5,7 @@ import time
 
 import httpx
 
-from service.events.hints import COURIER, Publisher, channel, hint
+from service.broker.hints import COURIER, Publisher, channel, hint
 from tests.support.broker import Broker
 from tests.support.people import Api
 from tests.support.processes import wait_until

@@ -13,11 +13,11 @@ from sqlalchemy import update
 
 from service.auth.access import Identity
 from service.auth.secrets import new_secret, secret_hash
+from service.broker.hints import Hint
 from service.db.clock import utc_now
 from service.db.people import ApiToken, BrowserSession, Person
 from service.events import fanout
-from service.events.following import Follower, anything
-from service.events.hints import Hint
+from service.events.follower import Follower, anything
 from tests.support.broker import Broker
 from tests.support.databases import one_database
 from tests.support.people import Actor, Api

@@ -8,8 +8,8 @@ from uuid import UUID
 import pytest
 from sqlalchemy import select, update
 
-from service.calibration_runs.fleet_progress import drop_calibrations
-from service.calibration_runs.solving import end_run
+from service.calibration_runs.actions import end_run
+from service.calibration_runs.fleet_request_actions import drop_calibrations
 from service.db.clock import now
 from service.db.models import (
     Calibration,
@@ -21,12 +21,12 @@ from service.db.models import (
     Recording,
     Rig,
 )
-from service.fleet_requests import asking
-from service.fleet_requests.asking import ask_all_to_end, retry_failed
+from service.fleet_requests import actions
+from service.fleet_requests.actions import ask_all_to_end, retry_failed
 from service.jobs.claims import claim, finishing
 from service.jobs.messages import COURIER
 from service.jobs.sweep import sweep
-from service.recordings.deletion import delete_recording
+from service.recordings.actions import delete_recording
 from service.settings import get_settings
 from tests.service.jobs.support import statements
 from tests.support.databases import one_database
@@ -228,7 +228,7 @@ def test_a_recording_is_deleted_beside_a_retry_of_its_vehicle(vans: Vans, contex
         with context.database.writing() as session:
             delete_recording(session, recording.id, with_published=True)
 
-    plan = asking.plan_vehicles
+    plan = actions.plan_vehicles
     with ThreadPoolExecutor() as pool, context.database.writing() as session:
 
         def plan_while_one_deletes(*given):
@@ -237,7 +237,7 @@ def test_a_recording_is_deleted_beside_a_retry_of_its_vehicle(vans: Vans, contex
             return plan(*given)
 
         deleting = []
-        monkeypatch.setattr(asking, "plan_vehicles", plan_while_one_deletes)
+        monkeypatch.setattr(actions, "plan_vehicles", plan_while_one_deletes)
         retry_failed(session, session.get_one(FleetRequest, UUID(asked["id"])), vans.engineer.person_id, 2)
         session.commit()
         deleting[0].result(timeout=10)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from apexcal.documents.schedules import PRESETS, Schedule
 from service.jobs.bundles import BUNDLE_S, RUN_S, TRIP_MS, TRIPS_PER_BUNDLE, cut, plan, shards
 from service.jobs.costs import RunCost, run_cost
 
-SMALL = run_cost("pinhole", 222, 5, 800, 30, 60)
-LARGE = run_cost("brown_conrady", 2000, 20, 2000, 50, 1)
+SMALL = run_cost("pinhole", 222, PRESETS["paper"])
+LARGE = run_cost("brown_conrady", 2000, PRESETS["toolbox"])
 
 
 def test_a_request_may_force_either_form():
@@ -38,7 +39,7 @@ def test_no_job_is_longer_than_a_few_seconds_and_a_slot():
 
 
 def test_a_run_of_very_many_small_slots_is_not_written_in_one_transaction():
-    cost = run_cost("pinhole", 6, 1000, 64, 1, 100)
+    cost = run_cost("pinhole", 6, Schedule(slots=1000, population=64, generations=1, max_iterations=100))
     assert cost.seconds < RUN_S
     assert plan("auto", slots=1000, cost=cost, waiting_runs=9, workers=2).farm == "slots"
 

@@ -8,9 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import delete, select, update
+from sqlalchemy.exc import OperationalError
 
 from service.db.clock import now
 from service.db.models import Blob, Calibration, CalibrationRun, Heartbeat
+from service.db.session import Database
 from service.jobs import sweep as sweep_module
 from service.jobs.claims import claim
 from service.jobs.queue import cancel
@@ -54,6 +56,34 @@ def test_jobs_that_cannot_be_decided_keep_the_sweep_from_no_other(database, stor
         let_lease_expire(database, job_id)
     sweep(database, store)
     assert states(database) == ["running"] * 3 + ["queued"]
+
+
+def test_a_step_that_fails_keeps_no_other_from_being_done(database, store, monkeypatch):
+    def fail(session):
+        raise RuntimeError("this step")
+
+    for name in ("_beat", "_spread_cancels", "tally", "_send_again"):
+        monkeypatch.setattr(sweep_module, name, fail)
+    (lost,) = make_jobs(database, make_fleet(database), 1)
+    claim(database, lost, "w")
+    let_lease_expire(database, lost)
+    with database.writing() as session:
+        condemned = reserve(session, "recordings/a")
+        condemn(session, [condemned])
+    store.put_bytes(condemned, b"x")
+    with pytest.raises(RuntimeError, match="this step"):
+        sweep(database, store)
+    assert job(database, lost).state == "queued"
+    assert store.local_path(condemned) is None
+
+
+def test_a_database_that_is_away_ends_the_sweep_at_once(store, tmp_path, monkeypatch):
+    away = Database(f"sqlite:///{tmp_path / 'no such folder' / 'apexcal.db'}")
+    tried = []
+    monkeypatch.setattr(sweep_module, "log", SimpleNamespace(exception=tried.append))
+    with pytest.raises(OperationalError):
+        sweep(away, store)
+    assert not tried
 
 
 def test_decisions_that_take_long_keep_the_sweep_no_longer_than_two_periods(database, store, monkeypatch):

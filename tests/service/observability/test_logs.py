@@ -71,7 +71,7 @@ def test_a_failure_that_nobody_foresaw_can_be_found_by_its_id(api: Api, written,
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("service.http.jobs.fetch", fail)
+    monkeypatch.setattr("service.job_status.routes.fetch", fail)
     answer = api.owner().get("/jobs", headers={request_ids.HEADER: "find-me"})
     assert answer.status_code == 500
     assert answer.json()["request_id"] == answer.headers[request_ids.HEADER] == "find-me"

@@ -10,10 +10,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.settings import MIB, Settings
+from service.settings import MIB, S3Options, Settings
 from service.storage.errors import MissingBlobError, StoreFullError, StoreUnavailableError
 from service.storage.marker import MARKER
-from service.storage.opening import S3Options
 from service.storage.prepare import prepare
 from service.storage.store import Store
 from tests.support.folders import folder_store

@@ -14,7 +14,7 @@ from service.db.models import Blob, Recording, Rig, Sensor, UploadPart
 from service.jobs.claims import Lease, LostLeaseError, claim, finishing
 from service.jobs.queue import cancel, enqueue
 from service.jobs.sweep import sweep
-from service.recordings.deletion import delete_recording
+from service.recordings.actions import delete_recording
 from service.settings import Settings
 from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.jobs.support import let_lease_expire, make_fleet

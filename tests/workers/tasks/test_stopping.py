@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from sqlalchemy import select
 
-from service.calibrations.runs import ask_to_end
+from service.calibrations.actions import ask_to_end
 from service.db.models import Calibration, CalibrationRun, Job, JobEvent, Slot
 from service.jobs.claims import claim
 from service.jobs.sweep import sweep

@@ -1,0 +1,162 @@
+"""``apexcal admin users`` and ``tokens``: who may come in, and who no longer may."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import defaultdict
+from typing import Annotated, Any
+from uuid import UUID
+
+import typer
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.admin.context import JsonOption, as_id, command, opened, spoken, table
+from service.admin.errors import AdminError
+from service.admin.served import served_url
+from service.auth.credential_actions import end_credentials, revoke
+from service.auth.session_actions import make_link
+from service.db.clock import utc_now
+from service.db.fleets import Fleet
+from service.db.people import ApiToken, Membership, Person
+from service.observability.logs import visible
+from service.settings import Settings
+
+users = typer.Typer(no_args_is_help=True, help="List people, make sign-in links, shut somebody out.")
+tokens = typer.Typer(no_args_is_help=True, help="List and revoke the API tokens of programs.")
+
+
+@users.command("list")
+@spoken
+def list_users(as_json: JsonOption = False) -> None:
+    """List everybody with their roles."""
+    with opened() as service, service.database.reading() as session:
+        roles: dict[UUID, list[str]] = defaultdict(list)
+        asked = select(Membership.person_id, Fleet.name, Membership.role).join(Fleet, Fleet.id == Membership.fleet_id)
+        for person_id, fleet, role in session.execute(asked.order_by(Fleet.name)):
+            roles[person_id].append(f"{role} of {fleet}")
+        rows: list[dict[str, Any]] = [
+            {
+                "id": str(person.id),
+                "name": person.name,
+                "roles": ["owner", *roles[person.id]] if person.is_owner else roles[person.id],
+            }
+            for person in session.scalars(select(Person).order_by(Person.name, Person.id))
+        ]
+    if as_json:
+        print(json.dumps(rows, indent=2))
+    else:
+        print(table([{**row, "roles": ", ".join(row["roles"])} for row in rows], ("id", "name", "roles")))
+
+
+@users.command("link")
+@spoken
+def link(person: Annotated[str, typer.Argument(help="Name or id, as `users list` shows it.")]) -> None:
+    """Make a one-time sign-in link, also for an owner who lost every other way in."""
+    with opened() as service, service.database.writing() as session:
+        found = find_person(session, person)
+        address, is_known = public_url(service.settings)
+        made, until = make_link(session, found.id, address, service.settings.invitation_hours)
+        name = visible(found.name)
+    print(f"{name} signs in with this link, which works once until {until:%Y-%m-%d %H:%M} UTC:\n{made}")
+    if not is_known:
+        print(
+            f"No service runs on {service.settings.data_dir.resolve()} now: where it comes up at another address "
+            f"than {address}, put that one in its place.",
+            file=sys.stderr,
+        )
+
+
+@users.command("revoke")
+@spoken
+def shut_out(person: Annotated[str, typer.Argument(help="Name or id, as `users list` shows it.")]) -> None:
+    """End somebody's sessions, unused links and tokens. What they marked stays, under their name."""
+    with opened() as service, service.database.writing() as session:
+        found = find_person(session, person)
+        ended = end_credentials(session, found.id)
+        name = visible(found.name)
+    print(f"{name}: {ended.sessions} sessions, {ended.links} links and {ended.tokens} tokens ended.")
+
+
+@tokens.command("list")
+@spoken
+def list_tokens(
+    everything: Annotated[bool, typer.Option("--all", help="Also revoked and expired ones.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """List tokens; none shows its secret, which is stored nowhere."""
+    moment = utc_now()
+    with opened() as service, service.database.reading() as session:
+        asked = (
+            select(ApiToken, Person.name, Fleet.name)
+            .join(Person, Person.id == ApiToken.person_id)
+            .outerjoin(Fleet, Fleet.id == ApiToken.fleet_id)
+        )
+        rows: list[dict[str, Any]] = [
+            {
+                "id": str(token.id),
+                "name": token.name,
+                "person": person,
+                "fleet": fleet,
+                "role": token.role,
+                "state": _state(token, moment),
+                "expires_at": token.expires_at.isoformat(timespec="seconds") if token.expires_at else None,
+            }
+            for token, person, fleet in session.execute(asked.order_by(ApiToken.created_at))
+        ]
+    rows = [row for row in rows if everything or row["state"] == "valid"]
+    columns = ("id", "name", "person", "fleet", "role", "state", "expires_at")
+    print(json.dumps(rows, indent=2) if as_json else table(rows, columns))
+
+
+@tokens.command("revoke")
+@spoken
+def revoke_token(token: Annotated[str, typer.Argument(help="Id, as `tokens list` shows it.")]) -> None:
+    """Revoke a token at once, and end the sessions, links and tokens that were made with it."""
+    id = as_id(token, "token", f"{command('tokens list')} shows them.")
+    with opened() as service, service.database.writing() as session:
+        ended = revoke(session, ApiToken.id == id)
+        if not ended.tokens:
+            raise AdminError(f"there is no valid token {token}", f"{command('tokens list')} shows those that are.")
+    print("It is revoked.")
+    if ended.sessions or ended.links or ended.tokens > 1:
+        made = f"{ended.sessions} sessions, {ended.links} links and {ended.tokens - 1} tokens"
+        print(f"With it ended what was made with it: {made}.")
+
+
+def public_url(settings: Settings) -> tuple[str, bool]:
+    """Where browsers find the service, and whether that is known: stated by the environment, or by its own status.
+
+    An embedded service chooses its port as it starts, and writes it into its data folder.
+    """
+    if settings.database_url or "public_url" in settings.model_fields_set:
+        return settings.public_url, True
+    address = served_url(settings.data_dir)
+    return (address, True) if address else (settings.public_url, False)
+
+
+def _state(token: ApiToken, moment: Any) -> str:
+    if token.revoked_at:
+        return "revoked"
+    return "expired" if token.expires_at and token.expires_at <= moment else "valid"
+
+
+def find_person(session: Session, asked: str) -> Person:
+    """A person by id or by a name that only one has. Raises :class:`AdminError`."""
+    found = session.scalars(select(Person).where((Person.name == asked) | (Person.id == _as_uuid(asked)))).all()
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise AdminError(f"there is nobody called {asked!r}", f"{command('users list')} shows names and ids.")
+    raise AdminError(
+        f"{len(found)} people are called {asked!r}", f"Say which one by its id: {command('users list')}."
+    )
+
+
+def _as_uuid(text: str) -> UUID:
+    """The id that a name may be; most are none, and name nobody by it."""
+    try:
+        return UUID(text)
+    except ValueError:
+        return UUID(int=0)

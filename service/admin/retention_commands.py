@@ -1,0 +1,89 @@
+"""``apexcal admin retention``: what goes when, said before it goes."""
+
+from __future__ import annotations
+
+import json
+from datetime import timedelta
+from typing import Annotated, Any
+
+import typer
+from sqlalchemy import func, select
+
+from service.admin.context import JsonOption, as_id, command, opened, spoken, table
+from service.admin.errors import AdminError
+from service.auth.retention import remove_ended
+from service.db.clock import utc_now
+from service.db.fleets import Fleet
+from service.db.recordings import Recording
+from service.jobs.retention import forget_jobs, overdue_jobs
+from service.recordings.retention import delete_overdue, expire_uploads
+
+retention = typer.Typer(no_args_is_help=True, help="Show, set and carry out what is deleted when.")
+
+
+@retention.command("show")
+@spoken
+def show(as_json: JsonOption = False) -> None:
+    """Show for each fleet how many recordings have an end, how many are overdue, and what ended jobs would go."""
+    moment = utc_now()
+    with opened() as service, service.database.reading() as session:
+        rows: list[dict[str, Any]] = [
+            {"fleet": name, "recordings": count, "bytes": int(size), "with_end": ending, "overdue": overdue}
+            for name, count, size, ending, overdue in session.execute(
+                select(
+                    Fleet.name,
+                    func.count(Recording.id),
+                    func.coalesce(func.sum(Recording.size), 0),
+                    func.count(Recording.retain_until),
+                    func.count(Recording.id).filter(Recording.retain_until < moment),
+                )
+                .outerjoin(Recording, Recording.fleet_id == Fleet.id)
+                .group_by(Fleet.name)
+                .order_by(Fleet.name)
+            )
+        ]
+        jobs = {"kept_days": service.settings.job_days, "overdue": overdue_jobs(session)}
+    if as_json:
+        print(json.dumps({"fleets": rows, "jobs": jobs}, indent=2))
+        return
+    print(table(rows, ("fleet", "recordings", "bytes", "with_end", "overdue")))
+    print(f"\nEnded jobs are kept {jobs['kept_days']} days (APEXCAL_JOB_DAYS); {jobs['overdue']} are overdue.")
+
+
+@retention.command("set")
+@spoken
+def set_end(
+    recording: Annotated[str, typer.Argument(help="A recording's id, or the name of a fleet with --fleet.")],
+    days: Annotated[int, typer.Option(help="Days from now; 0 for no end.", min=0, max=36_500)],
+    fleet: Annotated[bool, typer.Option("--fleet", help="All recordings of the fleet of this name.")] = False,
+) -> None:
+    """Set when a recording is deleted, or all of a fleet. A vehicle's current calibration keeps its recording."""
+    end = utc_now() + timedelta(days=days) if days else None
+    if fleet:
+        which = Recording.fleet_id.in_(select(Fleet.id).where(Fleet.name == recording))
+    else:
+        which = Recording.id == as_id(
+            recording, "recording", "For all recordings of a fleet, give its name and --fleet."
+        )
+    with opened() as service, service.database.writing() as session:
+        found = session.scalars(select(Recording).where(which).with_for_update()).all()
+        if not found:
+            what = f"no recording in a fleet called {recording!r}" if fleet else f"no recording {recording}"
+            raise AdminError(f"there is {what}", f"{command('retention show')} lists the fleets.")
+        for row in found:
+            row.retain_until = end
+            row.version += 1
+        count = len(found)
+    print(f"{count} recordings {f'are deleted after {end:%Y-%m-%d %H:%M} UTC' if end else 'are kept'}.")
+
+
+@retention.command("run")
+@spoken
+def run() -> None:
+    """Delete now what is overdue. The service does the same every ten minutes; the sweep removes the bytes."""
+    with opened() as service:
+        recordings = delete_overdue(service.database)
+        uploads = expire_uploads(service.database)
+        jobs = forget_jobs(service.database)
+        remove_ended(service.database)
+    print(f"{recordings} recordings and {jobs} jobs deleted, {uploads} unfinished uploads ended.")

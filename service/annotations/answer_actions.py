@@ -1,0 +1,192 @@
+"""Giving an answer and taking it back: once for each id, on the version that the person saw, ten times at most.
+
+The recording's lock is held, so that two browser tabs of one person come one after the other.
+"""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.annotations.disclosure_actions import was_told
+from service.annotations.mark_actions import (
+    check_inside,
+    find_mark,
+    find_verdict,
+    take_back,
+    write_mark,
+    write_verdict,
+)
+from service.annotations.schemas import Answer, AnswerView, Own, Pixel, Undo
+from service.annotations.views import PairedFrame, last_answer, own_answer
+from service.db.annotations import Answer as AnswerRow
+from service.db.annotations import MarkingTask
+from service.db.clock import now
+from service.db.detections import Apex
+from service.http.problems import Problem
+
+# People correct themselves once or twice. Each answer stays in the history, so their number is bounded: this many
+# rows, and as many for taking them back.
+MOST_ANSWERS = 10
+
+
+def give(session: Session, task: MarkingTask, found: PairedFrame, said: Answer) -> AnswerRow:
+    """Write mark and verdict of a task's vertex. The same id again changes nothing and gives the same row.
+
+    An answer counts also when its lease ran out, and when the vertex has as many answers as wanted already.
+
+    Raises:
+        Problem: ``mark_required``, ``mark_outside_image``, ``answer_id_used``, ``answer_changed``,
+            ``answered_too_often``.
+    """
+    verdict, mark = said.verdict, said.mark if said.verdict == "confirmed" else None
+    if verdict == "confirmed" and mark is None:
+        raise Problem(
+            422, "mark_required", "A confirmed vertex needs its mark.", 'Send "mark": {"u": ..., "v": ...} in pixels.'
+        )
+    if mark is not None:
+        check_inside(mark.u, mark.v, found.frame)
+    repeated = _repeated(session, task, found, said.id, verdict, mark)
+    if repeated is not None:
+        return repeated
+    last = _check_version(session, task, found, said.version)
+    _check_patience(session, task, found)
+    row = _new(session, task, found, said.id, (last.version if last else 0) + 1)
+    row.verdict = verdict
+    if mark is not None:
+        row.u, row.v = mark.u, mark.v
+        write_mark(session, task.person_id, found.camera, found.frame, mark.u, mark.v, reviewed=row.reviewed)
+    apex = session.get_one(Apex, found.vertex.apex_id)
+    write_verdict(session, task.person_id, apex, verdict, reviewed=row.reviewed)
+    task.answered_at = now()  # pyright: ignore[reportAttributeAccessIssue] - the database's own clock
+    session.flush()
+    return row
+
+
+def undo(session: Session, task: MarkingTask, found: PairedFrame, said: Undo, lease_s: float) -> None:
+    """Take the last answer back, and lease its vertex to the same person again in the same transaction.
+
+    The mark stays in the history, and is shown to its person as it was.
+
+    Raises:
+        Problem: ``nothing_to_undo``, ``answer_id_used``, ``answer_changed``, ``answered_too_often``.
+    """
+    if _repeated(session, task, found, said.id, None, None) is not None:
+        return
+    last = _check_version(session, task, found, said.version)
+    if last is None or last.verdict is None:
+        raise Problem(409, "nothing_to_undo", "There is no answer of yours to take back.", "Ask for the task again.")
+    _check_patience(session, task, found)
+    row = _new(session, task, found, said.id, last.version + 1)
+    row.u, row.v = last.u, last.v
+    mark = find_mark(session, task.person_id, found.camera.id, last.frame_index)
+    if mark is not None:
+        take_back(session, mark)
+    _restore_verdict(session, task, found)
+    task.answered_at = None
+    task.leased_until = now(lease_s)  # pyright: ignore[reportAttributeAccessIssue] - the database's own clock
+    session.flush()
+    session.refresh(task)
+
+
+def answer_view(row: AnswerRow) -> AnswerView:
+    """An answer that was accepted."""
+    mark = None if row.u is None or row.v is None else Pixel(u=row.u, v=row.v)
+    return AnswerView(id=row.id, version=row.version, verdict=row.verdict, mark=mark, reviewed=row.reviewed)  # pyright: ignore[reportArgumentType] - only verdicts
+
+
+def _restore_verdict(session: Session, task: MarkingTask, found: PairedFrame) -> None:
+    """The verdict as the person's answer in another camera has it, if there is one; else it is taken back."""
+    verdict = find_verdict(session, task.person_id, found.vertex.apex_id)
+    if verdict is None:
+        return
+    rows = session.scalars(
+        select(AnswerRow)
+        .where(
+            AnswerRow.person_id == task.person_id,
+            AnswerRow.apex_id == found.vertex.apex_id,
+            AnswerRow.sensor_id != found.camera.id,
+        )
+        .order_by(AnswerRow.version)
+    )
+    last = {row.sensor_id: row for row in rows}
+    standing = sorted((row for row in last.values() if row.verdict), key=lambda row: row.created_at)
+    if standing:
+        apex = session.get_one(Apex, found.vertex.apex_id)
+        kept = standing[-1]
+        write_verdict(session, task.person_id, apex, kept.verdict or "", reviewed=kept.reviewed)
+    else:
+        take_back(session, verdict)
+
+
+def _repeated(
+    session: Session, task: MarkingTask, found: PairedFrame, id: UUID, verdict: str | None, mark: Pixel | None
+) -> AnswerRow | None:
+    known = session.get(AnswerRow, id)
+    if known is None:
+        return None
+    subject = (task.person_id, found.vertex.apex_id, found.camera.id, verdict)
+    same_mark = verdict is None or (known.u, known.v) == ((mark.u, mark.v) if mark else (None, None))
+    if (known.person_id, known.apex_id, known.sensor_id, known.verdict) == subject and same_mark:
+        return known
+    raise Problem(
+        409,
+        "answer_id_used",
+        f"The id {id} belongs to another answer.",
+        "Make a new random id for each answer; send the same id only with the same answer.",
+    )
+
+
+def _check_version(session: Session, task: MarkingTask, found: PairedFrame, version: int) -> AnswerRow | None:
+    last = last_answer(session, task.person_id, found.vertex.apex_id, found.camera.id)
+    if version == (last.version if last else 0):
+        return last
+    own = own_answer(session, task.person_id, found)
+    raise Problem(
+        409,
+        "answer_changed",
+        f"You answered this vertex elsewhere meanwhile: {_in_words(own)}. What you send now was made before that.",
+        "Decide which of your answers holds; send this one with the version in `own` to replace that one.",
+        own=own.model_dump(mode="json"),
+    )
+
+
+def _in_words(own: Own) -> str:
+    if own.verdict is None:
+        return "you took the answer back"
+    return f"{own.verdict} at ({own.mark.u:g}, {own.mark.v:g})" if own.mark else own.verdict
+
+
+def _check_patience(session: Session, task: MarkingTask, found: PairedFrame) -> None:
+    """Refuse more answers; also to take the last one back, which would leave none."""
+    rows = session.scalars(
+        select(AnswerRow.verdict).where(
+            AnswerRow.person_id == task.person_id,
+            AnswerRow.apex_id == found.vertex.apex_id,
+            AnswerRow.sensor_id == found.camera.id,
+        )
+    )
+    if sum(verdict is not None for verdict in rows) >= MOST_ANSWERS:
+        raise Problem(
+            409,
+            "answered_too_often",
+            f"You have answered this vertex {MOST_ANSWERS} times; your last answer stays.",
+            "Where it is wrong, ask a reviewer to look at it.",
+        )
+
+
+def _new(session: Session, task: MarkingTask, found: PairedFrame, id: UUID, version: int) -> AnswerRow:
+    row = AnswerRow(
+        id=id,
+        recording_id=found.camera.recording_id,
+        person_id=task.person_id,
+        apex_id=found.vertex.apex_id,
+        sensor_id=found.camera.id,
+        frame_index=found.frame.index,
+        version=version,
+        reviewed=was_told(session, task.person_id, found.vertex.apex_id),
+    )
+    session.add(row)
+    return row

@@ -1,0 +1,125 @@
+"""A person's own mark in a frame that no task led to. Without a verdict it is no answer."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from uuid import UUID
+
+from fastapi import APIRouter, Path, Request
+from sqlalchemy import select
+
+from apexcal.documents.base import Sought
+from service.annotations.answer_actions import MOST_ANSWERS
+from service.annotations.disclosure_actions import was_told_of_frame
+from service.annotations.mark_actions import find_mark, write_mark
+from service.annotations.schemas import MarkView, Pixel
+from service.auth.access import Access, ReadAccess, WriteAccess
+from service.auth.roles import Role
+from service.db.annotations import Answer, Mark
+from service.db.recordings import CameraFrame, Recording, Sensor
+from service.detections.queries import find_camera
+from service.http.etags import Conditional, Conditions, version_etag
+from service.http.problems import Problem
+
+router = APIRouter(tags=["annotations"])
+
+MARK = "/recordings/{recording_id}/cameras/{camera}/frames/{index}/mark"
+FrameIndex = Annotated[int, Path(ge=0, le=2**31 - 1)]
+
+
+@router.get(MARK)
+def read_mark(
+    recording_id: UUID, camera: Sought, index: FrameIndex, access: ReadAccess, conditions: Conditional
+) -> MarkView:
+    """One's own mark in a frame."""
+    sensor, frame = _frame(access, recording_id, camera, index, "viewer")
+    mark = find_mark(access.session, access.person.id, sensor.id, frame.index)
+    if mark is None:
+        raise Problem(404, "not_marked", "You have not marked this frame.", "PUT the mark with If-None-Match: *.")
+    return _answer(mark, conditions)
+
+
+@router.put(MARK)
+def put_mark(
+    recording_id: UUID,
+    camera: Sought,
+    index: FrameIndex,
+    pixel: Pixel,
+    access: WriteAccess,
+    conditions: Conditional,
+    request: Request,
+) -> MarkView:
+    """Set one's own mark: the first with If-None-Match: *, a correction with If-Match. [annotator]
+
+    The mark of a vertex that one has answered changes with the answer, not here.
+    """
+    sensor, frame = _frame(access, recording_id, camera, index, "annotator")
+    session, me = access.session, access.person.id
+    mark = find_mark(session, me, sensor.id, frame.index)
+    _check_edit(mark, pixel, conditions, request)
+    if mark is None or (mark.u, mark.v) != (pixel.u, pixel.v):
+        _check_no_answer(access, sensor, frame, mark)
+    reviewed = was_told_of_frame(session, me, sensor.id, frame.index)
+    return _answer(write_mark(session, me, sensor, frame, pixel.u, pixel.v, reviewed=reviewed), conditions)
+
+
+def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Role) -> tuple[Sensor, CameraFrame]:
+    recording = access.find(Recording, recording_id, role)
+    sensor = find_camera(access.session, recording.id, camera)
+    frame = access.session.get(CameraFrame, (sensor.id, index))
+    if frame is None:
+        raise Problem(
+            404,
+            "no_such_frame",
+            f"The camera {camera} has no frame {index}.",
+            f"Its frames are 0 to {sensor.count - 1}.",
+        )
+    return sensor, frame
+
+
+def _check_no_answer(access: Access, camera: Sensor, frame: CameraFrame, mark: Mark | None) -> None:
+    rows = access.session.scalars(
+        select(Answer)
+        .where(
+            Answer.person_id == access.person.id,
+            Answer.sensor_id == camera.id,
+            Answer.frame_index == frame.index,
+        )
+        .order_by(Answer.version)
+    )
+    if any(row.verdict for row in {row.apex_id: row for row in rows}.values()):
+        raise Problem(
+            409,
+            "answered",
+            "This is the mark of a vertex that you have answered.",
+            "Answer its task again, with the answer's version: POST /v1/tasks/{id}/answer.",
+        )
+    if mark is not None and mark.version >= MOST_ANSWERS:
+        raise Problem(
+            409,
+            "answered_too_often",
+            f"You have moved this mark {MOST_ANSWERS} times; it stays where it is.",
+            "Where it is wrong, ask a reviewer to look at it.",
+        )
+
+
+def _check_edit(mark: Mark | None, pixel: Pixel, conditions: Conditions, request: Request) -> None:
+    if mark is None:
+        if "if-match" in request.headers:
+            conditions.require('"none"')
+        return
+    if (mark.u, mark.v) == (pixel.u, pixel.v):
+        return  # the same request once more, after an answer that was lost: RFC 9110, 13.1.1
+    if conditions.creates_only():
+        raise Problem(
+            412,
+            "version_conflict",
+            "You have marked this frame already.",
+            "Read the mark and send its ETag as If-Match to correct it.",
+        )
+    conditions.require(version_etag(mark.version))
+
+
+def _answer(mark: Mark, conditions: Conditions) -> MarkView:
+    conditions.offer(version_etag(mark.version))
+    return MarkView(u=mark.u, v=mark.v, version=mark.version)

@@ -1,0 +1,110 @@
+"""How far the marking of a detection is, what people said, and the answers that a person may see."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import ColumnElement, Select, and_, case, func, or_, select
+from sqlalchemy.orm import Session
+
+from service.annotations.answer_queries import answers_of, has_answered, taken_by_others
+from service.annotations.consensus import Opinion
+from service.annotations.schemas import PersonAnswers, Progress, Tally
+from service.db.annotations import Disclosure, Mark, Verdict
+from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.people import Person
+from service.db.recordings import Recording, Sensor
+
+
+def count_vertices(session: Session, detection_id: UUID, camera_id: UUID) -> int:
+    """Vertices of a detection that have a frame of the camera."""
+    return (
+        session.scalar(
+            select(func.count())
+            .select_from(Vertex)
+            .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
+            .where(Vertex.detection_id == detection_id, VertexFrame.sensor_id == camera_id)
+        )
+        or 0
+    )
+
+
+def progress(session: Session, detection: Detection, camera: Sensor, person_id: UUID) -> Progress:
+    """Progress of the marking in one camera, as ``person_id`` sees it."""
+    wanted = session.get_one(Recording, detection.recording_id).marks_per_vertex
+    own = func.sum(case((Verdict.person_id == person_id, 1), else_=0))
+    per_vertex = session.execute(answers_of(detection.id, camera.id, func.count(), own).group_by(Vertex.id)).all()
+    return Progress(
+        vertices=count_vertices(session, detection.id, camera.id),
+        marks_wanted=wanted,
+        answered=len(per_vertex),
+        mine=sum(int(mine) for _, mine in per_vertex),
+        complete=sum(count >= wanted for count, _ in per_vertex),
+    )
+
+
+def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
+    """What people said of a detection's vertices in one camera, in numbers."""
+    reviewed = func.sum(case((is_reviewed(), 1), else_=0))
+    answers = session.execute(
+        answers_of(detection_id, camera_id, Verdict.person_id, Verdict.verdict, func.count(), reviewed).group_by(
+            Verdict.person_id, Verdict.verdict
+        )
+    ).all()
+    verdicts: Counter[str] = Counter()
+    people: Counter[UUID] = Counter()
+    for person, verdict, count, _ in answers:
+        verdicts[verdict] += count
+        people[person] += count
+    names = session.execute(select(Person.id, Person.name).where(Person.id.in_(list(people))).order_by(Person.name))
+    return Tally(
+        answers=verdicts.total(),
+        confirmed=verdicts["confirmed"],
+        rejected=verdicts["rejected"],
+        unsure=verdicts["unsure"],
+        marks=verdicts["confirmed"],
+        reviewed=sum(int(row[3]) for row in answers),
+        people=[PersonAnswers(name=name, answers=people[person]) for person, name in names],
+    )
+
+
+def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[UUID, list[Opinion]]:
+    """Everybody's opinions on each vertex of a detection, in one camera."""
+    opinions: dict[UUID, list[Opinion]] = defaultdict(list)
+    statement = answers_of(detection_id, camera_id, Vertex.id, Verdict.verdict, Mark.u, Mark.v, is_reviewed())
+    for vertex_id, verdict, u, v, reviewed in session.execute(statement):
+        mark = (u, v) if verdict == "confirmed" else None
+        opinions[vertex_id].append(Opinion(verdict, mark, reviewed=bool(reviewed)))
+    return opinions
+
+
+def is_reviewed() -> ColumnElement[bool]:
+    """Whether an answer of :func:`answers_of` was given after something of others' was told to its person."""
+    return or_(Verdict.reviewed, and_(Verdict.verdict == "confirmed", Mark.reviewed))
+
+
+def visible_answers(
+    detection_id: UUID, camera_id: UUID, person_id: UUID, wanted: int, *, everyone: bool
+) -> Select[*tuple[Any, ...]]:
+    """Answers with their parts: all of them, or a person's own and those on vertices that are complete for them.
+
+    That is, which they confirmed or rejected, and which have as many answers as ``wanted``: of such a vertex nobody
+    is asked any more.
+    """
+    told_at = (
+        select(func.min(Disclosure.told_at))
+        .where(Disclosure.person_id == Verdict.person_id, Disclosure.apex_id == Verdict.apex_id)
+        .correlate(Verdict)
+        .scalar_subquery()
+    )
+    statement = answers_of(
+        *(detection_id, camera_id, Verdict, Vertex.id, VertexFrame.frame_index, Mark, Person.name),
+        *(is_reviewed(), told_at),
+    )
+    statement = statement.join(Person, Person.id == Verdict.person_id)
+    if everyone:
+        return statement
+    is_complete = and_(has_answered(person_id, decided=True), taken_by_others(person_id, {}) >= wanted - 1)
+    return statement.where(or_(Verdict.person_id == person_id, is_complete))

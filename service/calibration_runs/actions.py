@@ -1,0 +1,134 @@
+"""How a calibration's runs move: iterations as bundles of slots, the fan-in, and the end of run and request.
+
+Every function here works inside the caller's transaction. Locks are taken in one order: job, run, calibration, then
+those of :mod:`service.calibration_runs.fleet_request_actions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import bindparam, update
+from sqlalchemy.orm import Session
+
+from service.broker.hints import hint
+from service.calibration_runs.conclusion import FULL, RunRow, conclude, runs_of
+from service.calibration_runs.fleet_request_actions import tell_fleet_request
+from service.db.base import Json
+from service.db.calibrations import Calibration, CalibrationRun
+from service.db.clock import now
+from service.db.states import UNENDED, WorkState
+from service.jobs.bundles import cut
+from service.jobs.queue import enqueue, enqueue_all, enqueue_each
+
+# Built once, as those of :mod:`service.jobs.claims`.
+_COUNT_DOWN = (
+    update(CalibrationRun)
+    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(UNENDED))
+    .values(remaining=CalibrationRun.remaining - 1, state=WorkState.RUNNING)
+    .returning(CalibrationRun.remaining)
+)
+_END_RUN = (
+    update(CalibrationRun)
+    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(UNENDED))
+    .values(state=bindparam("ended_as"), failure=bindparam("because"), finished_at=now())
+    .returning(CalibrationRun.id)
+)
+_END_WHOLE_RUN = _END_RUN.values(schedule=bindparam("narrowed"), iteration=bindparam("iterations"))
+_COUNT_RUN = (
+    update(Calibration)
+    .where(Calibration.id == bindparam("calibration"), Calibration.state.in_(UNENDED))
+    .values(remaining=Calibration.remaining - 1, state=WorkState.RUNNING)
+    .returning(Calibration.remaining)
+)
+
+
+def start_runs(session: Session, runs: Sequence[CalibrationRun]) -> None:
+    """Insert the first work of runs of one fleet: the whole run as one job, or the bundles of its first iteration."""
+    work = [
+        (run.id, payload) for run in runs for payload in ([{"part": "run"}] if run.farm == "runs" else _bundles(run))
+    ]
+    enqueue_each(session, kind="solve", fleet_id=runs[0].fleet_id, work=work)
+
+
+def start_iteration(session: Session, run: CalibrationRun) -> None:
+    """Insert the bundles of the run's next iteration."""
+    enqueue_all(session, kind="solve", fleet_id=run.fleet_id, subject_id=run.id, payloads=_bundles(run))
+
+
+def _bundles(run: CalibrationRun) -> list[Json]:
+    """The running iteration's bundles, counted. They become fixed rows, never cut anew on a retry."""
+    bundles = cut(run.slots, run.bundle)
+    run.remaining = len(bundles)
+    return [
+        {"part": "slots", "iteration": run.iteration, "first": bundle.start, "stop": bundle.stop}
+        for bundle in bundles
+    ]
+
+
+def start_finish(session: Session, run: CalibrationRun) -> None:
+    """Insert the run's last job: polish, baselines and held-out pairs."""
+    enqueue(session, kind="solve", fleet_id=run.fleet_id, subject_id=run.id, payload={"part": "finish"})
+
+
+def count_down(session: Session, run_id: UUID) -> CalibrationRun | None:
+    """Take one bundle off the running iteration. The caller who takes the last one gets the run, and goes on with it.
+
+    The row stays locked until the commit, so of two that finish at the same moment the second sees the first.
+    """
+    if session.connection().execute(_COUNT_DOWN, {"run": run_id}).scalar_one_or_none() != 0:
+        return None
+    return session.get_one(CalibrationRun, run_id, populate_existing=True)
+
+
+def end_run(
+    session: Session,
+    run: Any,
+    state: WorkState,
+    failure: Json | None = None,
+    schedule: tuple[Json, int] | None = None,
+) -> None:
+    """End a run once; the calibration's last one ends the calibration too, or has its cameras compared first.
+
+    ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``: a row, or those columns of it. ``schedule``: the
+    state of the narrowing and the number of iterations, where they are not on record yet.
+    """
+    ended: dict[str, Any] = {"run": run.id, "ended_as": state, "because": failure}
+    statement = _END_RUN
+    if schedule:
+        statement = _END_WHOLE_RUN
+        ended |= {"narrowed": schedule[0], "iterations": schedule[1]}
+    connection = session.connection()
+    if connection.execute(statement, ended).one_or_none() is None:
+        return
+    left = connection.execute(_COUNT_RUN, {"calibration": run.calibration_id}).scalar_one_or_none()
+    if left == 0:
+        calibration = session.get_one(Calibration, run.calibration_id, populate_existing=True)
+        runs = runs_of(session, calibration.id)
+        if _has_cameras_to_compare(runs):
+            enqueue(session, kind="consistency", fleet_id=run.fleet_id, subject_id=calibration.id)
+        else:
+            end_calibration(session, calibration, runs)
+    hint(session, run.fleet_id, "calibration", run.calibration_id)
+
+
+def end_calibration(
+    session: Session,
+    calibration: Calibration,
+    runs: Sequence[RunRow],
+    *,
+    rig: Json | None = None,
+    cancelled: bool = False,
+) -> None:
+    """End a calibration whose runs have all ended; ``rig`` is what the comparison of its cameras found."""
+    conclude(session, calibration, runs, rig=rig, cancelled=cancelled)
+    tell_fleet_request(session, calibration)
+    hint(session, calibration.fleet_id, "calibration", calibration.id)
+
+
+def _has_cameras_to_compare(runs: Sequence[RunRow]) -> bool:
+    """Whether two cameras have a result, and nobody asked for the end."""
+    fitted = [run for run in runs if run.fold == FULL and run.state == WorkState.DONE]
+    return len({run.camera for run in fitted}) > 1 and not any(run.cancel_requested for run in fitted)

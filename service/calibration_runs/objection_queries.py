@@ -1,0 +1,158 @@
+"""What speaks against giving a result to a vehicle, in sentences: the same for a person and for the service itself.
+
+Objections to the result itself are found when its calibration ends, and kept in the calibration's summary. The others
+depend on what the camera has at the moment of asking.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import NamedTuple
+from uuid import UUID
+
+from sqlalchemy import ColumnElement, exists, func, select
+from sqlalchemy.orm import Session
+
+from service.calibration_runs.publication_actions import current_id
+from service.db.base import Json
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.fleets import Rig
+from service.db.states import WorkState
+
+# Where held-out pairs lie so many times further off than the fitted ones, the fit says little about other places.
+# Twenty real pairs for sixteen parameters give 3.3, enough pairs 1.1.
+_FAR_HELD_OUT = 3.0
+# Where they lie so many times further off than those of the current result, the vehicle better keeps that.
+_WORSE = 1.5
+# A held-out error below this is never an objection.
+_FINE_PX = 0.5
+_NOT_ENDED = "Its calibration has not ended, so more may speak against it."
+
+
+def objections(session: Session, result: Result) -> list[str]:
+    """Everything that speaks against giving this result, a fit to all pairs, to its camera now.
+
+    What an older version of the service did not keep is computed here.
+    """
+    calibration = session.get_one(Calibration, result.calibration_id)
+    summary = calibration.summary or {}
+    found: Json = summary.get("cameras", {}).get(result.camera, {})
+    model: Json | None = found.get("models", {}).get(result.model)
+    if model is None:
+        return [_NOT_ENDED]
+    own: list[str] | None = model.get("objections")
+    if own is None:
+        ended_well = calibration.state == WorkState.DONE and _all_done(session, calibration.id)
+        own = own_objections(result.camera, found, result.model, summary.get("rig"), ended_well=ended_well)
+    return own + _beside_current(session, result, calibration.vehicle_id)
+
+
+def own_objections(camera: str, found: Json, name: str, rig: Json | None, *, ended_well: bool) -> list[str]:
+    """What speaks against a model's fit to all pairs, whatever the vehicle has.
+
+    Nothing speaks against a result that was judged on held-out pairs, with every run done, and with nothing that a
+    person should look at first. ``found`` is the camera's summary, ``rig`` what the
+    comparison of the cameras found.
+    """
+    model, recommended = found["models"][name], found["recommended"]
+    reasons: list[str] = []
+    if not recommended:
+        reasons.append("No model is recommended.")
+    elif name != recommended:
+        reasons.append(f"{recommended} is recommended, not {name}. {found['why']}")
+    if not ended_well:
+        reasons.append("Not every fit ended well.")
+    if model["status"] != "ok":
+        reasons.append(f"The status of {name} is {model['status']}: {model['message']}")
+    if model["at_bounds"]:
+        listed = ", ".join(model["at_bounds"])
+        reasons.append(f"{name} lies on the edge of its bounds ({listed}): widen them, or lock what is known.")
+    # A worker of an older version does not say it.
+    reasons += model.get("several_optima", []) + _held_out(model)
+    if rig and name == recommended:
+        # Other models were not compared.
+        if rig.get("problem"):
+            reasons.append(f"The cameras could not be compared: {rig['problem']['detail']}")
+        reasons += [alarm for pair in rig["pairs"] if camera in pair["cameras"] for alarm in pair["alarms"]]
+    return reasons
+
+
+def _held_out(model: Json) -> list[str]:
+    held_out, fitted = model["heldout_mean_px"], model["polished"]["mean_px"]
+    if held_out is None:
+        return ["No pairs were held out to judge it by."]
+    if held_out > max(_FAR_HELD_OUT * fitted, _FINE_PX):
+        return [
+            f"Held-out pairs lie {held_out:.2f} px off, the fitted ones {fitted:.2f}: the pairs are too few, too "
+            "uneven, or some of them wrong."
+        ]
+    return []
+
+
+def _all_done(session: Session, calibration_id: UUID) -> bool:
+    other = exists().where(CalibrationRun.calibration_id == calibration_id, CalibrationRun.state != WorkState.DONE)
+    return not session.scalar(select(other))
+
+
+class _Standing(NamedTuple):
+    """What two results of one camera are compared by."""
+
+    result_id: UUID
+    camera: str
+    model: str
+    summary: Json | None
+    set_id: UUID
+    pairs_at: datetime
+    rig_id: UUID
+    rig: str
+    rig_at: datetime
+
+    @property
+    def held_out_px(self) -> float | None:
+        """Mean held-out error, where any pairs were held out."""
+        models: Json = (self.summary or {}).get("cameras", {}).get(self.camera, {}).get("models", {})
+        return models.get(self.model, {}).get("heldout_mean_px")
+
+
+def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None:
+    # One statement: what it reads may be deleted between two.
+    pairs_at = func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at)
+    statement = (
+        select(
+            *(Result.id, Result.camera, Result.model, Calibration.summary),
+            *(CorrespondenceSet.id, pairs_at, Rig.id, Rig.name, Rig.created_at),
+        )
+        .join(Calibration, Calibration.id == Result.calibration_id)
+        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .join(Rig, Rig.id == CorrespondenceSet.rig_id)
+    )
+    row = session.execute(statement.where(*where)).one_or_none()
+    return _Standing(*row) if row else None
+
+
+def _beside_current(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
+    """What speaks against a result beside the one that its camera has now."""
+    given = current_id(vehicle_id, result.camera)
+    published = select(Publication.result_id).where(Publication.id.in_(given))
+    own, current = _standing(session, Result.id == result.id), _standing(session, Result.id.in_(published))
+    if own is None or current is None or own.result_id == current.result_id:
+        return []
+    reasons: list[str] = []
+    mine, theirs = own.held_out_px, current.held_out_px
+    if mine is not None and theirs is not None and mine > max(_WORSE * theirs, _FINE_PX):
+        reasons.append(f"Held-out pairs lie {mine:.2f} px off; of the vehicle's current result {theirs:.2f}.")
+    if own.rig_id != current.rig_id and own.rig_at < current.rig_at:
+        reasons.append(
+            f"It is of the rig {own.rig!r}, the vehicle's current result of the newer rig {current.rig!r}."
+        )
+    if own.set_id != current.set_id and own.pairs_at < current.pairs_at:
+        reasons.append(
+            f"Its pairs are of {_told(own.pairs_at)}, those of the vehicle's current result are newer: of "
+            f"{_told(current.pairs_at)}."
+        )
+    return reasons
+
+
+def _told(moment: datetime) -> str:
+    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"

@@ -1,0 +1,116 @@
+"""A calibration's rows: one run for each camera, model and fold, with the first jobs of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import Select, func, select, update
+from sqlalchemy.orm import Session
+
+from service.calibration_runs.actions import start_runs
+from service.calibrations.plan import Fit, Plan
+from service.db.base import written
+from service.db.calibrations import Calibration, CalibrationRun
+from service.db.fleets import Rig
+from service.db.states import UNENDED, WorkState
+from service.jobs.bundles import plan
+from service.jobs.queue import cancel
+
+FULL = -1
+
+
+def create(
+    session: Session, rig: Rig, asked: Plan, farm: str, publish: str, person_id: UUID, workers: int
+) -> Calibration:
+    """Insert a calibration with all its runs and their first jobs. Fits to all pairs are worked on first."""
+    waiting = waiting_runs(session, workers) + sum(fit.folds + 1 for fit in asked.fits)
+    return create_all(session, [(rig, asked)], farm, publish, person_id, workers, waiting)[0]
+
+
+def waiting_runs(session: Session, enough: int) -> int:
+    """How many runs have not ended, of all fleets; of more than ``enough`` it says just that many."""
+    unended = select(CalibrationRun.id).where(CalibrationRun.state.in_([written(state) for state in UNENDED]))
+    return session.scalar(select(func.count()).select_from(unended.limit(enough).subquery())) or 0
+
+
+def create_all(
+    session: Session,
+    wanted: Sequence[tuple[Rig, Plan]],
+    farm: str,
+    publish: str,
+    person_id: UUID,
+    workers: int,
+    waiting: int,
+) -> list[Calibration]:
+    """Insert many calibrations of one fleet as :func:`create` does, in as few statements as one takes.
+
+    ``waiting``: how many runs there are to be worked on, these included.
+    """
+    calibrations = [_calibration(rig, asked, publish, person_id) for rig, asked in wanted]
+    session.add_all(calibrations)
+    session.flush()
+    runs = [
+        _run(calibration, fit, fold, asked, farm, waiting, workers)
+        for calibration, (_, asked) in zip(calibrations, wanted, strict=True)
+        for fit, fold in sorted(_runs(asked), key=lambda run: run[1])
+    ]
+    session.add_all(runs)
+    session.flush()
+    start_runs(session, runs)
+    return calibrations
+
+
+def ask_to_end(session: Session, calibrations: Select[Any]) -> None:
+    """Cancel what has not ended of these calibrations. Jobs before runs: the order in which everybody locks them."""
+    runs = select(CalibrationRun.id).where(
+        CalibrationRun.calibration_id.in_(calibrations), CalibrationRun.state.in_(UNENDED)
+    )
+    cancel(session, runs)
+    cancel(session, calibrations)  # the comparison of their cameras
+    session.execute(
+        update(CalibrationRun)
+        .where(CalibrationRun.id.in_(runs))
+        .values(cancel_requested=True)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def _runs(asked: Plan) -> Iterator[tuple[Fit, int]]:
+    for fit in asked.fits:
+        yield from ((fit, fold) for fold in range(FULL, fit.folds))
+
+
+def _calibration(rig: Rig, asked: Plan, publish: str, person_id: UUID) -> Calibration:
+    return Calibration(
+        fleet_id=rig.fleet_id,
+        vehicle_id=rig.vehicle_id,
+        rig_id=rig.id,
+        request=asked.request,
+        content_hash=asked.content_hash,
+        state=WorkState.QUEUED,
+        remaining=sum(fit.folds + 1 for fit in asked.fits),
+        publish=publish,
+        notes=asked.notes,
+        created_by=person_id,
+    )
+
+
+def _run(
+    calibration: Calibration, fit: Fit, fold: int, asked: Plan, farm: str, waiting: int, workers: int
+) -> CalibrationRun:
+    cut = plan(farm, slots=asked.size.slots, cost=fit.cost, waiting_runs=waiting, workers=workers)
+    return CalibrationRun(
+        fleet_id=calibration.fleet_id,
+        calibration_id=calibration.id,
+        set_id=fit.source.pairs.id,
+        camera=fit.source.camera.name,
+        model=fit.model,
+        fold=fold,
+        farm=cut.farm,
+        slots=asked.size.slots,
+        bundle=cut.bundle,
+        problem=fit.problem | {"fold": fold},
+        state=WorkState.QUEUED,
+    )

@@ -1,0 +1,137 @@
+"""Results, their publication, and what a vehicle's camera is given: now at one address, and before."""
+
+from __future__ import annotations
+
+from typing import Any
+from uuid import UUID
+
+from fastapi import APIRouter, Request
+from fastapi.encoders import jsonable_encoder
+from fastapi.responses import JSONResponse
+from sqlalchemy import select
+
+from apexcal.documents.base import Sought
+from service.annotations.disclosure_actions import tell_pairs
+from service.auth.access import ReadAccess, WriteAccess
+from service.auth.roles import rank
+from service.broker.hints import hint
+from service.calibration_runs.objection_queries import objections
+from service.calibration_runs.publication_actions import (
+    Words,
+    current_publication,
+    hold_to_publish,
+    publish,
+    was_given,
+)
+from service.calibrations.actions import FULL
+from service.calibrations.publication_views import current_document, publication_page, publication_view
+from service.calibrations.schemas import PublicationRequest, PublicationView
+from service.calibrations.views import result_document
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.digests import content_hash
+from service.db.fleets import Vehicle
+from service.http.etags import Conditional, content_etag
+from service.http.pages import Page, Paging
+from service.http.problems import Problem, not_found
+
+router = APIRouter(tags=["calibrations"])
+
+
+@router.get("/results/{result_id}")
+def read_result(result_id: UUID, access: ReadAccess, request: Request) -> dict[str, Any]:
+    """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids.
+
+    ``objections`` is what speaks against publishing it now, null of a fit that is not to all pairs. Of pairs made of
+    marks only reviewers see what tells of single pairs; what they answer afterwards on the vertices of these counts
+    as reviewed.
+    """
+    result = access.find(Result, result_id)
+    found = access.session.execute(
+        select(CalibrationRun, Calibration, CorrespondenceSet)
+        .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .where(CalibrationRun.id == result.run_id)
+    ).one_or_none()
+    if found is None:
+        # Deleted at this moment.
+        raise not_found()
+    run, calibration, pairs = found
+    with_pairs = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
+    against = objections(access.session, result) if result.fold == FULL else None
+    document = result_document(result, run, calibration, pairs, against, with_pairs=with_pairs)
+    if with_pairs:
+        tell_pairs(access, request.app.state.database, pairs, "result")
+    return document
+
+
+@router.post("/results/{result_id}/publication", status_code=201, response_model=PublicationView)
+def publish_result(result_id: UUID, access: WriteAccess, wanted: PublicationRequest | None = None) -> JSONResponse:
+    """Give a result to its vehicle's camera; the current one is found again, with 200. [reviewer]
+
+    Against the service's objections only with an ``override``, which is kept. One that was published before takes a
+    ``reason``: this is how to go back.
+    """
+    result = access.find(Result, result_id, "reviewer")
+    if result.fold != FULL:
+        raise Problem(
+            409,
+            "not_publishable",
+            "This result left a block of the pairs out, to measure the model on it.",
+            "Publish the result of the same model that was fitted to all pairs.",
+        )
+    session = access.session
+    calibration = hold_to_publish(session, result)
+    if calibration is None:
+        raise not_found()
+    current = current_publication(session, calibration.vehicle_id, result.camera)
+    if current is not None and current.result_id == result.id:
+        return access.answer(publication_view(session, current), 200)
+    row = publish(session, calibration, result, _words(access, result, wanted or PublicationRequest()))
+    hint(session, result.fleet_id, "calibration", calibration.id)
+    return access.answer(publication_view(session, row))
+
+
+def _words(access: WriteAccess, result: Result, wanted: PublicationRequest) -> Words:
+    """Raises :class:`Problem` 409 ``objections`` and 422 ``reason_missing``."""
+    against = objections(access.session, result)
+    if against and wanted.override is None:
+        more = f" ({len(against) - 1} more in `objections`)" if len(against) > 1 else ""
+        raise Problem(
+            409,
+            "objections",
+            f"Something speaks against publishing this result: {against[0]}{more}",
+            'Look at it first. To publish it all the same, say why: {"override": {"reason": "..."}}.',
+            objections=against,
+        )
+    reason = wanted.override.reason if wanted.override else wanted.reason
+    if reason is None and was_given(access.session, result):
+        raise Problem(
+            422,
+            "reason_missing",
+            "This result was published before, and another one after it.",
+            'Say why it is given again: {"reason": "..."}.',
+        )
+    return Words(access.person.id, reason, against)
+
+
+@router.get("/vehicles/{vehicle_id}/cameras/{camera}/publications")
+def list_publications(vehicle_id: UUID, camera: Sought, access: ReadAccess, window: Paging) -> Page[PublicationView]:
+    """What a vehicle's camera was given, newest first: by whom, when, why and against which objections."""
+    return publication_page(access.session, access.find(Vehicle, vehicle_id).id, camera, window)
+
+
+@router.get("/vehicles/{vehicle_id}/cameras/{camera}/calibration")
+def read_current(vehicle_id: UUID, camera: Sought, access: ReadAccess, conditions: Conditional) -> dict[str, Any]:
+    """The current calibration of a vehicle's camera: intrinsics and transform, both frames named."""
+    vehicle = access.find(Vehicle, vehicle_id)
+    document = jsonable_encoder(current_document(access.session, vehicle.id, camera))
+    if document is None:
+        raise Problem(
+            404,
+            "no_calibration_yet",
+            f"Nothing has been published for the camera {camera!r} of {vehicle.name!r}.",
+            "Publish a result: POST /v1/results/{id}/publication, or ask for a calibration with "
+            '"publish": "recommended".',
+        )
+    conditions.offer(content_etag(content_hash(document)))
+    return document

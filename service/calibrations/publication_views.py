@@ -1,0 +1,134 @@
+"""What cameras were given and are given now: who published it, when, why and against what."""
+
+from __future__ import annotations
+
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import Row, Select, Uuid, literal, select, tuple_
+from sqlalchemy.exc import NoResultFound
+from sqlalchemy.orm import Session
+
+from service.calibration_runs.publication_actions import current_id
+from service.calibrations.schemas import OverrideView, PublicationView
+from service.db.base import Json
+from service.db.calibrations import NEWNESS, Calibration, Publication, Result
+from service.db.clock import Instant
+from service.db.fleets import Rig
+from service.db.people import Person
+from service.http.pages import Page, Window
+from service.http.problems import Problem
+
+
+def publication_page(session: Session, vehicle_id: UUID, camera: str, window: Window) -> Page[PublicationView]:
+    """One page of what a camera was given, the newest first."""
+    statement = _rows().where(Publication.vehicle_id == vehicle_id, Publication.camera == camera)
+    if window.after is not None:
+        statement = statement.where(_older_than(session, vehicle_id, camera, window.after))
+    rows = session.execute(statement.order_by(*(key.desc() for key in NEWNESS)).limit(window.limit + 1)).all()
+    current = session.scalar(current_id(vehicle_id, camera))
+    items = [_view(row, is_current=row[0].id == current) for row in rows[: window.limit]]
+    return Page(items=items, next=items[-1].id.hex if len(rows) > window.limit else None)
+
+
+def publication_view(session: Session, publication: Publication) -> PublicationView:
+    """A publication that is its camera's current one."""
+    return _view(session.execute(_rows().where(Publication.id == publication.id)).one(), is_current=True)
+
+
+def current_document(session: Session, vehicle_id: UUID, camera: str) -> Json | None:
+    """What a camera is given now: intrinsics and transform together, both frames named. None: nothing yet."""
+    # One statement: what it reads may be deleted between two.
+    found = session.execute(
+        select(Publication, Result, Calibration, Rig, Person.name)
+        .join(Result, Result.id == Publication.result_id)
+        .join(Calibration, Calibration.id == Result.calibration_id)
+        .join(Rig, Rig.id == Calibration.rig_id)
+        .outerjoin(Person, Person.id == Publication.published_by)
+        .where(Publication.id == current_id(vehicle_id, camera).scalar_subquery())
+    ).one_or_none()
+    if found is None:
+        return None
+    publication, result, calibration, rig, published_by = found
+    document: dict[str, Any] = {
+        "vehicle_id": str(publication.vehicle_id),
+        "camera": publication.camera,
+        "published_at": publication.created_at,
+        "published_by": published_by,
+        "reason": publication.reason,
+        "override": _override(publication),
+        "publication_id": str(publication.id),
+        "result_id": str(result.id),
+        "calibration_id": str(calibration.id),
+        "model": result.model,
+        "intrinsics": result.document["intrinsics"],
+        "T_camera_lidar": result.document["transform"],
+        "quality": _quality(result, calibration),
+    }
+    if rig.T_vehicle_lidar:
+        # Here, for it alone needs NumPy, which takes a twentieth of the start.
+        from service.calibrations.transforms import T_vehicle_camera
+
+        document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])
+    return document
+
+
+def _rows() -> Select[Publication, UUID, str, str]:
+    """A query for (publication, its calibration's id, its model, the name of who published it)."""
+    return (
+        select(Publication, Result.calibration_id, Result.model, Person.name)
+        .join(Result, Result.id == Publication.result_id)
+        .outerjoin(Person, Person.id == Publication.published_by)
+    )
+
+
+def _older_than(session: Session, vehicle_id: UUID, camera: str, cursor: str) -> Any:
+    """Raises :class:`Problem` ``invalid_cursor`` where the cursor is no publication of this camera."""
+    of_camera = select(*NEWNESS).where(Publication.vehicle_id == vehicle_id, Publication.camera == camera)
+    try:
+        edge = session.execute(of_camera.where(Publication.id == UUID(hex=cursor))).one()
+    except (ValueError, NoResultFound):
+        raise Problem(
+            422, "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of a page."
+        ) from None
+    place, created_at, id = edge
+    return tuple_(*NEWNESS) < tuple_(place, literal(created_at, Instant()), literal(id, Uuid()))
+
+
+def _view(row: Row[Publication, UUID, str, str], *, is_current: bool) -> PublicationView:
+    publication, calibration_id, model, published_by = row
+    return PublicationView(
+        id=publication.id,
+        fleet_id=publication.fleet_id,
+        vehicle_id=publication.vehicle_id,
+        camera=publication.camera,
+        result_id=publication.result_id,
+        calibration_id=calibration_id,
+        model=model,
+        published_at=publication.created_at,
+        published_by=published_by,
+        reason=publication.reason,
+        override=_override(publication),
+        is_current=is_current,
+    )
+
+
+def _override(publication: Publication) -> OverrideView | None:
+    if not publication.overridden:
+        return None
+    return OverrideView(reason=publication.reason or "", objections=publication.overridden)
+
+
+def _quality(result: Result, calibration: Calibration) -> Json:
+    cameras: Json = (calibration.summary or {}).get("cameras", {})
+    summary: Json = cameras.get(result.camera, {}).get("models", {}).get(result.model, {})
+    polished = result.document["polished"]
+    return {
+        "pairs": result.document.get("pairs"),
+        "mean_px": polished["mean_px"],
+        "rms_px": polished["rms_px"],
+        "heldout_mean_px": summary.get("heldout_mean_px"),
+        "heldout_rms_px": summary.get("heldout_rms_px"),
+        "std": result.document.get("std"),
+        "alarms": result.document.get("alarms", []),
+    }

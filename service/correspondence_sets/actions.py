@@ -1,0 +1,39 @@
+"""Keeping correspondence sets: one row for one content."""
+
+from __future__ import annotations
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from service.db.calibrations import CorrespondenceSet
+from service.db.clock import now
+from service.db.digests import content_hash
+from service.db.fleets import Rig
+
+
+def keep_set(session: Session, wanted: CorrespondenceSet) -> tuple[CorrespondenceSet, bool]:
+    """The stored set of this content, and whether it is new. It is the newest of its camera either way.
+
+    What it came from belongs to the content: a set goes with its recording, and no other's with it.
+    ``wanted`` has everything but its hash and count. The rig's row is locked, so that of two who bring the same
+    content at the same moment the second finds the first's.
+    """
+    session.execute(select(Rig.id).where(Rig.id == wanted.rig_id).with_for_update(key_share=True))
+    origin = [str(one) if one else None for one in (wanted.recording_id, wanted.detection_id)]
+    wanted.content_hash = content_hash({"pairs": wanted.pairs, "origin": origin, "notes": wanted.notes})
+    wanted.count = len(wanted.pairs["x"])
+    known = session.scalar(
+        select(CorrespondenceSet).where(
+            CorrespondenceSet.rig_id == wanted.rig_id,
+            CorrespondenceSet.camera == wanted.camera,
+            CorrespondenceSet.content_hash == wanted.content_hash,
+        )
+    )
+    if known is not None:
+        # A statement, not the object: its recording may be deleted at this moment, and then there is nothing to say.
+        of = update(CorrespondenceSet).where(CorrespondenceSet.id == known.id)
+        session.execute(of.values(brought_at=now()), execution_options={"synchronize_session": False})
+        return known, False
+    session.add(wanted)
+    session.flush()
+    return wanted, True

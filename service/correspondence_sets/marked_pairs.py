@@ -1,0 +1,134 @@
+"""Pairs made of what people marked, with sentences about everything that did not become a pair as wished."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.pairs import SIGMAS
+from service.annotations.consensus import Consensus, Outcome, agree
+from service.annotations.progress_queries import opinions_of
+from service.correspondence_sets.pair_files import Columns
+from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.recordings import Recording, Sensor
+from service.http.problems import Problem
+
+
+@dataclass(frozen=True)
+class Built:
+    """Pairs as columns, and what is to be said about them."""
+
+    columns: Columns
+    notes: list[str]
+
+
+def build(session: Session, detection: Detection, camera: Sensor, *, exclude_flagged: bool) -> Built:
+    """The pairs of a detection's vertices in one camera, ordered by time.
+
+    x, y, z is where the vertex was at the frame's time, where the pairing interpolated. Columns besides x y z u v:
+    stamp_ns (of the vertex as it was measured), gap_ns (frame minus vertex), sweep_index, frame_index, marks (how
+    many independent ones), spread_px (of these), flagged (as many rejections as confirmations), reviewed (how many
+    answers were given after something of others' was told; where there are such), and sigma_azimuth_rad,
+    sigma_elevation_rad, sigma_range_m where all vertices state a covariance.
+
+    Raises:
+        Problem: 409 ``nothing_marked``.
+    """
+    wanted = session.get_one(Recording, detection.recording_id).marks_per_vertex
+    opinions = opinions_of(session, detection.id, camera.id)
+    vertices = session.execute(
+        select(Vertex, VertexFrame)
+        .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
+        .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id)
+        .order_by(Vertex.time_ns, Vertex.sweep_index, Vertex.x, Vertex.y, Vertex.z)
+    ).all()
+    consensus = {vertex.id: agree(opinions.get(vertex.id, [])) for vertex, _ in vertices}
+    rows = [
+        _row(vertex, frame, consensus[vertex.id])
+        for vertex, frame in vertices
+        if consensus[vertex.id].pixel and not (exclude_flagged and consensus[vertex.id].outcome is Outcome.TIED)
+    ]
+    if not rows:
+        raise Problem(
+            409,
+            "nothing_marked",
+            f"None of the {len(vertices)} vertices that have a frame of {camera.name} is confirmed and marked.",
+            "Mark vertices first: POST /v1/detections/{id}/tasks/next, or the recording's page.",
+        )
+    # A column is for all pairs or for none.
+    common = [name for name in rows[0] if all(name in row for row in rows)]
+    if not any(row["reviewed"] for row in rows):
+        common.remove("reviewed")
+    columns = {name: [row[name] for row in rows] for name in common}
+    return Built(columns, _notes(consensus, wanted, exclude_flagged=exclude_flagged))
+
+
+def _row(vertex: Vertex, frame: VertexFrame, agreed: Consensus) -> dict[str, Any]:
+    u, v = agreed.pixel or (0.0, 0.0)
+    at = vertex if frame.x is None else frame
+    return {
+        "x": at.x,
+        "y": at.y,
+        "z": at.z,
+        "u": u,
+        "v": v,
+        "stamp_ns": vertex.time_ns,
+        "gap_ns": frame.gap_ns,
+        "sweep_index": vertex.sweep_index,
+        "frame_index": frame.frame_index,
+        "marks": agreed.marks,
+        "spread_px": agreed.spread_px,
+        "flagged": agreed.outcome is Outcome.TIED,
+        "reviewed": agreed.reviewed,
+        **_sigmas(at.covariance),
+    }
+
+
+def _sigmas(covariance: list[list[float]] | None) -> dict[str, float]:
+    """The standard deviations of a vertex by their columns; nothing where its detector states none."""
+    if covariance is None:
+        return {}
+    return {name: math.sqrt(covariance[place][place]) for place, name in enumerate(SIGMAS)}
+
+
+def _notes(consensus: dict[UUID, Consensus], wanted: int, *, exclude_flagged: bool) -> list[str]:
+    total = len(consensus)
+    answered = [one for one in consensus.values() if one.answers]
+    few = sum(one.answers - one.reviewed < wanted for one in answered)
+    reviewed = sum(one.reviewed > 0 for one in answered)
+    count = {outcome: sum(one.outcome is outcome for one in answered) for outcome in Outcome}
+    tied = "left out" if exclude_flagged else "kept and flagged"
+    unit = "mark" if wanted == 1 else "marks"
+    sentences = [
+        (total - len(answered), "{n} of {total} vertices {have} not been judged by anybody and {are} left out."),
+        (few, f"{{n}} of {{total}} vertices {{have}} fewer than the {wanted} {unit} asked for."),
+        (
+            reviewed,
+            "{n} of {total} vertices {have} answers of people who had seen others'; they are not independent.",
+        ),
+        (count[Outcome.REMOVED], "{n} of {total} vertices {were} removed, because most people rejected {them}."),
+        (
+            count[Outcome.TIED],
+            f"{{n}} of {{total}} vertices {{have}} as many rejections as confirmations; {{they}} {{were}} {tied}.",
+        ),
+        (count[Outcome.UNMARKED], "{n} of {total} vertices {are} left out, because people were unsure of {them}."),
+    ]
+    return [_sentence(text, n, total) for n, text in sentences if n]
+
+
+def _sentence(text: str, n: int, total: int) -> str:
+    one = n == 1
+    return text.format(
+        n=n,
+        total=total,
+        have="has" if one else "have",
+        are="is" if one else "are",
+        were="was" if one else "were",
+        them="it" if one else "them",
+        they="it" if one else "they",
+    )

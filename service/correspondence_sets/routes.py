@@ -1,0 +1,217 @@
+"""Correspondence sets: made of marks, or imported."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from typing import Annotated
+from uuid import UUID
+
+from fastapi import APIRouter, Depends, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import JSONResponse, StreamingResponse
+from sqlalchemy.orm import defer
+from starlette.requests import ClientDisconnect
+
+from apexcal.documents.base import Sought
+from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
+from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.auth.roles import rank
+from service.broker.hints import hint
+from service.correspondence_sets.actions import keep_set
+from service.correspondence_sets.marked_pairs import build
+from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
+from service.correspondence_sets.queries import rig_camera
+from service.correspondence_sets.schemas import BuildRequest, SetView, SetWithPairs
+from service.correspondence_sets.streamed_views import pairs_of, set_in_pieces
+from service.correspondence_sets.views import set_view, summaries
+from service.db.calibrations import CorrespondenceSet
+from service.db.detections import Detection
+from service.db.fleets import Rig
+from service.db.recordings import Recording
+from service.db.session import Database
+from service.detections.queries import find_camera
+from service.http.etags import Conditional, content_etag
+from service.http.pages import Page, Paging, fetch
+from service.http.places import Places
+from service.http.problems import Problem
+
+router = APIRouter(tags=["calibrations"])
+
+# An import holds one of few places while its body arrives. 15 MB, as 100,000 pairs usually have, need 50 kB/s.
+_RECEIVING_S = 300.0
+
+_IMPORTED = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "text/csv": {"schema": {"type": "string", "example": "x,y,z,u,v,group\n4.1,0.2,0.9,961.2,540.8,1\n"}},
+            "application/json": {
+                "schema": {
+                    "type": "object",
+                    "required": ["pairs"],
+                    "properties": {"pairs": {"type": "array", "items": {"type": "object"}}},
+                }
+            },
+        },
+    }
+}
+
+
+@router.post("/detections/{detection_id}/correspondence-sets", status_code=201, response_model=SetView)
+def build_set(detection_id: UUID, wanted: BuildRequest, access: WriteAccess) -> JSONResponse:
+    """Make pairs of what people marked; the same content is found again, with 200, and is the newest. [engineer]"""
+    detection = access.find(Detection, detection_id, "engineer")
+    recording = access.find(Recording, detection.recording_id, "engineer")
+    camera = find_camera(access.session, recording.id, wanted.camera)
+    built = build(access.session, detection, camera, exclude_flagged=wanted.exclude_flagged)
+    # Its notes say what people answered.
+    others = answered_by_others(access.session, detection.id, camera.id, access.person.id)
+    keep(access.session, access.person.id, camera, others, "pairs")
+    row = CorrespondenceSet(
+        fleet_id=recording.fleet_id,
+        vehicle_id=recording.vehicle_id,
+        rig_id=recording.rig_id,
+        recording_id=recording.id,
+        detection_id=detection.id,
+        camera=camera.name,
+        source="annotations",
+        pairs=built.columns,
+        notes=built.notes,
+        created_by=access.person.id,
+    )
+    return _keep(access, row)
+
+
+def _importing(rig_id: UUID, request: Request, identity: CurrentIdentity) -> None:
+    """Refuse who may not import to this rig, before the body is read."""
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        Access(session, identity).find(Rig, rig_id, "engineer")
+
+
+async def _imported(
+    request: Request, identity: CurrentIdentity, allowed: Annotated[None, Depends(_importing)]
+) -> AsyncIterator[Columns]:
+    """The pairs in the body, read before any transaction begins and in a thread."""
+    media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if media_type not in _READERS:
+        raise Problem(
+            415,
+            "unsupported_media_type",
+            f"Pairs come as text/csv or application/json, not as {media_type or 'an unnamed type'}.",
+            "Name the type in Content-Type.",
+        )
+    places: Places = request.app.state.imports
+    async with places.take(identity.person.id):
+        yield await run_in_threadpool(_READERS[media_type], await _whole_body(request))
+
+
+async def _whole_body(request: Request) -> bytes:
+    try:
+        async with asyncio.timeout(_RECEIVING_S):
+            return await request.body()
+    except ClientDisconnect:
+        raise Problem(400, "body_cut_off", "The connection ended before the pairs did.", "Send them again.") from None
+    except TimeoutError:
+        raise Problem(
+            408,
+            "body_too_slow",
+            f"The pairs did not arrive within {_RECEIVING_S:.0f} s.",
+            "Send them as CSV, which is half as long, or over a faster connection.",
+        ) from None
+
+
+def _read_csv_bytes(body: bytes) -> Columns:
+    try:
+        return read_csv(body.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise invalid(f"The file is no UTF-8 text: byte {error.start}.") from None
+
+
+_READERS: dict[str, Callable[[bytes], Columns]] = {"text/csv": _read_csv_bytes, "application/json": read_json}
+
+
+@router.post(
+    "/rigs/{rig_id}/correspondence-sets",
+    status_code=201,
+    response_model=SetView,
+    openapi_extra=_IMPORTED,
+    max_body_size=MAX_BYTES,
+)
+def import_set(
+    rig_id: UUID,
+    camera: Sought,
+    columns: Annotated[Columns, Depends(_imported, scope="function")],
+    access: WriteAccess,
+) -> JSONResponse:
+    """Import pairs, as CSV or JSON; the same content is found again, with 200, and is the newest again. [engineer]"""
+    rig = access.find(Rig, rig_id, "engineer")
+    of = rig_camera(access.session, rig, camera)
+    row = CorrespondenceSet(
+        fleet_id=rig.fleet_id,
+        vehicle_id=rig.vehicle_id,
+        rig_id=rig.id,
+        camera=of.name,
+        source="import",
+        pairs=columns,
+        notes=notes_on_image(columns, of),
+        created_by=access.person.id,
+    )
+    return _keep(access, row)
+
+
+def _keep(access: WriteAccess, wanted: CorrespondenceSet) -> JSONResponse:
+    row, is_new = keep_set(access.session, wanted)
+    if is_new:
+        hint(access.session, row.fleet_id, "detection" if row.detection_id else "rig", row.detection_id or row.rig_id)
+    return access.answer(set_view(row, row.pairs.get("flagged")), 201 if is_new else 200)
+
+
+def _found(set_id: UUID, request: Request, identity: CurrentIdentity, conditions: Conditional) -> CorrespondenceSet:
+    """The set without its pairs. The session ends here: none is held while the answer is made and sent."""
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        access = Access(session, identity)
+        # As long as it is held, the session finds this one, and loads no pairs with it.
+        without_pairs = session.get(CorrespondenceSet, set_id, options=[defer(CorrespondenceSet.pairs)])
+        row = access.find(CorrespondenceSet, set_id)
+        assert row is without_pairs
+        if row.source == "annotations":
+            access.need(row.fleet_id, "reviewer")
+        conditions.offer(content_etag(row.content_hash))
+        tell_pairs(access, database, row, "pairs")
+    return row
+
+
+async def _place(
+    request: Request, identity: CurrentIdentity, found: Annotated[CorrespondenceSet, Depends(_found)]
+) -> AsyncIterator[CorrespondenceSet]:
+    """A place among those whose pairs are in memory, until the answer is sent."""
+    places: Places = request.app.state.long_answers
+    async with places.take(identity.person.id):
+        yield found
+
+
+@router.get("/correspondence-sets/{set_id}", response_model=SetWithPairs)
+async def read_set(request: Request, found: Annotated[CorrespondenceSet, Depends(_place)]) -> StreamingResponse:
+    """A correspondence set with its pairs, in the form in which they are imported. [reviewer, if made of marks]
+
+    What one answers afterwards on the vertices of such a set counts as reviewed.
+    """
+    database: Database = request.app.state.database
+    columns = await run_in_threadpool(pairs_of, database, found.id)
+    headers = {"ETag": content_etag(found.content_hash)}
+    return StreamingResponse(set_in_pieces(found, columns), media_type="application/json", headers=headers)
+
+
+@router.get("/rigs/{rig_id}/correspondence-sets")
+def list_sets(rig_id: UUID, access: ReadAccess, window: Paging) -> Page[SetView]:
+    """A rig's correspondence sets, the last made first, without their pairs; those made of marks for reviewers."""
+    rig = access.find(Rig, rig_id)
+    statement = summaries().where(CorrespondenceSet.rig_id == rig.id)
+    if rank(access.role(rig.fleet_id) or "") < rank("reviewer"):
+        # Their counts and notes say what people answered.
+        statement = statement.where(CorrespondenceSet.source == "import")
+    rows, following = fetch(access.session, statement, CorrespondenceSet.id, window, newest_first=True)
+    return Page(items=[set_view(row, flagged) for row, flagged in rows], next=following)

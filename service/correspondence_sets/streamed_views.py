@@ -1,0 +1,53 @@
+"""A set's pairs on their way out: kept in few bytes, and sent some at a time.
+
+A hundred thousand pairs as objects take 70 MB, as JSON 16 MB; as columns of numbers 6 MB.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+from uuid import UUID
+
+from pydantic_core import to_json
+from sqlalchemy import select
+
+from service.correspondence_sets.views import set_view
+from service.db.calibrations import CorrespondenceSet
+from service.db.session import Database
+from service.http.problems import not_found
+
+_AT_ONCE = 2000
+
+Compact = Mapping[str, Sequence[Any]]
+
+
+def pairs_of(database: Database, set_id: UUID) -> Compact:
+    """A set's columns of pairs. Raises :class:`Problem` 404 where the set is gone."""
+    with database.reading() as session:
+        columns = session.scalar(select(CorrespondenceSet.pairs).where(CorrespondenceSet.id == set_id))
+    if columns is None:
+        raise not_found()
+    return {name: _compact(values) for name, values in columns.items()}
+
+
+def set_in_pieces(row: CorrespondenceSet, columns: Compact) -> Iterator[bytes]:
+    """The JSON of a set with its pairs, in the form in which pairs are imported."""
+    head = set_view(row, columns.get("flagged")).model_dump_json()
+    yield head.removesuffix("}").encode() + b',"pairs":['
+    names = list(columns)
+    for start in range(0, row.count, _AT_ONCE):
+        piece = (values[start : start + _AT_ONCE] for values in columns.values())
+        pairs = [dict(zip(names, values, strict=True)) for values in zip(*piece, strict=True)]
+        yield (b"," if start else b"") + to_json(pairs)[1:-1]
+    yield b"]}"
+
+
+def _compact(values: list[Any]) -> Sequence[Any]:
+    # No value changes: what is neither all floats nor all integers of 64 bits stays as it is.
+    kinds = set(map(type, values))
+    try:
+        return array("d", values) if kinds == {float} else array("q", values) if kinds == {int} else values
+    except OverflowError:
+        return values

@@ -1,0 +1,225 @@
+"""A fleet request's rows: made with all their calibrations in one transaction, cancelled, and retried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from uuid import UUID
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from service.calibrations.actions import ask_to_end, create_all, waiting_runs
+from service.calibrations.schemas import CalibrationTemplate
+from service.calibrations.work_rules import check_fleet_total
+from service.db.clock import utc_now
+from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
+from service.db.fleets import Fleet
+from service.db.ids import new_id
+from service.db.states import RequestState, VehicleState
+from service.fleet_requests.plan import Planned, check_template, plan_vehicles
+from service.fleet_requests.schemas import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
+from service.fleet_requests.vehicle_queries import Chosen, choose
+from service.http.problems import Problem
+
+# More at once would hold the database for longer than a lease (docs/decisions/0018).
+_MOST_VEHICLES = 5000
+_MOST_RUNS = 20_000
+# Rows that they may leave, of 465 bytes each: five gigabytes. So many runs with the schedule `paper` come to 6
+# million at most.
+_MOST_SLOTS = 10_000_000
+_SHOWN = 100
+
+
+def ask(session: Session, fleet: Fleet, wanted: FleetRequestBody, person_id: UUID, workers: int) -> FleetRequest:
+    """Insert a request, its vehicles and their calibrations.
+
+    Raises:
+        Problem: 422 of the filter, of the template, or ``fleet_request_too_large``.
+    """
+    chosen = _choose(session, fleet.id, wanted)
+    row = FleetRequest(
+        fleet_id=fleet.id,
+        asked=wanted.model_dump(mode="json", include={"vehicles", "calibration"}),
+        state=RequestState.RUNNING,
+        matched=len(chosen),
+        remaining=0,
+        wave=0,
+        created_by=person_id,
+    )
+    session.add(row)
+    session.flush()
+    # Ids sort by time, but not within a millisecond.
+    ids = dict(zip((one.id for one in chosen), sorted(new_id() for _ in chosen), strict=True))
+    total = _Total()
+    for planned in plan_vehicles(session, wanted.calibration, chosen):
+        total.add(planned)
+        calibrations = _calibrate(session, planned, wanted.calibration, person_id, workers, len(chosen))
+        session.add_all(_vehicle(row, ids[one.vehicle.id], one, calibrations) for one in planned)
+        row.skipped += sum(one.plan is None for one in planned)
+    _begin(row, row.matched - row.skipped)
+    return row
+
+
+def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunView:
+    """What :func:`ask` would come to. Raises as it does."""
+    chosen = _choose(session, fleet.id, wanted)
+    skipped: list[SkippedView] = []
+    total = _Total()
+    for planned in plan_vehicles(session, wanted.calibration, chosen):
+        total.add(planned)
+        skipped += [
+            SkippedView(vehicle_id=one.vehicle.id, vehicle=one.vehicle.name, problem=one.problem)
+            for one in planned
+            if one.problem is not None
+        ]
+    return DryRunView(
+        matched=len(chosen),
+        calibrations=len(chosen) - len(skipped),
+        runs=total.runs,
+        processor_seconds=round(total.seconds),
+        skipped=len(skipped),
+        skipped_vehicles=skipped[:_SHOWN],
+    )
+
+
+def ask_all_to_end(session: Session, row: FleetRequest) -> None:
+    """Cancel every vehicle that has not ended. Its calibrations before the request: the order of all locks."""
+    vehicles = FleetRequestVehicle
+    # A retry holds the failed ones: wait for it, so that what it began is seen below. No worker waits for this.
+    failed = select(vehicles.id).where(vehicles.fleet_request_id == row.id, vehicles.state == VehicleState.FAILED)
+    session.execute(failed.with_for_update(read=True, key_share=True)).all()
+    unended = select(vehicles.calibration_id).where(
+        vehicles.fleet_request_id == row.id, vehicles.state == VehicleState.QUEUED
+    )
+    ask_to_end(session, unended)
+    session.execute(
+        update(FleetRequest)
+        .where(FleetRequest.id == row.id, FleetRequest.remaining > 0)
+        .values(cancel_requested=True)
+        .execution_options(synchronize_session=False)
+    )
+    session.refresh(row)
+
+
+def retry_failed(session: Session, row: FleetRequest, person_id: UUID, workers: int) -> None:
+    """Calibrate the failed vehicles again, each from its newest pairs now. Where none failed, nothing changes.
+
+    A vehicle that has no fitting pairs any more becomes a skipped one.
+    """
+    # Locked, so that of two retries at the same moment the second finds nothing failed.
+    failed = session.scalars(
+        select(FleetRequestVehicle)
+        .where(FleetRequestVehicle.fleet_request_id == row.id, FleetRequestVehicle.state == VehicleState.FAILED)
+        .order_by(FleetRequestVehicle.id)
+        .with_for_update()
+    ).all()
+    if not failed:
+        return
+    template = CalibrationTemplate.model_validate(row.asked["calibration"])
+    by_vehicle = {one.vehicle_id: one for one in failed}
+    rig = VehicleFilter.model_validate(row.asked["vehicles"]).rig
+    chosen = choose(session, row.fleet_id, VehicleFilter(vehicle_ids=list(by_vehicle), rig=rig))
+    begun, total = 0, _Total()
+    for planned in plan_vehicles(session, template, chosen):
+        total.add(planned)
+        calibrations = _calibrate(session, planned, template, person_id, workers, len(chosen))
+        for one in planned:
+            vehicle = by_vehicle[one.vehicle.id]
+            vehicle.calibration_id = calibrations.get(one.vehicle.id)
+            vehicle.state, vehicle.problem, vehicle.finished_at = _first_state(one)
+            begun += one.plan is not None
+    session.flush()
+    session.refresh(row, with_for_update=True)
+    row.failed -= len(failed)
+    row.skipped += len(failed) - begun
+    row.cancel_requested = False
+    _begin(row, begun)
+
+
+def _choose(session: Session, fleet_id: UUID, wanted: FleetRequestBody) -> list[Chosen]:
+    # First, so that a template that no vehicle can be calibrated by is refused on a quiet night too.
+    check_template(wanted.calibration)
+    chosen = choose(session, fleet_id, wanted.vehicles)
+    if len(chosen) > _MOST_VEHICLES:
+        raise _too_large(f"{len(chosen)} vehicles", f"{_MOST_VEHICLES} vehicles")
+    return chosen
+
+
+@dataclass
+class _Total:
+    """What the vehicles of a request come to so far."""
+
+    runs: int = 0
+    slots: int = 0
+    seconds: float = 0.0
+
+    def add(self, planned: Sequence[Planned]) -> None:
+        """Count some vehicles more. Raises :class:`Problem` 422 ``fleet_request_too_large``."""
+        plans = [one.plan for one in planned if one.plan]
+        fits = [fit for one in plans for fit in one.fits]
+        self.runs += sum(fit.folds + 1 for fit in fits)
+        self.slots += sum((fit.folds + 1) * fit.cost.slots for fit in fits)
+        self.seconds += sum(one.predicted_s for one in plans)
+        if self.runs > _MOST_RUNS:
+            raise _too_large(f"more than {_MOST_RUNS} runs (cameras x models x (folds + 1))", f"{_MOST_RUNS} runs")
+        if self.slots > _MOST_SLOTS:
+            raise _too_large(f"more than {_MOST_SLOTS:,} slots", f"{_MOST_SLOTS:,} slots")
+        check_fleet_total(self.seconds)
+
+
+def _too_large(what: str, most: str) -> Problem:
+    return Problem(
+        422,
+        "fleet_request_too_large",
+        f"This request comes to {what}, and one request takes at most {most}.",
+        "Ask in several requests: narrow the filter, or ask for fewer models or folds.",
+    )
+
+
+def _calibrate(
+    session: Session,
+    planned: Sequence[Planned],
+    template: CalibrationTemplate,
+    person_id: UUID,
+    workers: int,
+    vehicles: int,
+) -> dict[UUID, UUID]:
+    """Insert these vehicles' calibrations; their ids by vehicle."""
+    wanted = [(one.rig, one.plan) for one in planned if one.rig is not None and one.plan is not None]
+    if not wanted:
+        return {}
+    waiting = waiting_runs(session, workers) + vehicles
+    made = create_all(session, wanted, template.farm, template.publish, person_id, workers, waiting)
+    return {calibration.vehicle_id: calibration.id for calibration in made}
+
+
+def _vehicle(row: FleetRequest, id: UUID, one: Planned, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
+    state, problem, finished_at = _first_state(one)
+    return FleetRequestVehicle(
+        id=id,
+        fleet_request_id=row.id,
+        vehicle_id=one.vehicle.id,
+        calibration_id=calibrations.get(one.vehicle.id),
+        state=state,
+        problem=problem,
+        finished_at=finished_at,
+    )
+
+
+def _first_state(one: Planned) -> tuple[str, dict[str, object] | None, datetime | None]:
+    return (
+        (VehicleState.QUEUED, None, None) if one.plan is not None else (VehicleState.SKIPPED, one.problem, utc_now())
+    )
+
+
+def _begin(row: FleetRequest, begun: int) -> None:
+    """Put the request to work on ``begun`` more vehicles, or end it where there is nothing to do."""
+    row.remaining += begun
+    row.wave, row.started_at = row.remaining, utc_now()
+    if row.remaining:
+        row.state, row.finished_at = RequestState.RUNNING, None
+    else:
+        row.state = RequestState.DONE_WITH_FAILURES if row.failed + row.cancelled else RequestState.DONE
+        row.finished_at = utc_now()

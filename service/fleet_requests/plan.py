@@ -1,0 +1,97 @@
+"""What a fleet request comes to for each vehicle: a calibration as if asked for alone, or why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, selectinload
+
+from service.calibrations.lens_queries import stated_intrinsics
+from service.calibrations.plan import CameraPairs, Plan, plan_request
+from service.calibrations.schemas import CalibrationRequest, CalibrationTemplate
+from service.db.base import Json
+from service.db.calibrations import CorrespondenceSet
+from service.db.fleets import Rig
+from service.fleet_requests.vehicle_queries import Chosen, in_chunks
+from service.http.problems import Problem
+
+# Vehicles whose pairs are in memory at once: some tens of kilobytes each.
+_CHUNK = 200
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A vehicle with its rig and plan, or with the problem for which it is skipped."""
+
+    vehicle: Chosen
+    rig: Rig | None = None
+    plan: Plan | None = None
+    problem: Json | None = None
+
+
+def check_template(template: CalibrationTemplate) -> None:
+    """Raises :class:`Problem` 422: what is wrong with the template itself, whatever the vehicle."""
+    plan_request(template, [])
+
+
+def plan_vehicles(session: Session, template: CalibrationTemplate, chosen: list[Chosen]) -> Iterator[list[Planned]]:
+    """The plans of vehicles of a template that :func:`check_template` lets pass, some at a time."""
+    asked = template.model_dump()
+    for chunk in in_chunks(chosen, _CHUNK):
+        sets = _sets(session, chunk)
+        rigs = _rigs(session, {one.rig_id for one in sets.values()})
+        yield [_plan(session, template, asked, one, sets, rigs) for one in chunk]
+
+
+def _sets(session: Session, chunk: Sequence[Chosen]) -> dict[UUID, CorrespondenceSet]:
+    ids = [set_id for one in chunk for set_id in one.sets.values()]
+    return {row.id: row for row in session.scalars(select(CorrespondenceSet).where(CorrespondenceSet.id.in_(ids)))}
+
+
+def _rigs(session: Session, ids: set[UUID]) -> dict[UUID, Rig]:
+    rows = session.scalars(select(Rig).where(Rig.id.in_(ids)).options(selectinload(Rig.cameras)))
+    return {row.id: row for row in rows}
+
+
+def _plan(
+    session: Session,
+    template: CalibrationTemplate,
+    asked: dict[str, Any],
+    one: Chosen,
+    sets: dict[UUID, CorrespondenceSet],
+    rigs: dict[UUID, Rig],
+) -> Planned:
+    if not one.sets:
+        return Planned(one, problem=_NO_PAIRS)
+    rig = rigs[next(sets[set_id].rig_id for set_id in one.sets.values())]
+    sources = [
+        CameraPairs(camera, sets[one.sets[camera.name]])
+        for camera in sorted(rig.cameras, key=lambda camera: camera.name)
+        if camera.name in one.sets
+    ]
+    try:
+        if template.intrinsics_from == "recording":
+            sources = [
+                of
+                if of.camera.name in template.intrinsics
+                else replace(of, stated=stated_intrinsics(session, of.camera, of.pairs))
+                for of in sources
+            ]
+        ids = [of.pairs.id for of in sources]
+        alone = CalibrationRequest.model_validate({**asked, "correspondence_set_ids": ids})
+        return Planned(one, rig, plan_request(alone, sources))
+    except Problem as problem:
+        # The template itself was checked before, so this is about the vehicle's own pairs.
+        return Planned(one, problem=problem.document())
+
+
+_NO_PAIRS: Json = Problem(
+    422,
+    "no_pairs",
+    "The vehicle has no correspondence set.",
+    "Mark a recording's vertices and build a set, or import pairs; then ask again.",
+).document()

@@ -1,0 +1,78 @@
+"""``/metrics`` for Prometheus: what this process counted and what the database knows.
+
+Open to who has ``metrics_token``; without one, to programs on the same host that come through no proxy.
+"""
+
+from __future__ import annotations
+
+from hmac import compare_digest
+from ipaddress import ip_address
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, FastAPI, Request, Response
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
+
+from service.health.job_figures import JobFigures
+from service.http.figures import HttpFigures
+from service.http.problems import Problem
+from service.settings import Settings
+
+router = APIRouter(tags=["health"])
+
+# What a program on this host calls it. A proxy passes on a public name, or says in a header that it is one.
+_OWN_NAMES = frozenset(("localhost", "127.0.0.1", "::1"))
+_PROXIED = ("forwarded", "x-forwarded-", "x-real-ip", "via")
+
+
+def install(app: FastAPI, version: str) -> HttpFigures:
+    """Give the application its figures. A registry for each application, so that two in one process stay apart."""
+    registry = CollectorRegistry()
+    registry.register(JobFigures(app.state.database))
+    build = Gauge("apexcal_build_info", "The version that answers.", ("version",), registry=registry)
+    build.labels(version).set(1)
+    app.state.metrics = registry
+    app.include_router(router)
+    return HttpFigures(registry)
+
+
+def _may_read(request: Request) -> None:
+    settings: Settings = request.app.state.settings
+    token = settings.metrics_token.get_secret_value()
+    if token:
+        kind, _, given = request.headers.get("authorization", "").partition(" ")
+        if kind.lower() == "bearer" and compare_digest(given.encode(), token.encode()):
+            return
+        raise Problem(
+            401,
+            "metrics_token_wrong",
+            "The metrics are for who has the service's metrics token.",
+            "Send Authorization: Bearer with the value of APEXCAL_METRICS_TOKEN.",
+            headers={"WWW-Authenticate": "Bearer"},
+        )
+    if not _from_this_host(request):
+        raise Problem(
+            403,
+            "metrics_closed",
+            "The metrics are open to programs on the service's own host only.",
+            "Set APEXCAL_METRICS_TOKEN for the service and give it to Prometheus as its bearer token.",
+        )
+
+
+def _from_this_host(request: Request) -> bool:
+    if request.url.hostname not in _OWN_NAMES or any(name.startswith(_PROXIED) for name in request.headers):
+        return False
+    peer: Any = request.client.host if request.client else ""
+    try:
+        return ip_address(peer).is_loopback
+    except ValueError:
+        return False
+
+
+@router.get("/metrics", include_in_schema=False)
+def get_metrics(request: Request, allowed: Annotated[None, Depends(_may_read)]) -> Response:
+    """The figures in Prometheus's text format."""
+    return Response(
+        generate_latest(request.app.state.metrics),
+        media_type=CONTENT_TYPE_LATEST,
+        headers={"Cache-Control": "no-store"},
+    )

@@ -1,0 +1,40 @@
+"""Routes of jobs: how far work is that was asked for."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from uuid import UUID
+
+from fastapi import APIRouter, Path, Query
+from sqlalchemy import select
+
+from service.auth.access import ReadAccess
+from service.db.base import written
+from service.db.jobs import Job
+from service.db.states import WorkState
+from service.http.pages import Page, Paging, fetch
+from service.job_status.schemas import JobView
+
+router = APIRouter(tags=["jobs"])
+
+
+@router.get("/jobs")
+def get_jobs(
+    access: ReadAccess,
+    paging: Paging,
+    fleet_id: UUID | None = None,
+    state: Annotated[WorkState | None, Query()] = None,
+) -> Page[JobView]:
+    """The jobs of the person's fleets, newest first."""
+    statement = select(Job)
+    if state:
+        statement = statement.where(Job.state == written(state))
+    scopes = access.scopes(Job, fleet_id)
+    rows, following = fetch(access.session, statement, Job.id, paging, newest_first=True, any_of=scopes)
+    return Page(items=[JobView.model_validate(row) for row in rows], next=following)
+
+
+@router.get("/jobs/{id}")
+def get_job(id: Annotated[int, Path(ge=0, lt=2**63)], access: ReadAccess) -> JobView:
+    """One job."""
+    return JobView.model_validate(access.find(Job, id))

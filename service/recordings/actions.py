@@ -1,0 +1,99 @@
+"""Deleting a recording with all that came from it, in one transaction. The sweep removes the bytes afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from uuid import UUID
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from service.calibration_runs.fleet_request_actions import drop_calibrations
+from service.calibration_runs.publication_actions import current_ids, hold_publications
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.detections import Detection
+from service.db.fleet_requests import FleetRequestVehicle
+from service.db.recordings import Recording, Sensor, UploadPart
+from service.db.states import VehicleState
+from service.db.studies import Study
+from service.http.problems import Problem
+from service.jobs.queue import abandon
+from service.storage.blobs import condemn
+
+
+def delete_recording(session: Session, recording_id: UUID, *, with_published: bool) -> None:
+    """Delete a recording, its marks, detections, correspondence sets and every calibration that used them.
+
+    Raises :class:`Problem` 409 ``calibration_in_use`` where one of these calibrations is a vehicle's current one,
+    unless ``with_published``.
+    """
+    # Jobs first, as workers lock them before the rows that they work for; then again, for one made meanwhile.
+    abandon(session, _subjects(session, recording_id))
+    vehicle_id = session.scalar(select(Recording.vehicle_id).where(Recording.id == recording_id).with_for_update())
+    # A retry of a fleet request holds its failed vehicles, then the sets; a cancel holds only the keys of these.
+    failed = select(FleetRequestVehicle.id).where(
+        FleetRequestVehicle.calibration_id.in_(_calibrations(session, recording_id)),
+        FleetRequestVehicle.state == VehicleState.FAILED,
+    )
+    session.execute(failed.order_by(FleetRequestVehicle.id).with_for_update(key_share=True)).all()
+    # A calibration being asked for holds its sets, not the recording: wait for it, so that its runs are seen below.
+    session.execute(
+        select(CorrespondenceSet.id).where(CorrespondenceSet.recording_id == recording_id).with_for_update()
+    ).all()
+    abandon(session, _subjects(session, recording_id))
+    calibrations = _calibrations(session, recording_id)
+    # In one order: two recordings of one vehicle share calibrations, and may be deleted at the same moment.
+    shared = select(Calibration.id).where(Calibration.id.in_(calibrations)).order_by(Calibration.id)
+    session.execute(shared.with_for_update()).all()
+    # After the calibrations, in the same order as publishing.
+    if vehicle_id is not None:
+        hold_publications(session, vehicle_id)
+        if not with_published:
+            _refuse_in_use(session, vehicle_id, calibrations)
+    keys = [
+        *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
+        *session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)),
+    ]
+    condemn(session, keys)
+    drop_calibrations(session, calibrations)
+    session.execute(delete(Calibration).where(Calibration.id.in_(calibrations)))
+    session.execute(delete(Recording).where(Recording.id == recording_id))
+
+
+def _calibrations(session: Session, recording_id: UUID) -> Sequence[UUID]:
+    return session.scalars(
+        select(CalibrationRun.calibration_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .where(CorrespondenceSet.recording_id == recording_id)
+        .distinct()
+    ).all()
+
+
+def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
+    calibrations = _calibrations(session, recording_id)
+    runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(calibrations))
+    return [
+        recording_id,
+        *session.scalars(select(Study.id).where(Study.recording_id == recording_id)),
+        *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
+        *calibrations,
+        *session.scalars(runs),
+    ]
+
+
+def _refuse_in_use(session: Session, vehicle_id: UUID, calibrations: Sequence[UUID]) -> None:
+    cameras = session.scalars(
+        select(Publication.camera)
+        .join(Result, Result.id == Publication.result_id)
+        .where(
+            Publication.id.in_(current_ids(Publication.vehicle_id == vehicle_id)),
+            Result.calibration_id.in_(calibrations),
+        )
+    ).all()
+    if cameras:
+        raise Problem(
+            409,
+            "calibration_in_use",
+            f"The vehicle's current calibration of {', '.join(sorted(cameras))} came from this recording.",
+            "Publish another calibration first, or delete with ?with_published=true and lose that one too.",
+        )

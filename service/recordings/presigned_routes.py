@@ -1,0 +1,141 @@
+"""Routes of parts that go straight from the client into the store: ask where, put them there, say so.
+
+S3 binds neither size nor checksum to the addresses that obstore signs, and they work until their time is over. So
+what was put is copied, within the store, to a key that nobody has an address of. The size of the copy is looked at,
+the copy is acknowledged, and the worker compares the checksum of every part before it reads the file.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated
+from uuid import UUID
+
+from fastapi import APIRouter, Path, Request
+from fastapi.concurrency import run_in_threadpool
+
+from service.auth.access import Access, CurrentIdentity, Identity
+from service.db.recordings import Blob, Recording, UploadPart
+from service.db.session import Database
+from service.http.problems import Problem
+from service.recordings.presigner import Presigner
+from service.recordings.schemas import MAX_PARTS, NewPart, PartAddress, PartView, PutPart
+from service.recordings.upload_actions import (
+    Announced,
+    begin_part,
+    finish_part,
+    forget_part,
+    part_too_large,
+    reservation_ended,
+)
+from service.settings import Settings
+from service.storage.errors import MissingBlobError
+from service.storage.store import Store
+
+router = APIRouter(tags=["recordings"])
+
+Number = Annotated[int, Path(ge=1, le=MAX_PARTS)]
+
+
+@router.post("/recordings/{id}/parts/{number}/address")
+def post_part_address(
+    id: UUID, number: Number, body: NewPart, request: Request, identity: CurrentIdentity
+) -> PartAddress:
+    """Reserve a place in the store for a part, and say where its bytes are put. Asking again gives another place."""
+    database: Database = request.app.state.database
+    presigner = Presigner.of(request)
+    largest = presigner.settings.max_part_bytes
+    if body.size > largest:
+        raise part_too_large(largest)
+    if not presigner.uploads:
+        raise _through_api(database, identity, id, number)
+    announced = Announced(id, number, body.sha256, body.size)
+    begun = begin_part(database, identity, announced, presigner.settings)
+    if isinstance(begun, UploadPart):
+        return PartAddress(part=PartView.model_validate(begun))
+    return PartAddress(
+        url=presigner.upload(begun), expires_at=presigner.expires_at, reservation=begun.rpartition("/")[2]
+    )
+
+
+@router.post("/recordings/{id}/parts/{number}/arrival")
+async def post_part_arrival(
+    id: UUID, number: Number, body: PutPart, request: Request, identity: CurrentIdentity
+) -> PartView:
+    """Acknowledge a part whose bytes were put at its address. Saying it again gives the same answer."""
+    database: Database = request.app.state.database
+    settings: Settings = request.app.state.settings
+    put = f"{Announced(id, number, '', 0).prefix}/{body.reservation}"
+    found = await run_in_threadpool(_announced, database, identity, id, number, put)
+    if isinstance(found, UploadPart):
+        return PartView.model_validate(found)
+    await _require_there(request.app.state.store, put, found)
+    # The name tells which reservation it is a copy of, for who says it again.
+    kept = await run_in_threadpool(partial(begin_part, database, identity, found, settings, copied=body.reservation))
+    if isinstance(kept, UploadPart):
+        await run_in_threadpool(forget_part, database, put)
+        return PartView.model_validate(kept)
+    try:
+        await _copy(request.app.state.store, put, kept, found)
+        part = await run_in_threadpool(finish_part, database, identity, found, settings, kept, found.size, put)
+    except Exception:
+        await run_in_threadpool(forget_part, database, kept)
+        raise
+    return PartView.model_validate(part)
+
+
+async def _copy(store: Store, put: str, kept: str, announced: Announced) -> None:
+    """Raises :class:`Problem` 409 ``reservation_ended``, ``part_size_differs``."""
+    try:
+        await store.copy(put, kept)
+    except MissingBlobError:  # it was there a moment ago: its reservation ended meanwhile
+        raise reservation_ended(announced.number) from None
+    await _require_there(store, kept, announced)
+
+
+def _through_api(database: Database, identity: Identity, recording_id: UUID, number: int) -> Problem:
+    """What whoever may upload this recording is told where parts go the other way."""
+    with database.reading() as session:
+        Access(session, identity).find(Recording, recording_id, "engineer")
+    return Problem(
+        409,
+        "parts_through_api",
+        "This service takes the bytes of parts itself.",
+        f"PUT them at /v1/recordings/{recording_id}/parts/{number}; `upload.parts` of GET .../parts says which way.",
+    )
+
+
+def _announced(
+    database: Database, identity: Identity, recording_id: UUID, number: int, key: str
+) -> Announced | UploadPart:
+    """What was announced of the object under this key; or the part, where a copy of this very object is acknowledged.
+
+    Raises :class:`Problem` 409 ``reservation_ended``.
+    """
+    with database.reading() as session:
+        Access(session, identity).find(Recording, recording_id, "engineer")
+        part = session.get(UploadPart, (recording_id, number))
+        if part is not None and part.blob_key.endswith(f".{key.rpartition('/')[2]}"):
+            return part
+        blob = session.get(Blob, key)
+        if blob is None or blob.state != "reserved" or blob.sha256 is None:
+            raise reservation_ended(number)
+        return Announced(recording_id, number, blob.sha256, blob.size)
+
+
+async def _require_there(store: Store, key: str, announced: Announced) -> None:
+    """Raises :class:`Problem` 409 ``part_not_put``, ``part_size_differs``."""
+    again = "Put the part's bytes at its address, then say so again; after `expires_at` ask for a new address."
+    try:
+        size = await store.size(key)
+    except MissingBlobError:
+        raise Problem(
+            409, "part_not_put", f"Nothing was put at the address of part {announced.number}.", again
+        ) from None
+    if size != announced.size:
+        raise Problem(
+            409,
+            "part_size_differs",
+            f"{size} bytes were put at the address of part {announced.number}; announced were {announced.size}.",
+            again,
+        )

@@ -1,0 +1,235 @@
+"""Rules of uploads: parts are numbered from 1, each one an object with a checksum, sent in any order, any number of
+times. A part is acknowledged once its object is durable and its bytes have the checksum that was announced."""
+
+from __future__ import annotations
+
+import hashlib
+from base64 import b64decode
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from uuid import UUID
+
+from fastapi import Request
+from sqlalchemy import delete, select
+from starlette.requests import ClientDisconnect
+
+from service.auth.access import Access, Identity
+from service.db.clock import now
+from service.db.recordings import Blob, Recording, UploadPart
+from service.db.session import Database
+from service.db.states import RecordingState
+from service.http.problems import Problem
+from service.recordings.presigner import Presigner
+from service.recordings.schemas import Upload
+from service.settings import Settings
+from service.storage.blobs import condemn, give_up, keep, reserve
+from service.storage.errors import ReservationEndedError
+from service.storage.quota import coming, take
+
+EXPIRED = "upload_expired"
+
+
+@dataclass(frozen=True)
+class Announced:
+    """A part as its request announces it; ``size`` is the most that it can be where the request does not say it."""
+
+    recording_id: UUID
+    number: int
+    sha256: str
+    size: int
+
+    @property
+    def prefix(self) -> str:
+        """What the part's keys begin with."""
+        return f"recordings/{self.recording_id}/parts/{self.number}"
+
+
+def how_to_upload(request: Request, row: Recording) -> Upload:
+    """Which way parts go, how large they are, and when the upload ends without another one."""
+    presigner = Presigner.of(request)
+    return Upload(
+        part_bytes=presigner.settings.part_bytes,
+        max_part_bytes=presigner.settings.max_part_bytes,
+        parts="presigned" if presigner.uploads else "api",
+        expires_at=row.expires_at if row.state == RecordingState.UPLOADING else None,
+    )
+
+
+class Body:
+    """A request's body as it passes through: counted and hashed, and never more than ``limit`` bytes.
+
+    It ends instead of raising, because a store may wrap what its source raises; look at it after the stream.
+    """
+
+    def __init__(self, request: Request, limit: int) -> None:
+        self._request = request
+        self._limit = limit
+        self._hash = hashlib.sha256()
+        self.size = 0
+        self.too_large = False
+        self.cut_off = False
+
+    async def __aiter__(self) -> AsyncIterator[bytes]:
+        try:
+            async for chunk in self._request.stream():
+                self.size += len(chunk)
+                if self.size > self._limit:
+                    self.too_large = True
+                    return
+                if chunk:
+                    self._hash.update(chunk)
+                    yield chunk
+        except ClientDisconnect:
+            self.cut_off = True
+
+    def check(self, announced: Announced) -> None:
+        """Raises :class:`Problem` unless the whole body came and has the announced checksum."""
+        if self.too_large:
+            raise part_too_large(self._limit)
+        if self.cut_off:
+            raise Problem(400, "upload_cut_off", "The connection ended before the part did.", "Send the part again.")
+        if self.size == 0:
+            raise Problem(400, "empty_part", "The part has no bytes.", "Send the part's bytes as the request's body.")
+        if self._hash.hexdigest() != announced.sha256:
+            raise Problem(
+                400,
+                "checksum_mismatch",
+                f"Part {announced.number} arrived with the SHA-256 {self._hash.hexdigest()}, announced was "
+                f"{announced.sha256}. Nothing of it was stored.",
+                "Send the part again; if it happens again, look for a proxy or disk that changes bytes.",
+            )
+
+
+def declared_sha256(request: Request) -> str:
+    """The SHA-256 of Content-Digest (RFC 9530) in hexadecimal. Raises :class:`Problem` ``checksum_required``."""
+    for item in request.headers.get("content-digest", "").split(","):
+        name, _, value = item.strip().partition("=")
+        if name.lower() == "sha-256" and len(value) > 2 and value[0] == value[-1] == ":":
+            try:
+                digest = b64decode(value[1:-1], validate=True)
+            except ValueError:  # no base64, or no ASCII
+                continue
+            if len(digest) == 32:
+                return digest.hex()
+    raise Problem(
+        400,
+        "checksum_required",
+        "The part comes without the SHA-256 of its bytes.",
+        "Send the header Content-Digest: sha-256=:<base64 of the 32 bytes>:",
+    )
+
+
+def part_too_large(limit: int) -> Problem:
+    """A part that is larger than parts may be."""
+    return Problem(
+        413, "part_too_large", f"A part has at most {limit} bytes.", "Cut the file into parts of `upload.part_bytes`."
+    )
+
+
+def begin_part(
+    database: Database, identity: Identity, announced: Announced, settings: Settings, *, copied: str = ""
+) -> str | UploadPart:
+    """Reserve a key for a part; or the part itself, where these bytes are acknowledged already.
+
+    ``copied`` is the reservation that the part was put at, where a copy of it is to be kept: it has its room already.
+    Raises :class:`QuotaExceededError`, and :class:`Problem` ``not_found``, ``role_too_low``, ``part_differs``,
+    ``upload_closed``, ``upload_expired``.
+    """
+    with database.writing() as session:
+        recording = Access(session, identity).find(Recording, announced.recording_id, "engineer", lock=True)
+        known = session.get(UploadPart, (announced.recording_id, announced.number))
+        if known is not None:
+            _refuse_other_bytes(known, announced)
+            if session.scalar(select(Blob.state).where(Blob.key == known.blob_key)) == "stored":
+                return known
+        _refuse_closed(recording)
+        if known is not None:
+            # Its object is lost, whatever lost it: these bytes take its place.
+            session.execute(delete(UploadPart).where(UploadPart.blob_key == known.blob_key))
+        if not copied:
+            # The announced size of the file has its room already; beyond it each part takes its own.
+            needed = coming(session, recording) + announced.size
+            take(session, recording, needed, settings.fleet_quota_bytes)
+        suffix = f".{copied}" if copied else ""
+        return reserve(session, announced.prefix, suffix=suffix, size=announced.size, sha256=announced.sha256)
+
+
+def finish_part(
+    database: Database,
+    identity: Identity,
+    announced: Announced,
+    settings: Settings,
+    key: str,
+    size: int,
+    put: str | None = None,
+) -> UploadPart:
+    """Acknowledge a part whose object is durable. Of twins one wins, and the others' objects are condemned.
+
+    ``put`` is the key that the object was copied from, where clients have an address of that; it is condemned.
+    Raises :class:`Problem` as :func:`begin_part`, and 409 ``reservation_ended``.
+    """
+    with database.writing() as session:
+        recording = Access(session, identity).find(Recording, announced.recording_id, "engineer", lock=True)
+        known = session.get(UploadPart, (announced.recording_id, announced.number))
+        if known is not None:
+            _refuse_other_bytes(known, announced)
+            for lost in (key, put or key):
+                give_up(session, lost)
+            return known
+        _refuse_closed(recording)
+        try:
+            keep(session, key, size=size, sha256=announced.sha256)
+        except ReservationEndedError:
+            raise reservation_ended(announced.number) from None
+        if put:
+            condemn(session, [put])
+        part = UploadPart(
+            recording_id=recording.id, number=announced.number, blob_key=key, size=size, sha256=announced.sha256
+        )
+        session.add(part)
+        recording.expires_at = session.scalar(select(now(3600 * settings.upload_hours)))
+        return part
+
+
+def reservation_ended(number: int) -> Problem:
+    """A part whose place in the store is none any more."""
+    return Problem(
+        409,
+        "reservation_ended",
+        f"Nothing is reserved for part {number} under this name, or no longer.",
+        "Send the part again; where parts go straight to the store, ask for an address again and put it there.",
+    )
+
+
+def forget_part(database: Database, key: str) -> None:
+    """Give up a reserved key and what was written to it, unless the part was acknowledged after all."""
+    with database.writing() as session:
+        give_up(session, key)
+
+
+def _refuse_other_bytes(known: UploadPart, announced: Announced) -> None:
+    if known.sha256 != announced.sha256:
+        raise Problem(
+            409,
+            "part_differs",
+            f"Part {known.number} was acknowledged with the SHA-256 {known.sha256}; these are other bytes.",
+            "Did the file change while it was uploaded? Make a new recording for the changed file.",
+            sha256=known.sha256,
+        )
+
+
+def refuse_expired(recording: Recording) -> None:
+    """Raises :class:`Problem` 410 where the upload ended because nobody went on with it."""
+    if recording.problem and recording.problem.get("code") == EXPIRED:
+        raise Problem(410, EXPIRED, recording.problem["detail"], recording.problem["hint"])
+
+
+def _refuse_closed(recording: Recording) -> None:
+    refuse_expired(recording)
+    if recording.state != RecordingState.UPLOADING:
+        raise Problem(
+            409,
+            "upload_closed",
+            f"The upload of this recording is complete: it is {recording.state}.",
+            "Make a new recording to upload another file.",
+        )

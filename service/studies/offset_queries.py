@@ -1,0 +1,63 @@
+"""What an estimate of the offset between two clocks starts from: marks, and roughly where the camera is."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.camera_models import parse_model
+from apexcal.documents.schedules import PRESETS
+from service.annotations.consensus import agree
+from service.annotations.progress_queries import opinions_of
+from service.calibrations.plan import describe_camera
+from service.calibrations.work_rules import check_job, cost_of
+from service.correspondence_sets.queries import rig_camera
+from service.db.base import Json
+from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.fleets import Rig
+from service.db.recordings import CameraFrame, Recording, Sensor
+from service.http.problems import Problem
+
+# Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
+_MARK_US = 2500.0
+
+
+def what_is_known(session: Session, recording: Recording, detection: Detection, camera: Sensor, model: str) -> Json:
+    """The camera as its rig describes it, and every mark that people agree on with its frame's own stamp.
+
+    Which vertex a frame was paired with does not matter: the estimate looks up where the board was.
+
+    Raises:
+        Problem: 409 ``nothing_marked``, 422 ``work_too_long``.
+        DocumentError: ``unknown_model``.
+    """
+    opinions = opinions_of(session, detection.id, camera.id)
+    stamps = session.execute(
+        select(VertexFrame.vertex_id, CameraFrame.stamp_ns)
+        .join(Vertex, Vertex.id == VertexFrame.vertex_id)
+        .join(
+            CameraFrame,
+            (CameraFrame.sensor_id == VertexFrame.sensor_id) & (CameraFrame.index == VertexFrame.frame_index),
+        )
+        .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id)
+        .order_by(CameraFrame.stamp_ns, Vertex.id)
+    )
+    agreed = [(stamp_ns, agree(opinions.get(vertex_id, [])).pixel) for vertex_id, stamp_ns in stamps]
+    marks = [(stamp_ns, *pixel) for stamp_ns, pixel in agreed if pixel]
+    if not marks:
+        raise Problem(
+            409,
+            "nothing_marked",
+            f"None of the {len(agreed)} vertices that have a frame of {camera.name} is confirmed and marked.",
+            "The offset is found from marks: mark vertices first, at least some dozens over the whole recording.",
+        )
+    # At worst it searches as a calibration does, and polishes.
+    seconds = cost_of(parse_model(model), len(marks), PRESETS["default"]).seconds + 1e-6 * _MARK_US * len(marks)
+    check_job(f"an offset from {len(marks):,} marks", seconds, "Detect in a shorter part of the recording.")
+    of_rig = rig_camera(session, session.get_one(Rig, recording.rig_id), camera.name)
+    columns = zip(("stamp_ns", "u", "v"), zip(*marks, strict=True), strict=True)
+    return {
+        "camera": camera.name,
+        "problem": describe_camera(of_rig, parse_model(model), "rotation_vector"),
+        "marks": {name: list(column) for name, column in columns},
+    }

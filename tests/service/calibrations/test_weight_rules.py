@@ -1,0 +1,73 @@
+"""Pairs weigh by the errors that they state: what a request comes to, and what the workers make of it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from service.calibrations.weight_rules import states_errors
+from service.correspondence_sets import pair_files as service_pairs
+from service.db.calibrations import CalibrationRun
+from tests.service.calibrations.test_routes import add_set, ask, documents
+from tests.service.detections.seeding import seed_rig
+from workers.solver import covariances
+from workers.tasks.solving import fit_of
+
+pytestmark = pytest.mark.usefixtures("broker")
+SIGMAS = {"sigma_azimuth_rad": 1e-3, "sigma_elevation_rad": 2e-3, "sigma_range_m": 0.01}
+
+
+def test_all_pairs_that_state_errors_weigh_by_them_unless_equal_is_asked_for(api):
+    fleet = api.fleet()
+    engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
+    plain, stated, marked = (add_set(engineer, rig, **extra) for extra in ({}, SIGMAS, {"sigma_px": 0.7}))
+    known = {"models": ["pinhole"], "folds": 0}
+
+    def outcome(made, **extra):
+        answer = ask(engineer, rig, made, **known, **extra)
+        assert answer.status_code == 202, answer.text
+        document = documents(api, answer.json()["id"])["pinhole", -1]
+        said = any("weigh by the standard deviations" in note for note in answer.json()["notes"])
+        assert said == ("weights" in document)
+        return document
+
+    for made in (stated, marked):
+        assert outcome(made)["weights"] == outcome(made, weights="covariances")["weights"] == "covariances"
+        assert "weights" not in outcome(made, weights="equal")
+        assert outcome(made)["seed"] != outcome(made, weights="equal")["seed"]
+    assert "weights" not in outcome(plain), "the seed is that of before"
+    assert outcome(plain) == outcome(plain, weights="equal")
+    refused = ask(engineer, rig, plain, **known, weights="covariances")
+    assert (refused.status_code, refused.json()["code"]) == (422, "no_covariances")
+    assert "sigma_azimuth_rad" in refused.json()["hint"]
+    assert ask(engineer, rig, plain, **known, weights="marks").status_code == 422
+
+
+def test_the_run_solves_by_the_covariances_of_the_pairs_that_it_fits(api):
+    fleet = api.fleet()
+    engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
+    made = add_set(engineer, rig, **SIGMAS)
+    with api.database.reading() as session:
+        answer = ask(engineer, rig, made, models=["pinhole"], folds=3, locked={"t_x": 0.0})
+        runs = {run.fold: run for run in session.query(CalibrationRun)}
+        assert answer.status_code == 202
+        n = np.arange(60)
+        pairs = {"x": 4 + 0.1 * n, "y": n % 7 - 3.0, "z": 0.3 + 0 * n, "u": 10.0 + n, "v": 20.0 + 0 * n}
+        pairs = {name: values.tolist() for name, values in pairs.items()} | {"stamp_ns": (n * 10**8).tolist()}
+        pairs |= {name: (value * (1 + n)).tolist() for name, value in SIGMAS.items()}
+        whole, fold = (fit_of(run.problem, run.fold, pairs).problem for run in (runs[-1], runs[1]))
+    assert len(whole.points) == len(whole.covariances.points) == 60
+    kept = [round((x - 4) / 0.1) for x in fold.points[:, 0]]
+    assert 0 < len(kept) < 60
+    np.testing.assert_array_equal(fold.covariances.points, whole.covariances.points[kept])
+    spread = math.sqrt(np.trace(whole.covariances.points[0]))
+    distance = np.linalg.norm(whole.points[0])
+    flat = np.hypot(*whole.points[0, :2])
+    assert spread == pytest.approx(math.sqrt((1e-3 * flat) ** 2 + (2e-3 * distance) ** 2 + 0.01**2))
+
+
+def test_both_sides_know_the_same_columns():
+    assert service_pairs.SIGMAS == covariances.SIGMAS
+    assert service_pairs.MARK_SIGMA == covariances.MARK_SIGMA
+    for columns in ({}, SIGMAS, {"sigma_px": 1.0}, {"sigma_range_m": 0.1}, SIGMAS | {"sigma_px": 1.0}):
+        assert states_errors(columns) == covariances.states_covariances(columns)

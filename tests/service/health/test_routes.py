@@ -1,0 +1,156 @@
+"""What the service says of itself."""
+
+import json
+import threading
+import time
+from collections import Counter
+from typing import Any
+
+import pytest
+from anyio.to_thread import current_default_thread_limiter
+
+from service.db import revisions
+from service.db.clock import now
+from service.db.jobs import Heartbeat, Worker
+from service.db.session import Database
+from service.health import parts as health_parts
+from service.storage.store import Store
+from tests.support.broker import Broker
+from tests.support.people import Api
+from tests.support.s3 import S3Server
+
+# For all requests that are no streams; Starlette has 40.
+THREADS = 3
+
+
+@pytest.fixture
+def always_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every question makes the service look again at what does not work, and at most of what does."""
+    monkeypatch.setattr(health_parts, "AGAIN_S", 0.0)
+    monkeypatch.setattr(health_parts.Part.__init__, "__defaults__", (0.0,))
+
+
+def beat(api: Api, ago_s: float = 0.0) -> None:
+    with api.database.writing() as session:
+        session.merge(Heartbeat(name="sweep", at=now(-ago_s)))
+
+
+@pytest.mark.usefixtures("always_anew")
+def test_ready_only_while_every_part_works(api: Api, broker: Broker) -> None:
+    assert api.client.get("/healthz").json() == {"status": "ok"}
+    answer = api.client.get("/readyz")
+    assert answer.status_code == 503 and answer.json()["parts"]["sweep"]["ok"] is False
+    beat(api)
+    answer = api.client.get("/readyz")
+    assert answer.status_code == 200, answer.text
+    assert set(answer.json()["parts"]) == {"database", "broker", "store", "sweep", "workers"}
+    beat(api, ago_s=3600)
+    assert api.client.get("/readyz").json()["parts"]["sweep"]["ok"] is False
+    beat(api)
+    broker.stop()
+    answer = api.client.get("/readyz")
+    assert answer.status_code == 503 and answer.json()["parts"]["broker"]["ok"] is False
+    assert api.client.get("/healthz").status_code == 200
+
+
+def test_too_little_disk_is_not_ready(make_api) -> None:
+    api = make_api(min_free_bytes=2**62)
+    beat(api)
+    store = api.client.get("/readyz").json()["parts"]["store"]
+    assert store["ok"] is False and "too little room" in store["detail"]
+
+
+@pytest.mark.usefixtures("always_anew")
+def test_the_supervisors_children_are_shown(make_api, tmp_path) -> None:
+    status = tmp_path / "supervisor.json"
+    api = make_api(supervisor_status=status)
+    beat(api)
+    assert api.client.get("/readyz").json()["parts"]["children"]["ok"] is False
+    for state, code in (("running", 200), ("restarting", 503)):
+        child = {"name": "beat", "pid": 1, "state": state, "restarts": 0, "since": "2026-01-01T00:00:00Z"}
+        status.write_text(json.dumps({"children": [child]}))
+        answer = api.client.get("/readyz")
+        assert answer.status_code == code and answer.json()["parts"]["children"]["children"] == {"beat": state}
+
+
+@pytest.mark.usefixtures("always_anew")
+def test_an_older_schema_is_not_ready_and_a_newer_one_is(api: Api, monkeypatch) -> None:
+    """A newer one is there while an upgrade rolls: what this version needs is still in it."""
+    beat(api)
+    present = revisions.newest()
+    monkeypatch.setattr(revisions, "known", lambda: ("9999", present))
+    answer = api.client.get("/readyz")
+    assert answer.status_code == 503
+    assert "python -m service.db.migrate" in answer.json()["parts"]["database"]["detail"]
+    monkeypatch.setattr(revisions, "known", lambda: ("0001",))
+    answer = api.client.get("/readyz")
+    assert answer.status_code == 200 and "newer" in answer.json()["parts"]["database"]["detail"]
+
+
+@pytest.mark.usefixtures("always_anew")
+def test_it_says_which_workers_answer_and_which_still_compile(api: Api) -> None:
+    beat(api)
+
+    def workers() -> dict:
+        return api.client.get("/readyz").json()
+
+    assert workers()["status"] == "degraded" and workers()["parts"]["workers"]["detail"] == "no worker answers"
+    row = {"queues": "solve", "processes": 2, "version": "1", "started_at": now(-60)}
+    with api.database.writing() as session:
+        session.add(Worker(name="gone", warm=True, at=now(-30), **row))
+        session.add(Worker(name="new", warm=False, at=now(), **row))
+    assert workers()["status"] == "degraded" and "compiling" in workers()["parts"]["workers"]["detail"]
+    with api.database.writing() as session:
+        session.get_one(Worker, "new").warm = True
+    assert workers()["status"] == "degraded" and "ingest, detect, report" in workers()["parts"]["workers"]["detail"]
+    with api.database.writing() as session:
+        session.get_one(Worker, "new").queues = "detect,ingest,report,solve"
+    assert workers()["status"] == "ok"
+    found = workers()["parts"]["workers"]
+    assert (found["answering"], found["warm"]) == (1, 1) and "new" not in str(found)
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_it_answers_in_time_and_keeps_to_itself_why_a_part_hangs_or_fails(
+    make_api, s3_server: S3Server, monkeypatch, caplog
+) -> None:
+    """Whatever hangs, also every thread that serves requests; and however often it is asked, it looks once."""
+    monkeypatch.setattr(health_parts, "PATIENCE_S", 0.5)
+    bucket = s3_server.make_bucket()
+    written: Counter[str] = Counter()
+    real = Store.put_bytes
+    monkeypatch.setattr(Store, "put_bytes", lambda *a: (written.update(["store"]), real(*a)))
+    api = make_api(**s3_server.settings(bucket), broker_url="redis://:hidden@127.0.0.1:1/0")
+    api.client.portal.call(lambda: setattr(current_default_thread_limiter(), "total_tokens", THREADS))
+    viewer = api.member(api.fleet(), "viewer")
+    ended, hanging = threading.Event(), threading.Semaphore(0)
+
+    def hang() -> Any:
+        hanging.release()
+        ended.wait(30)
+        return Database.reading(api.database)
+
+    monkeypatch.setattr(api.database, "reading", hang)
+    s3_server.pause()
+    requests = [threading.Thread(target=viewer.get, args=("/fleets",)) for _ in range(THREADS + 1)]
+    try:
+        for request in requests:
+            request.start()
+        for _ in range(THREADS):
+            assert hanging.acquire(timeout=10)
+        began = time.monotonic()
+        answers = [api.client.get("/readyz") for _ in range(20)]
+        assert api.client.get("/healthz").status_code == 200
+        assert time.monotonic() - began < 1.5
+    finally:
+        s3_server.resume()
+        ended.set()
+        for request in requests:
+            request.join()
+    assert {answer.status_code for answer in answers} == {503} and written == {"store": 1}
+    parts: dict[str, Any] = answers[-1].json()["parts"]
+    for name in ("store", "database", "sweep"):
+        assert parts[name] == {"ok": False, "detail": "no answer within 0.5 s"}
+    for word in ("Error", "127.0.0.1", "refused", "hidden"):
+        assert word not in answers[-1].text
+    assert caplog.text.count("readiness: broker: ConnectionError") == 1

@@ -1,0 +1,313 @@
+"""Recordings: lists, edits, frames as byte ranges, and deletion with all that came from them."""
+
+from datetime import timedelta
+from uuid import UUID
+
+import pytest
+from sqlalchemy import delete, func, select, update
+from sqlalchemy.exc import OperationalError
+
+from service.db.clock import utc_now
+from service.db.ids import new_id
+from service.db.models import (
+    Apex,
+    Base,
+    Blob,
+    Calibration,
+    CalibrationRun,
+    CameraFrame,
+    CorrespondenceSet,
+    Detection,
+    Job,
+    Mark,
+    Publication,
+    Recording,
+    Result,
+    Sensor,
+    Slot,
+    Vertex,
+)
+from service.http.problems import Problem
+from service.jobs.queue import enqueue
+from service.recordings import retention
+from service.recordings.actions import delete_recording
+from service.recordings.retention import delete_overdue
+from tests.service.detections.seeding import seed_recording, seed_rig
+from tests.support.people import Api
+from tests.support.uploads import new_recording, upload
+
+KEPT = {
+    "alembic_version",
+    "fleet",
+    "vehicle",
+    "rig",
+    "rig_camera",
+    "person",
+    "membership",
+    "api_token",
+    "job",
+    "job_event",
+    "blob",
+}
+
+
+@pytest.fixture
+def engineer(api: Api):
+    return api.member(api.fleet(), "engineer")
+
+
+@pytest.fixture
+def recording(engineer):
+    return new_recording(engineer, engineer.get("/me").json()["fleets"][0]["id"])
+
+
+def add_camera(api: Api, recording: dict, images: list[bytes]) -> Sensor:
+    """What ingestion leaves of a camera."""
+    key = f"recordings/{recording['id']}/{new_id().hex}"
+    api.app.state.store.put_bytes(key, b"head" + b"".join(images))
+    stamps = [index * 66_000_000 for index in range(len(images))]
+    with api.database.writing() as session:
+        session.add(Blob(key=key, state="stored"))
+        session.flush()
+        sensor = Sensor(id=new_id(), recording_id=UUID(recording["id"]), kind="camera")
+        sensor.name, sensor.topic, sensor.frame_id, sensor.blob_key = "front", "/image", "front_optical", key
+        sensor.count, sensor.first_ns, sensor.last_ns, sensor.facts = len(images), stamps[0], stamps[-1], {}
+        session.add(sensor)
+        session.flush()
+        offset = 4
+        for index, image in enumerate(images):
+            frame = CameraFrame(sensor_id=sensor.id, index=index, stamp_ns=stamps[index], offset=offset)
+            frame.length, frame.media_type, frame.width, frame.height = len(image), "image/jpeg", 1280, 720
+            session.add(frame)
+            offset += len(image)
+        session.execute(update(Recording).values(state="ready"))
+    return sensor
+
+
+def test_frames_are_byte_ranges_and_cached_for_ever(api: Api, engineer, recording) -> None:
+    images = [f"image {index}".encode() * 50 for index in range(12)]
+    add_camera(api, recording, images)
+    path = f"/recordings/{recording['id']}/cameras/front/frames"
+    page = engineer.get(path, params={"limit": 5}).json()
+    assert [one["index"] for one in page["items"]] == [0, 1, 2, 3, 4] and page["next"] == "4"
+    assert page["items"][1] == {
+        "index": 1,
+        "stamp_ns": 66_000_000,
+        "media_type": "image/jpeg",
+        "width": 1280,
+        "height": 720,
+    }
+    assert len(engineer.get(path, params={"limit": 5000}).json()["items"]) == 12
+    for index in (0, 7, 11):
+        answer = engineer.get(f"{path}/{index}")
+        assert answer.content == images[index] and answer.headers["content-type"] == "image/jpeg"
+    assert "immutable" in answer.headers["cache-control"] and "private" in answer.headers["cache-control"]
+    same = engineer.get(f"{path}/11", headers={"If-None-Match": answer.headers["etag"]})
+    assert (same.status_code, same.content) == (304, b"")
+    assert engineer.get(f"{path}/0").headers["etag"] != answer.headers["etag"]
+    assert engineer.get(f"{path}/12").json()["code"] == "no_such_frame"
+    strange = engineer.get(f"/recordings/{recording['id']}/cameras/rear/frames").json()
+    assert strange["code"] == "no_such_camera" and "front" in strange["hint"]
+
+
+def test_lists_are_filtered_and_newest_first(api: Api, engineer, recording) -> None:
+    fleet = recording["fleet_id"]
+    second = new_recording(engineer, fleet, "later")
+    upload(engineer, second["id"], [b"x"])
+    listed = engineer.get("/recordings", params={"fleet_id": fleet}).json()["items"]
+    assert [one["id"] for one in listed] == [second["id"], recording["id"]]
+    assert listed[0]["job"]["kind"] == "ingest" and listed[1]["job"] is None
+    by_state = engineer.get("/recordings", params={"state": "queued"}).json()["items"]
+    assert [one["id"] for one in by_state] == [second["id"]]
+    by_vehicle = engineer.get("/recordings", params={"vehicle_id": recording["vehicle_id"]}).json()["items"]
+    assert [one["id"] for one in by_vehicle] == [recording["id"]]
+    assert engineer.get("/recordings", params={"state": "odd"}).status_code == 422
+    jobs = engineer.get("/jobs", params={"fleet_id": fleet, "state": "queued"}).json()["items"]
+    assert [one["id"] for one in jobs] == [listed[0]["job"]["id"]]
+    assert engineer.get(f"/jobs/{jobs[0]['id']}").json() == jobs[0]
+
+
+def test_a_recording_is_edited_on_its_version(engineer, recording) -> None:
+    path = f"/recordings/{recording['id']}"
+    tag = engineer.get(path).headers["etag"]
+    edited = engineer.patch(path, {"marks_per_vertex": 3}, headers={"If-Match": tag})
+    assert edited.status_code == 200 and edited.json()["marks_per_vertex"] == 3 and edited.json()["name"] == "drive"
+    assert engineer.patch(path, {"name": "n"}, headers={"If-Match": tag}).status_code == 412
+    assert engineer.patch(path, {"marks_per_vertex": 0}, headers={"If-Match": tag}).status_code == 422
+    # A job's progress changes without the version: a read is never answered 304.
+    assert engineer.get(path, headers={"If-None-Match": edited.headers["etag"]}).status_code == 200
+
+
+def test_what_is_known_of_a_file_is_corrected_until_it_is_read(api: Api, engineer, recording) -> None:
+    path = f"/recordings/{recording['id']}"
+    known = {"topics": {"cameras": {"front": "/camera/image"}}, "lidar_model": "vlp16", "rings": 16}
+
+    def edit(reading):
+        tag = engineer.get(path).headers["etag"]
+        return engineer.patch(path, {"reading": reading}, headers={"If-Match": tag})
+
+    assert edit(known).json()["reading"] == known
+    assert edit({"rate_hz": 10.0}).json()["reading"] == {"rate_hz": 10.0}
+    unknown = edit({"topics": {"cameras": {"rear": "/x"}}})
+    assert (unknown.status_code, unknown.json()["code"], unknown.json()["cameras"]) == (
+        422,
+        "unknown_camera",
+        ["front"],
+    )
+    for wrong in ({"lidar_model": "vlp17"}, {"rings": 1}, {"topics": {"lidar": ""}}, {"topic": {}}):
+        assert edit(wrong).json()["code"] == "invalid_request"
+    with api.database.writing() as session:
+        session.execute(update(Recording).values(state="ready"))
+    late = edit(known)
+    assert (late.status_code, late.json()["code"]) == (409, "reading_in_use")
+    assert engineer.get(path).json()["reading"] == {"rate_hz": 10.0}
+
+
+def test_a_running_job_says_how_long_it_still_takes(api: Api, engineer, recording) -> None:
+    job = upload(engineer, recording["id"], [b"x"]).json()["job"]
+    assert job["seconds_left"] is None
+
+    def left(**columns):
+        with api.database.writing() as session:
+            session.execute(update(Job).values(state="running", **columns))
+        return engineer.get(f"/recordings/{recording['id']}").json()["job"]["seconds_left"]
+
+    begun = utc_now() - timedelta(seconds=30)
+    assert left(started_at=begun, progress={"fraction": 0.25, "message": "m"}) == pytest.approx(90, abs=6)
+    assert left(started_at=begun, progress={"fraction": 0.25, "message": "m", "seconds_left": 200.4}) == 200
+    assert left(started_at=begun, progress={"fraction": 0.001, "message": "m"}) is None
+    assert left(started_at=utc_now(), progress={"fraction": 0.5, "message": "m"}) is None
+    assert left(started_at=begun, progress=None) is None
+
+
+def test_the_original_waits_for_the_upload(engineer, recording) -> None:
+    answer = engineer.get(f"/recordings/{recording['id']}/original")
+    assert (answer.status_code, answer.json()["code"]) == (409, "upload_open")
+
+
+def test_a_failed_recording_is_ingested_again(api: Api, engineer, recording) -> None:
+    first = upload(engineer, recording["id"], [b"x"]).json()["job"]
+    with api.database.writing() as session:
+        session.execute(update(Recording).values(state="failed", problem={"code": "bag_truncated", "detail": "d"}))
+        session.execute(update(Job).values(state="failed"))
+    shown = engineer.get(f"/recordings/{recording['id']}").json()
+    assert shown["problem"]["code"] == "bag_truncated"
+    again = engineer.post(f"/recordings/{recording['id']}/retry")
+    assert again.status_code == 202, again.text
+    assert again.json()["job"]["id"] != first["id"]
+    assert (again.json()["recording"]["state"], again.json()["recording"]["problem"]) == ("queued", None)
+
+
+def calibrated(api: Api, engineer, recording: dict) -> Result:
+    """A detection, a mark and a calibration that came from a recording, with their jobs waiting."""
+    upload(engineer, recording["id"], [b"one", b"two"])
+    sensor = add_camera(api, recording, [b"image"])
+    with api.database.writing() as session:
+        row = session.get_one(Recording, sensor.recording_id)
+        owned = {"fleet_id": row.fleet_id, "recording_id": row.id}
+        detection = Detection(id=new_id(), **owned, region={}, detector="strict", options={}, pairing={})
+        detection.content_hash = "0"
+        apex = Apex(id=new_id(), recording_id=row.id, sweep_index=0, x=1, y=0, z=0)
+        session.add_all([detection, apex])
+        session.flush()
+        vertex = Vertex(id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0)
+        vertex.x, vertex.y, vertex.z, vertex.ring, vertex.points = 1, 0, 0, 3, 1
+        mark = Mark(recording_id=row.id, person_id=engineer.person_id, sensor_id=sensor.id, frame_index=0, u=1, v=2)
+        pairs = CorrespondenceSet(id=new_id(), **owned, vehicle_id=row.vehicle_id, rig_id=row.rig_id, camera="front")
+        pairs.detection_id, pairs.source, pairs.content_hash = detection.id, "annotations", "0"
+        pairs.count, pairs.pairs = 0, {}
+        calibration = Calibration(id=new_id(), fleet_id=row.fleet_id, vehicle_id=row.vehicle_id, rig_id=row.rig_id)
+        calibration.request, calibration.content_hash = {}, "0"
+        calibration.remaining, calibration.publish = 1, "none"
+        session.add_all([vertex, mark, pairs, calibration])
+        session.flush()
+        run = CalibrationRun(id=new_id(), fleet_id=row.fleet_id, calibration_id=calibration.id, set_id=pairs.id)
+        run.camera, run.model, run.fold, run.farm, run.slots, run.bundle = "front", "pinhole", -1, "runs", 1, 1
+        run.problem = {}
+        session.add(run)
+        session.flush()
+        result = Result(id=new_id(), fleet_id=row.fleet_id, calibration_id=calibration.id, run_id=run.id)
+        result.camera, result.model, result.fold, result.document = "front", "pinhole", -1, {}
+        slot = Slot(run_id=run.id, iteration=0, slot=0, loss=1, parameters=[], evaluations=1, seconds=1, worker="w")
+        session.add_all([result, slot])
+        enqueue(session, kind="detect", fleet_id=row.fleet_id, subject_id=detection.id)
+        enqueue(session, kind="solve", fleet_id=row.fleet_id, subject_id=run.id)
+    return result
+
+
+def rows(api: Api) -> dict[str, int]:
+    with api.database.reading() as session:
+        tables = Base.metadata.tables.items()
+        counts = {name: session.scalar(select(func.count()).select_from(table)) for name, table in tables}
+    return {name: number for name, number in counts.items() if number}
+
+
+def test_deleting_takes_all_that_came_from_it(api: Api, engineer, recording) -> None:
+    other = new_recording(engineer, recording["fleet_id"], "other")
+    upload(engineer, other["id"], [b"kept"])
+    before = rows(api)
+    calibrated(api, engineer, recording)
+    assert engineer.delete(f"/recordings/{recording['id']}").status_code == 204
+    after = rows(api)
+    assert after.pop("recording") == 1 and before.pop("recording") == 2
+    assert {name: after[name] for name in after if name not in ("job", "job_event", "blob")} == {
+        name: before[name] for name in before if name not in ("job", "blob")
+    }
+    with api.database.reading() as session:
+        states = dict(session.execute(select(Blob.state, func.count()).group_by(Blob.state)).all())
+        jobs = dict(session.execute(select(Job.state, func.count()).group_by(Job.state)).all())
+    assert states == {"condemned": 3, "stored": 1} and jobs == {"cancelled": 3, "queued": 1}
+    assert engineer.get(f"/recordings/{recording['id']}").status_code == 404
+    assert engineer.delete(f"/recordings/{recording['id']}").status_code == 404
+
+
+def test_a_calibration_in_use_is_not_lost_by_accident(api: Api, engineer, recording) -> None:
+    result = calibrated(api, engineer, recording)
+    with api.database.writing() as session:
+        publication = Publication(fleet_id=result.fleet_id, camera="front", result_id=result.id)
+        publication.vehicle_id = session.get_one(Calibration, result.calibration_id).vehicle_id
+        session.add(publication)
+    before = rows(api)
+    refused = engineer.delete(f"/recordings/{recording['id']}")
+    assert (refused.status_code, refused.json()["code"]) == (409, "calibration_in_use")
+    assert "front" in refused.json()["detail"] and rows(api) == before
+    assert engineer.get("/jobs", params={"state": "queued"}).json()["items"]
+    assert engineer.delete(f"/recordings/{recording['id']}", params={"with_published": True}).status_code == 204
+    assert "publication" not in rows(api) and set(rows(api)) <= KEPT
+
+
+def test_what_was_to_go_goes_by_itself(api: Api, engineer, recording) -> None:
+    result = calibrated(api, engineer, recording)
+    kept = new_recording(engineer, recording["fleet_id"], "kept", retain_days=1)
+    assert kept["retain_until"] > kept["created_at"]
+    assert delete_overdue(api.database) == 0
+    with api.database.writing() as session:
+        late = update(Recording).where(Recording.id == UUID(recording["id"]))
+        session.execute(late.values(retain_until=utc_now() - timedelta(seconds=1)))
+        publication = Publication(fleet_id=result.fleet_id, camera="front", result_id=result.id)
+        publication.vehicle_id = UUID(recording["vehicle_id"])
+        session.add(publication)
+    for _ in range(2):
+        assert delete_overdue(api.database) == 0
+    assert len(engineer.get(f"/recordings/{recording['id']}").json()["warnings"]) == 1
+    with api.database.writing() as session:
+        session.execute(delete(Publication))
+    assert delete_overdue(api.database) == 1
+    assert [one["id"] for one in engineer.get("/recordings").json()["items"]] == [kept["id"]]
+
+
+def test_what_stays_does_not_keep_the_rest(api: Api, monkeypatch) -> None:
+    rig = seed_rig(api.database, api.fleet())
+    ids = [seed_recording(api.database, rig, 1)[0] for _ in range(101)]
+    with api.database.writing() as session:
+        session.execute(update(Recording).values(retain_until=utc_now() - timedelta(seconds=1)))
+
+    def delete_only_the_last(session, recording_id, *, with_published):
+        if recording_id == ids[0]:
+            raise OperationalError("DELETE", {}, Exception("deadlock detected"))
+        if recording_id != ids[-1]:
+            raise Problem(409, "calibration_in_use", "It is in use.")
+        delete_recording(session, recording_id, with_published=with_published)
+
+    monkeypatch.setattr(retention, "delete_recording", delete_only_the_last)
+    assert delete_overdue(api.database) == 1
