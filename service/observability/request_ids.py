@@ -1,7 +1,7 @@
 """One id that follows a request: through the API, onto the rows of the jobs that it causes, into the workers' logs.
 
-``asgi_correlation_id`` takes the caller's ``X-Request-ID`` where that is harmless, else makes a fresh one. It is bound
-as a field of the log, so every line has it.
+``asgi_correlation_id`` takes the caller's ``X-Request-ID`` where that is harmless, else makes a fresh one. It is a
+field of the log, so every line has it.
 """
 
 from __future__ import annotations
