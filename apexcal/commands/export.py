@@ -9,11 +9,21 @@ from typing import Annotated
 import typer
 
 from apexcal.client import ApiError, Client
-from apexcal.commands.common import DataOption, TokenOption, UrlOption, check_target, console, usage, write_target
+from apexcal.commands.common import (
+    DataOption,
+    TokenOption,
+    UrlOption,
+    as_document,
+    check_target,
+    console,
+    usage,
+    write_target,
+)
 from apexcal.commands.connect import check_id, connected
 from apexcal.commands.publications import CameraOption, FleetOption, VehicleOption, find_vehicle_camera
+from apexcal.documents.fleets import VehicleOut
+from apexcal.documents.results import CurrentCalibration
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 
 def export(
@@ -39,7 +49,7 @@ def export(
             document = client.calibrations.result(check_id(result, "result"))
         else:
             document = _current(client, *find_vehicle_camera(client, fleet, vehicle, camera))
-    text = json.dumps(document, indent=2, ensure_ascii=False)
+    text = json.dumps(as_document(document), indent=2, ensure_ascii=False)
     if output is None:
         print(text)
         return
@@ -47,10 +57,10 @@ def export(
     console(errors=True).print(f"Wrote {output}.", soft_wrap=True)
 
 
-def _current(client: Client, vehicle: Document, camera: str) -> Document:
+def _current(client: Client, vehicle: VehicleOut, camera: str) -> CurrentCalibration:
     """The current calibration; where there is none, the refusal names the command that makes one."""
     try:
-        return client.calibrations.current(vehicle["id"], camera)
+        return client.calibrations.current(vehicle.id, camera)
     except ApiError as error:
         if error.code == "no_calibration_yet":
             error.hint = (

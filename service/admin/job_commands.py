@@ -9,10 +9,10 @@ from typing import Annotated, Any
 import typer
 from sqlalchemy import select
 
+from apexcal.documents.states import WorkState
 from service.admin.context import JsonOption, command, opened, spoken, table
 from service.admin.errors import AdminError
 from service.db.jobs import Job, JobEvent
-from service.db.states import WorkState
 from service.jobs.kinds import CannotRetryError
 from service.jobs.retry import retry
 from service.observability.logs import visible

@@ -12,13 +12,13 @@ from uuid import UUID
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.calibration_runs.model_choice import Candidate, Choice, choose
 from service.calibration_runs.objection_queries import objections, own_objections
 from service.calibration_runs.publication_actions import hold_publications, publish_by_itself
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.db.clock import now
-from service.db.states import WorkState
 
 FULL = -1
 

@@ -12,13 +12,13 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, bindparam, case, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import RequestState, VehicleState
 from service.broker.hints import hint
 from service.db.base import Json, written
 from service.db.calibrations import Calibration
 from service.db.clock import now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.session import Database
-from service.db.states import RequestState, VehicleState
 
 # What one sweep looks at.
 _BATCH = 200

@@ -8,6 +8,7 @@ from uuid import UUID
 from sqlalchemy import delete, exists, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.broker.hints import hint
 from service.calibration_runs.actions import end_calibration, end_run, start_runs
 from service.calibration_runs.conclusion import runs_of
@@ -16,7 +17,6 @@ from service.db.base import Json, written
 from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.db.fleet_requests import FleetRequestVehicle
 from service.db.jobs import Job
-from service.db.states import UNENDED, WorkState
 from service.jobs.kinds import CannotRetryError, Kind
 
 _CANCELLED_RUNS = select(CalibrationRun.id).where(

@@ -13,11 +13,11 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, exists, func, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.calibration_runs.publication_actions import current_id
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig
-from service.db.states import WorkState
 
 # Where held-out pairs lie so many times further off than the fitted ones, the fit says little about other places.
 # Twenty real pairs for sixteen parameters give 3.3, enough pairs 1.1.

@@ -8,13 +8,13 @@ from uuid import UUID
 from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.broker.hints import hint
 from service.db.base import Json
 from service.db.clock import now
 from service.db.detections import Detection, Vertex
 from service.db.jobs import Job
 from service.db.recordings import Sensor
-from service.db.states import UNENDED, WorkState
 from service.jobs.bundles import shards
 from service.jobs.kinds import CannotRetryError, Kind
 from service.jobs.queue import enqueue_all

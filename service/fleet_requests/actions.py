@@ -10,16 +10,17 @@ from uuid import UUID
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import stored
+from apexcal.documents.calibrations import CalibrationTemplate
+from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
+from apexcal.documents.states import RequestState, VehicleState
 from service.calibrations.actions import ask_to_end, create_all, waiting_runs
-from service.calibrations.schemas import CalibrationTemplate
 from service.calibrations.work_rules import check_fleet_total
 from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet
 from service.db.ids import new_id
-from service.db.states import RequestState, VehicleState
-from service.fleet_requests.plan import Planned, check_template, plan_vehicles
-from service.fleet_requests.schemas import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
+from service.fleet_requests.plan import VehiclePlan, check_template, plan_vehicles
 from service.fleet_requests.vehicle_queries import Chosen, choose
 from service.http.problems import Problem
 
@@ -70,7 +71,7 @@ def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunV
     for planned in plan_vehicles(session, wanted.calibration, chosen):
         total.add(planned)
         skipped += [
-            SkippedView(vehicle_id=one.vehicle.id, vehicle=one.vehicle.name, problem=one.problem)
+            SkippedView(vehicle_id=one.vehicle.id, vehicle=one.vehicle.name, problem=stored(one.problem))
             for one in planned
             if one.problem is not None
         ]
@@ -155,7 +156,7 @@ class _Total:
     slots: int = 0
     seconds: float = 0.0
 
-    def add(self, planned: Sequence[Planned]) -> None:
+    def add(self, planned: Sequence[VehiclePlan]) -> None:
         """Count some vehicles more. Raises :class:`Problem` 422 ``fleet_request_too_large``."""
         plans = [one.plan for one in planned if one.plan]
         fits = [fit for one in plans for fit in one.fits]
@@ -180,7 +181,7 @@ def _too_large(what: str, most: str) -> Problem:
 
 def _calibrate(
     session: Session,
-    planned: Sequence[Planned],
+    planned: Sequence[VehiclePlan],
     template: CalibrationTemplate,
     person_id: UUID,
     workers: int,
@@ -195,7 +196,7 @@ def _calibrate(
     return {calibration.vehicle_id: calibration.id for calibration in made}
 
 
-def _vehicle(row: FleetRequest, id: UUID, one: Planned, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
+def _vehicle(row: FleetRequest, id: UUID, one: VehiclePlan, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
     state, problem, finished_at = _first_state(one)
     return FleetRequestVehicle(
         id=id,
@@ -208,7 +209,7 @@ def _vehicle(row: FleetRequest, id: UUID, one: Planned, calibrations: dict[UUID,
     )
 
 
-def _first_state(one: Planned) -> tuple[str, dict[str, object] | None, datetime | None]:
+def _first_state(one: VehiclePlan) -> tuple[str, dict[str, object] | None, datetime | None]:
     return (
         (VehicleState.QUEUED, None, None) if one.plan is not None else (VehicleState.SKIPPED, one.problem, utc_now())
     )

@@ -16,12 +16,12 @@ from uuid import UUID
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.db.base import Json
 from service.db.clock import now, now_plus
 from service.db.jobs import Job
 from service.db.repeating import repeated
 from service.db.session import Database
-from service.db.states import WorkState
 from service.jobs.history import ATTEMPT, note
 from service.jobs.kinds import kind_of, kinds
 from service.jobs.losses import lose

@@ -12,10 +12,10 @@ from uuid import UUID
 from sqlalchemy import Select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
+from apexcal.documents.states import WorkState
 from service.db.base import Json
 from service.db.jobs import Job
 from service.db.session import Database
-from service.db.states import WorkState
 from service.jobs.queues import QUEUES
 
 

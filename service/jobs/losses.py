@@ -5,10 +5,10 @@ from __future__ import annotations
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.db.base import Json
 from service.db.clock import now
 from service.db.jobs import Job, JobEvent
-from service.db.states import WorkState
 from service.jobs.history import note
 from service.jobs.kinds import kind_of
 from service.settings import get_settings

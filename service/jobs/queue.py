@@ -20,12 +20,12 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.db.base import written
 from service.db.clock import now, now_plus
 from service.db.fleets import Fleet
 from service.db.jobs import Job
 from service.db.session import post
-from service.db.states import UNENDED, WorkState
 from service.jobs.history import ATTEMPT, note
 from service.jobs.kinds import kind_of
 from service.jobs.messages import COURIER, Message

@@ -7,10 +7,10 @@ from datetime import timedelta
 from sqlalchemy import delete, exists, func, or_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED
 from service.db.clock import now
 from service.db.jobs import Job, JobEvent, Worker
 from service.db.session import Database
-from service.db.states import UNENDED
 from service.jobs.kinds import kinds
 from service.settings import get_settings
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.db.jobs import Job
-from service.db.states import UNENDED, WorkState
 from service.jobs.history import note
 from service.jobs.kinds import CannotRetryError, kind_of
 

@@ -15,12 +15,12 @@ from sqlalchemy import ColumnElement, exists, select, update
 from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.db.base import Json, written
 from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.jobs import Heartbeat, Job
 from service.db.session import Database, post
-from service.db.states import WorkState
 from service.jobs.kinds import kinds
 from service.jobs.losses import end, lose
 from service.jobs.messages import COURIER, Message

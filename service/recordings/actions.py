@@ -8,13 +8,13 @@ from uuid import UUID
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import VehicleState
 from service.calibration_runs.fleet_request_actions import drop_calibrations
 from service.calibration_runs.publication_actions import current_ids, hold_publications
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.detections import Detection
 from service.db.fleet_requests import FleetRequestVehicle
 from service.db.recordings import Recording, Sensor, UploadPart
-from service.db.states import VehicleState
 from service.db.studies import Study
 from service.http.problems import Problem
 from service.jobs.queue import abandon

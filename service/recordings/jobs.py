@@ -8,11 +8,11 @@ from uuid import UUID
 from sqlalchemy import update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import RecordingState, WorkState
 from service.broker.hints import hint
 from service.db.base import Json
 from service.db.jobs import Job
 from service.db.recordings import Recording
-from service.db.states import RecordingState, WorkState
 from service.jobs.kinds import CannotRetryError, Kind
 from service.jobs.queue import enqueue
 

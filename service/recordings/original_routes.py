@@ -10,14 +10,14 @@ from uuid import UUID
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import StreamingResponse
 
+from apexcal.documents.recordings import Original, OriginalPart
+from apexcal.documents.states import RecordingState
 from service.auth.access import Access, CurrentIdentity
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
-from service.db.states import RecordingState
 from service.http.problems import Problem
 from service.recordings.presigner import Presigner
 from service.recordings.queries import parts_of
-from service.recordings.schemas import Original, OriginalPart
 from service.storage.store import Store
 
 router = APIRouter(tags=["recordings"])

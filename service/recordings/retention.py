@@ -8,11 +8,11 @@ from uuid import UUID
 from sqlalchemy import delete, select
 from sqlalchemy.exc import OperationalError
 
+from apexcal.documents.states import RecordingState
 from service.broker.hints import hint
 from service.db.clock import now
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
-from service.db.states import RecordingState
 from service.http.problems import Problem
 from service.recordings.actions import delete_recording
 from service.recordings.upload_actions import EXPIRED

@@ -10,26 +10,27 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
-from service.auth.access import ReadAccess, WriteAccess
-from service.broker.hints import hint
-from service.db.clock import now
-from service.db.fleets import Rig, Vehicle
-from service.db.ids import new_id
-from service.db.recordings import Recording
-from service.db.states import RecordingState
-from service.http.etags import Conditional, version_etag
-from service.http.pages import Page, Paging, fetch
-from service.http.problems import Problem, not_found
-from service.recordings.actions import delete_recording
-from service.recordings.queries import reading_document, summaries, view
-from service.recordings.schemas import (
+from apexcal.documents.recordings import (
     CreatedRecording,
     NewRecording,
     RecordingEdit,
     RecordingSummary,
     RecordingView,
 )
+from apexcal.documents.states import RecordingState
+from service.auth.access import ReadAccess, WriteAccess
+from service.broker.hints import hint
+from service.db.clock import now
+from service.db.fleets import Rig, Vehicle
+from service.db.ids import new_id
+from service.db.recordings import Recording
+from service.http.etags import Conditional, version_etag
+from service.http.pages import Page, Paging, fetch
+from service.http.problems import Problem, not_found
+from service.recordings.actions import delete_recording
+from service.recordings.queries import reading_document
 from service.recordings.upload_actions import how_to_upload
+from service.recordings.views import summaries, view
 from service.settings import Settings
 from service.storage.quota import take
 

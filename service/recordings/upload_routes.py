@@ -9,15 +9,15 @@ from fastapi import APIRouter, Path, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
+from apexcal.documents.recordings import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
+from apexcal.documents.states import RecordingState
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
-from service.db.states import RecordingState
 from service.http.problems import Problem
 from service.job_status.views import job_views
 from service.recordings.jobs import queue_ingestion
-from service.recordings.queries import parts_of, view
-from service.recordings.schemas import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
+from service.recordings.queries import parts_of
 from service.recordings.upload_actions import (
     Announced,
     Body,
@@ -30,6 +30,7 @@ from service.recordings.upload_actions import (
     refuse_expired,
 )
 from service.recordings.upload_rules import check_complete
+from service.recordings.views import view
 from service.settings import Settings
 from service.storage.errors import StoreFullError
 from service.storage.room import Room

@@ -12,11 +12,11 @@ from datetime import timedelta
 from sqlalchemy import and_, delete, exists, or_, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.db.clock import now
 from service.db.ids import new_id
 from service.db.jobs import Job
 from service.db.recordings import Blob, BlobHold
-from service.db.states import WorkState
 from service.storage.errors import ReservationEndedError
 
 # When an object that could not be removed is tried again: as after a store that was away for a moment, at last daily.

@@ -13,11 +13,11 @@ from uuid import UUID
 from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import RecordingState
 from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.recordings import Blob, Recording, Sensor, UploadPart
 from service.db.session import Database
-from service.db.states import RecordingState
 
 _BATCH = 500
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")

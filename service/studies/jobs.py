@@ -7,10 +7,10 @@ from uuid import UUID
 
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.broker.hints import hint
 from service.db.base import Json
 from service.db.jobs import Job
-from service.db.states import WorkState
 from service.db.studies import Study
 from service.jobs.kinds import CannotRetryError, Kind
 from service.jobs.queue import enqueue

@@ -9,13 +9,13 @@ from apexcal.documents.camera_models import parse_model
 from apexcal.documents.schedules import PRESETS
 from service.annotations.consensus import agree
 from service.annotations.progress_queries import opinions_of
-from service.calibrations.plan import describe_camera
+from service.calibrations.fit_documents import describe_camera
 from service.calibrations.work_rules import check_job, cost_of
-from service.correspondence_sets.queries import rig_camera
 from service.db.base import Json
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.fleets import Rig
 from service.db.recordings import CameraFrame, Recording, Sensor
+from service.fleets.queries import rig_camera
 from service.http.problems import Problem
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.

@@ -12,12 +12,12 @@ import numpy as np
 from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.db.base import Json
 from service.db.clock import now
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.ids import new_id
 from service.db.recordings import CameraFrame, Recording, Sensor
-from service.db.states import UNENDED, WorkState
 from service.jobs.claims import Claim, Lease
 from workers.tasks.context import Context
 from workers.tasks.loading import lidar_key, open_lidar

@@ -12,8 +12,8 @@ from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.errors import DocumentError
+from apexcal.documents.states import WorkState
 from service.db.base import Json
-from service.db.states import WorkState
 from service.job_kinds import KINDS
 from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finish, give_back, stumble
 from service.observability.logs import about

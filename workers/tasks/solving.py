@@ -14,10 +14,10 @@ from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.pairs import held_together
+from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, Result, Slot
-from service.db.states import UNENDED, WorkState
 from service.jobs.claims import CancelledError, Claim, Lease
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
