@@ -85,7 +85,8 @@ def check_texts(given: Any) -> None:
 class Received(BaseModel):
     """A request's body: unknown fields are refused, so that a misspelt one is not silently ignored."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
+    # Not deferred: FastAPI keeps a warning of pydantic quiet while it builds what it reads bodies with, not later.
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
