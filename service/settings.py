@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -12,10 +13,9 @@ from urllib.parse import urlsplit
 
 from pydantic import AliasChoices, Field, SecretStr, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
-from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError
 
 MIB = 1024 * 1024
+_DATABASE = re.compile(r"(postgresql|sqlite)(\+\w+)?://")
 
 
 @dataclass(frozen=True)
@@ -150,11 +150,7 @@ class Settings(BaseSettings):
     @field_validator("database_url")
     @classmethod
     def _is_database(cls, url: str) -> str:
-        try:
-            known = not url or make_url(url).get_backend_name() in ("postgresql", "sqlite")
-        except ArgumentError:
-            known = False
-        if not known:  # in words without the URL, which may hold a password
+        if url and not _DATABASE.match(url):  # in words without the URL, which may hold a password
             raise ValueError("it looks like postgresql+psycopg://user:password@host/name or sqlite:///file")
         return url
 

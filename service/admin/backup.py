@@ -32,9 +32,9 @@ from service.admin.retries import retried
 from service.admin.rows import TableFile, digest, write_table
 from service.db.clock import now, utc_now
 from service.db.jobs import Heartbeat
-from service.db.migrate import newest
 from service.db.models import Base
 from service.db.recordings import Blob
+from service.db.revisions import newest
 from service.db.session import Database
 from service.storage.errors import MissingBlobError, StoreUnavailableError
 from service.storage.store import Store

@@ -11,7 +11,6 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import OverrideView, PublicationView
 from service.calibration_runs.publication_actions import current_id
-from service.calibrations.transforms import T_vehicle_camera
 from service.db.base import Json
 from service.db.calibrations import NEWNESS, Calibration, Publication, Result
 from service.db.clock import Instant
@@ -67,6 +66,9 @@ def current_document(session: Session, vehicle_id: UUID, camera: str) -> Json | 
         "quality": _quality(result, calibration),
     }
     if rig.T_vehicle_lidar:
+        # Here, for it alone needs NumPy, which takes a twentieth of the start.
+        from service.calibrations.transforms import T_vehicle_camera
+
         document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])
     return document
 

@@ -7,9 +7,11 @@ worker that vanished would hold up everybody else.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sqlalchemy.engine import URL
+if TYPE_CHECKING:
+    # The broker's clients read the constants here, and need no SQLAlchemy.
+    from sqlalchemy.engine import URL
 
 # Seconds without a sign of life of the other host. Half a lease: a worker reconnects while it still holds its job.
 SILENCE_S = 5

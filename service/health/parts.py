@@ -16,6 +16,8 @@ from typing import Any
 # Nobody waits longer for a part that hangs.
 PATIENCE_S = 2.0
 FRESH_S = 1.0
+# Who starts a service asks until all parts work.
+AGAIN_S = 0.25
 
 Answer = dict[str, Any]
 
@@ -25,7 +27,7 @@ log = logging.getLogger(__name__)
 class Part:
     """A part and what was last seen of it. ``look`` says ``ok`` and, in words for anybody, why not.
 
-    What works is looked at again after ``fresh_s`` seconds, what does not after :data:`FRESH_S`.
+    What works is looked at again after ``fresh_s`` seconds, what does not after :data:`AGAIN_S`.
     """
 
     def __init__(self, name: str, look: Callable[[], Answer], fresh_s: float = FRESH_S) -> None:
@@ -62,7 +64,7 @@ class Part:
         return future.result()
 
     def _is_stale(self, found: Answer) -> bool:
-        return time.monotonic() - self._ended >= (self._fresh_s if found["ok"] else FRESH_S)
+        return time.monotonic() - self._ended >= (self._fresh_s if found["ok"] else AGAIN_S)
 
     def _run(self, future: Future[Answer]) -> None:
         began = time.perf_counter()

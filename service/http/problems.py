@@ -186,10 +186,9 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def on_bug(request: Request, error: Exception) -> JSONResponse:
-        # Unexpected errors arrive here last, after the request's id was taken off.
-        request_id = request.scope.get(request_ids.SCOPE)
-        with request_ids.working_for(request_id):
-            log.error("%s %s failed", request.method, request.scope["path"], exc_info=error)
+        # Unexpected errors arrive here last, after what puts the id on answers.
+        request_id = request_ids.current()
+        log.error("%s %s failed", request.method, request.scope["path"], exc_info=error)
         return Problem(
             500,
             "internal_error",

@@ -27,8 +27,9 @@ from service.db.fleets import Fleet
 from service.db.jobs import Job
 from service.db.session import post
 from service.jobs.history import ATTEMPT, note
-from service.jobs.kinds import FLEET_CAPS, kind_of
+from service.jobs.kinds import kind_of
 from service.jobs.messages import COURIER, Message
+from service.jobs.queues import FLEET_CAPS
 from service.settings import get_settings
 
 # Nobody else releases jobs of a capped queue meanwhile. This row is locked last, so that there is no deadlock.
