@@ -26,6 +26,7 @@ from service.db.session import Database
 from service.detections import routes as detections
 from service.events import routes as events
 from service.events.fanout import Fanout
+from service.exports import routes as exports
 from service.fleet_requests import routes as fleet_requests
 from service.fleets import routes as fleets
 from service.health import metrics_routes
@@ -76,6 +77,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     mark_routes.router,
     correspondence_sets.router,
     publication_routes.router,
+    exports.router,
     calibrations.router,
     fleet_requests.router,
 )
