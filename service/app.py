@@ -11,6 +11,7 @@ from importlib.metadata import version
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
 
+import service.job_kinds  # noqa: F401  # known before the first request
 from service.annotations import mark_routes
 from service.annotations import routes as annotations
 from service.auth import member_routes, token_routes

@@ -4,18 +4,34 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
+from urllib.parse import urlsplit
 
 from pydantic import AliasChoices, Field, SecretStr, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError
 
-from service.storage.urls import S3Options, check_url
-
 MIB = 1024 * 1024
+
+
+@dataclass(frozen=True)
+class S3Options:
+    """Where the bucket is and how long to wait for it.
+
+    ``public_endpoint`` is the address at which clients reach what ``endpoint`` reaches from here; presigned addresses
+    carry it. Without keys, obstore looks for credentials itself: AWS_* variables, web identities, an instance's role.
+    """
+
+    endpoint: str = ""
+    public_endpoint: str = ""
+    region: str = "us-east-1"
+    access_key_id: str = ""
+    secret_access_key: str = field(default="", repr=False)
+    timeout_s: float = 20.0
 
 
 class Settings(BaseSettings):
@@ -138,7 +154,7 @@ class Settings(BaseSettings):
     @classmethod
     def _is_store(cls, url: str) -> str:
         if url:
-            check_url(url)
+            check_store_url(url)
         return url
 
     @property
@@ -182,6 +198,13 @@ class Settings(BaseSettings):
     def scratch(self) -> Path:
         """Folder for files that live as long as one task."""
         return self.data_dir.resolve() / "scratch"
+
+
+def check_store_url(url: str) -> None:
+    """Raises ValueError for a URL that names no store."""
+    parts = urlsplit(url)
+    if not ((parts.scheme == "file" and parts.path) or (parts.scheme == "s3" and parts.netloc)):
+        raise ValueError(f"{url!r} names no store; one looks like file:///folder or s3://bucket/prefix")
 
 
 class SettingsError(Exception):

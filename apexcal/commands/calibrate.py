@@ -15,20 +15,13 @@ from apexcal.commands.camera_files import (
     pairs_of_marks,
     saying_what_stays,
 )
-from apexcal.commands.choices import (
-    Bounds,
-    Farm,
-    FoldsOption,
-    LensUse,
-    Loss,
-    ModelsOption,
-    Outliers,
-    Preset,
-    Search,
-    Weights,
-)
+from apexcal.commands.choices import FoldsOption, ModelsOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import connected
+from apexcal.documents.bounds import BoundsPreset
+from apexcal.documents.camera_models import SearchForm
+from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
+from apexcal.documents.schedules import PresetName
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 
@@ -56,11 +49,13 @@ def calibrate(
         ),
     ] = None,
     model: ModelsOption = None,
-    preset: Annotated[Preset | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
+    preset: Annotated[PresetName | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
     search: Annotated[
-        Search | None, typer.Option(help="Form of the rotation. Otherwise as the preset has it.")
+        SearchForm | None, typer.Option(help="Form of the rotation. Otherwise as the preset has it.")
     ] = None,
-    bounds: Annotated[Bounds | None, typer.Option(help="Where is searched. Otherwise as the preset has it.")] = None,
+    bounds: Annotated[
+        BoundsPreset | None, typer.Option(help="Where is searched. Otherwise as the preset has it.")
+    ] = None,
     rotation_range_deg: Annotated[
         float | None,
         typer.Option(
@@ -86,11 +81,11 @@ def calibrate(
         Loss | None, typer.Option(help="saturating: a gross error counts only so far. Otherwise mean.")
     ] = None,
     weights: Annotated[
-        Weights | None,
+        WeightRule | None,
         typer.Option(help="Whether pairs weigh by the errors that they state. Otherwise auto: where all do."),
     ] = None,
     outliers: Annotated[
-        Outliers | None, typer.Option(help="What becomes of pairs that are judged not to belong. Otherwise keep.")
+        OutlierRule | None, typer.Option(help="What becomes of pairs that are judged not to belong. Otherwise keep.")
     ] = None,
     folds: FoldsOption = None,
     seed: Annotated[int | None, typer.Option(help="Seed. Otherwise from the request's content.", min=0)] = None,

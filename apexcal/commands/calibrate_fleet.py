@@ -11,9 +11,10 @@ import typer
 
 from apexcal.cli import FAILED
 from apexcal.client import Client
-from apexcal.commands.choices import FoldsOption, ModelsOption, Preset
+from apexcal.commands.choices import FoldsOption, ModelsOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import check_id, connected, find_fleet
+from apexcal.documents.schedules import PresetName
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 
@@ -31,7 +32,7 @@ def calibrate_fleet(
         bool, typer.Option("--new-pairs", help="Only who has newer pairs than the published calibration is from.")
     ] = False,
     model: ModelsOption = None,
-    preset: Annotated[Preset | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
+    preset: Annotated[PresetName | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
     folds: FoldsOption = None,
     publish: Annotated[bool, typer.Option(help="Make recommended results current, where they may be.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would come to.")] = False,

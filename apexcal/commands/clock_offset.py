@@ -6,9 +6,10 @@ from typing import Annotated
 
 import typer
 
-from apexcal.commands.choices import MODELS, known_model
+from apexcal.commands.choices import known_model
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say
 from apexcal.commands.connect import check_id, connected, find_camera
+from apexcal.documents.camera_models import MODELS
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 

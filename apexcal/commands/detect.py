@@ -10,11 +10,11 @@ from typing import Annotated, Any
 import typer
 
 from apexcal.client import FailedError
-from apexcal.commands.choices import Detector
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, understood, usage
 from apexcal.commands.connect import connected, find_recording
-from apexcal.documents import parse_document
+from apexcal.documents.detectors import DetectorName
 from apexcal.embedded.folder import DEFAULT
+from apexcal.json_files import parse_document
 from apexcal.regions import parse_region, read_region
 from apexcal.transport import Document
 
@@ -23,7 +23,7 @@ _KEEP = "Inequality that a point must meet, for example 'range < 9' or 'z / x > 
 _FEW = 0.05
 # Edges of a board that a person carries, metres. The detector takes 0 for "not known"; leaving --board out says that.
 _EDGES_M = (0.1, 3.0)
-_EXAMPLES: dict[Detector, str] = {
+_EXAMPLES: dict[DetectorName, str] = {
     "refined": "max_sigma_deg=0.1",
     "tolerant": "min_points=10",
     "strict": "min_ring_span=3",
@@ -34,7 +34,7 @@ def detect(
     recording: Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")],
     keep: Annotated[list[str] | None, typer.Option(help=_KEEP, metavar="INEQUALITY")] = None,
     region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
-    detector: Annotated[Detector, typer.Option(help="docs/engineers.md tells them apart.")] = "refined",
+    detector: Annotated[DetectorName, typer.Option(help="docs/engineers.md tells them apart.")] = "refined",
     board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91 (refined).")] = "",
     option: Annotated[
         list[str] | None, typer.Option(help="An option of the detector; several times.", metavar="NAME=VALUE")
@@ -86,7 +86,7 @@ def detect(
     say(shown, as_json, _preview(shown["result"]) if preview else _outcome(shown))
 
 
-def _board(text: str, detector: Detector) -> dict[str, Any]:
+def _board(text: str, detector: DetectorName) -> dict[str, Any]:
     """The board's edges from ``WIDTHxHEIGHT``, metres."""
     if not text:
         return {}
@@ -105,7 +105,7 @@ def _board(text: str, detector: Detector) -> dict[str, Any]:
     return {"board_width_m": width, "board_height_m": height}
 
 
-def _options(texts: list[str], detector: Detector) -> dict[str, Any]:
+def _options(texts: list[str], detector: DetectorName) -> dict[str, Any]:
     """``name=value`` pairs, the values as JSON."""
     options: dict[str, Any] = {}
     for text in texts:

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from apexcal.commands.choices import LidarModel
 from apexcal.commands.common import usage
+from apexcal.documents.readings import LidarModel
 from apexcal.transport import Document
 
 TopicOption = Annotated[

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from apexcal.commands.choices import Model
 from apexcal.commands.common import FAILED, JsonOption, bar, complain, say
 from apexcal.commands.grouped import grouped, option
+from apexcal.documents.camera_models import ModelName
 
 Progress = Callable[[float, str], None]
 
@@ -80,7 +80,7 @@ def simulate(
             "NAME:DEGREES:MODEL for a lens of its own; or how many, up to 11.",
         ),
     ] = "front",
-    camera_model: Annotated[Model, option("--camera-model", _CAMERAS, None, "Their lens.")] = "brown_conrady",
+    camera_model: Annotated[ModelName, option("--camera-model", _CAMERAS, None, "Their lens.")] = "brown_conrady",
     camera_hz: Annotated[float, option("--camera-hz", _CAMERAS, "HZ", "Frames per second of each.")] = 15.0,
     pitch_down_deg: Annotated[float, option("--pitch-down-deg", _CAMERAS, "DEG", "Of their mounts.")] = 15.0,
     clock_offset_ms: Annotated[

@@ -8,9 +8,8 @@ from typing import Any
 
 from apexcal.client import Client
 from apexcal.demo.steps import Steps
+from apexcal.documents.camera_models import MODELS
 from apexcal.transport import Document
-
-MODELS = ("pinhole", "brown_conrady", "kannala_brandt")
 
 
 def upload(

@@ -9,7 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from apexcal.demo.job import MODELS
+from apexcal.documents.camera_models import MODELS
 from apexcal.transport import Document
 
 # Goals of the demo: see the issue that asked for it, and docs/demo.md.

@@ -16,6 +16,7 @@ import typer
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
+import service.job_kinds  # noqa: F401  # for what commands do to jobs
 from service.admin.errors import AdminError, WrongUsageError
 from service.db.migrate import is_older, newest
 from service.db.session import Database

@@ -8,6 +8,7 @@ from uuid import UUID
 from fastapi import APIRouter, Path, Request
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
 from service.annotations.answer_actions import MOST_ANSWERS
 from service.annotations.disclosure_actions import was_told_of_frame
 from service.annotations.mark_actions import find_mark, write_mark
@@ -19,7 +20,6 @@ from service.db.recordings import CameraFrame, Recording, Sensor
 from service.detections.queries import find_camera
 from service.http.etags import Conditional, Conditions, version_etag
 from service.http.problems import Problem
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["annotations"])
 

@@ -7,6 +7,7 @@ from uuid import UUID
 
 from fastapi import APIRouter, Query, Request, Response
 
+from apexcal.documents.base import Sought
 from service.annotations.answer_actions import answer_view, give, undo
 from service.annotations.disclosure_actions import answered_by_others, tell
 from service.annotations.progress_queries import progress, tally, visible_answers
@@ -21,7 +22,6 @@ from service.db.detections import Detection
 from service.db.recordings import Recording
 from service.detections.queries import done_detection, find_camera
 from service.http.pages import LongPaging, Page, fetch
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["annotations"])
 

@@ -8,8 +8,8 @@ from uuid import UUID
 
 from pydantic import Field, FiniteFloat
 
+from apexcal.documents.base import Received, Sent
 from service.detections.schemas import Flag, Quality
-from service.http.schemas import Received, Sent
 
 VerdictName = Literal["confirmed", "rejected", "unsure"]
 Version = Annotated[int, Field(ge=0, le=2**31 - 1)]

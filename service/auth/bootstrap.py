@@ -13,6 +13,7 @@ from sqlalchemy import select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import Name
 from service.auth.credential_actions import hand_over, hold
 from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
 from service.auth.session_actions import make_link
@@ -20,7 +21,6 @@ from service.db.clock import utc_now
 from service.db.ids import new_id
 from service.db.people import ApiToken, Person
 from service.db.session import Database
-from service.http.schemas import Name
 from service.settings import settings_or_exit
 
 _LOCAL_TOKEN = "this machine"

@@ -8,8 +8,8 @@ from uuid import UUID
 
 from pydantic import Field
 
+from apexcal.documents.base import Name, Received, Sent
 from service.auth.roles import Role
-from service.http.schemas import Name, Received, Sent
 
 
 class SignIn(Received):

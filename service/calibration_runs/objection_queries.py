@@ -13,6 +13,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, exists, func, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.calibration_runs.publication_actions import current_id
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
@@ -41,7 +42,7 @@ def objections(session: Session, result: Result) -> list[str]:
         return [_NOT_ENDED]
     own: list[str] | None = model.get("objections")
     if own is None:
-        ended_well = calibration.state == "done" and _all_done(session, calibration.id)
+        ended_well = calibration.state == WorkState.DONE and _all_done(session, calibration.id)
         own = own_objections(result.camera, found, result.model, summary.get("rig"), ended_well=ended_well)
     return own + _beside_current(session, result, calibration.vehicle_id)
 
@@ -89,7 +90,7 @@ def _held_out(model: Json) -> list[str]:
 
 
 def _all_done(session: Session, calibration_id: UUID) -> bool:
-    other = exists().where(CalibrationRun.calibration_id == calibration_id, CalibrationRun.state != "done")
+    other = exists().where(CalibrationRun.calibration_id == calibration_id, CalibrationRun.state != WorkState.DONE)
     return not session.scalar(select(other))
 
 

@@ -10,10 +10,12 @@ from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.auth.roles import rank
 from service.broker.hints import hint
+from service.calibration_runs.conclusion import FULL
 from service.calibration_runs.objection_queries import objections
 from service.calibration_runs.publication_actions import (
     Words,
@@ -22,7 +24,6 @@ from service.calibration_runs.publication_actions import (
     publish,
     was_given,
 )
-from service.calibrations.actions import FULL
 from service.calibrations.publication_views import current_document, publication_page, publication_view
 from service.calibrations.schemas import PublicationRequest, PublicationView
 from service.calibrations.views import result_document
@@ -34,7 +35,6 @@ from service.exports.queries import of_publication, of_result
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging
 from service.http.problems import Problem, not_found
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["calibrations"])
 

@@ -1,4 +1,4 @@
-"""What requests and answers about correspondence sets, calibrations and results look like."""
+"""What requests and answers about calibrations, results and publications look like."""
 
 from __future__ import annotations
 
@@ -8,52 +8,15 @@ from uuid import UUID
 
 from pydantic import AfterValidator, Field, StringConstraints
 
-from service.calibrations.known_lens import UseAs
-from service.calibrations.model_names import (
-    MODELS,
-    BoundsPreset,
-    Loss,
-    OutlierRule,
-    PresetName,
-    SearchForm,
-    WeightRule,
-)
-from service.http.schemas import Magnitude, Received, Sent, seen
+from apexcal.documents.base import Magnitude, Received, Sent, seen
+from apexcal.documents.bounds import BoundsPreset
+from apexcal.documents.camera_models import MODELS, SearchForm
+from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
+from apexcal.documents.schedules import LIMITS, PresetName
 
 Json = dict[str, Any]
 # What a browser's numbers hold exactly.
 _LARGEST_SEED = 2**53 - 1
-
-
-class BuildRequest(Received):
-    """Make pairs of what people marked; ``exclude_flagged`` leaves out vertices whose verdicts are tied."""
-
-    camera: Annotated[str, Field(max_length=200)]
-    exclude_flagged: bool = False
-
-
-class SetView(Sent):
-    """A correspondence set without its pairs."""
-
-    id: UUID
-    fleet_id: UUID
-    vehicle_id: UUID
-    rig_id: UUID
-    recording_id: UUID | None
-    detection_id: UUID | None
-    camera: str
-    source: Literal["annotations", "import"]
-    count: int
-    content_hash: str
-    notes: list[str]
-    flagged: int
-    created_at: datetime
-
-
-class SetWithPairs(SetView):
-    """A correspondence set with its pairs: x y z (metres, LiDAR frame), u v (pixels), and what else is known."""
-
-    pairs: list[Json]
 
 
 class Prior(Received):
@@ -76,14 +39,14 @@ class GivenLens(Received):
 class ScheduleOverrides(Received):
     """Single numbers of the preset's schedule, replaced."""
 
-    slots: Annotated[int, Field(ge=1, le=1000)] | None = None
-    population: Annotated[int, Field(ge=64, le=100_000)] | None = None
-    generations: Annotated[int, Field(ge=1, le=10_000)] | None = None
-    scale: Annotated[float, Field(gt=0, le=1)] | None = None
-    max_iterations: Annotated[int, Field(ge=1, le=1000)] | None = None
-    patience: Annotated[int, Field(ge=1, le=1000)] | None = None
-    tolerance: Annotated[float, Field(ge=0, lt=1)] | None = None
-    goal_px: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    slots: Annotated[int, Field(**LIMITS["slots"])] | None = None
+    population: Annotated[int, Field(**LIMITS["population"])] | None = None
+    generations: Annotated[int, Field(**LIMITS["generations"])] | None = None
+    scale: Annotated[float, Field(**LIMITS["scale"])] | None = None
+    max_iterations: Annotated[int, Field(**LIMITS["max_iterations"])] | None = None
+    patience: Annotated[int, Field(**LIMITS["patience"])] | None = None
+    tolerance: Annotated[float, Field(**LIMITS["tolerance"])] | None = None
+    goal_px: Annotated[float, Field(**LIMITS["goal_px"])] | None = None
 
 
 class CalibrationTemplate(Received):
@@ -106,7 +69,7 @@ class CalibrationTemplate(Received):
     bounds_preset: BoundsPreset | None = None
     intrinsics_from: Literal["bounds", "recording"] = "bounds"
     intrinsics: Annotated[dict[str, GivenLens], Field(default_factory=dict, max_length=16)]
-    intrinsics_as: UseAs = "bounds"
+    intrinsics_as: LensUse = "bounds"
     bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]
@@ -120,7 +83,7 @@ class CalibrationTemplate(Received):
     ] = "auto"
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
     folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5
-    farm: Literal["auto", "slots", "runs"] = "auto"
+    farm: Farm = "auto"
     publish: Literal["recommended", "none"] = "none"
 
 

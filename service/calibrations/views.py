@@ -10,7 +10,8 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.calibrations.actions import FULL, UNENDED
+from apexcal.documents.states import UNENDED
+from service.calibration_runs.conclusion import FULL
 from service.calibrations.schemas import CalibrationView, ProgressView, RunView
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result

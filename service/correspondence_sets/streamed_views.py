@@ -13,7 +13,7 @@ from uuid import UUID
 from pydantic_core import to_json
 from sqlalchemy import select
 
-from service.correspondence_sets.actions import set_view
+from service.correspondence_sets.views import set_view
 from service.db.calibrations import CorrespondenceSet
 from service.db.session import Database
 from service.http.problems import not_found

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 from uuid import UUID
 
 from pydantic import Field, model_validator
 
-from service.detections.detectors import FLAGS
-from service.detections.regions import Region
-from service.http.schemas import Received, Sent
-from service.job_status.routes import JobView
+from apexcal.documents.base import Received, Sent
+from apexcal.documents.detectors import FLAGS, PairingMode, Quality
+from apexcal.documents.region_fields import KeptRegion, Region
+from apexcal.documents.states import WorkState
+from service.job_status.schemas import JobView
 
 Json = dict[str, Any]
-State = Literal["queued", "running", "done", "failed", "cancelled"]
-Quality = Literal["fine", "usable"]
 Covariance = list[list[float]]
 
 _ANY_CLOCK_NS = 2**62  # a camera that counts from its start is off by all of Unix time: 1.8e18 ns
@@ -29,7 +28,7 @@ class Pairing(Received):
     interpolation's error is in the covariance.
     """
 
-    mode: Literal["nearest", "interpolate"] = "nearest"
+    mode: PairingMode = "nearest"
     offset_ns: Annotated[int, Field(ge=-_ANY_CLOCK_NS, le=_ANY_CLOCK_NS, description="camera minus LiDAR clock")] = 0
     max_gap_ns: Annotated[int, Field(ge=0, le=_MINUTE_NS, description="farther frames are no pair")] = 50_000_000
 
@@ -52,11 +51,11 @@ class DetectionView(Sent):
     id: UUID
     fleet_id: UUID
     recording_id: UUID
-    region: Json
+    region: KeptRegion
     detector: str
     options: Json
     pairing: Json
-    state: State
+    state: WorkState
     counts: Json
     problem: Json | None
     job: JobView | None

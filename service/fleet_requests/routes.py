@@ -10,6 +10,7 @@ from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.states import VehicleState
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.digests import content_hash
@@ -21,7 +22,6 @@ from service.fleet_requests.schemas import (
     FleetRequestBody,
     FleetRequestView,
     RequestVehicleView,
-    VehicleState,
 )
 from service.fleet_requests.views import in_state, request_views, vehicle_view, vehicles_of
 from service.http.bodies import DOCUMENT

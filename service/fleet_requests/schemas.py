@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 from uuid import UUID
 
 from pydantic import AwareDatetime, Field
 
+from apexcal.documents.base import Name, Received, Sent
+from apexcal.documents.states import RequestState, VehicleState
 from service.calibrations.schemas import CalibrationTemplate, ProgressView
-from service.http.schemas import Name, Received, Sent
 
 Json = dict[str, Any]
-VehicleState = Literal["queued", "running", "done", "failed", "cancelled", "skipped"]
-RequestState = Literal["running", "done", "done_with_failures", "cancelled"]
 
 
 class VehicleFilter(Received):

@@ -20,6 +20,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, ScalarSelect, exists, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
+from apexcal.documents.states import WorkState
 from service.db.base import written
 from service.db.calibrations import NEWNESS, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
@@ -172,7 +173,9 @@ def _newest_set(
 
 def _calibrated_since(session: Session, fleet_id: UUID, since: datetime) -> set[UUID]:
     done = exists().where(
-        Calibration.vehicle_id == Vehicle.id, Calibration.state == written("done"), Calibration.finished_at >= since
+        Calibration.vehicle_id == Vehicle.id,
+        Calibration.state == written(WorkState.DONE),
+        Calibration.finished_at >= since,
     )
     return set(session.scalars(select(Vehicle.id).where(Vehicle.fleet_id == fleet_id, done)))
 

@@ -9,6 +9,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
+from apexcal.documents.states import VehicleState, WorkState
 from service.calibrations.schemas import ProgressView
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
@@ -22,7 +23,6 @@ from service.fleet_requests.schemas import (
     Counts,
     FleetRequestView,
     RequestVehicleView,
-    VehicleState,
 )
 
 # Before this many vehicles have ended, their pace tells too little.
@@ -37,25 +37,25 @@ def is_running() -> ColumnElement[bool]:
     worked_on = (
         select(CalibrationRun.calibration_id)
         .join(Job, Job.subject_id == CalibrationRun.id)
-        .where(Job.state == "running", Job.queue == "solve")
+        .where(Job.state == WorkState.RUNNING, Job.queue == "solve")
     )
     theirs = aliased(Calibration)
     begun = (
         select(theirs.id)
-        .where(theirs.id == FleetRequestVehicle.calibration_id, theirs.state == "running")
+        .where(theirs.id == FleetRequestVehicle.calibration_id, theirs.state == WorkState.RUNNING)
         .correlate(FleetRequestVehicle)
     )
-    return (FleetRequestVehicle.state == "queued") & or_(
+    return (FleetRequestVehicle.state == VehicleState.QUEUED) & or_(
         FleetRequestVehicle.calibration_id.in_(worked_on), begun.exists()
     )
 
 
 def in_state(statement: Select[*tuple[Any, ...]], state: VehicleState) -> Select[*tuple[Any, ...]]:
     """The vehicles of a statement that are in this state."""
-    if state == "running":
+    if state == VehicleState.RUNNING:
         return statement.where(is_running())
     statement = statement.where(FleetRequestVehicle.state == state)
-    return statement.where(~is_running()) if state == "queued" else statement
+    return statement.where(~is_running()) if state == VehicleState.QUEUED else statement
 
 
 def request_views(session: Session, rows: Sequence[FleetRequest]) -> list[FleetRequestView]:
@@ -153,7 +153,7 @@ def vehicle_view(row: FleetRequestVehicle, name: str, running: bool, summary: Js
     return RequestVehicleView(
         vehicle_id=row.vehicle_id,
         vehicle=name,
-        state="running" if running else row.state,  # pyright: ignore[reportArgumentType] - only states
+        state=VehicleState.RUNNING if running else VehicleState(row.state),
         calibration_id=row.calibration_id,
         problem=row.problem,
         cameras={camera: _outcome(found) for camera, found in (summary or {}).get("cameras", {}).items()},

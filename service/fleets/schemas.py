@@ -8,11 +8,11 @@ from uuid import UUID
 
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
+from apexcal.documents.base import Magnitude, Name, Received, Sent, Topic
+from apexcal.documents.camera_models import ANGLES, EXTRINSICS, MODELS, all_names
 from service.auth.roles import Role
-from service.calibrations.model_names import ANGLES, EXTRINSICS, MODELS, all_names
 from service.db.fleets import Rig
 from service.fleets.transforms import Transform, check_frames
-from service.http.schemas import Magnitude, Name, Received, Sent, Topic
 
 # A camera's name stands in addresses.
 CameraName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]

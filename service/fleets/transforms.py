@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from service.http.schemas import Magnitude, Name, Received
+from apexcal.documents.base import Magnitude, Name, Received
 
 Vector = tuple[Magnitude, Magnitude, Magnitude]
 

@@ -16,6 +16,7 @@ from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from apexcal.documents.errors import DocumentError
 from service.observability import request_ids
 
 MEDIA_TYPE = "application/problem+json"
@@ -137,6 +138,10 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(Problem)
     async def on_problem(request: Request, problem: Problem) -> JSONResponse:
         return problem.response()
+
+    @app.exception_handler(DocumentError)
+    async def on_document(request: Request, error: DocumentError) -> JSONResponse:
+        return Problem(422, error.code, error.message, error.hint, **error.fields).response()
 
     @app.exception_handler(RequestValidationError)
     async def on_invalid(request: Request, error: RequestValidationError) -> JSONResponse:

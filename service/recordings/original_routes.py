@@ -10,6 +10,7 @@ from uuid import UUID
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import StreamingResponse
 
+from apexcal.documents.states import RecordingState
 from service.auth.access import Access, CurrentIdentity
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
@@ -27,7 +28,7 @@ def _complete(id: UUID, request: Request, identity: CurrentIdentity) -> tuple[Re
     database: Database = request.app.state.database
     with database.reading() as session:
         row = Access(session, identity).find(Recording, id, "engineer")
-        if row.state == "uploading":
+        if row.state == RecordingState.UPLOADING:
             raise Problem(
                 409, "upload_open", "The upload is not complete, so there is no file yet.", "Complete it first."
             )

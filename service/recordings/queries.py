@@ -13,7 +13,7 @@ from service.auth.access import Access
 from service.db.fleets import RigCamera
 from service.db.recordings import Recording, Sensor, UploadPart
 from service.http.problems import Problem
-from service.job_status.routes import job_views
+from service.job_status.views import job_views
 from service.recordings.schemas import Reading, RecordingSummary, RecordingView, SensorView
 
 

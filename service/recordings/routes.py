@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.states import RecordingState
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.clock import now
@@ -25,7 +26,6 @@ from service.recordings.schemas import (
     CreatedRecording,
     NewRecording,
     RecordingEdit,
-    RecordingState,
     RecordingSummary,
     RecordingView,
 )
@@ -117,7 +117,7 @@ def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditio
 
 
 def _refuse_if_read(row: Recording, code: str, what: str) -> None:
-    if row.state not in ("uploading", "failed"):
+    if row.state not in (RecordingState.UPLOADING, RecordingState.FAILED):
         raise Problem(
             409,
             code,

@@ -8,12 +8,13 @@ from uuid import UUID
 
 from pydantic import Field
 
-from service.http.schemas import Name, Received, Sent, Topic
-from service.job_status.routes import JobView
+from apexcal.documents.base import Name, Received, Sent, Topic
+from apexcal.documents.readings import LidarModel, PointTimes, StampConvention
+from apexcal.documents.states import RecordingState
+from service.job_status.schemas import JobView
 
 MAX_PARTS = 100_000
 
-RecordingState = Literal["uploading", "queued", "ingesting", "ready", "failed"]
 MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
 
 
@@ -37,10 +38,10 @@ class Reading(Received):
     """
 
     topics: Topics = Topics(cameras={})
-    point_times: Literal["auto", "stamp_only"] = "auto"
-    stamp_convention: Literal["start", "end", "unknown"] | None = None
+    point_times: PointTimes = "auto"
+    stamp_convention: StampConvention | None = None
     rate_hz: Annotated[float, Field(ge=0.5, le=1000)] | None = None
-    lidar_model: Literal["vlp16", "vlp32c", "hdl32e", "hdl64e", "alpha_prime"] | None = None
+    lidar_model: LidarModel | None = None
     rings: Annotated[int, Field(ge=2, le=256)] | None = None
     camera_start_ns: Annotated[int, Field(ge=0, lt=2**31 * 10**9)] | None = None
 

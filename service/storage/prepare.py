@@ -19,11 +19,11 @@ import obstore.exceptions
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.db.session import Database
-from service.settings import Settings, settings_or_exit
+from service.settings import S3Options, Settings, settings_or_exit
 from service.storage.adopting import StrangeFolderError, adopt
 from service.storage.errors import StoreUnavailableError
 from service.storage.store import Store, open_store
-from service.storage.urls import S3Options, open_bucket_root
+from service.storage.urls import open_bucket_root
 
 _PROBE = "probe/prepare"
 _OF_AMAZON = "<CreateBucketConfiguration><LocationConstraint>{}</LocationConstraint></CreateBucketConfiguration>"

@@ -23,10 +23,10 @@ from typing import Literal
 import obstore
 from obstore.store import S3Store
 
-from service.settings import MIB, Settings
+from service.settings import MIB, S3Options, Settings
 from service.storage.errors import MissingBlobError, StoreUnavailableError, translated
 from service.storage.marker import MARKER, is_marked, mark
-from service.storage.urls import S3Options, open_url
+from service.storage.urls import open_url
 
 # Objects are read in ranges of this many bytes, each a request with its own time limit and repetitions.
 _RANGE = 8 * MIB

@@ -17,7 +17,7 @@ from service.detections.queries import done_detection, find_camera, ready_record
 from service.http.bodies import DOCUMENT
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import not_found
-from service.jobs.queue import enqueue
+from service.studies.jobs import queue_study
 from service.studies.offset_queries import what_is_known
 from service.studies.schemas import (
     OffsetRequest,
@@ -105,13 +105,10 @@ def _ask(
         detection_id=detection_id,
         kind=kind,
         asked=asked,
-        state="queued",
     )
     access.session.add(row)
     access.session.flush()
-    job = enqueue(access.session, kind=kind, fleet_id=recording.fleet_id, subject_id=row.id)
-    row.job_id = job.id
-    return row, job
+    return row, queue_study(access.session, row)
 
 
 def _read(access: Access, study_id: UUID, kind: str) -> tuple[Study, Job | None]:

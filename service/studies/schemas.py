@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 from uuid import UUID
 
 from pydantic import Field
 
-from service.detections.regions import Region
-from service.http.schemas import Received, Sent
-from service.job_status.routes import JobView
+from apexcal.documents.base import Received, Sent
+from apexcal.documents.region_fields import KeptRegion, Region
+from apexcal.documents.states import WorkState
+from service.job_status.schemas import JobView
 
 Json = dict[str, Any]
-State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
 class PreviewRequest(Received):
@@ -39,7 +39,7 @@ class StudyView(Sent):
 
     id: UUID
     recording_id: UUID
-    state: State
+    state: WorkState
     result: Json | None
     problem: Json | None
     job: JobView | None
@@ -49,7 +49,7 @@ class StudyView(Sent):
 class PreviewView(StudyView):
     """A region preview; ``result`` counts frames and points, also per ring."""
 
-    region: Json
+    region: KeptRegion
 
 
 class SuggestionView(StudyView):

@@ -6,7 +6,7 @@ from typing import Any
 
 from service.db.jobs import Job
 from service.db.studies import Study
-from service.job_status.routes import JobView
+from service.job_status.schemas import JobView
 from service.studies.schemas import OffsetView, PreviewView, SuggestionView
 
 # An offset within so many of its standard deviations is no reason to move anything.

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from apexcal.demo import report
 from apexcal.demo.__main__ import main
 from apexcal.demo.annotators import BLUNDERS, NOISE_PX, _look
-from apexcal.demo.job import MODELS
 from apexcal.demo.real import find_data
 from apexcal.demo.truth import Truth, project
+from apexcal.documents.camera_models import MODELS
 from workers.geometry.models import INTRINSICS
 from workers.geometry.projection import project as project_exactly
 

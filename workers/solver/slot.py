@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.schedules import Schedule
 from workers.geometry.models import FORM_ID, MODEL_ID, MODELS
 from workers.geometry.projection import distances_px
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from workers.geometry.transforms import RigidTransform
 from workers.solver.bounds import preset_bounds
 from workers.solver.genetic import PARENT_SHARE, SPREAD, evolve
-from workers.solver.presets import Schedule
 from workers.solver.problem import FitProblem
 from workers.solver.random_streams import stream_key
 from workers.solver.residuals import predict, residuals_and_jacobian, turned_points

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.pairs import held_together
+from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, Result, Slot
@@ -65,7 +67,7 @@ def solve(context: Context, held: Claim, lease: Lease) -> Write:
     """Do one part of a run: see the payloads in :mod:`service.calibration_runs.actions`."""
     with context.database.alone() as connection:
         run = connection.execute(_RUN, {"run": held.subject_id}).one()
-    if run.state not in ("queued", "running") or run.cancel_requested:
+    if run.state not in UNENDED or run.cancel_requested:
         raise CancelledError
     fit = fit_of(run.problem, run.fold, context.pairs_of(run.set_id), lease)
     part = held.payload["part"]
@@ -97,8 +99,7 @@ def fit_of(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> Fit:
 
 def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
     """Whole poses where pairs have groups, else blocks in time, else blocks in the order of the pairs."""
-    known: Sequence[Any] = pairs.get("group") or pairs.get("stamp_ns") or range(len(pairs["x"]))
-    return folds(known, count)
+    return folds(held_together(pairs), count)
 
 
 def _state(schedule: Json | None, problem: FitProblem) -> State:
@@ -136,7 +137,7 @@ def _next_iteration(session: Session, run: CalibrationRun, problem: FitProblem) 
     run.iteration += 1
     session.flush()
     if run.cancel_requested:
-        end_run(session, run, "cancelled")
+        end_run(session, run, WorkState.CANCELLED)
     elif state.stopped:
         start_finish(session, run)
     else:
@@ -201,7 +202,7 @@ def _finish(fit: Fit, run: Any, state: State, schedule: tuple[Json, int] | None 
 
     def write(session: Session) -> None:
         session.connection().execute(_INSERT_RESULT, found)
-        end_run(session, run, "done", schedule=schedule)
+        end_run(session, run, WorkState.DONE, schedule=schedule)
 
     return write
 

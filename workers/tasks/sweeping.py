@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
+import service.job_kinds  # noqa: F401  # the sweep asks every kind what its subjects need
 from service.jobs.messages import SWEEP
 from service.jobs.sweep import sweep, swept_lately
 from service.storage.store import Store

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workers.vertices.tracks import Track
 from workers.vertices.vertex import Vertex
-
-PairingMode = Literal["nearest", "interpolate"]
-PAIRING_MODES: Final[tuple[PairingMode, ...]] = ("nearest", "interpolate")
 
 # How far from the nearest vertex the track is followed. Within a second a walker at 1.2 m/s turns round; farther away
 # a straight line goes on to where nobody walked.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
-from workers.vertices.options import Options
 from workers.vertices.region import Region
 from workers.vertices.vertex import Rejection, Vertex
 

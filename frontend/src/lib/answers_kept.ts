@@ -2,7 +2,7 @@
 
 import { openDB, type DBSchema, type IDBPDatabase } from "idb";
 import type { ProblemDocument } from "./api/http.ts";
-import type { NewAnswer } from "./api/types/annotations.ts";
+import type { NewAnswer } from "./api/types.ts";
 
 /** An answer with what is needed to send it, and to tell its person which one it is. */
 export interface KeptAnswer extends NewAnswer {

@@ -54,7 +54,9 @@ export function factsOf(found: Record<string, unknown> | null | undefined): Fact
 }
 
 function isEmpty(value: unknown): boolean {
-  return value === null || value === undefined || value === "" || value === 0 || (Array.isArray(value) && value.length === 0);
+  return (
+    value === null || value === undefined || value === "" || value === 0 || (Array.isArray(value) && value.length === 0)
+  );
 }
 
 function linesOf(name: string, value: unknown): string[] {

@@ -1,14 +1,8 @@
 /** Fleet requests as they are typed into the form, and as people read them. */
 
 import type { ApiProblem } from "./api/http.ts";
-import {
-  VEHICLE_STATES,
-  type CameraOutcome,
-  type Counts,
-  type DryRun,
-  type FleetRequest,
-  type VehicleFilter,
-} from "./api/types/fleet_requests.ts";
+import { VEHICLE_STATES, type CameraOutcome, type Counts, type VehicleFilter } from "./api/types.ts";
+import type { DryRun, FleetRequest } from "./api/untyped.ts";
 import { compact, counted, fixed, moment } from "./format.ts";
 
 export interface FilterDraft {
@@ -49,7 +43,9 @@ export function filterInWords(asked: FleetRequest["asked"]["vehicles"]): string 
 
 /** "270 done, 6 failed, 24 skipped": the states that somebody is in. */
 export function countsInWords(counts: Counts): string {
-  const parts = VEHICLE_STATES.filter((state) => counts[state] > 0).map((state) => `${compact(counts[state])} ${state}`);
+  const parts = VEHICLE_STATES.filter((state) => counts[state] > 0).map(
+    (state) => `${compact(counts[state])} ${state}`,
+  );
   return parts.join(", ") || "no vehicle was due";
 }
 

@@ -9,7 +9,7 @@ import type { KeptAnswer } from "./answers_kept.ts";
 import * as annotations from "./api/annotations.ts";
 import { ApiProblem } from "./api/http.ts";
 import * as people from "./api/people.ts";
-import type { OwnAnswer } from "./api/types/annotations.ts";
+import type { OwnAnswer } from "./api/types.ts";
 import { session } from "./session.svelte.ts";
 
 /** So many are kept at most: hours of work without a network. */

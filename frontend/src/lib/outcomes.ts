@@ -1,6 +1,6 @@
 /** What a calibration came to, in a line. */
 
-import type { CalibrationSummary, CameraSummary, ModelSummary } from "./api/types/calibrations.ts";
+import type { CalibrationSummary, CameraSummary, ModelSummary } from "./api/untyped.ts";
 import { counted, fixed, words } from "./format.ts";
 
 export interface Outcome {
@@ -28,7 +28,10 @@ export const isDoubtful = (status: string | null | undefined): boolean => (statu
 
 /** A status other than `ok`, and how many warnings there are: "not determined, 3 warnings". */
 export function caution(status: string | null | undefined, warnings: number): string {
-  const parts = [...(isDoubtful(status) ? [words(status ?? "")] : []), ...(warnings > 0 ? [counted(warnings, "warning")] : [])];
+  const parts = [
+    ...(isDoubtful(status) ? [words(status ?? "")] : []),
+    ...(warnings > 0 ? [counted(warnings, "warning")] : []),
+  ];
   return parts.join(", ");
 }
 

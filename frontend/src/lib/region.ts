@@ -95,7 +95,9 @@ export function parseRegion(text: string): Region {
 
 function checked(value: unknown, path: string): Region {
   if (typeof value !== "object" || value === null || Array.isArray(value)) {
-    throw new Error(`${path}: expected {"and": [...]}, {"or": [...]}, {"not": ...}, a box, a polygon or an inequality.`);
+    throw new Error(
+      `${path}: expected {"and": [...]}, {"or": [...]}, {"not": ...}, a box, a polygon or an inequality.`,
+    );
   }
   const node = value as Record<string, unknown>;
   for (const word of ["and", "or"] as const) {

@@ -1,6 +1,6 @@
 /** A rig as it is typed into the form, and the document that the service takes. */
 
-import type { RigRequest } from "./api/types/fleets.ts";
+import type { RigRequest } from "./api/types.ts";
 
 export interface CameraDraft {
   name: string;

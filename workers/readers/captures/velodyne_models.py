@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any, Final
 
-from workers.readers.recording import LidarModel, ReadError
+from apexcal.documents.readings import LidarModel
+from workers.readers.recording import ReadError
 
 PACKET_BYTES: Final = 1206
 BLOCKS: Final = 12

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from workers.vertices.options import Options
+from apexcal.documents.detectors import Options
 from workers.vertices.refined.board import find_planes, locate, open_windows
 from workers.vertices.refined.model import Floats, Model, Plane, Sighting
 from workers.vertices.refined.planes import fit_plane

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from apexcal.documents.detectors import Options, Quality
 from workers.readers.recording import Sweep
-from workers.vertices.options import Options
 from workers.vertices.refined.board import locate, look
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.model import Fix, Model, Sighting
@@ -17,7 +17,7 @@ from workers.vertices.refined.surroundings import apex_time, flags_of, overtoppe
 from workers.vertices.refined.track import REACH, Seen, off_path, roll_prior, trustworthy
 from workers.vertices.region import Region
 from workers.vertices.sources import OnSweep, SweepSource
-from workers.vertices.vertex import Covariance, Quality, Rejection, Vertex
+from workers.vertices.vertex import Covariance, Rejection, Vertex
 
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do.
 _LEAST_SCORE, _LEAST_POINTS = 8.0, 6
