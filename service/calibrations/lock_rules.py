@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX, BoundsPreset, Interval, preset_bounds
 from apexcal.documents.camera_models import ANGLES, MODELS
-from service.calibrations.transforms import read
+from service.calibration_runs.transforms import read
 from service.db.base import Json
 from service.db.fleets import RigCamera
 from service.http.problems import Problem

@@ -10,8 +10,8 @@ from sqlalchemy.exc import NoResultFound
 from sqlalchemy.orm import Session
 
 from service.calibration_runs.publication_actions import current_id
+from service.calibration_runs.transforms import T_vehicle_camera
 from service.calibrations.schemas import OverrideView, PublicationView
-from service.calibrations.transforms import T_vehicle_camera
 from service.db.base import Json
 from service.db.calibrations import NEWNESS, Calibration, Publication, Result
 from service.db.clock import Instant

@@ -8,6 +8,7 @@ from uuid import UUID
 from fastapi import APIRouter
 from fastapi.responses import Response
 
+from apexcal.documents.base import Sought
 from service.auth.access import CurrentIdentity, ReadAccess
 from service.db.calibrations import Result
 from service.db.fleets import Vehicle
@@ -17,7 +18,6 @@ from service.exports.queries import of_publication, of_result
 from service.exports.schemas import FormatView, UrdfRequest
 from service.exports.urdf_patch import patched
 from service.http.bodies import DOCUMENT
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["exports"])
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from service.http.schemas import Received, Sent
+from apexcal.documents.base import Received, Sent
 
 Link = Annotated[str, Field(min_length=1, max_length=200)]
 

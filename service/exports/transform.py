@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from service.calibrations.transforms import Document, Floats, read, write
+from service.calibration_runs.transforms import Document, Floats, read, write
 
 
 class Transform(NamedTuple):
