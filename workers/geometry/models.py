@@ -19,7 +19,6 @@ __all__ = [
     "FORM_ID",
     "INTRINSICS",
     "MODELS",
-    "MODEL_ID",
     "SEARCH_FORMS",
     "ModelName",
     "SearchForm",
@@ -28,5 +27,4 @@ __all__ = [
     "parse_search_form",
 ]
 
-MODEL_ID: Final[dict[ModelName, int]] = {name: index for index, name in enumerate(MODELS)}
 FORM_ID: Final[dict[SearchForm, int]] = {name: index for index, name in enumerate(SEARCH_FORMS)}

@@ -167,6 +167,14 @@ def rows_from_euler(alpha: float, beta: float, gamma: float) -> Rows:
     )
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def rotation_rows(form: int, a: float, b: float, c: float) -> Rows:
+    """The search rotation of FORM_ID `form`, row by row: exp(w), or Rz(alpha) Ry(beta) Rx(gamma)."""
+    if form == 0:
+        return rows_from_vector(a, b, c)
+    return rows_from_euler(a, b, c)
+
+
 @njit(nogil=True, error_model="numpy", fastmath=False)
 def axes_of_vector(x: float, y: float, z: float) -> Rows:
     """Left Jacobian of exp at (x, y, z), row by row: column i is the axis about which parameter i turns.

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 _SOURCES: Final = (
-    *("workers/geometry/*.py", "workers/solver/*.py"),
+    *("workers/geometry/**/*.py", "workers/solver/**/*.py"),
     *(f"apexcal/documents/{name}.py" for name in ("bounds", "camera_models", "pairs", "schedules")),
 )
 _NUMBERS: Final = frozenset("xyzuv")
@@ -25,7 +25,7 @@ def sources_sha256() -> str:
     root = Path(__file__).parents[2]
     for path in sorted(path for pattern in _SOURCES for path in root.glob(pattern)):
         text = path.read_text(encoding="utf-8").encode()  # line ends of the platform become \n
-        digest.update(f"{path.parent.name}/{path.name} {len(text)}\n".encode())
+        digest.update(f"{path.relative_to(root).as_posix()} {len(text)}\n".encode())
         digest.update(text)
     return digest.hexdigest()
 

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.geometry.models import ModelName
-from workers.geometry.projection import project
+from workers.geometry.projection import project, unproject
 from workers.geometry.transforms import RigidTransform
-from workers.geometry.unprojection import unproject
 from workers.solver.camera_transform import normal_sigmas
 from workers.solver.outliers import threshold_of
 

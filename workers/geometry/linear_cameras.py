@@ -1,67 +1,72 @@
 """Cameras by linear algebra alone: the direct linear transformation, and Tsai's radial alignment for wide lenses."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.geometry.models import ModelName
-
 Floats = NDArray[np.float64]
-MINIMAL: Final[dict[ModelName, int]] = {"pinhole": 6, "brown_conrady": 6, "kannala_brandt": 7}
-"""Pairs that one linear camera needs."""
 _OFFSETS_M: Final = np.linspace(-3.0, 3.0, 61)
 _FAR: Final = 1e9
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
-    """R (3, 3) and t (3,) m of T_camera_lidar, intrinsics (f_x, f_y, c_x, c_y) px, and the fisheye's first term."""
+class LinearCamera:
+    """R (3, 3) and t (3,) m of T_camera_lidar, and the intrinsics by name that linear algebra tells."""
 
     R: Floats
     t: Floats
-    intrinsics: Floats
-    k1: float = 0.0
+    intrinsics: dict[str, float]
 
 
-def fit_linear(model: ModelName, points: Floats, marks: Floats, centre: Floats) -> Floats:
-    """Linear cameras (B, 3, 4) of B sets of pairs: points (B, n, 3) m, marks (B, n, 2) px.
+@dataclass(frozen=True, eq=False)
+class LinearStart:
+    """How linear cameras are fitted to pairs: points (n, 3) m, marks (n, 2) px, B sets of them at once.
 
-    The rows are those of P = K [R | t]; for `kannala_brandt` the first two are [R | t]'s up to a common factor and
-    the third is zero. centre (2,): where the optical axis meets the image, for the radial alignment alone.
+    centre (2,) is where the optical axis meets the image; the radial alignment alone needs it.
+
+    minimal: pairs that one camera needs. inlier_share: distance from the linear camera, as a share of the image's
+        diagonal, up to which a pair counts as explained: it knows no tangential distortion, and the radial alignment
+        no centre.
+    fit: (points (B, n, 3), marks (B, n, 2), centre) gives cameras (B, 3, 4).
+    distances: (cameras, points (N, 3), marks (N, 2), centre) gives distances (B, N) in px of the pairs from what the
+        cameras say, huge where they look away.
+    read: (camera (3, 4), points (n, 3), marks (n, 2), centre) gives its parts, or None where it is no camera.
     """
-    if model == "kannala_brandt":
-        return _radial_alignment(points, marks - centre)
-    return _direct_linear(points, marks)
+
+    minimal: int
+    inlier_share: float
+    fit: Callable[[Floats, Floats, Floats], Floats]
+    distances: Callable[[Floats, Floats, Floats, Floats], Floats]
+    read: Callable[[Floats, Floats, Floats, Floats], LinearCamera | None]
+
+    def camera(self, points: Floats, marks: Floats, centre: Floats) -> LinearCamera | None:
+        """The camera of pairs (n, 3), (n, 2) that hold no outliers; None where the linear solution is none."""
+        P = self.fit(points[None], marks[None], centre)[0]
+        return self.read(P, points, marks, centre) if np.all(np.isfinite(P)) else None
 
 
-def linear_distances(model: ModelName, cameras: Floats, points: Floats, marks: Floats, centre: Floats) -> Floats:
-    """Distances (B, N) in px of N pairs from what the cameras (B, 3, 4) say; huge where they look away.
-
-    For the radial alignment: from the half line out of the centre on which the mark must lie.
-    """
+def _perspective_distances(cameras: Floats, points: Floats, marks: Floats, centre: Floats) -> Floats:
     seen = np.einsum("brc,nc->brn", cameras[:, :, :3], points) + cameras[:, :, 3:]
-    if model == "kannala_brandt":
-        offset = marks - centre
-        length = np.maximum(np.hypot(seen[:, 0], seen[:, 1]), 1e-300)
-        across = np.abs(offset[:, 0] * seen[:, 1] - offset[:, 1] * seen[:, 0]) / length
-        along = (offset[:, 0] * seen[:, 0] + offset[:, 1] * seen[:, 1]) / length
-        return np.where(along > 0.0, across, np.hypot(offset[:, 0], offset[:, 1]))
     depth = np.where(seen[:, 2] > 1e-6, seen[:, 2], 1e-6)
     distance = np.hypot(seen[:, 0] / depth - marks[:, 0], seen[:, 1] / depth - marks[:, 1])
     return np.where(seen[:, 2] > 1e-6, distance, _FAR)
 
 
-def camera_of(model: ModelName, points: Floats, marks: Floats, centre: Floats) -> Camera | None:
-    """The camera of pairs (n, 3), (n, 2) that hold no outliers; None where the linear solution is none."""
-    P = fit_linear(model, points[None], marks[None], centre)[0]
-    if not np.all(np.isfinite(P)):
-        return None
-    return _fisheye(P, points, marks - centre, centre) if model == "kannala_brandt" else _perspective(P)
+def _radial_distances(cameras: Floats, points: Floats, marks: Floats, centre: Floats) -> Floats:
+    # From the half line out of the centre on which the mark must lie.
+    seen = np.einsum("brc,nc->brn", cameras[:, :, :3], points) + cameras[:, :, 3:]
+    offset = marks - centre
+    length = np.maximum(np.hypot(seen[:, 0], seen[:, 1]), 1e-300)
+    across = np.abs(offset[:, 0] * seen[:, 1] - offset[:, 1] * seen[:, 0]) / length
+    along = (offset[:, 0] * seen[:, 0] + offset[:, 1] * seen[:, 1]) / length
+    return np.where(along > 0.0, across, np.hypot(offset[:, 0], offset[:, 1]))
 
 
-def _direct_linear(points: Floats, marks: Floats) -> Floats:
+def _direct_linear(points: Floats, marks: Floats, centre: Floats) -> Floats:
+    # The rows are those of P = K [R | t].
     # Centred and scaled on both sides (Hartley 1997), or the equations are hopelessly conditioned.
     X, space = _normalised(points)
     x, image = _normalised(marks)
@@ -79,7 +84,9 @@ def _direct_linear(points: Floats, marks: Floats) -> Floats:
     return P * factor[:, None, None]
 
 
-def _radial_alignment(points: Floats, offsets: Floats) -> Floats:
+def _radial_alignment(points: Floats, marks: Floats, centre: Floats) -> Floats:
+    # The first two rows are [R | t]'s up to a common factor, the third is zero.
+    offsets = marks - centre
     X, space = _normalised(points)
     H = np.concatenate([X, np.ones_like(X[..., :1])], axis=-1)
     A = np.concatenate([-offsets[..., 1:] * H, offsets[..., :1] * H], axis=-1)
@@ -108,7 +115,7 @@ def _null_vector(A: Floats) -> Floats:
     return np.linalg.eigh(np.swapaxes(A, 1, 2) @ A)[1][:, :, 0]
 
 
-def _perspective(P: Floats) -> Camera | None:
+def _perspective_camera(P: Floats, points: Floats, marks: Floats, centre: Floats) -> LinearCamera | None:
     # RQ decomposition of P's left part by a QR of its reversed rows.
     flip = np.eye(3)[::-1]
     Q, U = np.linalg.qr((flip @ P[:, :3]).T)
@@ -118,10 +125,12 @@ def _perspective(P: Floats) -> Camera | None:
     if abs(K[2, 2]) < 1e-9 or np.linalg.det(R) < 0.0:
         return None
     t = np.asarray(np.linalg.solve(K, P[:, 3]), dtype=np.float64)
-    return Camera(R, t, np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]]) / K[2, 2])
+    f_x, f_y, c_x, c_y = (np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]]) / K[2, 2]).tolist()
+    return LinearCamera(R, t, {"f_x": f_x, "f_y": f_y, "c_x": c_x, "c_y": c_y})
 
 
-def _fisheye(P: Floats, points: Floats, offsets: Floats, centre: Floats) -> Camera | None:
+def _radial_camera(P: Floats, points: Floats, marks: Floats, centre: Floats) -> LinearCamera | None:
+    offsets = marks - centre
     U, s, Vt = np.linalg.svd(P[:2, :3])
     if s[1] < 1e-9 * s[0]:
         return None
@@ -141,4 +150,15 @@ def _fisheye(P: Floats, points: Floats, offsets: Floats, centre: Floats) -> Came
     if not np.isfinite(best[0]):
         return None
     t[2] = best[1]
-    return Camera(R, t, np.array([best[2], best[2], *centre]), best[3])
+    c_x, c_y = centre.tolist()
+    return LinearCamera(R, t, {"f_x": best[2], "f_y": best[2], "c_x": c_x, "c_y": c_y, "k1": best[3]})
+
+
+def direct_linear_start(inlier_share: float) -> LinearStart:
+    """The direct linear transformation (Hartley and Zisserman 2004, algorithm 7.1), for perspective cameras."""
+    return LinearStart(6, inlier_share, _direct_linear, _perspective_distances, _perspective_camera)
+
+
+def radial_alignment_start(inlier_share: float) -> LinearStart:
+    """Tsai's radial alignment (1987): it needs no perspective, so any field of view does."""
+    return LinearStart(7, inlier_share, _radial_alignment, _radial_distances, _radial_camera)
