@@ -17,6 +17,7 @@ from uuid import UUID
 from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import Detections
+from apexcal.resources.exports import Exports
 from apexcal.resources.fleet_requests import FleetRequests
 from apexcal.resources.fleets import Fleets, Vehicles
 from apexcal.resources.marking import Marking
@@ -54,6 +55,7 @@ class Client:
         self.marking = Marking(self._http)
         self.correspondence_sets = CorrespondenceSets(self._http)
         self.calibrations = Calibrations(self._http)
+        self.exports = Exports(self._http)
         self.fleet_requests = FleetRequests(self._http)
 
     @classmethod
