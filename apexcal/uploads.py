@@ -14,10 +14,10 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import partial
 
-from apexcal.direct import Direct
 from apexcal.errors import ApiError, ClientError
-from apexcal.sources import Source
+from apexcal.presigned import PresignedStore
 from apexcal.transport import Document, Transport, at
+from apexcal.upload_sources import Source
 
 MIB = 1024 * 1024
 _DAMAGED_TRIES = 3
@@ -50,8 +50,8 @@ def send_parts(
     parts = math.ceil(source.size / part_bytes)
     counter = _Counter(source.size, on_progress)
     whole = hashlib.sha256()
-    with Direct(http) as direct, ThreadPoolExecutor(connections, thread_name_prefix="upload") as pool:
-        put = direct.put_part if begun["upload"].get("parts") == "presigned" else partial(_put_part, http)
+    with PresignedStore(http) as store, ThreadPoolExecutor(connections, thread_name_prefix="upload") as pool:
+        put = store.put_part if begun["upload"].get("parts") == "presigned" else partial(_put_part, http)
         running: set[Future[None]] = set()
         for number in range(1, parts + 1):
             data = source.read((number - 1) * part_bytes, part_bytes)

@@ -81,7 +81,7 @@ class Supervisor:
         if not self.stopping:
             for child in self._children:
                 child.bound_log()
-            changed = [child.look() for child in self._children]
+            changed = [child.poll() for child in self._children]
             if any(changed):
                 self._write()
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 from uuid import UUID
 
-from apexcal.direct import Direct, EndedAddressError
 from apexcal.errors import ClientError
-from apexcal.sources import open_source
+from apexcal.presigned import EndedAddressError, PresignedStore
 from apexcal.transport import Document, Transport, at
+from apexcal.upload_sources import open_source
 from apexcal.uploads import Progress, send_parts
 
 
@@ -137,8 +137,8 @@ class Recordings:
         if not self._frames_here:
             address = self._http.get(f"{path}/address")
             if address["url"]:
-                with Direct(self._http) as direct:
-                    return direct.get(address["url"], address["offset"], address["length"])
+                with PresignedStore(self._http) as store:
+                    return store.get(address["url"], address["offset"], address["length"])
             self._frames_here = True
         return self._http.send("GET", path, headers={"Accept": "image/*"}).content
 
@@ -159,14 +159,14 @@ class Recordings:
             with self._http.stream(path) as response:
                 yield from response.iter_bytes(1 << 20)
             return
-        with Direct(self._http) as direct:
+        with PresignedStore(self._http) as store:
             for position, part in enumerate(list(parts)):
                 try:
-                    data = direct.get(part["url"], 0, part["size"])
+                    data = store.get(part["url"], 0, part["size"])
                 except EndedAddressError:
                     # A large file takes longer than addresses live.
                     parts = self._http.get(f"{path}/parts")["parts"]
-                    data = direct.get(parts[position]["url"], 0, part["size"])
+                    data = store.get(parts[position]["url"], 0, part["size"])
                 if hashlib.sha256(data).hexdigest() != part["sha256"]:
                     raise ClientError(
                         f"part {part['number']} of the original is not what was uploaded",

@@ -53,7 +53,7 @@ class JobFigures(Collector):
         """The figures, or that the database does not answer."""
         up = GaugeMetricFamily("apexcal_database_up", "Whether the database answered.")
         try:
-            self._look()
+            self._refresh()
             up.add_metric([], 1)
         except SQLAlchemyError as error:
             log.warning("no figures: the database does not answer (%s)", type(error).__name__)
@@ -63,7 +63,7 @@ class JobFigures(Collector):
         yield from self._found
         yield from self._blobs if self._found else []
 
-    def _look(self) -> None:
+    def _refresh(self) -> None:
         moment = time.monotonic()
         if moment < self._stale_at:
             return

@@ -31,7 +31,7 @@ class Part:
 
     def __init__(self, name: str, look: Callable[[], Answer], fresh_s: float = FRESH_S) -> None:
         self.name = name
-        self._look = look
+        self._ask = look
         self._fresh_s = fresh_s
         self._guard = threading.Lock()
         self._future: Future[Answer] | None = None
@@ -68,7 +68,7 @@ class Part:
     def _run(self, future: Future[Answer]) -> None:
         began = time.perf_counter()
         try:
-            found = self._look()
+            found = self._ask()
             self._note(found.get("detail", ""))
         except Exception as error:
             found = {"ok": False, "detail": "does not answer as it should; the service's log says more"}
@@ -83,7 +83,7 @@ class Part:
             log.warning("readiness: %s: %s", self.name, why or "works again")
 
 
-async def look_at(parts: Iterable[Part]) -> dict[str, Answer]:
+async def ask_parts(parts: Iterable[Part]) -> dict[str, Answer]:
     """What is found of each part, within :data:`PATIENCE_S`."""
     asked = [(part, part.asked()) for part in parts]
     for part, future in asked:

@@ -18,7 +18,7 @@ from service.db.jobs import Heartbeat, Worker
 from service.db.migrate import is_older, newest
 from service.db.session import Database
 from service.health.job_figures import WORKER_SILENT_S
-from service.health.parts import PATIENCE_S, Answer, Part, look_at
+from service.health.parts import PATIENCE_S, Answer, Part, ask_parts
 from service.jobs.kinds import QUEUES
 from service.settings import Settings
 from service.storage.store import Store
@@ -65,7 +65,7 @@ async def readyz(request: Request) -> JSONResponse:
     It answers within two seconds. `workers` alone does not turn it: what is asked for while none is warm waits in the
     table, and is done later.
     """
-    parts = await look_at(request.app.state.parts)
+    parts = await ask_parts(request.app.state.parts)
     ready = all(part["ok"] for name, part in parts.items() if name != "workers")
     if request.app.state.drain.asked:
         return JSONResponse({"status": "draining", "parts": parts}, 503)

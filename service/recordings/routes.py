@@ -21,7 +21,7 @@ from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found
 from service.recordings.actions import delete_recording
-from service.recordings.queries import reading_document, summaries, view
+from service.recordings.queries import reading_document
 from service.recordings.schemas import (
     CreatedRecording,
     NewRecording,
@@ -30,6 +30,7 @@ from service.recordings.schemas import (
     RecordingView,
 )
 from service.recordings.upload_actions import how_to_upload
+from service.recordings.views import summaries, view
 from service.settings import Settings
 from service.storage.quota import take
 

@@ -16,7 +16,7 @@ from service.db.session import Database
 from service.http.problems import Problem
 from service.job_status.views import job_views
 from service.recordings.jobs import queue_ingestion
-from service.recordings.queries import parts_of, view
+from service.recordings.queries import parts_of
 from service.recordings.schemas import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
 from service.recordings.upload_actions import (
     Announced,
@@ -30,6 +30,7 @@ from service.recordings.upload_actions import (
     refuse_expired,
 )
 from service.recordings.upload_rules import check_complete
+from service.recordings.views import view
 from service.settings import Settings
 from service.storage.errors import StoreFullError
 from service.storage.room import Room

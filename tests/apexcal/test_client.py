@@ -12,8 +12,8 @@ import pytest
 
 from apexcal.client import ApiError, Client, ClientError, FailedError, TooSlowError, UnreachableError
 from apexcal.rigs import read_rig
-from apexcal.sources import open_source
 from apexcal.transport import Transport
+from apexcal.upload_sources import open_source
 from apexcal.uploads import send_parts
 
 KEEP = {"and": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op": ">", "value": -1.7}]}

@@ -33,14 +33,14 @@ class EndedAddressError(UnreachableError):
         super().__init__(f"the store at {urlsplit(url).netloc} refuses an address of the service", _CAN_IT)
 
 
-class Direct:
+class PresignedStore:
     """One client's connections to the store. Safe to share between threads; close it, or use it as a context."""
 
     def __init__(self, service: Transport) -> None:
         self._service = service
         self._http = httpx.Client(timeout=TIMEOUT)
 
-    def __enter__(self) -> Direct:
+    def __enter__(self) -> PresignedStore:
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from apexcal.errors import ClientError
-from apexcal.sources import FileSource, FolderSource, open_source
+from apexcal.upload_sources import FileSource, FolderSource, open_source
 
 
 @pytest.fixture
