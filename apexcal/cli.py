@@ -33,6 +33,7 @@ COMMANDS = {
     "publications": "List what a camera was given, and by whom and why.",
     "rollback": "Give a camera back what it had before.",
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
+    "pull": "Keep what a vehicle is given now in a file.",
     "export": "Write a camera's current calibration, or one result, for other programs.",
 }
 

@@ -45,8 +45,10 @@ _ENDED_BADLY = ("failed", "cancelled")
 class Client:
     """One person or program at one service. Safe to share between threads; close it, or use it as a context."""
 
-    def __init__(self, base_url: str = "http://127.0.0.1:8000", token: str | None = None) -> None:
-        self._http = Transport(base_url, token)
+    def __init__(
+        self, base_url: str = "http://127.0.0.1:8000", token: str | None = None, timeout_s: float | None = None
+    ) -> None:
+        self._http = Transport(base_url, token, timeout_s=timeout_s)
         self.base_url = self._http.base_url
         self.fleets = Fleets(self._http)
         self.vehicles = Vehicles(self._http)

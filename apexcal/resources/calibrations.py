@@ -102,6 +102,21 @@ class Calibrations:
         """A camera's current calibration; ApiError ``no_calibration_yet`` where there is none."""
         return self._http.get(at("vehicles", vehicle_id, "cameras", camera, "calibration"))
 
+    def vehicle(
+        self, vehicle_id: UUID | str, cameras: Sequence[str] | None = None, as_of: str | None = None
+    ) -> Document:
+        """What all cameras of a vehicle are given now, or were at a moment; ApiError ``no_calibration_yet``."""
+        return self._http.get(at("vehicles", vehicle_id, "calibration"), camera=cameras, as_of=as_of)
+
+    def vehicle_if_changed(
+        self, vehicle_id: UUID | str, etag: str | None = None, **query: Any
+    ) -> tuple[bytes, str] | None:
+        """The same answer as bytes with its ETag; None where it still is what ``etag`` names.
+
+        ``query``: ``camera``, ``as_of``, ``format``.
+        """
+        return self._http.get_bytes_if_changed(at("vehicles", vehicle_id, "calibration"), etag, **query)
+
     def current_if_changed(
         self, vehicle_id: UUID | str, camera: str, etag: str | None = None
     ) -> tuple[Document, str] | None:

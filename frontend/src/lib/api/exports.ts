@@ -6,7 +6,7 @@ import type { components } from "./schema.ts";
 
 export type ExportFormat = components["schemas"]["FormatView"];
 
-export const exportFormats = (): Read<ExportFormat[]> => read("/v1/export-formats", {});
+export const exportFormats = (): Read<ExportFormat[]> => read("/v1/export-formats", undefined);
 
 /** What stands at `url` in a format, and the name that the service gives to the file. */
 export async function exportTo(url: string, format: string): Promise<{ name: string; content: Blob }> {
