@@ -64,7 +64,7 @@ def remedy(wanted: Format, calibrated: Calibrated) -> str:
     locks = ["skew"] if not wanted.skew and any(camera.skew for camera in calibrated.cameras) else []
     if not wanted.third_radial and any(_third_radial(camera) for camera in calibrated.cameras):
         locks.append("k5")
-    return f"Calibrate with {' and '.join(locks)} locked at 0."
+    return f"Calibrate with {' and '.join(locks)} locked at 0 (`locked`)."
 
 
 def _is_apart(calibrated: Calibrated) -> bool:

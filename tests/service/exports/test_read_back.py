@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -94,3 +96,14 @@ def test_names_inside_of_a_zip_lead_nowhere_else():
     for name in FORMATS:
         for inside in files_of(name, strange):
             assert not inside.startswith("/") and ".." not in inside.split("/") and "\\" not in inside
+
+
+def test_the_page_about_exports_has_every_format_in_its_table():
+    page = (Path(__file__).parents[3] / "docs" / "exports.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1]: line for line in page.splitlines() if line.startswith("| `") and line.count("|") == 5}
+    assert list(rows) == ["json", *FORMATS]
+    for name, one in FORMATS.items():
+        said = rows[name].split("|")[4]
+        assert ("skew" in said and "no skew" not in said) == (one.skew and one.lenses != {"pinhole"})
+        assert ("k5" in said) != one.third_radial
+        assert ("none" in said) != one.takes_lens and (("all" in said) == (len(one.lenses) == 3 and one.takes_lens))
