@@ -12,8 +12,9 @@ from urllib.parse import urlsplit
 
 import httpx
 
+from apexcal.documents.recordings import PartAddress, PartView
 from apexcal.errors import ApiError, UnreachableError
-from apexcal.transport import TIMEOUT, Document, Transport, at
+from apexcal.transport import TIMEOUT, Transport, at
 
 _PAUSES_S = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
 # The address has ended, the bytes were damaged on their way, or the store is away or busy.
@@ -51,8 +52,8 @@ class PresignedStore:
         path = at("recordings", recording_id, "parts", number)
         asked = {"size": len(data), "sha256": digest.hex()}
         for pause_s in (*_PAUSES_S, None):
-            address = self._service.post(f"{path}/address", asked)
-            if address.get("part") or self._put(path, address, data, last=pause_s is None):
+            address = self._service.post(f"{path}/address", PartAddress, asked)
+            if address.part or self._put(path, address, data, last=pause_s is None):
                 return
             time.sleep(pause_s or 0.0)
 
@@ -75,23 +76,24 @@ class PresignedStore:
             time.sleep(pause_s)
         raise AssertionError("the last pause is None")
 
-    def _put(self, path: str, address: Document, data: bytes, *, last: bool) -> bool:
+    def _put(self, path: str, address: PartAddress, data: bytes, *, last: bool) -> bool:
         """Whether the part is acknowledged; False where it is to be tried again. The ``last`` try raises instead."""
+        url = address.url or ""
         md5 = hashlib.md5(data, usedforsecurity=False).digest()
         # S3 compares Content-MD5 with what arrived, so damage on the way shows at once and not in the worker.
         headers = {"Content-MD5": base64.b64encode(md5).decode(), "Content-Type": "application/octet-stream"}
         try:
-            response = self._http.put(address["url"], content=data, headers=headers)
+            response = self._http.put(url, content=data, headers=headers)
         except httpx.TransportError as error:
             if last:
-                raise _unreachable(address["url"], str(error)) from error
+                raise _unreachable(url, str(error)) from error
             return False
         if not response.is_success:
             if last or response.status_code not in _AGAIN:
-                raise _unreachable(address["url"], f"it answered {response.status_code}")
+                raise _unreachable(url, f"it answered {response.status_code}")
             return False
         try:
-            self._service.post(f"{path}/arrival", {"reservation": address["reservation"]})
+            self._service.post(f"{path}/arrival", PartView, {"reservation": address.reservation})
         except ApiError as error:
             if last or error.code not in _NOT_THERE:
                 raise

@@ -5,7 +5,7 @@ import { defineConfig, type Plugin } from "vite";
 
 // `npm run dev` serves the pages with the API of a running `apexcal serve` behind them. The service checks Host and
 // Origin of every unsafe request, so the proxy presents itself as the service's own address.
-const service = process.env["APEXCAL_URL"] ?? "http://127.0.0.1:8000";
+const service = process.env.APEXCAL_URL ?? "http://127.0.0.1:8000";
 
 const OUT = "../service/web";
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Annotated
+from uuid import UUID
 
 import typer
 
@@ -19,11 +20,12 @@ from apexcal.commands.choices import FoldsOption, ModelsOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import connected
 from apexcal.documents.bounds import BoundsPreset
+from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.camera_models import SearchForm
+from apexcal.documents.correspondence_sets import SetView
 from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
 from apexcal.documents.schedules import PresetName
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 
 def _check_range(degrees: float | None) -> float | None:
@@ -139,12 +141,12 @@ def calibrate(
             else pairs_of_marks(client, detection, cameras)
         )
         given["intrinsics"] = lenses(intrinsics or [], [one.camera for one in of_cameras]) or None
-        sets: list[Document] = []
+        sets: list[SetView] = []
         with saying_what_stays(sets):
             sets.extend(one.make() for one in of_cameras)
             calibration = client.calibrations.create(
-                sets[0]["vehicle_id"],
-                [one["id"] for one in sets],
+                sets[0].vehicle_id,
+                [one.id for one in sets],
                 model or None,
                 **{name: value for name, value in given.items() if value is not None},
                 publish="recommended" if publish else "none",
@@ -154,16 +156,16 @@ def calibrate(
         published = [] if as_json else _publications(client, calibration, wanted=publish)
     if not as_json:
         show(calibration)
-    say(calibration, as_json, "\n".join([f"The calibration is {calibration['id']}.", *published]))
+    say(calibration, as_json, "\n".join([f"The calibration is {calibration.id}.", *published]))
 
 
-def _publications(client: Client, calibration: Document, *, wanted: bool) -> list[str]:
+def _publications(client: Client, calibration: CalibrationView, *, wanted: bool) -> list[str]:
     """For each camera, which result the vehicle is given now, or why it is none of this calibration."""
-    vehicle = client.vehicles.get(calibration["vehicle_id"])["name"]
+    vehicle = client.vehicles.get(calibration.vehicle_id).name
     sentences: list[str] = []
-    for name, camera in (calibration.get("summary") or {}).get("cameras", {}).items():
-        current = _current_result(client, calibration["vehicle_id"], name)
-        model = next((model for model, found in camera["models"].items() if found["result_id"] == current), None)
+    for name, camera in (calibration.summary.cameras if calibration.summary else {}).items():
+        current = _current_result(client, calibration.vehicle_id, name)
+        model = next((model for model, found in camera.models.items() if found.result_id == current), None)
         if model:
             sentences.append(f"{model} is now the current calibration of {name} on {vehicle}.")
         else:
@@ -172,9 +174,9 @@ def _publications(client: Client, calibration: Document, *, wanted: bool) -> lis
     return sentences
 
 
-def _current_result(client: Client, vehicle_id: str, camera: str) -> str | None:
+def _current_result(client: Client, vehicle_id: UUID, camera: str) -> UUID | None:
     try:
-        return str(client.calibrations.current(vehicle_id, camera)["result_id"])
+        return client.calibrations.current(vehicle_id, camera).result_id
     except ApiError as error:
         if error.code != "no_calibration_yet":
             raise

@@ -16,7 +16,7 @@ def known_model(name: str) -> str:
     try:
         return parse_model(name)
     except DocumentError as error:
-        usage(error.message, error.hint)
+        usage(error.message[0].lower() + error.message[1:].rstrip("."), error.hint)
 
 
 def _known_models(names: list[str] | None) -> list[str] | None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
+from pydantic import BaseModel
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -120,10 +121,17 @@ def locate(url: str, token: str, data: Path) -> tuple[str, str, str]:
     return url or local, token, origin
 
 
+def as_document(outcome: Any) -> Any:
+    """Answers of the service as they came, members that this version does not know included."""
+    if isinstance(outcome, list):
+        return [as_document(one) for one in outcome]
+    return outcome.model_dump(mode="json", exclude_unset=True) if isinstance(outcome, BaseModel) else outcome
+
+
 def say(outcome: Any, as_json: bool, sentence: str) -> None:
     """The outcome of a command: a sentence for people, or the whole document for programs."""
     if as_json:
-        print(visible(json.dumps(outcome, indent=2, ensure_ascii=False)))
+        print(visible(json.dumps(as_document(outcome), indent=2, ensure_ascii=False)))
     else:
         console().print(escape(sentence), soft_wrap=True)
 

@@ -12,11 +12,12 @@ import typer
 from apexcal.client import FailedError
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, understood, usage
 from apexcal.commands.connect import connected, find_recording
+from apexcal.documents.detections import DetectionView
 from apexcal.documents.detectors import DetectorName
+from apexcal.documents.studies import PreviewView
 from apexcal.embedded.folder import DEFAULT
 from apexcal.json_files import parse_document
 from apexcal.regions import parse_region, read_region
-from apexcal.transport import Document
 
 _KEEP = "Inequality that a point must meet, for example 'range < 9' or 'z / x > 0.2'; may be given several times."
 # Below this share of accepted sweeps the region is more likely wrong than the board far away.
@@ -68,13 +69,14 @@ def detect(
         tree = read_region(region) if region else parse_region(keep or [])
     with connected(url, token, data) as client, bar("Detecting", not as_json) as progress:
         of = find_recording(client, recording)
-        if of["state"] == "failed":
-            raise FailedError(f"the recording {of['name']!r}", "failed", of["problem"])
+        if of.state == "failed":
+            raise FailedError(f"the recording {of.name!r}", "failed", of.problem)
         if preview:
-            shown = client.wait(client.detections.preview(of["id"], tree), on_progress=progress)
+            counted = client.wait(client.detections.preview(of.id, tree), on_progress=progress)
+            shown, sentence = counted, _preview(counted)
         else:
             started = client.detections.create(
-                of["id"],
+                of.id,
                 tree,
                 detector=detector,
                 options=options,
@@ -82,8 +84,9 @@ def detect(
                 max_gap_ns=round(max_gap_ms * 1e6),
                 mode="interpolate" if interpolate else "nearest",
             )
-            shown = client.wait(started, on_progress=progress)
-    say(shown, as_json, _preview(shown["result"]) if preview else _outcome(shown))
+            detection = client.wait(started, on_progress=progress)
+            shown, sentence = detection, _outcome(detection)
+    say(shown, as_json, sentence)
 
 
 def _board(text: str, detector: DetectorName) -> dict[str, Any]:
@@ -120,31 +123,33 @@ def _options(texts: list[str], detector: DetectorName) -> dict[str, Any]:
     return options
 
 
-def _preview(result: Document) -> str:
+def _preview(preview: PreviewView) -> str:
+    result = preview.result
+    assert result is not None
     return (
-        f"The region keeps {result['points_kept']} of {result['points']} points, "
-        f"in {result['frames_kept']} of {result['frames']} sweeps."
+        f"The region keeps {result.points_kept} of {result.points} points, "
+        f"in {result.frames_kept} of {result.frames} sweeps."
     )
 
 
-def _outcome(detection: Document) -> str:
-    counts = detection["counts"]
-    rejected = sorted((counts.get("rejected") or {}).items(), key=lambda item: -item[1])
+def _outcome(detection: DetectionView) -> str:
+    counts = detection.counts
+    rejected = sorted(counts.rejected.items(), key=lambda item: -item[1])
     reasons = "".join(f"\n  {count} without: {reason.replace('_', ' ')}" for reason, count in rejected)
-    quality = ", ".join(f"{count} {name}" for name, count in sorted((counts.get("quality") or {}).items()))
+    quality = ", ".join(f"{count} {name}" for name, count in sorted(counts.quality.items()))
     return (
-        f"The detection {detection['id']} accepted {counts['accepted']} of {counts['sweeps']} sweeps"
-        f"{f' ({quality})' if quality else ''}, {counts['paired']} of them with a camera frame."
+        f"The detection {detection.id} accepted {counts.accepted} of {counts.sweeps} sweeps"
+        f"{f' ({quality})' if quality else ''}, {counts.paired} of them with a camera frame."
         f"{reasons}{_advice(detection)}"
     )
 
 
-def _advice(detection: Document) -> str:
+def _advice(detection: DetectionView) -> str:
     """What to do where hardly any sweep was accepted; empty otherwise."""
-    counts = detection["counts"]
-    if counts["accepted"] >= _FEW * counts["sweeps"]:
+    counts = detection.counts
+    if counts.accepted >= _FEW * counts.sweeps:
         return ""
-    if detection["detector"] == "strict":
+    if detection.detector == "strict":
         return "\nHint: strict accepts few sweeps by its nature; --detector tolerant or refined accepts more."
     return (
         "\nHint: hardly any sweep was accepted. Something else in the region is as high or as wide as the board: "

@@ -9,13 +9,23 @@ from typing import Annotated
 import typer
 
 from apexcal.client import ApiError, Client
-from apexcal.commands.common import DataOption, TokenOption, UrlOption, check_target, console, usage, write_target
+from apexcal.commands.common import (
+    DataOption,
+    TokenOption,
+    UrlOption,
+    as_document,
+    check_target,
+    console,
+    usage,
+    write_target,
+)
 from apexcal.commands.connect import check_id, connected
 from apexcal.commands.exported_files import write_exported
 from apexcal.commands.publications import CameraOption, FleetOption, VehicleOption, find_vehicle_camera
+from apexcal.documents.fleets import VehicleOut
+from apexcal.documents.results import CurrentCalibration
 from apexcal.embedded.folder import DEFAULT
 from apexcal.resources.exports import Exported
-from apexcal.transport import Document
 
 FormatOption = Annotated[
     str,
@@ -68,7 +78,7 @@ def export(
             document = client.calibrations.result(check_id(result, "result"))
         else:
             document = _current(client, *find_vehicle_camera(client, fleet, vehicle, camera))
-    text = json.dumps(document, indent=2, ensure_ascii=False)
+    text = json.dumps(as_document(document), indent=2, ensure_ascii=False)
     if output is None:
         print(text)
         return
@@ -76,28 +86,28 @@ def export(
     console(errors=True).print(f"Wrote {output}.", soft_wrap=True)
 
 
-def _exported(client: Client, of: str | tuple[Document, str], format: str) -> Exported:
+def _exported(client: Client, of: str | tuple[VehicleOut, str], format: str) -> Exported:
     if isinstance(of, str):
         return client.exports.result(of, format)
-    return client.exports.current(of[0]["id"], of[1], format)
+    return client.exports.current(of[0].id, of[1], format)
 
 
 def _patched(
-    client: Client, of: str | tuple[Document, str], urdf: Path, joint: str, links: dict[str, str]
+    client: Client, of: str | tuple[VehicleOut, str], urdf: Path, joint: str, links: dict[str, str]
 ) -> Exported:
     # Read as bytes: the ends of lines stay as they are.
     text, given = urdf.read_bytes().decode(), {name: link for name, link in links.items() if link}
     if isinstance(of, str):
         made = client.exports.urdf_of_result(of, text, joint, **given)
     else:
-        made = client.exports.urdf(of[0]["id"], of[1], text, joint, **given)
+        made = client.exports.urdf(of[0].id, of[1], text, joint, **given)
     return Exported(urdf.name, made.encode())
 
 
-def _current(client: Client, vehicle: Document, camera: str) -> Document:
+def _current(client: Client, vehicle: VehicleOut, camera: str) -> CurrentCalibration:
     """The current calibration; where there is none, the refusal names the command that makes one."""
     try:
-        return client.calibrations.current(vehicle["id"], camera)
+        return client.calibrations.current(vehicle.id, camera)
     except ApiError as error:
         if error.code == "no_calibration_yet":
             error.hint = (

@@ -12,8 +12,9 @@ import typer
 from apexcal.client import ApiError, Client
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, say
 from apexcal.commands.connect import connected, find_camera, find_vehicle
+from apexcal.documents.fleets import VehicleOut
+from apexcal.documents.publications import PublicationView
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 VehicleOption = Annotated[str, typer.Option(help="Vehicle, by name or id; needed where there are several.")]
 CameraOption = Annotated[str, typer.Option(help="Camera; needed where the vehicle has several.")]
@@ -36,17 +37,17 @@ def publications(
     """List what a camera was given, newest first. `apexcal publish RESULT --reason WHY` gives one of them again."""
     with connected(url, token, data) as client:
         on, of = find_vehicle_camera(client, fleet, vehicle, camera)
-        found = list(islice(client.calibrations.publications(on["id"], of), limit))
+        found = list(islice(client.calibrations.publications(on.id, of), limit))
     lines = [line for one in found for line in _lines(one)]
-    say(found, as_json, "\n".join(lines) or f"Nothing was published for {of} of {on['name']} yet.")
+    say(found, as_json, "\n".join(lines) or f"Nothing was published for {of} of {on.name} yet.")
 
 
-def find_vehicle_camera(client: Client, fleet: str, vehicle: str, camera: str) -> tuple[Document, str]:
+def find_vehicle_camera(client: Client, fleet: str, vehicle: str, camera: str) -> tuple[VehicleOut, str]:
     """A vehicle, and the name of a camera of any of its rigs."""
     on = find_vehicle(client, fleet, vehicle)
-    rigs = list(client.vehicles.rigs(on["id"]))
-    cameras = {each["name"]: each for rig in rigs for each in rig["cameras"]}
-    return on, find_camera({"cameras": list(cameras.values())}, camera)
+    rigs = list(client.vehicles.rigs(on.id))
+    cameras = list(dict.fromkeys(each.name for rig in rigs for each in rig.cameras))
+    return on, find_camera(cameras, camera)
 
 
 @contextmanager
@@ -64,19 +65,23 @@ def saying_objections() -> Iterator[None]:
         raise
 
 
-def given(publication: Document, vehicle: str) -> str:
+def given(publication: PublicationView, vehicle: str) -> str:
     """What a camera is given now, in a sentence, and what spoke against it."""
-    sentence = f"{publication['model']} is now the current calibration of {publication['camera']} on {vehicle}."
+    sentence = f"{publication.model} is now the current calibration of {publication.camera} on {vehicle}."
     return "\n".join([sentence, *_against(publication)])
 
 
-def _lines(publication: Document) -> list[str]:
-    by = f" by {publication['published_by']}" if publication["published_by"] else ""
-    current = ", current" if publication["is_current"] else ""
-    first = f"{publication['published_at']}{by}: {publication['model']}, result {publication['result_id']}{current}"
-    reason = [f"  {publication['reason']}"] if publication["reason"] else []
+def _lines(publication: PublicationView) -> list[str]:
+    by = f" by {publication.published_by}" if publication.published_by else ""
+    current = ", current" if publication.is_current else ""
+    first = (
+        f"{publication.published_at.isoformat()}{by}: {publication.model}, result {publication.result_id}{current}"
+    )
+    reason = [f"  {publication.reason}"] if publication.reason else []
     return [first, *reason, *_against(publication)]
 
 
-def _against(publication: Document) -> list[str]:
-    return [f"  Published against: {one}" for one in (publication["override"] or {}).get("objections", [])]
+def _against(publication: PublicationView) -> list[str]:
+    return [
+        f"  Published against: {one}" for one in (publication.override.objections if publication.override else [])
+    ]

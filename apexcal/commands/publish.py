@@ -27,5 +27,5 @@ def publish(
         usage("--override needs a reason", "Say why with --reason; it is kept with the publication")
     with connected(url, token, data) as client, saying_objections():
         made = client.calibrations.publish(result, reason.strip() or None, override=override)
-        vehicle = client.vehicles.get(made["vehicle_id"])["name"]
+        vehicle = client.vehicles.get(made.vehicle_id).name
     say(made, as_json, given(made, vehicle))

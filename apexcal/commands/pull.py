@@ -45,7 +45,7 @@ def pull(
     kept = KeptFile(output)
     try:
         with connected(url, token, data, timeout_s=timeout) as client:
-            vehicle_id = find_vehicle(client, fleet, vehicle)["id"]
+            vehicle_id = str(find_vehicle(client, fleet, vehicle).id)
             query = {"camera": camera or None, "as_of": as_of or None, "format": format}
             asked = json.dumps([client.base_url, vehicle_id, query])
             new = client.calibrations.vehicle_if_changed(vehicle_id, kept.etag(asked), **query)

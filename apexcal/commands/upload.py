@@ -19,8 +19,9 @@ from apexcal.commands.reading import (
     reading_of,
     which_is_which,
 )
+from apexcal.documents.fleets import RigOut, VehicleOut
+from apexcal.documents.recordings import RecordingSummary, RecordingView
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 
 def upload(
@@ -53,7 +54,7 @@ def upload(
     with connected(url, token, data) as client:
         on = find_vehicle(client, fleet, vehicle)
         with_rig = find_rig(client, on, rig)
-        begun = None if new else client.recordings.unfinished(path, on["id"], with_rig["id"])
+        begun = None if new else client.recordings.unfinished(path, on.id, with_rig.id)
         with bar("Uploading", not as_json) as progress:
             recording = _send(client, path, on, with_rig, begun, name, marks, retain_days, known, progress)
         if wait:
@@ -62,33 +63,35 @@ def upload(
     say(recording, as_json, what_it_is(recording))
 
 
-def wait_until_read(client: Client, recording: Document, progress: Callable[[float, str], None]) -> Document:
+def wait_until_read(
+    client: Client, recording: RecordingSummary, progress: Callable[[float, str], None]
+) -> RecordingView:
     """The recording when it is ready. Raises :class:`FailedError`; where topics must be named, it lists them."""
     try:
         return client.wait(recording, on_progress=progress)
     except FailedError as error:
-        error.hint += which_is_which(error.problem).replace("RECORDING", recording["id"])
+        error.hint += which_is_which(error.problem).replace("RECORDING", str(recording.id))
         raise
 
 
-def what_it_is(recording: Document) -> str:
+def what_it_is(recording: RecordingSummary) -> str:
     """A recording's state in a sentence, and its warnings."""
-    warnings = "".join(f"\nNote: {warning}" for warning in recording.get("warnings") or [])
-    return f"The recording {recording['name']!r} is {recording['id']}, {recording['state']}.{warnings}"
+    warnings = "".join(f"\nNote: {warning}" for warning in recording.warnings)
+    return f"The recording {recording.name!r} is {recording.id}, {recording.state}.{warnings}"
 
 
 def _send(
     client: Client,
     path: Path,
-    vehicle: Document,
-    rig: Document,
-    begun: Document | None,
+    vehicle: VehicleOut,
+    rig: RigOut,
+    begun: RecordingSummary | None,
     name: str,
     marks: int,
     retain_days: int,
     reading: Mapping[str, Any],
     progress: Callable[[float, str], None],
-) -> Document:
+) -> RecordingView:
     def on_bytes(done: int, total: int) -> None:
         progress(done / total, f"{done / 1e6:.0f} of {total / 1e6:.0f} MB")
 
@@ -96,8 +99,8 @@ def _send(
         return client.recordings.resume(begun, path, on_progress=on_bytes)
     return client.recordings.upload(
         path,
-        vehicle["id"],
-        rig["id"],
+        vehicle.id,
+        rig.id,
         name=name or None,
         marks_per_vertex=marks,
         retain_days=retain_days or None,

@@ -4,9 +4,23 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Generic, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    StringConstraints,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
+
+T = TypeVar("T")
 
 # Control, format (directions, zero widths), surrogate and private characters; separators of lines and paragraphs.
 _UNSEEN = frozenset(("Cc", "Cf", "Cs", "Co", "Zl", "Zp"))
@@ -84,3 +98,30 @@ class Sent(BaseModel):
     """An answer's body, read from a row's attributes where it is given one."""
 
     model_config = ConfigDict(from_attributes=True)
+
+
+class Page(BaseModel, Generic[T]):
+    """One page; ``next`` is given as ``after`` to get the following one, and is null on the last."""
+
+    items: list[T]
+    next: str | None = None
+
+
+class Document(BaseModel):
+    """A document that is kept as JSON. Of another version it may have further members, which stay."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+def _as_stored(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    return handler(value) if info.mode == "json" else value
+
+
+Stored = Annotated[T, WrapValidator(_as_stored), PlainSerializer(lambda value: value)]
+"""A row's JSON: the service hands it out as it lies in the database, whatever version wrote it; who reads an answer
+gets it as its type."""
+
+
+def stored(document: Any) -> Any:
+    """A row's JSON where an answer has a :data:`Stored` member; it is not looked at."""
+    return document

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, NotRequired
 from pydantic import Field, PlainSerializer, WrapValidator
 from typing_extensions import TypeAliasType, TypedDict
 
+from apexcal.documents.base import Stored
 from apexcal.documents.regions import MAX_CORNERS, MAX_DEPTH, MAX_NODES, check_region
 
 Quantity = Literal["x", "y", "z", "range", "azimuth_deg", "elevation_deg"]
@@ -71,11 +72,6 @@ def _checked(given: Any, _: Any) -> Any:
     return check_region(given)
 
 
-def _as_it_is(region: Any, _: Any) -> Any:
-    return region
-
-
 Region = Annotated[RegionNode, WrapValidator(_checked), PlainSerializer(lambda region: region), _SAYS]
 """A region that somebody sends, in its canonical form."""
-KeptRegion = Annotated[RegionNode, WrapValidator(_as_it_is), PlainSerializer(lambda region: region), _SAYS]
-"""A region that was checked when it was sent."""
+KeptRegion = Annotated[Stored[RegionNode], _SAYS]

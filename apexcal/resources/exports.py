@@ -6,7 +6,8 @@ import re
 from typing import NamedTuple
 from uuid import UUID
 
-from apexcal.transport import Document, Transport, at
+from apexcal.documents.exports import FormatView
+from apexcal.transport import Transport, at
 
 _FILE_NAME = re.compile(r'filename="([^"/\\]+)"')
 
@@ -24,10 +25,9 @@ class Exports:
     def __init__(self, transport: Transport) -> None:
         self._http = transport
 
-    def formats(self) -> list[Document]:
+    def formats(self) -> list[FormatView]:
         """The table of the formats: which way each one's transform leads, and what of a lens it carries."""
-        formats: list[Document] = self._http.send("GET", "/export-formats").json()
-        return formats
+        return [FormatView.model_validate(one) for one in self._http.send("GET", "/export-formats").json()]
 
     def current(self, vehicle_id: UUID | str, camera: str, format: str) -> Exported:
         """A camera's current calibration. ApiError ``format_cannot_carry`` names those that can in ``formats``."""

@@ -9,12 +9,12 @@ from fastapi import APIRouter, Path, Request
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
+from apexcal.documents.marking import MarkView, Pixel
+from apexcal.documents.roles import Role
 from service.annotations.answer_actions import MOST_ANSWERS
 from service.annotations.disclosure_actions import was_told_of_frame
 from service.annotations.mark_actions import find_mark, write_mark
-from service.annotations.schemas import MarkView, Pixel
 from service.auth.access import Access, ReadAccess, WriteAccess
-from service.auth.roles import Role
 from service.db.annotations import Answer, Mark
 from service.db.recordings import CameraFrame, Recording, Sensor
 from service.detections.queries import find_camera

@@ -8,14 +8,14 @@ from uuid import UUID
 from fastapi import APIRouter, Query, Request, Response
 
 from apexcal.documents.base import Sought
+from apexcal.documents.marking import Answer, AnswerView, GivenMark, NextTask, Progress, Tally, TaskView, Undo
+from apexcal.documents.roles import rank
 from service.annotations.answer_actions import answer_view, give, undo
 from service.annotations.disclosure_actions import answered_by_others, tell
 from service.annotations.progress_queries import progress, tally, visible_answers
-from service.annotations.schemas import Answer, AnswerView, GivenMark, NextTask, Progress, Tally, TaskView, Undo
 from service.annotations.task_actions import lock_recording, next_task
 from service.annotations.views import PairedFrame, find_frame, find_task, mark_view, task_view
 from service.auth.access import Access, ReadAccess, WriteAccess
-from service.auth.roles import rank
 from service.broker.hints import hint
 from service.db.annotations import MarkingTask, Verdict
 from service.db.detections import Detection

@@ -9,8 +9,8 @@ from uuid import UUID
 from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskVertex, TaskView
 from service.annotations.mark_actions import find_mark, find_verdict
-from service.annotations.schemas import MarkView, Own, Pixel, TaskFrame, TaskVertex, TaskView
 from service.auth.access import Access
 from service.db.annotations import Answer, Mark, MarkingTask
 from service.db.detections import Detection, Vertex, VertexFrame

@@ -21,8 +21,8 @@ from sqlalchemy import ColumnElement, Select, select
 from sqlalchemy.orm import Session
 from starlette.types import Scope
 
+from apexcal.documents.roles import Role, least, rank
 from service.auth.origins import check_origin
-from service.auth.roles import Role, least, rank
 from service.auth.secrets import TOKEN_PREFIX, secret_hash
 from service.db.clock import utc_now
 from service.db.fleets import Fleet

@@ -9,9 +9,9 @@ from uuid import UUID
 
 from sqlalchemy import select
 
+from apexcal.documents.roles import Role, rank
 from service.auth.access import Access
 from service.auth.credential_actions import hold
-from service.auth.roles import Role, rank
 from service.db.people import Membership, Person
 from service.http.problems import Problem, not_found
 

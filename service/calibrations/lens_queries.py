@@ -8,9 +8,9 @@ from dataclasses import replace
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.calibrations import CalibrationTemplate
 from service.calibrations.cameras import CameraPairs
 from service.calibrations.lenses import check_size
-from service.calibrations.schemas import CalibrationTemplate
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import RigCamera

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.camera_models import ModelName, parameter_names
 from apexcal.documents.schedules import Schedule
 from service.calibrations.cameras import CameraPairs, ResolvedCamera, resolve_cameras
 from service.calibrations.fit_documents import fit_document
 from service.calibrations.fold_rules import fold_count
 from service.calibrations.lock_rules import check_camera_locks
-from service.calibrations.schemas import CalibrationTemplate
 from service.calibrations.terms import Terms, resolve_terms
 from service.calibrations.weight_rules import weighing_note
 from service.calibrations.work_rules import Wanted, check_work, cost_of, predicted_s
@@ -89,7 +89,7 @@ def plan_request(wanted: CalibrationTemplate, sources: Sequence[CameraPairs]) ->
 
 def _work(terms: Terms, fitted: Sequence[tuple[ResolvedCamera, ModelName]]) -> list[Wanted]:
     """What each fit costs. A template without cameras is looked at as for a camera without pairs."""
-    asked = [(camera.name, model, camera.pairs.count) for camera, model in fitted]
+    asked: list[tuple[str, ModelName, int]] = [(camera.name, model, camera.pairs.count) for camera, model in fitted]
     asked = asked or [("", model, 0) for model in terms.models]
     return [
         Wanted(camera, model, pairs, 1 + terms.folds, cost_of(model, pairs, terms.schedule))

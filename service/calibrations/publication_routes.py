@@ -10,10 +10,12 @@ from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
 from sqlalchemy import select
 
-from apexcal.documents.base import Sought
+from apexcal.documents.base import Sought, Stored
+from apexcal.documents.publications import PublicationRequest, PublicationView
+from apexcal.documents.results import CurrentCalibration, ResultView
+from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
-from service.auth.roles import rank
 from service.broker.hints import hint
 from service.calibration_runs.conclusion import FULL
 from service.calibration_runs.objection_queries import objections
@@ -25,7 +27,6 @@ from service.calibration_runs.publication_actions import (
     was_given,
 )
 from service.calibrations.publication_views import current_document, publication_page, publication_view
-from service.calibrations.schemas import PublicationRequest, PublicationView
 from service.calibrations.views import result_document
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.digests import content_hash
@@ -39,7 +40,7 @@ from service.http.problems import Problem, not_found
 router = APIRouter(tags=["calibrations"])
 
 
-@router.get("/results/{result_id}", response_model=dict[str, Any])
+@router.get("/results/{result_id}", response_model=Stored[ResultView])
 def read_result(
     result_id: UUID, access: ReadAccess, request: Request, wanted: WantedFormat, conditions: Conditional
 ) -> dict[str, Any] | Response:
@@ -126,7 +127,7 @@ def list_publications(vehicle_id: UUID, camera: Sought, access: ReadAccess, wind
     return publication_page(access.session, access.find(Vehicle, vehicle_id).id, camera, window)
 
 
-@router.get("/vehicles/{vehicle_id}/cameras/{camera}/calibration", response_model=dict[str, Any])
+@router.get("/vehicles/{vehicle_id}/cameras/{camera}/calibration", response_model=Stored[CurrentCalibration])
 def read_current(
     vehicle_id: UUID, camera: Sought, access: ReadAccess, conditions: Conditional, wanted: WantedFormat
 ) -> dict[str, Any] | Response:

@@ -11,9 +11,9 @@ from sqlalchemy import Row, Select, Uuid, literal, select, tuple_
 from sqlalchemy.exc import NoResultFound
 from sqlalchemy.orm import Session
 
+from apexcal.documents.publications import OverrideView, PublicationView
 from service.calibration_runs.publication_actions import current_id, current_ids
 from service.calibration_runs.transforms import T_vehicle_camera
-from service.calibrations.schemas import OverrideView, PublicationView
 from service.db.base import Json
 from service.db.calibrations import NEWNESS, Calibration, Publication, Result
 from service.db.clock import Instant

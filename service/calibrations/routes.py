@@ -10,15 +10,15 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
+from apexcal.documents.calibrations import CalibrationRequest, CalibrationView, SlotView
+from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import Access, ReadAccess, WriteAccess
-from service.auth.roles import rank
 from service.broker.hints import hint
 from service.calibrations.actions import ask_to_end, create
 from service.calibrations.cameras import CameraPairs
 from service.calibrations.lens_queries import with_recorded_lenses
 from service.calibrations.plan import plan_request
-from service.calibrations.schemas import CalibrationRequest, CalibrationView, SlotView
 from service.calibrations.slot_views import slot_page
 from service.calibrations.views import calibration_views, vertices_apart
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
@@ -102,7 +102,7 @@ def read_calibration(calibration_id: UUID, access: ReadAccess, request: Request)
     calibration = access.find(Calibration, calibration_id)
     with_pairs = rank(access.role(calibration.fleet_id) or "") >= rank("reviewer")
     view = calibration_views(access.session, [calibration], with_pairs=with_pairs)[0]
-    if with_pairs and vertices_apart(view.summary):
+    if with_pairs and vertices_apart(calibration.summary):
         runs = select(CalibrationRun.set_id).where(CalibrationRun.calibration_id == calibration.id)
         for pairs in access.session.scalars(select(CorrespondenceSet).where(CorrespondenceSet.id.in_(runs))).all():
             tell_pairs(access, request.app.state.database, pairs, "calibration")

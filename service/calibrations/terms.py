@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from apexcal.documents.bounds import BoundsPreset, Interval
+from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.camera_models import ModelName, SearchForm, parse_model
 from apexcal.documents.rules import LensUse, WeightRule
 from apexcal.documents.schedules import PRESETS, Schedule
 from service.calibrations.lenses import Lens, as_stated, take_over
 from service.calibrations.lock_rules import check_locks
 from service.calibrations.parameter_rules import check_names, check_order
-from service.calibrations.schemas import CalibrationTemplate
 from service.db.base import Json
 
 

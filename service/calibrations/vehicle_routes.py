@@ -11,7 +11,8 @@ from fastapi.responses import Response
 from pydantic import AwareDatetime
 from sqlalchemy import select
 
-from apexcal.documents.base import Sought
+from apexcal.documents.base import Sought, Stored
+from apexcal.documents.exports import VehicleCalibration
 from service.auth.access import ReadAccess
 from service.calibrations.publication_views import vehicle_documents
 from service.db.digests import content_hash
@@ -24,7 +25,7 @@ from service.http.problems import Problem
 router = APIRouter(tags=["calibrations"])
 
 
-@router.get("/vehicles/{vehicle_id}/calibration", response_model=dict[str, Any])
+@router.get("/vehicles/{vehicle_id}/calibration", response_model=Stored[VehicleCalibration])
 def read_vehicle_calibration(
     vehicle_id: UUID,
     access: ReadAccess,

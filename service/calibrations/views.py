@@ -10,9 +10,10 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import stored
+from apexcal.documents.calibrations import CalibrationView, ProgressView, RunView
 from apexcal.documents.states import UNENDED
 from service.calibration_runs.conclusion import FULL
-from service.calibrations.schemas import CalibrationView, ProgressView, RunView
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 
@@ -41,9 +42,9 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pair
         vehicle_id=row.vehicle_id,
         rig_id=row.rig_id,
         state=row.state,
-        request=row.request,
+        request=stored(row.request),
         notes=row.notes,
-        problem=row.problem,
+        problem=stored(row.problem),
         progress=_progress(row, runs),
         runs=[
             RunView(
@@ -53,11 +54,11 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pair
                 state=run.state,
                 iteration=run.iteration,
                 best_loss=_best_loss(run),
-                failure=run.failure,
+                failure=stored(run.failure),
             )
             for run in runs
         ],
-        summary=row.summary if with_pairs else _without_vertices(row.summary),
+        summary=stored(row.summary if with_pairs else _without_vertices(row.summary)),
         created_at=row.created_at,
         finished_at=row.finished_at,
     )

@@ -14,14 +14,14 @@ from sqlalchemy.orm import defer
 from starlette.requests import ClientDisconnect
 
 from apexcal.documents.base import Sought
+from apexcal.documents.correspondence_sets import BuildRequest, SetView, SetWithPairs
+from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.auth.roles import rank
 from service.broker.hints import hint
 from service.correspondence_sets.actions import keep_set
 from service.correspondence_sets.marked_pairs import build
 from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
-from service.correspondence_sets.schemas import BuildRequest, SetView, SetWithPairs
 from service.correspondence_sets.streamed_views import pairs_of, set_in_pieces
 from service.correspondence_sets.views import set_view, summaries
 from service.db.calibrations import CorrespondenceSet

@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import Select, select
 from sqlalchemy.orm import defer
 
-from service.correspondence_sets.schemas import SetView
+from apexcal.documents.correspondence_sets import SetView
 from service.db.calibrations import CorrespondenceSet
 
 

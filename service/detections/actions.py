@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from uuid import UUID
 
+from apexcal.documents.detections import DetectionRequest
 from apexcal.documents.detectors import resolve_options
 from apexcal.documents.states import WorkState
 from service.db.detections import Detection
 from service.db.digests import content_hash
 from service.db.recordings import Recording
-from service.detections.schemas import DetectionRequest
 
 
 def new_detection(recording: Recording, wanted: DetectionRequest, person_id: UUID) -> Detection:

@@ -7,9 +7,9 @@ from uuid import UUID
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.roles import Role
 from apexcal.documents.states import UNENDED, RecordingState, WorkState
 from service.auth.access import Access
-from service.auth.roles import Role
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
 from service.http.problems import Problem

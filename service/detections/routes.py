@@ -10,6 +10,7 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
+from apexcal.documents.detections import DetectionRequest, DetectionView, Quality, VertexView
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.detections import Detection, Vertex
@@ -17,7 +18,6 @@ from service.db.recordings import Recording
 from service.detections.actions import new_detection
 from service.detections.jobs import queue_detection
 from service.detections.queries import find_camera, ready_recording, vertices_of
-from service.detections.schemas import DetectionRequest, DetectionView, Quality, VertexView
 from service.detections.views import detection_view, vertex_views
 from service.http.bodies import DOCUMENT
 from service.http.pages import LongPaging, Page, Paging, fetch

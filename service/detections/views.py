@@ -8,12 +8,13 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import stored
+from apexcal.documents.detections import DetectionView, FrameOfVertex, Moved, VertexView
 from apexcal.documents.states import WorkState
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Sensor
-from service.detections.schemas import DetectionView, FrameOfVertex, Moved, VertexView
-from service.job_status.schemas import JobView
+from service.job_status.views import job_view
 
 
 def detection_view(row: Detection, job: Job | None) -> DetectionView:
@@ -22,14 +23,14 @@ def detection_view(row: Detection, job: Job | None) -> DetectionView:
         id=row.id,
         fleet_id=row.fleet_id,
         recording_id=row.recording_id,
-        region=row.region,  # pyright: ignore[reportArgumentType] - it was checked when it was sent
+        region=stored(row.region),
         detector=row.detector,
-        options=row.options,
-        pairing=row.pairing,
+        options=stored(row.options),
+        pairing=stored(row.pairing),
         state=WorkState(row.state),
-        counts=row.counts,
-        problem=row.problem,
-        job=JobView.model_validate(job) if job else None,
+        counts=stored(row.counts),
+        problem=stored(row.problem),
+        job=job_view(job) if job else None,
         created_at=row.created_at,
         finished_at=row.finished_at,
     )

@@ -15,8 +15,8 @@ import redis.asyncio
 from fastapi.concurrency import run_in_threadpool
 from redis.exceptions import RedisError
 
+from apexcal.documents.roles import Role
 from service.auth.access import Identity, renewed
-from service.auth.roles import Role
 from service.broker.connection import tcp_options
 from service.broker.hints import EVERY_CHANNEL, Hint, fleet_of
 from service.db.session import Database

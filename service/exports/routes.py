@@ -9,13 +9,13 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 
 from apexcal.documents.base import Sought
+from apexcal.documents.exports import FormatView, UrdfRequest
 from service.auth.access import CurrentIdentity, ReadAccess
 from service.db.calibrations import Result
 from service.db.fleets import Vehicle
 from service.exports.answers import table
 from service.exports.calibrated import Calibrated
 from service.exports.queries import of_publication, of_result
-from service.exports.schemas import FormatView, UrdfRequest
 from service.exports.urdf_patch import patched
 from service.http.bodies import DOCUMENT
 

@@ -10,16 +10,17 @@ from uuid import UUID
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import stored
+from apexcal.documents.calibrations import CalibrationTemplate
+from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
 from apexcal.documents.states import RequestState, VehicleState
 from service.calibrations.actions import ask_to_end, create_all, waiting_runs
-from service.calibrations.schemas import CalibrationTemplate
 from service.calibrations.work_rules import check_fleet_total
 from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet
 from service.db.ids import new_id
 from service.fleet_requests.plan import VehiclePlan, check_template, plan_vehicles
-from service.fleet_requests.schemas import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
 from service.fleet_requests.vehicle_queries import Chosen, choose
 from service.http.problems import Problem
 
@@ -70,7 +71,7 @@ def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunV
     for planned in plan_vehicles(session, wanted.calibration, chosen):
         total.add(planned)
         skipped += [
-            SkippedView(vehicle_id=one.vehicle.id, vehicle=one.vehicle.name, problem=one.problem)
+            SkippedView(vehicle_id=one.vehicle.id, vehicle=one.vehicle.name, problem=stored(one.problem))
             for one in planned
             if one.problem is not None
         ]

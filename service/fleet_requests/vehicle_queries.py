@@ -20,11 +20,11 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, ScalarSelect, exists, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
+from apexcal.documents.fleet_requests import VehicleFilter
 from apexcal.documents.states import WorkState
 from service.db.base import written
 from service.db.calibrations import NEWNESS, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
-from service.fleet_requests.schemas import VehicleFilter
 from service.http.problems import Problem
 
 

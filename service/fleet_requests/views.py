@@ -9,8 +9,10 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
+from apexcal.documents.base import stored
+from apexcal.documents.calibrations import ProgressView
+from apexcal.documents.fleet_requests import CameraOutcome, Counts, FleetRequestView, RequestVehicleView
 from apexcal.documents.states import VehicleState, WorkState
-from service.calibrations.schemas import ProgressView
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
 from service.db.clock import utc_now
@@ -18,12 +20,6 @@ from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Vehicle
 from service.db.jobs import Job
 from service.db.people import Person
-from service.fleet_requests.schemas import (
-    CameraOutcome,
-    Counts,
-    FleetRequestView,
-    RequestVehicleView,
-)
 
 # Before this many vehicles have ended, their pace tells too little.
 _LEAST_ENDED = 3
@@ -110,7 +106,7 @@ def _request_view(row: FleetRequest, running: int, published: int | None, asked_
         id=row.id,
         fleet_id=row.fleet_id,
         state=row.state,  # pyright: ignore[reportArgumentType] - only states
-        asked=row.asked,
+        asked=stored(row.asked),
         asked_by=asked_by,
         counts=Counts(
             matched=row.matched,
@@ -155,7 +151,7 @@ def vehicle_view(row: FleetRequestVehicle, name: str, running: bool, summary: Js
         vehicle=name,
         state=VehicleState.RUNNING if running else VehicleState(row.state),
         calibration_id=row.calibration_id,
-        problem=row.problem,
+        problem=stored(row.problem),
         cameras={camera: _outcome(found) for camera, found in (summary or {}).get("cameras", {}).items()},
         finished_at=row.finished_at,
     )

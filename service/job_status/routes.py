@@ -8,12 +8,13 @@ from uuid import UUID
 from fastapi import APIRouter, Path, Query
 from sqlalchemy import select
 
+from apexcal.documents.jobs import JobView
 from apexcal.documents.states import WorkState
 from service.auth.access import ReadAccess
 from service.db.base import written
 from service.db.jobs import Job
 from service.http.pages import Page, Paging, fetch
-from service.job_status.schemas import JobView
+from service.job_status.views import job_view
 
 router = APIRouter(tags=["jobs"])
 
@@ -31,10 +32,10 @@ def get_jobs(
         statement = statement.where(Job.state == written(state))
     scopes = access.scopes(Job, fleet_id)
     rows, following = fetch(access.session, statement, Job.id, paging, newest_first=True, any_of=scopes)
-    return Page(items=[JobView.model_validate(row) for row in rows], next=following)
+    return Page(items=[job_view(row) for row in rows], next=following)
 
 
 @router.get("/jobs/{id}")
 def get_job(id: Annotated[int, Path(ge=0, lt=2**63)], access: ReadAccess) -> JobView:
     """One job."""
-    return JobView.model_validate(access.find(Job, id))
+    return job_view(access.find(Job, id))

@@ -1,4 +1,4 @@
-"""Jobs of other resources' rows, as their answers show them."""
+"""Jobs as the answers show them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,20 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.states import UNENDED
+from apexcal.documents.jobs import JobView
+from apexcal.documents.states import UNENDED, WorkState
+from service.db.clock import utc_now
 from service.db.jobs import Job
-from service.job_status.schemas import JobView
+
+# Before this share of the work, or this many seconds, what was done tells too little of what is left.
+_LEAST_FRACTION, _LEAST_S = 0.02, 2.0
+
+
+def job_view(job: Job) -> JobView:
+    """A job."""
+    view = JobView.model_validate(job)
+    view.seconds_left = _seconds_left(job)
+    return view
 
 
 def job_views(session: Session, ids: Iterable[int | None]) -> dict[int, JobView]:
@@ -18,7 +29,7 @@ def job_views(session: Session, ids: Iterable[int | None]) -> dict[int, JobView]
     wanted = {one for one in ids if one is not None}
     if not wanted:
         return {}
-    return {job.id: JobView.model_validate(job) for job in session.scalars(select(Job).where(Job.id.in_(wanted)))}
+    return {job.id: job_view(job) for job in session.scalars(select(Job).where(Job.id.in_(wanted)))}
 
 
 def jobs_of(session: Session, subject_ids: Iterable[UUID]) -> dict[UUID, Job]:
@@ -29,3 +40,17 @@ def jobs_of(session: Session, subject_ids: Iterable[UUID]) -> dict[UUID, Job]:
         if known is None or known.state not in UNENDED:
             found[job.subject_id] = job
     return found
+
+
+def _seconds_left(job: Job) -> float | None:
+    """About how long a running job still takes, to the second; None where that is not known."""
+    if job.state != WorkState.RUNNING or job.started_at is None or not job.progress:
+        return None
+    stated = job.progress.get("seconds_left")
+    if stated is not None:
+        return round(stated)
+    fraction = job.progress.get("fraction") or 0.0
+    passed = (utc_now() - job.started_at).total_seconds()
+    if fraction < _LEAST_FRACTION or passed < _LEAST_S:
+        return None
+    return round(passed * (1.0 - fraction) / fraction)

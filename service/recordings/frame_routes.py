@@ -11,6 +11,7 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
+from apexcal.documents.recordings import BlobAddress, FrameView
 from service.auth.access import Access, CurrentIdentity, ReadAccess
 from service.db.recordings import CameraFrame, Recording
 from service.db.session import Database
@@ -19,7 +20,6 @@ from service.http.pages import LongPaging, Page, fetch
 from service.http.problems import Problem
 from service.recordings.presigner import Presigner
 from service.recordings.queries import find_camera
-from service.recordings.schemas import BlobAddress, FrameView
 from service.storage.store import Store
 
 router = APIRouter(tags=["recordings"])

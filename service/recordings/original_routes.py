@@ -10,6 +10,7 @@ from uuid import UUID
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import StreamingResponse
 
+from apexcal.documents.recordings import Original, OriginalPart
 from apexcal.documents.states import RecordingState
 from service.auth.access import Access, CurrentIdentity
 from service.db.recordings import Recording, UploadPart
@@ -17,7 +18,6 @@ from service.db.session import Database
 from service.http.problems import Problem
 from service.recordings.presigner import Presigner
 from service.recordings.queries import parts_of
-from service.recordings.schemas import Original, OriginalPart
 from service.storage.store import Store
 
 router = APIRouter(tags=["recordings"])

@@ -14,12 +14,12 @@ from uuid import UUID
 from fastapi import APIRouter, Path, Request
 from fastapi.concurrency import run_in_threadpool
 
+from apexcal.documents.recordings import MAX_PARTS, NewPart, PartAddress, PartView, PutPart
 from service.auth.access import Access, CurrentIdentity, Identity
 from service.db.recordings import Blob, Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
 from service.recordings.presigner import Presigner
-from service.recordings.schemas import MAX_PARTS, NewPart, PartAddress, PartView, PutPart
 from service.recordings.upload_actions import (
     Announced,
     begin_part,

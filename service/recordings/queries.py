@@ -9,11 +9,11 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.recordings import Reading
 from service.auth.access import Access
 from service.db.fleets import RigCamera
 from service.db.recordings import Recording, Sensor, UploadPart
 from service.http.problems import Problem
-from service.recordings.schemas import Reading
 
 
 def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[str, Any]:

@@ -10,6 +10,13 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.recordings import (
+    CreatedRecording,
+    NewRecording,
+    RecordingEdit,
+    RecordingSummary,
+    RecordingView,
+)
 from apexcal.documents.states import RecordingState
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
@@ -22,13 +29,6 @@ from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found
 from service.recordings.actions import delete_recording
 from service.recordings.queries import reading_document
-from service.recordings.schemas import (
-    CreatedRecording,
-    NewRecording,
-    RecordingEdit,
-    RecordingSummary,
-    RecordingView,
-)
 from service.recordings.upload_actions import how_to_upload
 from service.recordings.views import summaries, view
 from service.settings import Settings

@@ -13,6 +13,7 @@ from fastapi import Request
 from sqlalchemy import delete, select
 from starlette.requests import ClientDisconnect
 
+from apexcal.documents.recordings import Upload
 from apexcal.documents.states import RecordingState
 from service.auth.access import Access, Identity
 from service.db.clock import now
@@ -20,7 +21,6 @@ from service.db.recordings import Blob, Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
 from service.recordings.presigner import Presigner
-from service.recordings.schemas import Upload
 from service.settings import Settings
 from service.storage.blobs import condemn, give_up, keep, reserve
 from service.storage.errors import ReservationEndedError

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
+from apexcal.documents.recordings import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
 from apexcal.documents.states import RecordingState
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.db.recordings import Recording, UploadPart
@@ -17,7 +18,6 @@ from service.http.problems import Problem
 from service.job_status.views import job_views
 from service.recordings.jobs import queue_ingestion
 from service.recordings.queries import parts_of
-from service.recordings.schemas import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
 from service.recordings.upload_actions import (
     Announced,
     Body,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from apexcal.documents.recordings import Completion
 from apexcal.documents.states import RecordingState
 from service.db.recordings import Recording, UploadPart
 from service.http.problems import Problem
-from service.recordings.schemas import Completion
 
 
 def check_complete(row: Recording, parts: Sequence[UploadPart], declared: Completion) -> bool:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.recordings import RecordingSummary, RecordingView, SensorView
 from service.db.recordings import Recording, Sensor
 from service.job_status.views import job_views
-from service.recordings.schemas import RecordingSummary, RecordingView, SensorView
 
 
 def summaries(session: Session, rows: Sequence[Recording]) -> list[RecordingSummary]:

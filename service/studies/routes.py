@@ -9,6 +9,14 @@ from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.studies import (
+    OffsetRequest,
+    OffsetView,
+    PreviewRequest,
+    PreviewView,
+    SuggestionRequest,
+    SuggestionView,
+)
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.db.jobs import Job
 from service.db.recordings import Recording
@@ -19,14 +27,6 @@ from service.http.pages import Page, Paging, fetch
 from service.http.problems import not_found
 from service.studies.jobs import queue_study
 from service.studies.offset_queries import what_is_known
-from service.studies.schemas import (
-    OffsetRequest,
-    OffsetView,
-    PreviewRequest,
-    PreviewView,
-    SuggestionRequest,
-    SuggestionView,
-)
 from service.studies.views import offset_view, preview_view, suggestion_view
 
 router = APIRouter(tags=["studies"])

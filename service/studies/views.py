@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from service.db.jobs import Job
 from service.db.studies import Study
-from service.job_status.schemas import JobView
-from service.studies.schemas import OffsetView, PreviewView, SuggestionView
+from service.job_status.views import job_view
 
 # An offset within so many of its standard deviations is no reason to move anything.
 _CERTAIN = 2.0
@@ -57,6 +57,6 @@ def _members(row: Study, job: Job | None) -> dict[str, Any]:
         "state": row.state,
         "result": row.result,
         "problem": row.problem,
-        "job": JobView.model_validate(job) if job else None,
+        "job": job_view(job) if job else None,
         "created_at": row.created_at,
     }

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from apexcal.documents.transforms import Transform
 from service.calibrations import transforms
 from service.calibrations.fold_rules import fold_count
-from service.fleets.transforms import Transform
 from workers.geometry import transforms as worker_transforms
 from workers.geometry.transforms import RigidTransform
 from workers.solver.folds import folds

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.e2e.conftest import Track
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
@@ -111,3 +111,25 @@ def test_a_link_opens_the_frame_of_an_outlier_with_its_mark(sign_in: SignIn, tra
     assert float(mark.evaluate("node => parseFloat(node.style.left)")) == pytest.approx(100 * 100 / width, rel=1e-4)
     page.get_by_label("Frame of front").press("ArrowRight")
     expect(mark).to_have_count(0)
+
+
+def test_a_page_that_was_refused_its_stream_of_hints_asks_again(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Otto", "engineer")
+    refused: list[str] = []
+
+    def refuse(route: Route) -> None:
+        refused.append(route.request.url)
+        if len(refused) <= 2:
+            route.fulfill(status=503, json={"code": "too_many_streams"})
+        else:
+            route.continue_()
+
+    page.route("**/events", refuse)
+    page.reload()
+    # A browser gives up after the first 503; the page asks again, and has all that changed meanwhile.
+    page.get_by_role("link", name="Van 7").wait_for()
+    track.owner.vehicles.create(track.fleet_id, "Van 8")
+    expect(page.get_by_role("link", name="Van 8")).to_be_visible()
+    assert len(refused) == 3
+    track.owner.vehicles.create(track.fleet_id, "Van 9")
+    expect(page.get_by_role("link", name="Van 9")).to_be_visible()

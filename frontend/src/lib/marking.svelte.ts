@@ -74,7 +74,7 @@ export class Marking {
     });
     void this.count();
     try {
-      this.order = await cache.fetchQuery(vertices(this.detectionId, this.camera));
+      this.order = await cache.query(vertices(this.detectionId, this.camera));
       this.preloadAfter(this.task);
     } catch {
       // Without the order nothing is fetched ahead; marking works all the same.
@@ -138,7 +138,10 @@ export class Marking {
   async undo(at: number): Promise<void> {
     if (this.waiting) return this.withdraw();
     if (this.task && !this.takes(at)) return;
-    if (this.mark && this.task) return this.place(null, at);
+    if (this.mark && this.task) {
+      this.place(null, at);
+      return;
+    }
     const last = this.history.last;
     if (!last) {
       this.advice = "Nothing was answered on this page yet.";
@@ -215,7 +218,7 @@ export class Marking {
   /** Progress costs only the number shown, so nobody waits for it. */
   private async count(): Promise<void> {
     const asked = { ...annotations.progress(this.detectionId, this.camera), staleTime: 0 };
-    this.progress = await cache.fetchQuery(asked).catch(() => this.progress);
+    this.progress = await cache.query(asked).catch(() => this.progress);
   }
 
   private async advance(skip: string | null): Promise<void> {

@@ -56,7 +56,7 @@ export function rigRequest(draft: RigDraft): RigRequest {
  */
 export function rigFromFile(text: string, name: string): RigRequest {
   const file = record(JSON.parse(text), "the top");
-  if (!("lidar" in file) || !Array.isArray(file["cameras"])) throw new Error("A rig file has a lidar and cameras.");
+  if (!("lidar" in file) || !Array.isArray(file.cameras)) throw new Error("A rig file has a lidar and cameras.");
   return { name, ...file } as unknown as RigRequest;
 }
 

@@ -4,7 +4,7 @@ import { eulerZyx, matrixOf } from "./transforms.ts";
 
 function near(actual: readonly number[], expected: readonly number[]): void {
   actual.forEach((value, i) =>
-    assert.ok(Math.abs(value - (expected[i] ?? NaN)) < 1e-9, `${actual} is not ${expected}`),
+    assert.ok(Math.abs(value - (expected[i] ?? NaN)) < 1e-9, `${actual.join()} is not ${expected.join()}`),
   );
 }
 

@@ -5,7 +5,7 @@ import re
 import pytest
 from sqlalchemy import func, select
 
-from service.auth.roles import ROLES
+from apexcal.documents.roles import ROLES
 from service.db.clock import utc_now
 from service.db.ids import new_id
 from service.db.models import (

@@ -43,7 +43,7 @@ export const requestVehicles = (
     "/v1/fleet-requests/{fleet_request_id}/vehicles",
     { fleet_request_id },
     { state, after, limit: VEHICLES_PER_PAGE },
-  ) as unknown as Read<Page<RequestVehicle>>;
+  );
 
 export const cancelFleetRequest = (id: string): Promise<unknown> =>
   client.POST("/v1/fleet-requests/{fleet_request_id}/cancel", of(id));

@@ -87,9 +87,12 @@ function unreachable(): ApiProblem {
 
 async function problemOf(response: Response): Promise<ApiProblem> {
   const unexplained = `The service answered ${response.status} without saying why.`;
-  const document = await response.json().catch(() => ({ detail: unexplained, hint: "Try again in a moment." }));
+  const document = await (response.json() as Promise<ProblemDocument>).catch(() => ({
+    detail: unexplained,
+    hint: "Try again in a moment.",
+  }));
   if (response.status === 401) for (const listener of signedOutListeners) listener();
-  return new ApiProblem(response.status, document as ProblemDocument);
+  return new ApiProblem(response.status, document);
 }
 
 export interface Page<T> {

@@ -9,7 +9,7 @@ from uuid import UUID
 from pydantic import Field, FiniteFloat
 
 from apexcal.documents.base import Received, Sent
-from service.detections.schemas import Flag, Quality
+from apexcal.documents.detections import Flag, Quality
 
 VerdictName = Literal["confirmed", "rejected", "unsure"]
 Version = Annotated[int, Field(ge=0, le=2**31 - 1)]

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated
 from uuid import UUID
 
 from pydantic import AwareDatetime, Field
 
-from apexcal.documents.base import Name, Received, Sent
+from apexcal.documents.base import Document, Name, Received, Sent, Stored
+from apexcal.documents.calibrations import CalibrationTemplate, ProgressView
+from apexcal.documents.jobs import ProblemView
 from apexcal.documents.states import RequestState, VehicleState
-from service.calibrations.schemas import CalibrationTemplate, ProgressView
-
-Json = dict[str, Any]
 
 
 class VehicleFilter(Received):
@@ -38,6 +37,13 @@ class FleetRequestBody(Received):
     dry_run: bool = False
 
 
+class AskedOfFleet(Document):
+    """What was asked: the filter, and the calibration of each vehicle."""
+
+    vehicles: VehicleFilter
+    calibration: CalibrationTemplate
+
+
 class Counts(Sent):
     """How many vehicles the filter matched, and how many of them are in which state."""
 
@@ -60,7 +66,7 @@ class FleetRequestView(Sent):
     id: UUID
     fleet_id: UUID
     state: RequestState
-    asked: Json
+    asked: Stored[AskedOfFleet]
     asked_by: str | None
     counts: Counts
     published: int | None
@@ -97,7 +103,7 @@ class RequestVehicleView(Sent):
     vehicle: str
     state: VehicleState
     calibration_id: UUID | None
-    problem: Json | None
+    problem: Stored[ProblemView | None]
     cameras: dict[str, CameraOutcome]
     finished_at: datetime | None
 
@@ -107,7 +113,7 @@ class SkippedView(Sent):
 
     vehicle_id: UUID
     vehicle: str
-    problem: Json
+    problem: Stored[ProblemView]
 
 
 class DryRunView(Sent):

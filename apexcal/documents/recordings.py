@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 from uuid import UUID
 
 from pydantic import Field
 
-from apexcal.documents.base import Name, Received, Sent, Topic
+from apexcal.documents.base import Document, Name, Received, Sent, Stored, Topic
+from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.readings import LidarModel, PointTimes, StampConvention
 from apexcal.documents.states import RecordingState
-from service.job_status.schemas import JobView
 
 MAX_PARTS = 100_000
 
@@ -165,6 +165,68 @@ class Completion(Received):
     sha256: Sha256 | None = None
 
 
+class Gap(Document):
+    """A pause after the stamp ``after_ns``; its duration is negative where the clock was set back."""
+
+    after_ns: int
+    duration_ns: int
+
+
+class StatedLens(Document):
+    """The intrinsics that a file states: ``K`` by rows, ``D`` in OpenCV's order. ``model`` is null where none is."""
+
+    model: str | None
+    K: list[float]
+    D: list[float]
+    distortion_model: str | None = None
+    width: int
+    height: int
+
+
+class ImageSize(Document):
+    """How many frames have this size."""
+
+    width: int
+    height: int
+    count: int
+
+
+class SensorFacts(Document):
+    """How a sensor was read, and what stands out in it; docs/engineers.md says what each means."""
+
+    rate_hz: float | None = None
+    gaps: list[Gap] = []
+    gap_count: int = 0
+    missing: int = 0
+    jumps: list[Gap] = []
+    backwards: int = 0
+    twins: int = 0
+    stamp_convention: StampConvention | None = None
+    time_source: str | None = None
+    ring_count: int | None = None
+    points: int | None = None
+    partial: list[str] = []
+    empty: int = 0
+    transcoded: bool | None = None
+    width: int | None = None
+    height: int | None = None
+    sizes: list[ImageSize] = []
+    overlap_s: float | None = None
+    overlap_share: float | None = None
+    camera_info: StatedLens | None = None
+    notes: list[str] = []
+
+
+class RecordingFacts(Document):
+    """What is true of a recording as a whole; ``together_s`` is how long all its sensors ran."""
+
+    format: str
+    first_ns: int
+    last_ns: int
+    seconds: float
+    together_s: float
+
+
 class SensorView(Sent):
     """A normalised sensor of a recording."""
 
@@ -176,7 +238,7 @@ class SensorView(Sent):
     count: int
     first_ns: int
     last_ns: int
-    facts: dict[str, Any]
+    facts: Stored[SensorFacts]
 
 
 class RecordingSummary(Sent):
@@ -191,10 +253,10 @@ class RecordingSummary(Sent):
     state: RecordingState
     size: int
     marks_per_vertex: int
-    reading: dict[str, Any]
-    facts: dict[str, Any] | None
-    warnings: list[Any]
-    problem: dict[str, Any] | None
+    reading: Stored[Reading]
+    facts: Stored[RecordingFacts | None]
+    warnings: Stored[list[str]]
+    problem: Stored[ProblemView | None]
     retain_until: datetime | None
     created_at: datetime
     version: int

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 from uuid import UUID
 
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
-from apexcal.documents.base import Magnitude, Name, Received, Sent, Topic
+from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored, Topic
 from apexcal.documents.camera_models import ANGLES, EXTRINSICS, MODELS, all_names
-from service.auth.roles import Role
-from service.db.fleets import Rig
-from service.fleets.transforms import Transform, check_frames
+from apexcal.documents.roles import Role
+from apexcal.documents.transforms import Transform, check_frames
 
 # A camera's name stands in addresses.
 CameraName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -126,35 +125,9 @@ class RigOut(Sent):
     fleet_id: UUID
     vehicle_id: UUID
     name: str
-    lidar: dict[str, Any]
-    T_vehicle_lidar: dict[str, Any] | None
-    cameras: list[dict[str, Any]]
-    camera_transforms: list[dict[str, Any]]
+    lidar: Stored[Lidar]
+    T_vehicle_lidar: Stored[Transform | None]
+    cameras: Stored[list[Camera]]
+    camera_transforms: Stored[list[CameraTransform]]
     version: int
     created_at: datetime
-
-    @classmethod
-    def of(cls, rig: Rig) -> Self:
-        """A rig's row as the outside sees it."""
-        return cls(
-            id=rig.id,
-            fleet_id=rig.fleet_id,
-            vehicle_id=rig.vehicle_id,
-            name=rig.name,
-            lidar={"frame": rig.lidar_frame, "topic": rig.lidar_topic},
-            T_vehicle_lidar=rig.T_vehicle_lidar,
-            cameras=[
-                {
-                    "name": camera.name,
-                    "frame": camera.frame,
-                    "topic": camera.topic,
-                    "image_size": [camera.image_width, camera.image_height],
-                    "nominal": camera.nominal,
-                    "bounds": camera.bounds,
-                }
-                for camera in rig.cameras
-            ],
-            camera_transforms=rig.camera_transforms or [],
-            version=rig.version,
-            created_at=rig.created_at,
-        )

@@ -9,7 +9,7 @@ from uuid import UUID
 from pydantic import Field
 
 from apexcal.documents.base import Name, Received, Sent
-from service.auth.roles import Role
+from apexcal.documents.roles import Role
 
 
 class SignIn(Received):

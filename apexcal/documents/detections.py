@@ -8,13 +8,12 @@ from uuid import UUID
 
 from pydantic import Field, model_validator
 
-from apexcal.documents.base import Received, Sent
+from apexcal.documents.base import Document, Received, Sent, Stored
 from apexcal.documents.detectors import FLAGS, PairingMode, Quality
+from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.region_fields import KeptRegion, Region
 from apexcal.documents.states import WorkState
-from service.job_status.schemas import JobView
 
-Json = dict[str, Any]
 Covariance = list[list[float]]
 
 _ANY_CLOCK_NS = 2**62  # a camera that counts from its start is off by all of Unix time: 1.8e18 ns
@@ -38,26 +37,40 @@ class DetectionRequest(Received):
 
     region: Region
     detector: Annotated[str, Field(max_length=50)] = "refined"
-    options: Annotated[Json, Field(default_factory=dict, description="numbers that differ from the defaults")]
+    options: Annotated[
+        dict[str, Any], Field(default_factory=dict, description="numbers that differ from the defaults")
+    ]
     pairing: Pairing = Pairing()
 
 
-class DetectionView(Sent):
-    """A detection; ``counts`` has sweeps, accepted, rejected by reason, and paired, when it is done.
+class DetectionCounts(Document):
+    """Sweeps, and the vertices accepted in them; sweeps rejected by reason, vertices by quality and by flag.
 
-    Besides that vertices by quality and by flag, where the detector says such things.
+    ``paired`` vertices have a frame of some camera; ``frame_taken`` lost theirs to a vertex nearer to it in time.
     """
+
+    sweeps: int = 0
+    accepted: int = 0
+    rejected: dict[str, int] = {}
+    quality: dict[str, int] = {}
+    flags: dict[str, int] = {}
+    paired: int | None = None
+    frame_taken: int | None = None
+
+
+class DetectionView(Sent):
+    """A detection. ``counts`` grows while it runs, and says how many are paired when it is done."""
 
     id: UUID
     fleet_id: UUID
     recording_id: UUID
     region: KeptRegion
     detector: str
-    options: Json
-    pairing: Json
+    options: Stored[dict[str, int | float]]
+    pairing: Stored[Pairing]
     state: WorkState
-    counts: Json
-    problem: Json | None
+    counts: Stored[DetectionCounts]
+    problem: Stored[ProblemView | None]
     job: JobView | None
     created_at: datetime
     finished_at: datetime | None

@@ -1,12 +1,15 @@
-"""Bodies of the routes about exports."""
+"""Exports: the table of formats, a URDF to patch, and all that a vehicle is given."""
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Annotated
+from uuid import UUID
 
 from pydantic import Field
 
 from apexcal.documents.base import Received, Sent
+from apexcal.documents.results import CurrentCalibration
 
 Link = Annotated[str, Field(min_length=1, max_length=200)]
 
@@ -38,3 +41,16 @@ class UrdfRequest(Received):
     joint: Annotated[str, Field(max_length=200)]
     camera_link: Link | None = None
     lidar_link: Link | None = None
+
+
+class VehicleCalibration(Sent):
+    """What all cameras of a vehicle are given, by camera; ``without`` names those that nothing was published for.
+
+    ``as_of`` is null for now.
+    """
+
+    vehicle_id: UUID
+    vehicle: str
+    as_of: datetime | None
+    cameras: dict[str, CurrentCalibration]
+    without: list[str]

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 from uuid import UUID
 
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import ConfigDict, Field
 
-from apexcal.documents.base import Magnitude, Received, Sent, seen
+from apexcal.documents.base import Magnitude, Received, Sent, Stored
 from apexcal.documents.bounds import BoundsPreset
 from apexcal.documents.camera_models import MODELS, SearchForm
+from apexcal.documents.jobs import ProblemView
+from apexcal.documents.results import Summary
 from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
 from apexcal.documents.schedules import LIMITS, PresetName
 
-Json = dict[str, Any]
 # What a browser's numbers hold exactly.
 _LARGEST_SEED = 2**53 - 1
 
@@ -93,6 +94,16 @@ class CalibrationRequest(CalibrationTemplate):
     correspondence_set_ids: Annotated[list[UUID], Field(min_length=1, max_length=16)]
 
 
+class AskedCalibration(CalibrationTemplate):
+    """What was asked, with everything filled in that the preset means. ``correspondence_set_ids`` are in the order in
+    which they were given.
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    correspondence_set_ids: list[UUID] = []
+
+
 class RunView(Sent):
     """One fit: a model on a camera's pairs, all of them (fold -1) or without a held-out block."""
 
@@ -102,7 +113,7 @@ class RunView(Sent):
     state: str
     iteration: int
     best_loss: float | None
-    failure: Json | None
+    failure: Stored[ProblemView | None]
 
 
 class ProgressView(Sent):
@@ -120,12 +131,12 @@ class CalibrationView(Sent):
     vehicle_id: UUID
     rig_id: UUID
     state: str
-    request: Json
+    request: Stored[AskedCalibration]
     notes: list[str]
-    problem: Json | None
+    problem: Stored[ProblemView | None]
     progress: ProgressView
     runs: list[RunView]
-    summary: Json | None
+    summary: Stored[Summary | None]
     created_at: datetime
     finished_at: datetime | None
 
@@ -143,50 +154,3 @@ class SlotView(Sent):
     evaluations: int
     seconds: float
     worker: str
-
-
-# A sentence or two that whoever looks later can read.
-Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=500), AfterValidator(seen)]
-
-
-class Override(Received):
-    """Publish although something speaks against it, and why."""
-
-    reason: Reason
-
-
-class PublicationRequest(Received):
-    """Why a result is published. ``override`` is needed where the service has objections, and kept with them.
-
-    A result that was published before needs a reason.
-    """
-
-    reason: Reason | None = None
-    override: Override | None = None
-
-
-class OverrideView(Sent):
-    """Why a result was published all the same, and what spoke against it then."""
-
-    reason: str
-    objections: list[str]
-
-
-class PublicationView(Sent):
-    """A result that a vehicle's camera was given: by whom, when, why, and against which objections.
-
-    ``published_by`` is a name, null where the person is no longer known. ``reason`` is null where none was given.
-    """
-
-    id: UUID
-    fleet_id: UUID
-    vehicle_id: UUID
-    camera: str
-    result_id: UUID
-    calibration_id: UUID
-    model: str
-    published_at: datetime
-    published_by: str | None
-    reason: str | None
-    override: OverrideView | None
-    is_current: bool

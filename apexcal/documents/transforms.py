@@ -6,12 +6,12 @@ written; the workers compute with it (SPEC.md: the Euler orders).
 
 from __future__ import annotations
 
+from math import hypot
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from apexcal.documents.base import Magnitude, Name, Received
+from apexcal.documents.base import Document, Magnitude, Name, Received
 
 Vector = tuple[Magnitude, Magnitude, Magnitude]
 
@@ -20,6 +20,14 @@ _ORTHONORMAL_TO = 1e-3
 # A result says its rotation in every form; sent back, its matrix is taken.
 _AS_RESULTS_SAY_IT = {"matrix", "quaternion_xyzw", "euler"}
 _Farthest = Annotated[float, Field(allow_inf_nan=False, ge=-1000.0, le=1000.0)]
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 class EulerAngles(Received):
@@ -36,10 +44,11 @@ class Matrix(Received):
 
     @model_validator(mode="after")
     def _is_a_rotation(self) -> Matrix:
-        rows = np.array(self.matrix)
-        if np.abs(rows @ rows.T - np.eye(3)).max() > _ORTHONORMAL_TO:
+        a, b, c = self.matrix
+        lengths = (_dot(a, a) - 1.0, _dot(b, b) - 1.0, _dot(c, c) - 1.0)
+        if max(map(abs, (*lengths, _dot(a, b), _dot(b, c), _dot(c, a)))) > _ORTHONORMAL_TO:
             raise ValueError("the rows are not orthonormal: is it the 3 x 3 part alone, without scale?")
-        if np.linalg.det(rows) < 0:
+        if _dot(a, _cross(b, c)) < 0:
             raise ValueError("the matrix mirrors (determinant -1): is an axis flipped?")
         return self
 
@@ -51,7 +60,7 @@ class Quaternion(Received):
 
     @model_validator(mode="after")
     def _has_unit_length(self) -> Quaternion:
-        if abs(float(np.linalg.norm(self.quaternion_xyzw)) - 1.0) > _ORTHONORMAL_TO:
+        if abs(hypot(*self.quaternion_xyzw) - 1.0) > _ORTHONORMAL_TO:
             raise ValueError("the quaternion has no unit length: is it in the order x, y, z, w?")
         return self
 
@@ -94,3 +103,27 @@ def check_frames(transform: Transform, name: str, to_frame: str, from_frame: str
         f"from_frame {transform.from_frame!r}, to_frame {transform.to_frame!r}"
         + (": it is inverted" if swapped else "")
     )
+
+
+class SolvedAngles(Document):
+    """A rotation as Euler angles, degrees; the order as :class:`EulerAngles` has it."""
+
+    euler_order: Literal["zyx", "xyz_eq2"]
+    angles_deg: list[float]
+
+
+class SolvedRotation(Document):
+    """A rotation in every form; the quaternion's scalar is last."""
+
+    matrix: list[list[float]]
+    quaternion_xyzw: list[float]
+    euler: list[SolvedAngles]
+
+
+class SolvedTransform(Document):
+    """``T_<to_frame>_<from_frame>`` as results say it; metres."""
+
+    to_frame: str
+    from_frame: str
+    rotation: SolvedRotation
+    translation_m: list[float]
