@@ -7,18 +7,19 @@ BIN    := $(VENV)/bin
 STAMPS := $(VENV)/stamps
 # npm and what it starts find the node of the environment first.
 NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund --no-audit
+SOURCES := $(shell find apexcal service workers -name '*.py')
 FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o -type f -print 2>/dev/null)
 API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
 API_TYPES := frontend/src/lib/api/schema.ts
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm faults check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm bench-startup faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
-setup: $(STAMPS)/installed  ## make the environment in .venv
+setup: $(STAMPS)/installed $(STAMPS)/compiled  ## make the environment in .venv
 
 demo: setup frontend  ## start the service and drive the whole job through its API (under two minutes)
 	$(BIN)/python -m apexcal.demo
@@ -58,6 +59,9 @@ bench-fleet: setup  ## one request for a thousand vehicles beside the bare solve
 bench-farm: setup  ## what the farm costs beside the bare solver: calibrations, single trips, slots, more workers; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.farm
 
+bench-startup: setup frontend  ## seconds until the service answers, and what its processes import; BESIDE=path of another checkout, ROUNDS=1
+	$(BIN)/python -m benchmarks.startup
+
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))
 
@@ -93,6 +97,11 @@ $(STAMPS)/installed: export VIRTUAL_ENV = $(CURDIR)/$(VENV)
 $(STAMPS)/installed: $(STAMPS)/uv requirements/dev.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --compile-bytecode --require-hashes -r requirements/dev.lock
 	$(BIN)/uv pip install --quiet --no-deps --no-build-isolation -e .
+	@touch $@
+
+# Our own modules too. A changed file is compiled anew, whatever lies here.
+$(STAMPS)/compiled: $(STAMPS)/installed $(SOURCES)
+	$(BIN)/python -m compileall -q apexcal service workers
 	@touch $@
 
 # The benchmarks' peers are large, and only they need them.

@@ -50,7 +50,7 @@ Work = TypeVar(
     "Work", DetectionView, CalibrationView, FleetRequestView, JobView, OffsetView, PreviewView, SuggestionView
 )
 
-# A fleet request in which some vehicles failed ended as it may: its counts say how many.
+# A fleet request with failed vehicles has ended normally; its counts say how many failed.
 _ENDED_WELL = ("ready", "done", "done_with_failures")
 _ENDED_BADLY = ("failed", "cancelled")
 

@@ -1,4 +1,4 @@
-"""What can go wrong between a client and the service, each with a sentence and what to do about it."""
+"""Errors between client and service, each with a sentence and a hint."""
 
 from __future__ import annotations
 

@@ -8,10 +8,12 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 
+from asgi_correlation_id import CorrelationIdMiddleware
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
 
 import service.job_kinds  # noqa: F401  # known before the first request
+from service import imports_done
 from service.annotations import mark_routes
 from service.annotations import routes as annotations
 from service.auth import member_routes, token_routes
@@ -48,7 +50,7 @@ from service.job_status import routes as job_status
 from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
 from service.jobs.retention import forget_jobs
-from service.observability import logs
+from service.observability import logs, request_ids
 from service.recordings import frame_routes, original_routes, presigned_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
@@ -151,6 +153,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         version="1",
         lifespan=lifespan,
         openapi_url="/v1/openapi.json",
+        separate_input_output_schemas=False,
         docs_url=None,
         redoc_url=None,
     )
@@ -172,9 +175,18 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(headers.SafeHeaders, stores=[app.state.store.origin] if app.state.store.signs else [])
     app.add_middleware(draining.PoliteClosing, drain=drain)
     app.add_middleware(watching.Watched, figures=metrics_routes.install(app, version("apexcal")))
+    app.add_middleware(
+        CorrelationIdMiddleware,
+        header_name=request_ids.HEADER,
+        validator=request_ids.is_harmless,
+        transformer=request_ids.bound,
+    )
     health.install(app)
     for router in ROUTERS:
         app.include_router(router, prefix="/v1", max_body_size=bodies.DEFAULT)
     app.router.middleware_stack = Gate(app.router.middleware_stack)
     web.install(app)
     return app
+
+
+imports_done()

@@ -1,4 +1,4 @@
-"""``apexcal calibrate``: from marks, or from a file of pairs, to results."""
+"""``apexcal calibrate``: calibrates cameras from marks or from a file of pairs."""
 
 from __future__ import annotations
 
@@ -47,17 +47,14 @@ def calibrate(
     camera: Annotated[
         list[str] | None,
         typer.Option(
-            help="Camera; needed where the rig has several. Several times: together, and compared.", metavar="NAME"
+            help="Camera; needed if the rig has several. Several times: calibrates these together and compares them.",
+            metavar="NAME",
         ),
     ] = None,
     model: ModelsOption = None,
-    preset: Annotated[PresetName | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
-    search: Annotated[
-        SearchForm | None, typer.Option(help="Form of the rotation. Otherwise as the preset has it.")
-    ] = None,
-    bounds: Annotated[
-        BoundsPreset | None, typer.Option(help="Where is searched. Otherwise as the preset has it.")
-    ] = None,
+    preset: Annotated[PresetName | None, typer.Option(help="Size of the search. Otherwise default.")] = None,
+    search: Annotated[SearchForm | None, typer.Option(help="Form of the rotation. Otherwise the preset's.")] = None,
+    bounds: Annotated[BoundsPreset | None, typer.Option(help="Bounds of the search. Otherwise the preset's.")] = None,
     rotation_range_deg: Annotated[
         float | None,
         typer.Option(
@@ -67,27 +64,26 @@ def calibrate(
             callback=_check_range,
         ),
     ] = None,
-    stated: Annotated[
-        bool, typer.Option("--stated", help="Look for focal lengths and centre near those that the recording states.")
-    ] = False,
+    stated: Annotated[bool, typer.Option("--stated", help="Use the intrinsics that the recording states.")] = False,
     intrinsics: Annotated[
         list[str] | None,
         typer.Option(
-            help="The lens as known: YAML of ROS or Kalibr. For one of several cameras: CAMERA=FILE.", metavar="FILE"
+            help="File of known intrinsics: YAML of ROS or Kalibr. For one of several cameras: CAMERA=FILE.",
+            metavar="FILE",
         ),
     ] = None,
     intrinsics_as: Annotated[
-        LensUse | None, typer.Option(help="What --intrinsics or --stated are taken as. Otherwise bounds.")
+        LensUse | None, typer.Option(help="How --intrinsics or --stated are used. Otherwise bounds.")
     ] = None,
     loss: Annotated[
-        Loss | None, typer.Option(help="saturating: a gross error counts only so far. Otherwise mean.")
+        Loss | None, typer.Option(help="saturating: limits the cost of a gross error. Otherwise mean.")
     ] = None,
     weights: Annotated[
         WeightRule | None,
-        typer.Option(help="Whether pairs weigh by the errors that they state. Otherwise auto: where all do."),
+        typer.Option(help="Whether pairs weigh by the errors they state. Otherwise auto: if all pairs state them."),
     ] = None,
     outliers: Annotated[
-        OutlierRule | None, typer.Option(help="What becomes of pairs that are judged not to belong. Otherwise keep.")
+        OutlierRule | None, typer.Option(help="Whether outliers stay in the fit. Otherwise keep.")
     ] = None,
     folds: FoldsOption = None,
     seed: Annotated[int | None, typer.Option(help="Seed. Otherwise from the request's content.", min=0)] = None,
@@ -117,7 +113,7 @@ def calibrate(
             "Leave one of them out",
         )
     if intrinsics_as and not intrinsics and not stated:
-        usage("--intrinsics-as says how, and nothing what", "Add --intrinsics FILE, or --stated")
+        usage("--intrinsics-as needs intrinsics", "Add --intrinsics FILE, or --stated")
     # What is not given is left to the service: a preset means more than its schedule.
     given: dict[str, object] = {
         "preset": preset,

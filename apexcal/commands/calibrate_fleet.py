@@ -24,24 +24,24 @@ _SHOWN = 20
 
 def calibrate_fleet(
     fleet: Annotated[str, typer.Option(help="Fleet, by name or id; needed where there are several.")] = "",
-    name: Annotated[str | None, typer.Option(help="Only vehicles of such a name; * and ? are wild.")] = None,
-    rig: Annotated[str | None, typer.Option(help="Only rigs of such a name; * and ? are wild.")] = None,
+    name: Annotated[str | None, typer.Option(help="Only vehicles whose name matches; * and ? are wildcards.")] = None,
+    rig: Annotated[str | None, typer.Option(help="Only rigs whose name matches; * and ? are wildcards.")] = None,
     since: Annotated[
-        str | None, typer.Option("--not-since", help="Only who was not calibrated since, as 2026-11-01T00:00:00Z.")
+        str | None, typer.Option("--not-since", help="Only vehicles not calibrated since, as 2026-11-01T00:00:00Z.")
     ] = None,
     new_pairs: Annotated[
-        bool, typer.Option("--new-pairs", help="Only who has newer pairs than the published calibration is from.")
+        bool, typer.Option("--new-pairs", help="Only vehicles with pairs newer than their published calibration.")
     ] = False,
     model: ModelsOption = None,
-    preset: Annotated[PresetName | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
+    preset: Annotated[PresetName | None, typer.Option(help="Size of the search. Otherwise default.")] = None,
     folds: FoldsOption = None,
-    publish: Annotated[bool, typer.Option(help="Make recommended results current, where they may be.")] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would come to.")] = False,
+    publish: Annotated[bool, typer.Option(help="Publish recommended results that have no objections.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be done.")] = False,
     follow: Annotated[
-        str | None, typer.Option(help="Follow this request instead of asking.", metavar="REQUEST")
+        str | None, typer.Option(help="Follow this request instead of making one.", metavar="REQUEST")
     ] = None,
     retry: Annotated[
-        str | None, typer.Option(help="Calibrate the failed of this request again.", metavar="REQUEST")
+        str | None, typer.Option(help="Calibrate the failed vehicles of this request again.", metavar="REQUEST")
     ] = None,
     cancel: Annotated[str | None, typer.Option(help="End this request.", metavar="REQUEST")] = None,
     url: UrlOption = "",
@@ -51,10 +51,10 @@ def calibrate_fleet(
 ) -> None:
     """Calibrate each vehicle from its newest pairs; a vehicle without fitting pairs is skipped.
 
-    Where --not-since or --new-pairs leave nobody, nothing is done, and that is no error. Exit code 1 where a vehicle
+    If --not-since or --new-pairs leave no vehicle, nothing is done and the exit code is 0. It is 1 if a vehicle
     failed or was cancelled.
     """
-    # An empty id is one that is wrong: taken for none, a mistyped cancel would ask for the whole fleet.
+    # An empty id is an error: treated as none, a mistyped --cancel would calibrate the whole fleet.
     known = [one for one in (follow, retry, cancel) if one is not None]
     if len(known) > 1:
         usage("--follow, --retry and --cancel are about one request each", "Give one of them")
@@ -151,7 +151,7 @@ def _outcomes(client: Client, request_id: UUID) -> list[tuple[str, str, CameraOu
 
 
 def _doubts(outcomes: Sequence[tuple[str, str, CameraOutcome]]) -> list[str]:
-    """Which results are no good although they are there, the first of them; and how many have warnings."""
+    """Results whose status is not ok, the first of them; and how many cameras have warnings."""
     doubtful = [one for one in outcomes if (one[2].status or "ok") != "ok"]
     lines = [
         f"  {vehicle} done, but not ok: {camera} is {(found.status or '').replace('_', ' ')}{_warned(found)}"
@@ -171,7 +171,7 @@ def _warned(found: CameraOutcome) -> str:
 
 
 def _publications(outcomes: Sequence[tuple[str, str, CameraOutcome]]) -> list[str]:
-    """Which vehicles were given nothing and why, the first of them; and how many cameras were given something."""
+    """Vehicles without a publication and why, the first of them; and for how many cameras a result was published."""
     withheld = [one for one in outcomes if not one[2].published]
     lines = [
         f"  {vehicle}: nothing published for {camera}: {_first_of(found.not_published)}"

@@ -1,4 +1,4 @@
-"""What a finished calibration found, for people: a table for each camera, warnings, and what became of the result."""
+"""Prints a finished calibration: a table per camera, warnings, and whether the result was published."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from apexcal.documents.errors import DocumentError
 
 
 def known_model(name: str) -> str:
-    """The name, where it is a camera model's; else the command was called wrongly, and ends as such."""
+    """The name of a camera model; any other ends the command as wrong usage."""
     try:
         return parse_model(name)
     except DocumentError as error:

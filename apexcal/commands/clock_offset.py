@@ -1,4 +1,4 @@
-"""``apexcal clock-offset``: how much the camera's clock shows more than the LiDAR's."""
+"""``apexcal clock-offset``: estimates how far the camera's clock is ahead of the LiDAR's."""
 
 from __future__ import annotations
 
@@ -26,7 +26,11 @@ def clock_offset(
     camera: Annotated[str, typer.Option(help="Camera; needed where the rig has several.")] = "",
     model: Annotated[
         str,
-        typer.Option(metavar="MODEL", callback=known_model, help=f"Lens that is fitted along: {', '.join(MODELS)}."),
+        typer.Option(
+            metavar="MODEL",
+            callback=known_model,
+            help=f"Camera model that is fitted with the offset: {', '.join(MODELS)}.",
+        ),
     ] = "brown_conrady",
     url: UrlOption = "",
     token: TokenOption = "",
@@ -35,8 +39,8 @@ def clock_offset(
 ) -> None:
     """Estimate the offset between the clocks of camera and LiDAR from the moving board and its marks.
 
-    It needs a minute of walking with many turns, and says so where the motion does not tell the offset. Detect again
-    with it: `apexcal detect RECORDING ... --offset-ms OFFSET`, with or without `--interpolate`; marks are kept.
+    It needs a minute of walking with many turns, and refuses if the motion does not determine the offset. Then detect
+    again: `apexcal detect RECORDING ... --offset-ms OFFSET`, with or without `--interpolate`. Marks are kept.
     """
     with connected(url, token, data) as client, bar("Estimating the offset", not as_json) as progress:
         found = client.detections.get(check_id(detection, "detection"))

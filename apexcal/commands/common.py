@@ -1,4 +1,4 @@
-"""What the subcommands share: where the service is, how to say things, progress bars, exit codes."""
+"""Shared by the subcommands: options that find the service, output, progress bars, exit codes."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def understood() -> Iterator[None]:
 
 
 def check_target(file: Path, force: bool) -> None:
-    """End the command, before it does anything, where what it finds could not be written there."""
+    """End the command, before it does anything, if its outcome could not be written to this file."""
     if file.is_dir():
         usage(f"{file} is a folder", "Name a file in it")
     if not file.parent.is_dir():
@@ -88,7 +88,7 @@ def check_target(file: Path, force: bool) -> None:
 
 
 def write_target(file: Path, text: str) -> None:
-    """Write the outcome of a command; end it as failed where that cannot be."""
+    """Write the outcome of a command to a file, or end the command as failed."""
     try:
         file.write_text(text, encoding="utf-8")
     except OSError as error:

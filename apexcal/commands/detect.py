@@ -35,12 +35,17 @@ def detect(
     recording: Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")],
     keep: Annotated[list[str] | None, typer.Option(help=_KEEP, metavar="INEQUALITY")] = None,
     region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
-    detector: Annotated[DetectorName, typer.Option(help="docs/engineers.md tells them apart.")] = "refined",
+    detector: Annotated[
+        DetectorName, typer.Option(help="How vertices are found; docs/engineers.md compares the detectors.")
+    ] = "refined",
     board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91 (refined).")] = "",
     option: Annotated[
         list[str] | None, typer.Option(help="An option of the detector; several times.", metavar="NAME=VALUE")
     ] = None,
-    offset_ms: Annotated[float, typer.Option(help="Added to a vertex's time before its frame is found.")] = 0.0,
+    offset_ms: Annotated[
+        float,
+        typer.Option(help="Camera clock minus LiDAR clock: added to a vertex's time before its frame is looked for."),
+    ] = 0.0,
     max_gap_ms: Annotated[float, typer.Option(help="Largest gap between a vertex and its frame.", min=0)] = 50.0,
     interpolate: Annotated[
         bool, typer.Option("--interpolate", help="Move each vertex along its track to the time of its frame.")

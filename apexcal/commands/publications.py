@@ -1,4 +1,4 @@
-"""``apexcal publications``: what a camera was given, and by whom, when, why and against what."""
+"""``apexcal publications``: lists a camera's publications: by whom, when, why, against which objections."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VehicleOption = Annotated[str, typer.Option(help="Vehicle, by name or id; needed
 CameraOption = Annotated[str, typer.Option(help="Camera; needed where the vehicle has several.")]
 FleetOption = Annotated[str, typer.Option(help="Fleet, by name or id.")]
 OverrideOption = Annotated[
-    bool, typer.Option("--override", help="Publish although something speaks against it; the reason is kept.")
+    bool, typer.Option("--override", help="Publish against the service's objections; the reason is kept.")
 ]
 
 
@@ -34,7 +34,7 @@ def publications(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """List what a camera was given, newest first. `apexcal publish RESULT --reason WHY` gives one of them again."""
+    """List a camera's publications, newest first. `apexcal publish RESULT --reason WHY` publishes one again."""
     with connected(url, token, data) as client:
         on, of = find_vehicle_camera(client, fleet, vehicle, camera)
         found = list(islice(client.calibrations.publications(on.id, of), limit))
@@ -58,7 +58,7 @@ def saying_objections() -> Iterator[None]:
     except ApiError as error:
         if error.code == "objections":
             listed = "".join(f"\n  {one}" for one in error.fields["objections"])
-            error.args = (f"something speaks against publishing this result:{listed}\nNothing was published",)
+            error.args = (f"there are objections to publishing this result:{listed}\nNothing was published",)
             error.hint = "To publish it all the same, add --override, and say why with --reason."
         elif error.code == "reason_missing":
             error.hint = "Say why it is given again, with --reason."

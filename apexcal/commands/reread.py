@@ -1,4 +1,4 @@
-"""``apexcal reread``: a failed recording is read again from its original, with what was not known of it before."""
+"""``apexcal reread``: reads a failed recording again from its original, with further options."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def reread(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Read a failed recording again. Its original was kept; what is given here is added to what was said before."""
+    """Read a failed recording again from its original. Options add to those given before."""
     known = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
     with connected(url, token, data) as client:
         of = find_recording(client, recording)

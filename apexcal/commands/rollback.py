@@ -1,4 +1,4 @@
-"""``apexcal rollback``: gives a camera back what it had before."""
+"""``apexcal rollback``: restores a camera's previous calibration."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def rollback(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Give a camera back the result that it had before the current one. Nothing is deleted.
+    """Restore the result that a camera had before the current one. Nothing is deleted.
 
-    A second call goes back one further. `apexcal publications` lists all results, and `apexcal publish` gives any.
+    A second call goes back one further. `apexcal publications` lists all results, `apexcal publish` publishes any.
     """
     if not reason.strip():
         usage("the reason is empty", "Say why with --reason; it is kept with the publication")
@@ -44,7 +44,7 @@ def rollback(
         before = _before(list(client.calibrations.publications(on.id, of)))
         if before is None:
             raise ClientError(
-                f"{of} of {on.name} was given nothing before the current result",
+                f"{of} of {on.name} had no result before the current one",
                 "`apexcal publications` lists what it was given.",
             )
         made = client.calibrations.publish(before.result_id, reason.strip(), override=override)

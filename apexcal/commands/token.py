@@ -25,7 +25,7 @@ def token(
 ) -> None:
     """Make an API token of one fleet, for programs and other machines. It is shown this once.
 
-    A token of a fleet makes no other: on another machine than the service's, give a sign-in link with --link.
+    A token cannot make tokens: away from the service's machine, give a sign-in link with --link.
     """
     with connected(url, token, data, link) as client:
         chosen = find_fleet(client, fleet)

@@ -1,4 +1,4 @@
-"""``apexcal upload``: a recording, from this disk to `ready`."""
+"""``apexcal upload``: uploads a recording and waits until it is ready."""
 
 from __future__ import annotations
 
@@ -36,14 +36,16 @@ def upload(
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
-    new: Annotated[bool, typer.Option("--new", help="Do not go on with an upload that broke off.")] = False,
+    new: Annotated[
+        bool, typer.Option("--new", help="Start a new upload instead of continuing an interrupted one.")
+    ] = False,
     wait: Annotated[bool, typer.Option(help="Wait until it is ready.")] = True,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Upload a recording. One that broke off goes on where it stopped when the same command is given again.
+    """Upload a recording. Repeat the command to continue an interrupted upload.
 
     Formats: ROS 1 bag; ROS 2 bag (its folder, or the bare .db3 or .mcap); MCAP of Foxglove; .pcap or .pcapng of a
     Velodyne sensor; folder, .zip or .tar of clouds (PCD, KITTI .bin, .npy, .csv) and images, or KITTI's raw layout;

@@ -1,4 +1,4 @@
-"""``make demo``: exit code 0 only if every step really happened and reached what it should."""
+"""``make demo``: exit code 0 only if every step happened and its figures reach the demo's goals."""
 
 from __future__ import annotations
 

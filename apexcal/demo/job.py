@@ -1,4 +1,4 @@
-"""The steps that both halves of the demo share: a recording goes up, vertices are found, calibrations come back."""
+"""Steps of both halves of the demo: upload, detect, calibrate."""
 
 from __future__ import annotations
 

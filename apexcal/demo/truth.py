@@ -1,4 +1,4 @@
-"""What the simulator knows: where the board's vertex really was, and what the true parameters project."""
+"""The simulator's ground truth: true vertices, and projections with the true parameters."""
 
 from __future__ import annotations
 

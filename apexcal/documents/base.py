@@ -97,7 +97,8 @@ class Received(BaseModel):
 class Sent(BaseModel):
     """An answer's body, read from a row's attributes where it is given one."""
 
-    model_config = ConfigDict(from_attributes=True)
+    # Built with the first answer: for all at once that takes a tenth of the start.
+    model_config = ConfigDict(from_attributes=True, defer_build=True)
 
 
 class Page(BaseModel, Generic[T]):

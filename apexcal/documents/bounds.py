@@ -1,4 +1,4 @@
-"""Where the search may look: the presets of bounds, resolved to numbers for each parameter."""
+"""Bounds of the search: the presets, resolved to numbers for each parameter."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from apexcal.documents.camera_models import ModelName, SearchForm, parameter_nam
 BoundsPreset = Literal["image-size", "paper-table-1"]
 BOUNDS_PRESETS: Final[tuple[BoundsPreset, ...]] = get_args(BoundsPreset)
 DEFAULT_ROTATION_RANGE_DEG: Final = 30.0
-# Less is no focal length of a camera, and what is divided by it may be infinite.
+# No camera has a shorter focal length, and a division by a tiny one may overflow.
 LEAST_FOCAL_PX: Final = 1.0
 
 Interval = tuple[float, float]

@@ -75,9 +75,7 @@ class CalibrationTemplate(Received):
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]
     loss: Loss = "mean"
-    outliers: Annotated[
-        OutlierRule, Field(description="whether pairs that are judged not to belong stay in the polished fit")
-    ] = "keep"
+    outliers: Annotated[OutlierRule, Field(description="whether outliers stay in the polished fit")] = "keep"
     weights: Annotated[
         WeightRule,
         Field(description="auto: by the standard deviations of vertices and marks where all pairs state them"),

@@ -94,7 +94,7 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
 
 # What a person who confirms a vertex is told.
 FLAGS: Final[Mapping[str, str]] = {
-    "head_above": "something stands above the apex and behind the board, a head perhaps: look whether the vertex is "
+    "head_above": "something stands above the apex and behind the board, a head perhaps: check that the vertex is "
     "the board's",
     "second_board": "another object in the region looks nearly as much like the board",
     "occluded": "something stands in front of a part of the board's edges",

@@ -1,4 +1,4 @@
-"""The one error of the documents: what is wrong, and what to do about it."""
+"""The error of the documents, with a hint."""
 
 from __future__ import annotations
 

@@ -15,11 +15,11 @@ from apexcal.documents.states import RequestState, VehicleState
 
 
 class VehicleFilter(Received):
-    """Which vehicles of the fleet: those that everything given here is true of; with nothing given, all.
+    """The vehicles of the fleet that meet every condition given here; without conditions, all.
 
     ``name`` and ``rig`` are patterns in which ``*`` stands for any letters and ``?`` for one; ``rig`` also says
-    which rig of the vehicle is calibrated. ``not_calibrated_since`` leaves out who has a calibration done since then.
-    ``new_pairs`` keeps only who has a camera whose newest pairs are not those of its published calibration.
+    which rig of the vehicle is calibrated. ``not_calibrated_since`` leaves out vehicles calibrated since then.
+    ``new_pairs`` keeps only vehicles with a camera whose newest pairs are not those of its published calibration.
     """
 
     vehicle_ids: Annotated[list[UUID], Field(min_length=1, max_length=5000)] | None = None
@@ -30,7 +30,7 @@ class VehicleFilter(Received):
 
 
 class FleetRequestBody(Received):
-    """One calibration asked for of many vehicles; ``dry_run`` only answers what it would come to."""
+    """A calibration of many vehicles; ``dry_run`` only predicts it."""
 
     vehicles: VehicleFilter
     calibration: CalibrationTemplate = CalibrationTemplate.model_validate({})
@@ -117,7 +117,7 @@ class SkippedView(Sent):
 
 
 class DryRunView(Sent):
-    """What a fleet request would come to: runs are fits of one model to one camera's pairs.
+    """The prediction for a fleet request; runs are fits of one model to one camera's pairs.
 
     ``processor_seconds`` is what they are predicted to take at most, on one processor; most schedules end after a
     third of it. ``skipped_vehicles`` names the first hundred.

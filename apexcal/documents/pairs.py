@@ -17,7 +17,7 @@ def states_errors(pairs: Mapping[str, Any]) -> bool:
 
 
 def held_together(pairs: Mapping[str, Any]) -> Sequence[Any]:
-    """A value for each pair; pairs of equal values are held out together: poses, else moments, else single pairs."""
+    """A value for each pair, its pose, moment or own number; pairs of equal values are held out together."""
     return pairs.get("group") or pairs.get("stamp_ns") or range(len(pairs["x"]))
 
 

@@ -21,7 +21,7 @@ MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
 class Topics(Received):
     """Which topic, folder or file of this recording is the LiDAR and which is each camera, by its name in the rig.
 
-    They go before the rig's own; what is not named stays as the rig has it, or is found.
+    They take precedence over the rig's topics. A sensor that is not named keeps the rig's topic, or is found.
     """
 
     lidar: Topic | None = None
@@ -63,7 +63,7 @@ class NewRecording(Received):
 
 
 class RecordingEdit(Received):
-    """What may be changed of a recording; rig and reading only before it is ready, for an ingestion looks at them.
+    """Changes of a recording; rig and reading only before it is ready, because the ingestion uses them.
 
     ``reading`` replaces the whole of it.
     """
@@ -114,7 +114,7 @@ class NewPart(Received):
 class PartAddress(Sent):
     """Where to PUT a part's bytes until ``expires_at``; or ``part``, where these bytes are acknowledged already.
 
-    ``reservation`` is told back once they are put.
+    ``reservation`` is sent back once they are put.
     """
 
     part: PartView | None = None

@@ -1,4 +1,4 @@
-"""How long and how wide the genetic algorithm searches: the named schedules, and the limits of their numbers."""
+"""The named schedules of the search, and the limits of their numbers."""
 
 from __future__ import annotations
 

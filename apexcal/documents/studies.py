@@ -29,7 +29,9 @@ class OffsetRequest(Received):
 
     detection_id: UUID
     camera: Annotated[str, Field(max_length=200)]
-    model: Annotated[str, Field(max_length=50, description="the lens that is fitted along")] = "brown_conrady"
+    model: Annotated[str, Field(max_length=50, description="the camera model that is fitted with the offset")] = (
+        "brown_conrady"
+    )
 
 
 class StudyView(Sent):

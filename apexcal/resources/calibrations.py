@@ -1,4 +1,4 @@
-"""Correspondence sets, calibrations and what they found."""
+"""Correspondence sets, calibrations and results."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Detections:
     def estimate_offset(
         self, recording_id: UUID | str, detection_id: UUID | str, camera: str, *, model: str | None = None
     ) -> OffsetView:
-        """Ask how much the camera's clock shows more than the LiDAR's, from a detection's vertices and their marks.
+        """Estimate how far the camera's clock is ahead of the LiDAR's, from a detection's vertices and their marks.
 
         Its ``result`` has ``offset_ns`` and ``sigma_ns``, for ``create(..., offset_ns=...)``; ``model`` is the lens
         that is fitted along.

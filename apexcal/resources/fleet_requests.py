@@ -1,4 +1,4 @@
-"""One calibration asked for of many vehicles."""
+"""Requests that calibrate many vehicles."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class FleetRequests:
     def preview(
         self, fleet_id: UUID | str, vehicles: Mapping[str, Any] | None = None, **calibration: Any
     ) -> DryRunView:
-        """What :meth:`create` would come to: how many vehicles match, and which would be skipped and why."""
+        """What :meth:`create` would do: how many vehicles match, and which would be skipped and why."""
         body = {"vehicles": dict(vehicles or {}), "calibration": calibration, "dry_run": True}
         return self._http.post(at("fleets", fleet_id, "fleet-requests"), DryRunView, body)
 

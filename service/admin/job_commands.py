@@ -1,4 +1,4 @@
-"""``apexcal admin jobs``, ``job`` and ``requeue``: what the farm does, what became of a job, a second chance."""
+"""``apexcal admin jobs``, ``job`` and ``requeue``: lists jobs, shows a job's attempts, starts failed work again."""
 
 from __future__ import annotations
 

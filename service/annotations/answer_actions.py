@@ -1,4 +1,4 @@
-"""Giving an answer and taking it back: once for each id, on the version that the person saw, ten times at most.
+"""Giving and undoing an answer: once per id, on the version that the person saw, ten times at most.
 
 The recording's lock is held, so that two browser tabs of one person come one after the other.
 """

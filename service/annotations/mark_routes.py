@@ -1,4 +1,4 @@
-"""A person's own mark in a frame that no task led to. Without a verdict it is no answer."""
+"""A person's mark in a frame without a task. Without a verdict it is no answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Marking: tasks one after the other, answers and their taking back, and what may be seen of them."""
+"""Routes of marking: next task, answer, undo, progress, marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a calibration's runs move: iterations as bundles of slots, the fan-in, and the end of run and request.
+"""State transitions of runs: iterations as bundles of slots, the fan-in, the end of run and request.
 
 Every function here works inside the caller's transaction. Locks are taken in one order: job, run, calibration, then
 those of :mod:`service.calibration_runs.fleet_request_actions`.

@@ -1,4 +1,4 @@
-"""The end of a calibration: what its runs found side by side, which model to take and why, and its publication."""
+"""The end of a calibration: the summary of its runs, the recommended model and why, and its publication."""
 
 from __future__ import annotations
 
@@ -141,8 +141,8 @@ def _candidates(of_camera: Sequence[Result]) -> dict[str, Candidate]:
 def _heldout(of_camera: Sequence[Result]) -> dict[str, Blocks]:
     """Each model's errors in its held-out blocks.
 
-    Without the pairs that every model's fit to all pairs left out as ones that do not belong: they speak against no
-    model. What only some leave out stays, or a lens that a model lacks would not count against it.
+    Pairs that every model's fit to all pairs left out as outliers do not count. Pairs that only some leave out do, or
+    a lens that a model lacks would not count against it.
     """
     left_out = [
         {outlier["index"] for outlier in result.document.get("outliers", []) if outlier["excluded"]}

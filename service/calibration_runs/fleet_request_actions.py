@@ -1,4 +1,4 @@
-"""How a fleet request moves: each calibration that ends is counted in the transaction that ends it.
+"""Counts each ended calibration in its fleet request, in the transaction that ends it.
 
 Locks are taken in one order: job, run, calibration, vehicle of the fleet request, fleet request.
 """

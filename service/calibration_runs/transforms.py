@@ -1,4 +1,4 @@
-"""Transform documents composed: what a rig gives and a result found, made into ``T_vehicle_camera``.
+"""Composes the transforms of a rig and a result into ``T_vehicle_camera``.
 
 The conventions are those of ``workers/geometry``: R = Rz(alpha) Ry(beta) Rx(gamma) for ``zyx``, R = Rx(alpha)
 Ry(beta) Rz(gamma) for ``xyz_eq2``, quaternions scalar last. A contract test compares both sides.

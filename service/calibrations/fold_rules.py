@@ -1,4 +1,4 @@
-"""How many blocks can honestly be held out: whole poses or blocks of time, and enough pairs left to fit.
+"""How many blocks (whole poses or blocks of time) can be held out with enough pairs left to fit.
 
 The workers cut the blocks (``workers/solver/folds.py``).
 """

@@ -1,4 +1,4 @@
-"""Locked values held against the bounds in which the search would look for them."""
+"""Checks locked values against the bounds of the search."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 from apexcal.documents.bounds import LEAST_FOCAL_PX, BoundsPreset, Interval, preset_bounds
 from apexcal.documents.camera_models import ANGLES, MODELS
-from service.calibration_runs.transforms import read
 from service.db.base import Json
 from service.db.fleets import RigCamera
 from service.http.problems import Problem
@@ -50,14 +49,14 @@ def check_camera_locks(
     ``fit`` is the part of the solver's document that all fits share.
     """
     preset: BoundsPreset = fit["bounds_preset"]
-    _, nominal_t = read(camera.nominal)
+    nominal_t = camera.nominal["translation_m"]
     size = (camera.image_width, camera.image_height)
     # Any angle about the nominal mount may be right where it looks straight ahead: it has several then.
     found = {
         name: interval
         for model in MODELS
         for name, interval in preset_bounds(
-            preset, model, fit["search"], size, nominal_t.tolist(), rotation_range_deg=fit["rotation_range_deg"]
+            preset, model, fit["search"], size, nominal_t, rotation_range_deg=fit["rotation_range_deg"]
         ).items()
     }
     for name, value in {**of_lens, **locked}.items():

@@ -1,4 +1,4 @@
-"""Results, their publication, and what a vehicle's camera is given: now at one address, and before."""
+"""Routes of results and publications, and of a camera's current calibration."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def read_result(
 
 @router.post("/results/{result_id}/publication", status_code=201, response_model=PublicationView)
 def publish_result(result_id: UUID, access: WriteAccess, wanted: PublicationRequest | None = None) -> JSONResponse:
-    """Give a result to its vehicle's camera; the current one is found again, with 200. [reviewer]
+    """Publish a result for its vehicle's camera; the current one is answered again, with 200. [reviewer]
 
     Against the service's objections only with an ``override``, which is kept. One that was published before takes a
     ``reason``: this is how to go back.
@@ -106,7 +106,7 @@ def _words(access: WriteAccess, result: Result, wanted: PublicationRequest) -> W
         raise Problem(
             409,
             "objections",
-            f"Something speaks against publishing this result: {against[0]}{more}",
+            f"There are objections to publishing this result: {against[0]}{more}",
             'Look at it first. To publish it all the same, say why: {"override": {"reason": "..."}}.',
             objections=against,
         )

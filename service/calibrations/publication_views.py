@@ -1,4 +1,4 @@
-"""What cameras were given and are given now: who published it, when, why and against what."""
+"""Current and earlier publications of cameras: by whom, when, why, and against which objections."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import OverrideView, PublicationView
 from service.calibration_runs.publication_actions import current_id, current_ids
-from service.calibration_runs.transforms import T_vehicle_camera
 from service.db.base import Json
 from service.db.calibrations import NEWNESS, Calibration, Publication, Result
 from service.db.clock import Instant
@@ -88,6 +87,9 @@ def _document(found: Row[Publication, Result, Calibration, Rig, str]) -> Json:
         "quality": _quality(result, calibration),
     }
     if rig.T_vehicle_lidar:
+        # Here, for it alone needs NumPy, which takes a twentieth of the start.
+        from service.calibration_runs.transforms import T_vehicle_camera
+
         document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])
     return document
 

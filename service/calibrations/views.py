@@ -104,7 +104,7 @@ def result_document(
     """
     document = row.document if with_pairs else _without_pairs(row.document)
     outliers: list[Json] = document.get("outliers", [])
-    # Of a fit without a block the indices are into what was left.
+    # In a fit without a held-out block, indices count the remaining pairs.
     if row.fold == FULL:
         outliers = [one | {"pair": _origin(pairs, one["index"])} for one in outliers]
     return document | {

@@ -14,7 +14,7 @@ from service.db.fleets import Rig
 def keep_set(session: Session, wanted: CorrespondenceSet) -> tuple[CorrespondenceSet, bool]:
     """The stored set of this content, and whether it is new. It is the newest of its camera either way.
 
-    What it came from belongs to the content: a set goes with its recording, and no other's with it.
+    A set's origin is part of its content: deleting a recording deletes its sets, and no set of another recording.
     ``wanted`` has everything but its hash and count. The rig's row is locked, so that of two who bring the same
     content at the same moment the second finds the first's.
     """
@@ -30,7 +30,7 @@ def keep_set(session: Session, wanted: CorrespondenceSet) -> tuple[Correspondenc
         )
     )
     if known is not None:
-        # A statement, not the object: its recording may be deleted at this moment, and then there is nothing to say.
+        # A statement, not the object: its recording may be deleted at this moment, and then nothing is changed.
         of = update(CorrespondenceSet).where(CorrespondenceSet.id == known.id)
         session.execute(of.values(brought_at=now()), execution_options={"synchronize_session": False})
         return known, False

@@ -1,4 +1,4 @@
-"""Pairs made of what people marked, with sentences about everything that did not become a pair as wished."""
+"""Builds pairs from marks, with sentences about vertices that gave none or fewer marks than wanted."""
 
 from __future__ import annotations
 

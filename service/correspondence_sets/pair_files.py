@@ -1,4 +1,4 @@
-"""3D-2D pairs as people bring them, CSV or JSON, read into columns or refused by line and column."""
+"""Reads imported 3D-2D pairs (CSV or JSON) into columns, or refuses them by line and column."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A set's pairs on their way out: kept in few bytes, and sent some at a time.
+"""Sends a set's pairs in parts, from compact columns.
 
 A hundred thousand pairs as objects take 70 MB, as JSON 16 MB; as columns of numbers 6 MB.
 """

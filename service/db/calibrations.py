@@ -1,4 +1,4 @@
-"""Correspondence sets, calibration requests, their runs, slots and results, and what a vehicle is given."""
+"""Tables of correspondence sets, calibrations, runs, slots, results and publications."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Questions about a recording that a worker answers: what a region keeps, which one to take, how clocks differ."""
+"""The table of studies: region previews, region suggestions, clock offsets."""
 
 from __future__ import annotations
 

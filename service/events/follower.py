@@ -1,4 +1,4 @@
-"""One stream of hints: what waits for it, and why it ends."""
+"""One stream of hints: its queue and the reason of its end."""
 
 from __future__ import annotations
 

@@ -1,17 +1,20 @@
-"""Which format a request asks for, and the answer in it."""
+"""Which format a request asks for, and the answer in it.
+
+The formats are imported when one is asked for: they need NumPy, which takes a twentieth of the start.
+"""
 
 from __future__ import annotations
 
 from hashlib import sha256
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from fastapi import Depends, Query, Request
 from fastapi.responses import Response
 
-from service.exports.calibrated import Calibrated
-from service.exports.format import Format
-from service.exports.formats import FORMATS, export, find_format
 from service.http.etags import Conditions, content_etag
+
+if TYPE_CHECKING:
+    from service.exports.calibrated import Calibrated
 
 _TYPE = "application/vnd.apexcal."
 
@@ -21,27 +24,32 @@ async def _wanted(
     format: Annotated[
         str | None, Query(max_length=40, description="A format of `/v1/export-formats`; by default JSON.")
     ] = None,
-) -> Format | None:
+) -> str | None:
     if format is not None:
-        return None if format == "json" else find_format(format)
+        return None if format == "json" else format
     return _of_accept(request.headers.get("accept", ""))
 
 
-WantedFormat = Annotated[Format | None, Depends(_wanted)]
+WantedFormat = Annotated[str | None, Depends(_wanted)]
 
 
-def _of_accept(header: str) -> Format | None:
+def _of_accept(header: str) -> str | None:
     """The first that the header names by its own type; None, which is JSON, for all else."""
     for one in header.split(","):
         named = one.partition(";")[0].strip().lower()
         if named.startswith(_TYPE):
-            return find_format(named.removeprefix(_TYPE).partition("+")[0])
+            return named.removeprefix(_TYPE).partition("+")[0]
     return None
 
 
-def exported(wanted: Format, calibrated: Calibrated, conditions: Conditions) -> Response:
-    """The answer with its ETag. Raises :class:`Problem` 406 ``format_cannot_carry``, and what 304 is answered by."""
-    made = export(wanted, calibrated)
+def exported(wanted: str, calibrated: Calibrated, conditions: Conditions) -> Response:
+    """The answer with its ETag.
+
+    Raises what 304 is answered by, and :class:`Problem` 422 ``unknown_format``, 406 ``format_cannot_carry``.
+    """
+    from service.exports.formats import export, find_format
+
+    made = export(find_format(wanted), calibrated)
     etag = content_etag(sha256(made.content).hexdigest())
     conditions.offer(etag)
     headers = {
@@ -55,6 +63,8 @@ def exported(wanted: Format, calibrated: Calibrated, conditions: Conditions) -> 
 
 def table() -> list[dict[str, object]]:
     """Every format and what it carries."""
+    from service.exports.formats import FORMATS
+
     return [
         {
             "name": one.name,

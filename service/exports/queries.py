@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 from uuid import UUID
 
 from sqlalchemy import Select, and_, select
@@ -11,9 +12,10 @@ from sqlalchemy.orm import Session
 from service.calibration_runs.publication_actions import current_id
 from service.db.calibrations import Calibration, Publication, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
-from service.exports.calibrated import Calibrated, CalibratedCamera
-from service.exports.transform import Transform
 from service.http.problems import not_found
+
+if TYPE_CHECKING:
+    from service.exports.calibrated import Calibrated, CalibratedCamera
 
 _Cameras = Select[Result, Rig, RigCamera, str]
 
@@ -46,6 +48,9 @@ def _cameras() -> _Cameras:
 
 
 def _of(session: Session, statement: _Cameras) -> Calibrated:
+    # Here, for it needs NumPy, which takes a twentieth of the start; below too.
+    from service.exports.calibrated import Calibrated
+
     rows = session.execute(statement).all()
     if not rows:
         raise not_found()
@@ -53,6 +58,9 @@ def _of(session: Session, statement: _Cameras) -> Calibrated:
 
 
 def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
+    from service.exports.calibrated import CalibratedCamera
+    from service.exports.transform import Transform
+
     return CalibratedCamera(
         name=camera.name,
         topic=camera.topic,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from uuid import UUID
 
 from fastapi import APIRouter
@@ -14,10 +14,11 @@ from service.auth.access import CurrentIdentity, ReadAccess
 from service.db.calibrations import Result
 from service.db.fleets import Vehicle
 from service.exports.answers import table
-from service.exports.calibrated import Calibrated
 from service.exports.queries import of_publication, of_result
-from service.exports.urdf_patch import patched
 from service.http.bodies import DOCUMENT
+
+if TYPE_CHECKING:
+    from service.exports.calibrated import Calibrated
 
 router = APIRouter(tags=["exports"])
 
@@ -51,6 +52,9 @@ def patch_urdf_of_result(result_id: UUID, body: UrdfRequest, access: ReadAccess)
 
 
 def _patched(body: UrdfRequest, calibrated: Calibrated) -> Response:
+    # Here, for it needs NumPy, which takes a twentieth of the start.
+    from service.exports.urdf_patch import patched
+
     mount = calibrated.cameras[0].T_camera_lidar
     mount = mount._replace(
         to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame

@@ -1,4 +1,4 @@
-"""A fleet request's rows: made with all their calibrations in one transaction, cancelled, and retried."""
+"""Makes, cancels and retries fleet requests, each with all its calibrations in one transaction."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def ask(session: Session, fleet: Fleet, wanted: FleetRequestBody, person_id: UUI
 
 
 def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunView:
-    """What :func:`ask` would come to. Raises as it does."""
+    """The prediction of :func:`ask`, which makes nothing. Raises as it does."""
     chosen = _choose(session, fleet.id, wanted)
     skipped: list[SkippedView] = []
     total = _Total()
@@ -140,7 +140,7 @@ def retry_failed(session: Session, row: FleetRequest, person_id: UUID, workers: 
 
 
 def _choose(session: Session, fleet_id: UUID, wanted: FleetRequestBody) -> list[Chosen]:
-    # First, so that a template that no vehicle can be calibrated by is refused on a quiet night too.
+    # First, so that an unusable template is refused even if no vehicle is due.
     check_template(wanted.calibration)
     chosen = choose(session, fleet_id, wanted.vehicles)
     if len(chosen) > _MOST_VEHICLES:
@@ -150,7 +150,7 @@ def _choose(session: Session, fleet_id: UUID, wanted: FleetRequestBody) -> list[
 
 @dataclass
 class _Total:
-    """What the vehicles of a request come to so far."""
+    """Totals of a request's vehicles so far."""
 
     runs: int = 0
     slots: int = 0

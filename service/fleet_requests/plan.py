@@ -1,4 +1,4 @@
-"""What a fleet request comes to for each vehicle: a calibration as if asked for alone, or why there is none."""
+"""Plans a fleet request: for each vehicle an ordinary calibration, or the reason why there is none."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def _matcher(pattern: str) -> re.Pattern[str]:
 
 
 def _with_rig(session: Session, fleet_id: UUID, pattern: str) -> set[UUID]:
-    """Who has a rig of such a name."""
+    """The vehicles that have a rig of such a name."""
     matches = _matcher(pattern)
     rows = session.execute(select(Rig.vehicle_id, Rig.name).where(Rig.fleet_id == fleet_id))
     return {row.vehicle_id for row in rows if matches.fullmatch(row.name)}

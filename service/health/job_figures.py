@@ -23,7 +23,7 @@ from service.db.clock import now
 from service.db.jobs import Heartbeat, Job, JobTotal, Worker
 from service.db.recordings import Blob
 from service.db.session import Database
-from service.jobs.kinds import QUEUES
+from service.jobs.queues import QUEUES
 from service.jobs.totals import BUCKETS_S
 
 FRESH_S = 5.0

@@ -1,4 +1,4 @@
-"""What a request is answered when the store fails it."""
+"""The answers to requests when the store fails."""
 
 from __future__ import annotations
 

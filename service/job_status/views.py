@@ -13,7 +13,7 @@ from apexcal.documents.states import UNENDED, WorkState
 from service.db.clock import utc_now
 from service.db.jobs import Job
 
-# Before this share of the work, or this many seconds, what was done tells too little of what is left.
+# Below this share of the work, or this many seconds, an estimate of the rest is unreliable.
 _LEAST_FRACTION, _LEAST_S = 0.02, 2.0
 
 

@@ -1,4 +1,4 @@
-"""How solver work is cut into jobs: by what it costs, and what a trip through the queue costs.
+"""Cuts solver work into jobs, by its cost and by that of a trip through the queue.
 
 The cut never changes a result, only how long it takes.
 """

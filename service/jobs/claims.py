@@ -37,7 +37,7 @@ _LOOK_S = 0.5
 _CLAIM = (
     update(Job)
     .where(Job.id == bindparam("job"), Job.state == WorkState.QUEUED, ~Job.cancel_requested)
-    # A message may be older than a stumble: what was tried before is nobody's until it is sent again.
+    # A message may be older than a stumble: a job in backoff is not claimed until it is sent again.
     .where((Job.attempt == 0) | (Job.sends > 0))
     .where(Job.kind.in_(bindparam("kinds", expanding=True)))
     .values(

@@ -11,13 +11,13 @@ from typing import NamedTuple
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
 from apexcal.documents.schedules import Schedule
 
-# Around the kernel: what it is given (0.07 ms measured) and the row that keeps its best.
+# Cost around the kernel: preparing its input (0.07 ms measured) and storing its best.
 SLOT_MS = 0.2
 # The end of a run: polish, outliers, baselines, uncertainty; and what the model takes of each pair.
 FINISH_MS = 100.0
 # And a sentence about each outlier, which looks at all pairs: 17 ns measured; half of the pairs may be outliers.
 OUTLIER_PAIR_NS = 8.5
-# Two cameras' marks of the same vertices held against each other: 1.7-2.3 microseconds measured, keys besides.
+# Comparing two cameras' marks of the same vertex: 1.7-2.3 microseconds measured, without the keys.
 SHARED_PAIR_US = 10.0
 
 

@@ -1,4 +1,4 @@
-"""Kinds of jobs and their queues. A resource says in its ``jobs.py`` what the end and the retry of its jobs mean.
+"""Kinds of jobs. A resource says in its ``jobs.py`` what the end and the retry of its jobs mean.
 
 :mod:`service.job_kinds` registers them all; nothing here knows a resource.
 """
@@ -16,18 +16,7 @@ from apexcal.documents.states import WorkState
 from service.db.base import Json
 from service.db.jobs import Job
 from service.db.session import Database
-
-# For each queue the setting that caps a fleet's jobs there, sent or running; None where there is no cap.
-_CAPS: dict[str, str | None] = {
-    # The maker of a file decides how long it takes to read: one fleet must not hold every process.
-    "ingest": "fleet_ingests",
-    "detect": None,
-    "solve": None,
-    # Not behind a fleet's waiting runs: it is a moment's work, and a calibration ends with it.
-    "report": None,
-}
-QUEUES = tuple(_CAPS)
-FLEET_CAPS = {queue: cap for queue, cap in _CAPS.items() if cap}
+from service.jobs.queues import QUEUES
 
 
 class CannotRetryError(Exception):

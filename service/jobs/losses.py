@@ -1,4 +1,4 @@
-"""A job that lost its worker, or what its worker needs: tried again, or given up with its reason, in one place."""
+"""A job whose worker died, or whose database, store or disk failed: tried again, or failed with the reason."""
 
 from __future__ import annotations
 

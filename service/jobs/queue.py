@@ -27,8 +27,9 @@ from service.db.fleets import Fleet
 from service.db.jobs import Job
 from service.db.session import post
 from service.jobs.history import ATTEMPT, note
-from service.jobs.kinds import FLEET_CAPS, kind_of
+from service.jobs.kinds import kind_of
 from service.jobs.messages import COURIER, Message
+from service.jobs.queues import FLEET_CAPS
 from service.settings import get_settings
 
 # Nobody else releases jobs of a capped queue meanwhile. This row is locked last, so that there is no deadlock.
@@ -43,7 +44,7 @@ def _releasing(*, capped: bool) -> Update:
     window = bindparam("window", type_=Integer())
     mine = select(Job.id).where(Job.queue == bindparam("of_queue"), Job.fleet_id == bindparam("fleet"))
     queued = mine.where(Job.state == written(WorkState.QUEUED))
-    # At most a window's worth is sent and unclaimed, but whoever counts stops there.
+    # At most a window's worth is sent and unclaimed; counting stops there.
     room = window - _count(queued.where(Job.sends > literal_column("0")).limit(window))
     if capped:
         room -= _count(mine.where(Job.state == written(WorkState.RUNNING)))

@@ -1,4 +1,4 @@
-"""Ended jobs go after a while, with their history; the totals keep counting them."""
+"""Removes ended jobs and their history after a while; the totals keep counting them."""
 
 from __future__ import annotations
 

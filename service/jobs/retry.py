@@ -1,6 +1,6 @@
-"""An operator's second chance for failed work: its subject goes back to where it began, with fresh jobs.
+"""Starts failed work again from its beginning, with fresh jobs, in one transaction.
 
-One transaction. The failed job stays as it is, with its history; results are those that a first try would have had.
+The failed job keeps its history. The results are the same as a first try's.
 """
 
 from __future__ import annotations

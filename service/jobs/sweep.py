@@ -21,10 +21,11 @@ from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.jobs import Heartbeat, Job
 from service.db.session import Database, post
-from service.jobs.kinds import QUEUES, kinds
+from service.jobs.kinds import kinds
 from service.jobs.losses import end, lose
 from service.jobs.messages import COURIER, Message
 from service.jobs.queue import cancel, release
+from service.jobs.queues import QUEUES
 from service.jobs.retention import forget_workers
 from service.jobs.totals import tally
 from service.settings import get_settings

@@ -70,7 +70,7 @@ async def post_part_arrival(
     if isinstance(found, UploadPart):
         return PartView.model_validate(found)
     await _require_there(request.app.state.store, put, found)
-    # The name tells which reservation it is a copy of, for who says it again.
+    # The name tells which reservation was copied, so that a repeated request finds the copy.
     kept = await run_in_threadpool(partial(begin_part, database, identity, found, settings, copied=body.reservation))
     if isinstance(kept, UploadPart):
         await run_in_threadpool(forget_part, database, put)

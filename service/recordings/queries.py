@@ -17,7 +17,7 @@ from service.http.problems import Problem
 
 
 def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[str, Any]:
-    """What is known of a recording, as its row keeps it: without what is not said.
+    """What is known of a recording, as its row keeps it, without empty members.
 
     Raises:
         Problem: 422 ``unknown_camera``, where a topic is given for a camera that the rig does not have.

@@ -1,4 +1,4 @@
-"""What is removed by itself: recordings at the end of their retention, and uploads left unfinished."""
+"""Removes recordings at the end of their retention, and unfinished uploads."""
 
 from __future__ import annotations
 

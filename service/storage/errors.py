@@ -1,4 +1,4 @@
-"""What can go wrong with a store, in three words: missing, full, away."""
+"""Errors of a store: missing, full, away."""
 
 from __future__ import annotations
 

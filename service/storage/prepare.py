@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from datetime import timedelta
 from typing import Literal
 from urllib.parse import urlsplit
@@ -82,11 +83,11 @@ def _mark(settings: Settings, *, anew: bool) -> None:
         database.close()
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """0 where the store can be written."""
     parser = argparse.ArgumentParser(prog="python -m service.storage.prepare", description=__doc__)
     parser.add_argument("--anew", action="store_true", help="mark a folder that lacks what the database names")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     settings = settings_or_exit()
     try:
         _mark(settings, anew=chosen.anew)

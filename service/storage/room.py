@@ -1,4 +1,4 @@
-"""How much room a folder's disk has for uploads, less what is on its way to it at this moment."""
+"""Free disk space for uploads, less what is being uploaded now."""
 
 from __future__ import annotations
 

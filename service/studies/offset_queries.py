@@ -1,4 +1,4 @@
-"""What an estimate of the offset between two clocks starts from: marks, and roughly where the camera is."""
+"""Inputs of a clock-offset estimate: the agreed marks, and the camera's rough mount."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def read_suggestion(suggestion_id: UUID, access: ReadAccess) -> SuggestionView:
 
 @router.post("/recordings/{recording_id}/clock-offsets", status_code=202, response_model=OffsetView)
 def ask_offset(recording_id: UUID, wanted: OffsetRequest, access: WriteAccess) -> JSONResponse:
-    """Estimate what the camera's clock shows more than the LiDAR's, from vertices and their marks. [engineer]"""
+    """Estimate how far the camera's clock is ahead of the LiDAR's, from vertices and their marks. [engineer]"""
     recording = ready_recording(access, recording_id, "engineer")
     detection = done_detection(access, wanted.detection_id, "engineer")
     if detection.recording_id != recording.id:

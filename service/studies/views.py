@@ -37,8 +37,8 @@ def offset_view(row: Study, job: Job | None) -> OffsetView:
 def _how_to_use(result: dict[str, Any], camera: str) -> str:
     offset, sigma = result["offset_ns"] / 1e6, result["sigma_ns"] / 1e6
     shows = (
-        f"The camera's clock shows {abs(offset):.1f} ms {'more' if offset >= 0 else 'less'} than the LiDAR's, "
-        f"give or take {sigma:.1f} ms"
+        f"The camera's clock is {abs(offset):.1f} ms {'ahead of' if offset >= 0 else 'behind'} the LiDAR's, "
+        f"with a standard deviation of {sigma:.1f} ms"
     )
     if abs(offset) < _CERTAIN * sigma:
         return f"{shows}: the clocks agree within the error, and pairing.offset_ns = 0 will do."

@@ -118,7 +118,7 @@ def rows_of(api: Api, fleet: Any, engineer: Actor, context: Context) -> dict[str
     work(context)
     (calibration,) = engineer.get(f"/vehicles/{van['vehicle']}/calibrations").json()["items"]
     result = calibration["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"]
-    # So quick a search is no good: it is published all the same.
+    # A search this short has objections: it is published against them.
     override = {"override": {"reason": "for the addresses that need one"}}
     assert engineer.post(f"/results/{result}/publication", override).status_code == 201
     real = {"vehicles": van["vehicle"], "rigs": van["rig"], "correspondence-sets": brought["id"], "results": result}

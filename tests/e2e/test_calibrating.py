@@ -105,7 +105,7 @@ def test_a_reviewer_goes_back_on_the_vehicles_page(sign_in: Callable[[str, str],
     )
     page = sign_in("Bea", "reviewer")
     page.goto(f"{track.url}/vehicles/{vehicle}")
-    expect(page.get_by_text("It was recommended, and nothing spoke against it.")).to_be_visible()
+    expect(page.get_by_text("It was recommended and had no objections.")).to_be_visible()
     page.get_by_text("All publications").focus()
     page.keyboard.press("Enter")
     again = page.get_by_role("button", name=re.compile("Publish again"))

@@ -14,8 +14,8 @@ _NONE: Final = 2.0
 _SHORTEST: Final = 1e-12
 
 
-# Said to be exact in so many words: numba lets a callee inherit its caller's liberties, so that its bits would depend
-# on who was compiled first.
+# Exact arithmetic is requested explicitly: numba lets a callee inherit its caller's fast-math flags, so that its bits
+# would depend on which caller was compiled first.
 @njit(nogil=True, error_model="numpy", fastmath=False)
 def first_zero(p1: float, p2: float, p3: float, p4: float) -> float:
     """The least x in (0, 1] at which g(x) = 1 + p1 x + p2 x^2 + p3 x^3 + p4 x^4 is no longer positive; 2 if none."""

@@ -27,7 +27,7 @@ _HALF_PI32: Final = np.float32(np.pi / 2)
 _TINY32: Final = np.float32(1e-30)
 
 
-def polar_angle(r: float, z: float) -> float:
+def polar_angle(r: float | np.floating[Any], z: float | np.floating[Any]) -> float:
     """Angle from the optical axis in [0, pi] of a point r >= 0 beside and z along it."""
     return atan2(r, z)
 

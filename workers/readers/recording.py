@@ -111,7 +111,7 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What an owner knows of a recording and its file does not say.
+    """What the owner knows of a recording but its file does not say.
 
     Attributes:
         point_times: ``auto`` uses times of points where the file has them and derives them where it has none;

@@ -1,4 +1,4 @@
-"""The plain ways beside the search: least squares from the centre of the bounds, and from a linear start."""
+"""Baselines beside the search: least squares from the centre of the bounds, and from a linear start."""
 
 from math import log
 from typing import Final

@@ -1,5 +1,5 @@
 # pyright: reportMissingTypeStubs=false
-"""T_cameraA_cameraB from two calibrations of one rig, with its covariance, and what it is held against."""
+"""T_cameraA_cameraB from two calibrations of one rig, with its covariance, and its distance from a stated one."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

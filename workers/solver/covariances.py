@@ -1,5 +1,5 @@
 # pyright: reportMissingTypeStubs=false
-"""What is stated of the errors of pairs: where the vertex is in the LiDAR's frame, where the mark is in the image."""
+"""Stated covariances of pairs: of the vertex in the LiDAR's frame, and of the mark in the image."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

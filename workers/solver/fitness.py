@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 LANES: Final = 32
-"""The pairs are padded to full vectors: 32 covers two of the widest that are about."""
+"""The pairs are padded to full vectors: 32 covers two of the widest vectors of today's processors."""
 _WORST: Final = np.float32(3.0e38)
 
 

@@ -236,7 +236,7 @@ def recombine(
     mu = parents.shape[1]
     size = population.shape[1]
     kept = np.float32(share)
-    # All loops run from 0 over slices: an index that the compiler cannot see to be positive stops the vectors.
+    # All loops run from 0 over slices: an index whose sign the compiler cannot see prevents vectorisation.
     for j in range(parents.shape[0]):
         row, source, centre = population[j, keep:], parents[j], mean[j]
         # Every parent in turn: each has nearly the same number of children.

@@ -90,7 +90,7 @@ def _read(
     marks = np.ascontiguousarray(pixels, dtype=np.float64)
     bounds = narrowed(bounds, overrides)
     locked = {n: float(v) for n, v in _in_radians(document.get("locked"), _scale_one).items()}
-    # What cannot move has no use of a prior; its constant row would count among the residuals, as noise of the marks.
+    # A locked parameter needs no prior; its constant row would count among the residuals as noise of the marks.
     fixed = locked.keys() | {name for name, (lower, upper) in bounds.items() if lower == upper}
     priors: dict[str, tuple[float, float]] = _in_radians(document.get("priors"), _scale_prior)
     return FitProblem(

@@ -1,4 +1,4 @@
-"""What a result was computed from and by: enough to compute it again, and to see what changed where bits differ."""
+"""The inputs and sources behind a result: enough to compute it again, and to explain different bits."""
 
 import hashlib
 import json

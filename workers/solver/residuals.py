@@ -45,7 +45,7 @@ def transform_of(problem: FitProblem, p: Floats) -> RigidTransform:
 
 
 def predict(problem: FitProblem, p: Floats) -> tuple[Floats, Floats]:
-    """Pixels (N, 2) and violation (N,) of the problem's points under the parameters; wild where violated."""
+    """Pixels (N, 2) and violation (N,) of the problem's points; the pixels are undefined where violation > 0."""
     points = np.empty_like(problem.points)
     pixels, violation = np.empty_like(problem.pixels), np.empty(len(points))
     move_points(FORM_ID[problem.search], p, turned_points(problem), points)

@@ -1,4 +1,4 @@
-"""The same LiDAR vertex marked in two cameras: where one camera's mark says that the other should see it."""
+"""The same LiDAR vertex marked in two cameras: one camera's mark, predicted from the other's."""
 
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""One shard of a detection run: find vertices, pair them with camera frames, tie them to what was judged before."""
+"""One shard of a detection run: find vertices, pair them with camera frames, match them to known apexes."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from workers.readers.recording import Sweep
 from workers.solver.slot import warm_up as warm_up_solver
 from workers.vertices.detectors import RUNS, detect_range
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 
 _SWEEPS = 12
 _REGION = {"and": [{"quantity": "x", "op": ">", "value": 0.0}, {"quantity": "range", "op": "<", "value": 9.0}]}

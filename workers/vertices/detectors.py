@@ -10,7 +10,7 @@ from apexcal.documents.detectors import DetectorName, parse_detector, resolve_op
 from workers.vertices import ring_rules
 from workers.vertices.refined.run import run as run_refined
 from workers.vertices.region import Region
-from workers.vertices.sources import OnSweep, Run, SweepSource
+from workers.vertices.sweep_source import OnSweep, Run, SweepSource
 from workers.vertices.vertex import Detections, Vertex
 
 RUNS: dict[DetectorName, Run] = {

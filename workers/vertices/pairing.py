@@ -1,4 +1,4 @@
-"""Which camera frame belongs to a vertex: the nearest in time to the moment its point was measured.
+"""Pairs each vertex with the camera frame nearest in time to the moment its point was measured.
 
 The vertex may then be moved along its track to the frame's own time, so that no gap is left.
 """
@@ -31,8 +31,7 @@ def pair(
     Args:
         vertex_times_ns: (N,) when each vertex point was measured, UTC nanoseconds (LiDAR clock).
         frame_stamps_ns: (M,) stamps of the camera frames, UTC nanoseconds, in any order.
-        offset_ns: what the camera's clock shows more than the LiDAR's at the same moment; it is added to
-            the vertex times.
+        offset_ns: camera clock minus LiDAR clock; it is added to the vertex times.
         max_gap_ns: farther frames are no pair.
 
     Returns:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
 from workers.vertices.region import Region
-from workers.vertices.sources import OnSweep, Run, SweepSource
+from workers.vertices.sweep_source import OnSweep, Run, SweepSource
 from workers.vertices.vertex import Rejection, Vertex
 
 

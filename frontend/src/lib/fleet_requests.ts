@@ -1,8 +1,14 @@
 /** Fleet requests as they are typed into the form, and as people read them. */
 
 import type { ApiProblem } from "./api/http.ts";
-import { VEHICLE_STATES, type CameraOutcome, type Counts, type VehicleFilter } from "./api/types.ts";
-import type { DryRun, FleetRequest } from "./api/untyped.ts";
+import {
+  VEHICLE_STATES,
+  type CameraOutcome,
+  type Counts,
+  type DryRun,
+  type FleetRequest,
+  type VehicleFilter,
+} from "./api/types.ts";
 import { compact, counted, fixed, moment } from "./format.ts";
 
 export interface FilterDraft {

@@ -1,6 +1,6 @@
 /** What a calibration came to, in a line. */
 
-import type { CalibrationSummary, CameraSummary, ModelSummary } from "./api/untyped.ts";
+import type { CalibrationSummary, CameraSummary, ModelSummary } from "./api/types.ts";
 import { counted, fixed, words } from "./format.ts";
 
 export interface Outcome {

@@ -3,15 +3,15 @@
  * ground, combined by and / or / not. The service checks every number; here only the form is checked.
  */
 
-export const QUANTITIES = ["x", "y", "z", "range", "azimuth_deg", "elevation_deg"] as const;
-export const OPERATORS = ["<", "<=", ">", ">="] as const;
+import { every, type Operator, type Quantity } from "./api/types.ts";
 
-export type Quantity = (typeof QUANTITIES)[number];
-export type Operator = (typeof OPERATORS)[number];
+export const QUANTITIES = every<Quantity>({ x: 0, y: 0, z: 0, range: 0, azimuth_deg: 0, elevation_deg: 0 });
+export const OPERATORS = every<Operator>({ "<": 0, "<=": 0, ">": 0, ">=": 0 });
 
 export interface Inequality {
   quantity: Quantity;
-  divided_by: Quantity | null;
+  /** The service leaves null out. */
+  divided_by?: Quantity | null;
   op: Operator;
   value: number;
 }

@@ -46,7 +46,7 @@ function ofQuaternion([x, y, z, w]: [number, number, number, number]): Matrix {
 
 /** The 3 x 3 matrix of a rotation document. */
 export function matrixOf(rotation: Rotation): Matrix {
-  if ("matrix" in rotation) return rotation.matrix;
+  if ("matrix" in rotation) return rotation.matrix as Matrix;
   if ("quaternion_xyzw" in rotation) return ofQuaternion(rotation.quaternion_xyzw);
   const [alpha, beta, gamma] = rotation.angles_deg;
   if (rotation.euler_order === "xyz_eq2") return product(product(about(0, alpha), about(1, beta)), about(2, gamma));

@@ -110,13 +110,13 @@ def test_the_search_weighs_by_the_vertices_angles_whatever_the_mount():
 def test_a_poor_vertex_is_no_outlier_and_a_good_one_is():
     problem, truth, _ = unequal("pinhole", 8)
     sigma = np.sqrt(problem.covariances.points.trace(axis1=1, axis2=2)) / np.linalg.norm(problem.points, axis=1)
-    assert judge(problem, truth) == []
+    assert judge(problem, truth).outliers == []
     good = int(np.argmin(sigma))
     marks = problem.pixels.copy()
     marks[good, 0] += 7.0
-    assert [one.index for one in judge(replace(problem, pixels=marks), truth)] == [good]
+    assert [one.index for one in judge(replace(problem, pixels=marks), truth).outliers] == [good]
     # Equal weights name a poor vertex, and overlook the mark that is far off for a good one.
-    assert [one.index for one in judge(replace(problem, covariances=None), truth)] == [146]
+    assert [one.index for one in judge(replace(problem, covariances=None), truth).outliers] == [146]
     assert sigma[146] > 2.5 * np.median(sigma)
 
 

@@ -5,7 +5,7 @@ from apexcal.documents.detectors import DETECTORS, resolve_options
 from apexcal.documents.errors import DocumentError
 from tests.workers.vertices.sweeps import EVERYTHING, IN_FRONT, row, sweep
 from workers.vertices.detectors import detect_range
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 from workers.vertices.vertex import Rejection, Vertex
 
 

@@ -15,7 +15,7 @@ from workers.simulation.disturbances import Disturbances
 from workers.vertices.detectors import detect_range
 from workers.vertices.refined.learning import learn
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board"
 KNOWN = DETECTORS["refined"].options

@@ -26,8 +26,8 @@ from workers.geometry.projections.single_precision import (
 )
 
 
-# Said to be exact in so many words: numba lets a callee inherit its caller's liberties, so that its bits would depend
-# on who was compiled first.
+# Exact arithmetic is requested explicitly: numba lets a callee inherit its caller's fast-math flags, so that its bits
+# would depend on which caller was compiled first.
 @njit(nogil=True, error_model="numpy", fastmath=False)
 def brown_conrady_fold(k1: float, k2: float, k5: float) -> float:
     """r^2 at which the radial distortion r d(r^2) stops growing, infinity where it never does."""

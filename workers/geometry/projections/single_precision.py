@@ -6,7 +6,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numba import njit, types
 from numba.core.types import CompileResultWAP
-from numba.experimental import function_type  # noqa: F401  numba learns here to take such results as arguments
+
+# Importing it teaches numba to take a compiled function as an argument.
+from numba.experimental import function_type as _  # noqa: F401  # pyright: ignore[reportUnusedImport]
 from numpy.typing import NDArray
 
 from workers.geometry.rotations import rotation_rows
@@ -14,7 +16,7 @@ from workers.geometry.rotations import rotation_rows
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Flag = NDArray[np.uint8]
-Single = np.float32
+Single = float | np.floating[Any]
 Row = tuple[Single, Single, Single, Single]
 VECTOR: Final = {"reassoc", "contract", "arcp", "nsz"}
 """Sums may be reordered (vector lanes) and fused. Infinities and NaN keep their meaning, so no `fast`."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from workers.readers.recording import Sweep
-from workers.vertices.refined.model import Fix, Floats, Sighting
+from workers.vertices.refined.board_model import Fix, Floats, Sighting
 
 _HEAD_BESIDE_M = 0.35
 _HEAD_BEHIND_M = (-0.15, 0.7)

@@ -1,4 +1,4 @@
-"""What the sweeps before and after tell of a vertex: the board's roll, and whether the vertex lies on the path."""
+"""Uses the sweeps before and after a vertex: a prior of the board's roll, and rejection of vertices off the path."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workers.vertices.refined.model import Fix, Floats, Model
+from workers.vertices.refined.board_model import BoardModel, Fix, Floats
 
 REACH = 10  # sweeps to either side
 _LONGEST_S = 1.5
@@ -29,12 +29,12 @@ class Seen:
     fix: Fix
 
 
-def trustworthy(fix: Fix, model: Model) -> bool:
+def trustworthy(fix: Fix, model: BoardModel) -> bool:
     """Whether the neighbours of a sweep may learn from its apex."""
     return fix.explained(model) and math.hypot(fix.sigma_azimuth, fix.sigma_elevation) < math.radians(0.3)
 
 
-def roll_prior(own: Seen, others: Sequence[Seen], model: Model) -> tuple[float, float]:
+def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[float, float]:
     """Mean and standard deviation of the roll, from the neighbours that the walker can have come from or gone to.
 
     Gaussian-process regression; each neighbour's roll counts as its posterior without the prior.

@@ -2,8 +2,15 @@
 
 import { bodyOf, client, once, send, type Page } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import { isUnderWay, type CalibrationRequest, type CorrespondenceSet, type Publication } from "./types.ts";
-import type { Calibration, CurrentCalibration, Result } from "./untyped.ts";
+import {
+  isUnderWay,
+  type Calibration,
+  type CalibrationRequest,
+  type CorrespondenceSet,
+  type CurrentCalibration,
+  type Publication,
+  type Result,
+} from "./types.ts";
 
 export const buildSet = (detection_id: string, camera: string, exclude_flagged: boolean): Promise<CorrespondenceSet> =>
   bodyOf(
@@ -28,18 +35,15 @@ export const createCalibration = (vehicle_id: string, body: CalibrationRequest):
   bodyOf(client.POST("/v1/vehicles/{vehicle_id}/calibrations", { params: { path: { vehicle_id } }, body, ...once() }));
 
 export const calibrations = (vehicle_id: string): Read<Calibration[]> =>
-  readAll("/v1/vehicles/{vehicle_id}/calibrations", { vehicle_id }, {}, undefined, 200) as unknown as Read<
-    Calibration[]
-  >;
+  readAll("/v1/vehicles/{vehicle_id}/calibrations", { vehicle_id }, {}, undefined, 200);
 
 export const calibration = (calibration_id: string): Read<Calibration> =>
-  read("/v1/calibrations/{calibration_id}", { calibration_id }, {}, isUnderWay) as unknown as Read<Calibration>;
+  read("/v1/calibrations/{calibration_id}", { calibration_id }, {}, isUnderWay);
 
 export const cancelCalibration = (calibration_id: string): Promise<unknown> =>
   client.POST("/v1/calibrations/{calibration_id}/cancel", { params: { path: { calibration_id } } });
 
-export const result = (result_id: string): Read<Result> =>
-  read("/v1/results/{result_id}", { result_id }) as unknown as Read<Result>;
+export const result = (result_id: string): Read<Result> => read("/v1/results/{result_id}", { result_id });
 
 export const resultUrl = (id: string): string => `/v1/results/${id}`;
 
@@ -67,4 +71,4 @@ export const current = (vehicle_id: string, camera: string): Read<CurrentCalibra
   read("/v1/vehicles/{vehicle_id}/cameras/{camera}/calibration", {
     vehicle_id,
     camera,
-  }) as unknown as Read<CurrentCalibration>;
+  });

@@ -2,25 +2,30 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import type { Region } from "../region.ts";
-import { isUnderWay, type Vertex } from "./types.ts";
-import type { ClockOffset, Detection, DetectionRequest, RegionPreview, RegionSuggestion } from "./untyped.ts";
+import {
+  isUnderWay,
+  type ClockOffset,
+  type Detection,
+  type DetectionRequest,
+  type RegionNode,
+  type RegionPreview,
+  type RegionSuggestion,
+  type Vertex,
+} from "./types.ts";
 
 const POLL_MS = 400;
 
-export const createPreview = (recording_id: string, region: Region): Promise<RegionPreview> =>
+export const createPreview = (recording_id: string, region: RegionNode): Promise<RegionPreview> =>
   bodyOf(
     client.POST("/v1/recordings/{recording_id}/region-previews", {
       params: { path: { recording_id } },
-      body: { region: region as unknown as Record<string, never> },
+      body: { region },
       ...once(),
     }),
-  ) as Promise<unknown> as Promise<RegionPreview>;
+  );
 
 export const preview = (id: string): Promise<RegionPreview> =>
-  bodyOf(
-    client.GET("/v1/region-previews/{preview_id}", { params: { path: { preview_id: id } } }),
-  ) as Promise<unknown> as Promise<RegionPreview>;
+  bodyOf(client.GET("/v1/region-previews/{preview_id}", { params: { path: { preview_id: id } } }));
 
 export const createSuggestion = (recording_id: string): Promise<RegionSuggestion> =>
   bodyOf(
@@ -29,12 +34,10 @@ export const createSuggestion = (recording_id: string): Promise<RegionSuggestion
       body: {},
       ...once(),
     }),
-  ) as Promise<unknown> as Promise<RegionSuggestion>;
+  );
 
 export const suggestion = (id: string): Promise<RegionSuggestion> =>
-  bodyOf(
-    client.GET("/v1/region-suggestions/{suggestion_id}", { params: { path: { suggestion_id: id } } }),
-  ) as Promise<unknown> as Promise<RegionSuggestion>;
+  bodyOf(client.GET("/v1/region-suggestions/{suggestion_id}", { params: { path: { suggestion_id: id } } }));
 
 export const createOffset = (recording_id: string, detection_id: string, camera: string): Promise<ClockOffset> =>
   bodyOf(
@@ -43,12 +46,10 @@ export const createOffset = (recording_id: string, detection_id: string, camera:
       body: { detection_id, camera },
       ...once(),
     }),
-  ) as Promise<unknown> as Promise<ClockOffset>;
+  );
 
 export const offset = (id: string): Promise<ClockOffset> =>
-  bodyOf(
-    client.GET("/v1/clock-offsets/{offset_id}", { params: { path: { offset_id: id } } }),
-  ) as Promise<unknown> as Promise<ClockOffset>;
+  bodyOf(client.GET("/v1/clock-offsets/{offset_id}", { params: { path: { offset_id: id } } }));
 
 /** Reads a study until it has ended, and tells of each reading. */
 export async function untilEnded<S extends { id: string; state: string }>(
@@ -66,18 +67,16 @@ export async function untilEnded<S extends { id: string; state: string }>(
 export const createDetection = (recording_id: string, body: DetectionRequest): Promise<unknown> =>
   client.POST("/v1/recordings/{recording_id}/detections", {
     params: { path: { recording_id } },
-    body: { ...body, region: body.region as unknown as Record<string, never> },
+    body,
     ...once(),
   });
 
 /** The detections of a recording that is ready. */
 export const detections = (recording_id: string | undefined): Read<Detection[]> =>
-  readAll("/v1/recordings/{recording_id}/detections", { recording_id }, {}, (found) =>
-    found.some(isUnderWay),
-  ) as unknown as Read<Detection[]>;
+  readAll("/v1/recordings/{recording_id}/detections", { recording_id }, {}, (found) => found.some(isUnderWay));
 
 export const detection = (detection_id: string): Read<Detection> =>
-  read("/v1/detections/{detection_id}", { detection_id }) as unknown as Read<Detection>;
+  read("/v1/detections/{detection_id}", { detection_id });
 
 export const cancelDetection = (detection_id: string): Promise<unknown> =>
   client.POST("/v1/detections/{detection_id}/cancel", { params: { path: { detection_id } } });

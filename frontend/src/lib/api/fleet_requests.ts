@@ -2,8 +2,14 @@
 
 import { bodyOf, client, once, type Page } from "./http.ts";
 import { read, type Read } from "./reads.ts";
-import { isUnderWay, type FleetRequestBody, type VehicleState } from "./types.ts";
-import type { DryRun, FleetRequest, RequestVehicle } from "./untyped.ts";
+import {
+  isUnderWay,
+  type DryRun,
+  type FleetRequest,
+  type FleetRequestBody,
+  type RequestVehicle,
+  type VehicleState,
+} from "./types.ts";
 
 export const REQUESTS_PER_PAGE = 50;
 export const VEHICLES_PER_PAGE = 100;
@@ -22,16 +28,16 @@ export const dryRun = (fleetId: string, body: FleetRequestBody): Promise<DryRun>
       params: { path: { id: fleetId } },
       body: { ...body, dry_run: true },
     }),
-  ) as Promise<unknown> as Promise<DryRun>;
+  ) as Promise<DryRun>;
 
 /** Newest first. */
 export const fleetRequests = (fleetId: string, after: string | undefined): Read<Page<FleetRequest>> =>
   read("/v1/fleets/{id}/fleet-requests", { id: fleetId }, { after, limit: REQUESTS_PER_PAGE }, ({ items }) =>
     items.some(isUnderWay),
-  ) as unknown as Read<Page<FleetRequest>>;
+  );
 
 export const fleetRequest = (fleet_request_id: string): Read<FleetRequest> =>
-  read("/v1/fleet-requests/{fleet_request_id}", { fleet_request_id }, {}, isUnderWay) as unknown as Read<FleetRequest>;
+  read("/v1/fleet-requests/{fleet_request_id}", { fleet_request_id }, {}, isUnderWay);
 
 /** By name; of one state, or of all. */
 export const requestVehicles = (

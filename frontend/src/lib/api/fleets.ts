@@ -2,8 +2,7 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import type { Fleet, RigRequest, Vehicle } from "./types.ts";
-import type { Rig } from "./untyped.ts";
+import type { Fleet, Rig, RigRequest, Vehicle } from "./types.ts";
 
 export const fleet = (id: string | undefined): Read<Fleet> => read("/v1/fleets/{id}", { id });
 
@@ -21,10 +20,9 @@ export const vehicle = (id: string | undefined): Read<Vehicle> => read("/v1/vehi
 export const createVehicle = (fleetId: string, name: string): Promise<Vehicle> =>
   bodyOf(client.POST("/v1/fleets/{id}/vehicles", { params: { path: { id: fleetId } }, body: { name }, ...once() }));
 
-export const rigs = (vehicleId: string): Read<Rig[]> =>
-  readAll("/v1/vehicles/{id}/rigs", { id: vehicleId }) as unknown as Read<Rig[]>;
+export const rigs = (vehicleId: string): Read<Rig[]> => readAll("/v1/vehicles/{id}/rigs", { id: vehicleId });
 
-export const rig = (id: string): Read<Rig> => read("/v1/rigs/{id}", { id }) as unknown as Read<Rig>;
+export const rig = (id: string): Read<Rig> => read("/v1/rigs/{id}", { id });
 
 export const createRig = (vehicleId: string, body: RigRequest): Promise<unknown> =>
   client.POST("/v1/vehicles/{id}/rigs", { params: { path: { id: vehicleId } }, body, ...once() });

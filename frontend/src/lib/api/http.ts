@@ -2,15 +2,7 @@
 
 import createClient from "openapi-fetch";
 import type { paths } from "./schema.ts";
-
-/** An RFC 9457 problem document as a job, a recording or an answer carries it. */
-export interface ProblemDocument {
-  title?: string;
-  detail?: string;
-  code?: string;
-  hint?: string | null;
-  [extra: string]: unknown;
-}
+import type { ProblemDocument } from "./types.ts";
 
 export class ApiProblem extends Error {
   readonly status: number;
@@ -25,7 +17,7 @@ export class ApiProblem extends Error {
   }
 
   constructor(status: number, document: ProblemDocument) {
-    super(document.detail ?? document.title ?? `The service answered ${status}.`);
+    super(document.detail ?? `The service answered ${status}.`);
     this.status = status;
     this.code = document.code ?? "unknown";
     this.hint = document.hint ?? "";

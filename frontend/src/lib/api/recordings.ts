@@ -2,20 +2,24 @@
 
 import { bodyOf, client, once, send } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import { isUnderWay, type NewRecording, type RecordingChange, type UploadedParts } from "./types.ts";
-import type { Recording, RecordingSummary } from "./untyped.ts";
+import {
+  isUnderWay,
+  type NewRecording,
+  type Recording,
+  type RecordingChange,
+  type RecordingSummary,
+  type UploadedParts,
+} from "./types.ts";
 
 const of = (id: string) => ({ params: { path: { id } } });
 
 export const recordings = (of: { fleet_id?: string | undefined; vehicle_id?: string }): Read<RecordingSummary[]> => ({
-  ...(readAll("/v1/recordings", undefined, of, (found) => found.some(isUnderWay)) as unknown as Read<
-    RecordingSummary[]
-  >),
+  ...readAll("/v1/recordings", undefined, of, (found) => found.some(isUnderWay)),
   enabled: Object.values(of).every((id) => id !== undefined),
 });
 
 export const recording = (id: string | undefined): Read<Recording> =>
-  read("/v1/recordings/{id}", { id }, {}, isUnderWay) as unknown as Read<Recording>;
+  read("/v1/recordings/{id}", { id }, {}, isUnderWay);
 
 export const createRecording = (vehicleId: string, body: NewRecording): Promise<{ id: string }> =>
   bodyOf(client.POST("/v1/vehicles/{id}/recordings", { ...of(vehicleId), body, ...once() }));

@@ -1,4 +1,4 @@
-"""What planned vertices would tell, in people's words, before anyone has walked."""
+"""Predicts in sentences what a fit of planned vertices would determine, before anyone has walked."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -1,4 +1,4 @@
-"""What the detector takes as known, and what it says of one sweep."""
+"""What the detector assumes known, and its result for one sweep."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
+class BoardModel:
     """Sensor, board and person; pairs are mean and standard deviation.
 
     Attributes:
@@ -108,7 +108,7 @@ class Fix:
     evidence: float
     swapped: float
 
-    def explained(self, model: Model) -> bool:
+    def explained(self, model: BoardModel) -> bool:
         """Whether not many more rays contradict the board than the sensor lets expect."""
         expected = model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost)
         return self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.plane.ratio.size * expected

@@ -8,7 +8,7 @@ import pytest
 
 from tests.workers.solver.rigs import simulated
 from workers.geometry.models import INTRINSICS
-from workers.solver.plan import plan_sentences
+from workers.solver.planned_vertices import plan_sentences
 from workers.solver.polish import polish
 from workers.solver.uncertainty import uncertainty
 
