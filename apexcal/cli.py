@@ -33,7 +33,8 @@ COMMANDS = {
     "publications": "List a camera's publications, by whom and why.",
     "rollback": "Restore a camera's previous calibration.",
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
-    "export": "Write a camera's current calibration, or one result.",
+    "pull": "Keep what a vehicle is given now in a file.",
+    "export": "Write a camera's current calibration, or one result, for other programs.",
 }
 
 

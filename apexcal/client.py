@@ -26,6 +26,7 @@ from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import Detections
+from apexcal.resources.exports import Exports
 from apexcal.resources.fleet_requests import FleetRequests
 from apexcal.resources.fleets import Fleets, Vehicles
 from apexcal.resources.marking import Marking
@@ -57,8 +58,10 @@ _ENDED_BADLY = ("failed", "cancelled")
 class Client:
     """One person or program at one service. Safe to share between threads; close it, or use it as a context."""
 
-    def __init__(self, base_url: str = "http://127.0.0.1:8000", token: str | None = None) -> None:
-        self._http = Transport(base_url, token)
+    def __init__(
+        self, base_url: str = "http://127.0.0.1:8000", token: str | None = None, timeout_s: float | None = None
+    ) -> None:
+        self._http = Transport(base_url, token, timeout_s=timeout_s)
         self.base_url = self._http.base_url
         self.fleets = Fleets(self._http)
         self.vehicles = Vehicles(self._http)
@@ -67,6 +70,7 @@ class Client:
         self.marking = Marking(self._http)
         self.correspondence_sets = CorrespondenceSets(self._http)
         self.calibrations = Calibrations(self._http)
+        self.exports = Exports(self._http)
         self.fleet_requests = FleetRequests(self._http)
 
     @classmethod

@@ -32,7 +32,13 @@ _TOKEN = re.compile(r"[!-~]+")
 class Transport:
     """Speaks JSON over HTTP with one service. Safe to share between threads."""
 
-    def __init__(self, base_url: str, token: str | None = None, pauses_s: tuple[float, ...] = _PAUSES_S) -> None:
+    def __init__(
+        self,
+        base_url: str,
+        token: str | None = None,
+        pauses_s: tuple[float, ...] = _PAUSES_S,
+        timeout_s: float | None = None,
+    ) -> None:
         parts = _split(base_url)
         self.base_url = f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}"
         self._pauses_s = pauses_s
@@ -43,7 +49,7 @@ class Transport:
             if not _TOKEN.fullmatch(token):
                 raise TokenError("the given text")
             headers["Authorization"] = f"Bearer {token}"
-        self._http = httpx.Client(base_url=self.base_url + "/v1", headers=headers, timeout=TIMEOUT)
+        self._http = httpx.Client(base_url=self.base_url + "/v1", headers=headers, timeout=timeout_s or TIMEOUT)
 
     def close(self) -> None:
         """Close the connections."""
@@ -100,6 +106,14 @@ class Transport:
         if response.status_code == httpx.codes.NOT_MODIFIED:
             return None
         return read(response, kind), response.headers["ETag"]
+
+    def get_bytes_if_changed(self, path: str, etag: str | None, **query: Any) -> tuple[bytes, str] | None:
+        """GET what is no JSON with its ETag, or None where it still is what ``etag`` names."""
+        headers = {"If-None-Match": etag} if etag else None
+        response = self.send("GET", path, params=_given(query), headers=headers)
+        if response.status_code == httpx.codes.NOT_MODIFIED:
+            return None
+        return response.content, response.headers["ETag"]
 
     def delete(self, path: str, **query: Any) -> None:
         """DELETE; nothing is answered."""

@@ -22,13 +22,14 @@ from service.auth.gate import Gate
 from service.auth.retention import remove_ended
 from service.broker.hints import COURIER as HINTS
 from service.broker.hints import Publisher
-from service.calibrations import publication_routes
+from service.calibrations import publication_routes, vehicle_routes
 from service.calibrations import routes as calibrations
 from service.correspondence_sets import routes as correspondence_sets
 from service.db.session import Database
 from service.detections import routes as detections
 from service.events import routes as events
 from service.events.fanout import Fanout
+from service.exports import routes as exports
 from service.fleet_requests import routes as fleet_requests
 from service.fleets import routes as fleets
 from service.health import metrics_routes
@@ -79,6 +80,8 @@ ROUTERS: tuple[APIRouter, ...] = (
     mark_routes.router,
     correspondence_sets.router,
     publication_routes.router,
+    vehicle_routes.router,
+    exports.router,
     calibrations.router,
     fleet_requests.router,
 )

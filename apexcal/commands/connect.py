@@ -24,14 +24,14 @@ _WHERE_IDS_ARE = {
 
 
 @contextmanager
-def connected(url: str, token: str, data: Path, link: str = "") -> Iterator[Client]:
+def connected(url: str, token: str, data: Path, link: str = "", timeout_s: float | None = None) -> Iterator[Client]:
     """A client; what goes wrong inside the block is said in a sentence and ends the command with its exit code.
 
     With a sign-in ``link`` the client is signed in as its person instead, for as long as the block.
     """
     address, secret, origin = (url, "", "") if link else locate(url, token, data)
     try:
-        client = None if link else Client(address, secret)
+        client = None if link else Client(address, secret, timeout_s)
     except TokenError as error:
         usage(str(TokenError(origin)), error.hint)
     except ValueError as error:

@@ -8,6 +8,7 @@ from uuid import UUID
 
 from apexcal.documents.calibrations import CalibrationView, SlotView
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
+from apexcal.documents.exports import VehicleCalibration
 from apexcal.documents.publications import PublicationView
 from apexcal.documents.results import CurrentCalibration, ResultView
 from apexcal.transport import Transport, at, read
@@ -113,6 +114,23 @@ class Calibrations:
     def current(self, vehicle_id: UUID | str, camera: str) -> CurrentCalibration:
         """A camera's current calibration; ApiError ``no_calibration_yet`` where there is none."""
         return self._http.get(at("vehicles", vehicle_id, "cameras", camera, "calibration"), CurrentCalibration)
+
+    def vehicle(
+        self, vehicle_id: UUID | str, cameras: Sequence[str] | None = None, as_of: str | None = None
+    ) -> VehicleCalibration:
+        """What all cameras of a vehicle are given now, or were at a moment; ApiError ``no_calibration_yet``."""
+        return self._http.get(
+            at("vehicles", vehicle_id, "calibration"), VehicleCalibration, camera=cameras, as_of=as_of
+        )
+
+    def vehicle_if_changed(
+        self, vehicle_id: UUID | str, etag: str | None = None, **query: Any
+    ) -> tuple[bytes, str] | None:
+        """The same answer as bytes with its ETag; None where it still is what ``etag`` names.
+
+        ``query``: ``camera``, ``as_of``, ``format``.
+        """
+        return self._http.get_bytes_if_changed(at("vehicles", vehicle_id, "calibration"), etag, **query)
 
     def current_if_changed(
         self, vehicle_id: UUID | str, camera: str, etag: str | None = None

@@ -7,7 +7,7 @@ from uuid import UUID
 
 from fastapi import APIRouter, Request
 from fastapi.encoders import jsonable_encoder
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought, Stored
@@ -31,6 +31,8 @@ from service.calibrations.views import result_document
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.digests import content_hash
 from service.db.fleets import Vehicle
+from service.exports.answers import WantedFormat, exported
+from service.exports.queries import of_publication, of_result
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging
 from service.http.problems import Problem, not_found
@@ -39,14 +41,18 @@ router = APIRouter(tags=["calibrations"])
 
 
 @router.get("/results/{result_id}", response_model=Stored[ResultView])
-def read_result(result_id: UUID, access: ReadAccess, request: Request) -> dict[str, Any]:
+def read_result(
+    result_id: UUID, access: ReadAccess, request: Request, wanted: WantedFormat, conditions: Conditional
+) -> dict[str, Any] | Response:
     """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids.
 
     ``objections`` is what speaks against publishing it now, null of a fit that is not to all pairs. Of pairs made of
     marks only reviewers see what tells of single pairs; what they answer afterwards on the vertices of these counts
-    as reviewed.
+    as reviewed. ``format``: its lens and mount in another format.
     """
     result = access.find(Result, result_id)
+    if wanted is not None:
+        return exported(wanted, of_result(access.session, result.id), conditions)
     found = access.session.execute(
         select(CalibrationRun, Calibration, CorrespondenceSet)
         .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
@@ -122,8 +128,13 @@ def list_publications(vehicle_id: UUID, camera: Sought, access: ReadAccess, wind
 
 
 @router.get("/vehicles/{vehicle_id}/cameras/{camera}/calibration", response_model=Stored[CurrentCalibration])
-def read_current(vehicle_id: UUID, camera: Sought, access: ReadAccess, conditions: Conditional) -> dict[str, Any]:
-    """The current calibration of a vehicle's camera: intrinsics and transform, both frames named."""
+def read_current(
+    vehicle_id: UUID, camera: Sought, access: ReadAccess, conditions: Conditional, wanted: WantedFormat
+) -> dict[str, Any] | Response:
+    """The current calibration of a vehicle's camera: intrinsics and transform, both frames named.
+
+    ``format``, or the format's type in Accept: the same as a file for another program.
+    """
     vehicle = access.find(Vehicle, vehicle_id)
     document = jsonable_encoder(current_document(access.session, vehicle.id, camera))
     if document is None:
@@ -134,5 +145,7 @@ def read_current(vehicle_id: UUID, camera: Sought, access: ReadAccess, condition
             "Publish a result: POST /v1/results/{id}/publication, or ask for a calibration with "
             '"publish": "recommended".',
         )
+    if wanted is not None:
+        return exported(wanted, of_publication(access.session, vehicle.id, camera), conditions)
     conditions.offer(content_etag(content_hash(document)))
     return document
