@@ -122,11 +122,10 @@ def leverage(fitted: Floats, blocks: Floats) -> Floats:
     Columns count at equal length: pixels for a radian and for a distortion term differ by powers of ten, and a
     direction that only such a term holds would pass for none.
     """
-    lengths = np.linalg.norm(fitted, axis=0)
+    lengths: Floats = np.sqrt(np.sum(fitted**2, axis=0))
     lengths[lengths == 0.0] = 1.0
     unit, scaled = fitted / lengths, blocks / lengths
-    information: Floats = unit.T @ unit
-    G: Floats = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
+    G = np.linalg.pinv(unit.T @ unit, rcond=1e-12, hermitian=True)
     return np.einsum("nif,fg,njg->nij", scaled, G, scaled)
 
 
