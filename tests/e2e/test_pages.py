@@ -17,7 +17,7 @@ FRONTEND = Path(__file__).parents[2] / "frontend"
 
 
 def test_a_link_signs_in_once_and_only_by_its_button(browser: Browser, track: Track) -> None:
-    link = track.owner.fleets.invite(track.fleet_id, "Hana", "viewer")["link"]
+    link = track.owner.fleets.invite(track.fleet_id, "Hana", "viewer").link
     context = browser.new_context()
     page = context.new_page()
     page.goto(link)
@@ -55,7 +55,7 @@ def test_an_engineer_invites_and_sees_a_broken_upload_explained(
 
 def test_which_topic_is_which_is_asked_and_answered(sign_in: SignIn, track: Track, tmp_path: Path) -> None:
     known = track.owner.vehicles.rig(track.rig_id)
-    camera = known["cameras"][0] | {"topic": None}
+    camera = known.cameras[0].model_dump(mode="json") | {"topic": None}
     rig = track.owner.vehicles.create_rig(
         track.vehicle_id,
         {"name": "without topics", "lidar": {"frame": "velodyne", "topic": None}, "cameras": [camera]},
@@ -63,9 +63,9 @@ def test_which_topic_is_which_is_asked_and_answered(sign_in: SignIn, track: Trac
     frame = png(*camera["image_size"])
     streams = [clouds(), *(images(topic=topic, data=frame) for topic in ("/cam/a", "/cam/b"))]
     bag = write_bag(tmp_path / "two.bag", interleaved(*streams))
-    asked = track.owner.recordings.upload(bag, track.vehicle_id, rig["id"])
+    asked = track.owner.recordings.upload(bag, track.vehicle_id, rig.id)
     page = sign_in("Nia", "engineer")
-    page.goto(f"{track.url}/recordings/{asked['id']}")
+    page.goto(f"{track.url}/recordings/{asked.id}")
     page.get_by_role("heading", name="Which is which?").wait_for(timeout=30_000)
     expect(page.get_by_label("front")).to_have_value("")
     expect(page.get_by_role("button", name="Read it again")).to_be_disabled()
@@ -74,7 +74,7 @@ def test_which_topic_is_which_is_asked_and_answered(sign_in: SignIn, track: Trac
     expect(page.get_by_role("cell", name="/cam/b")).to_be_visible(timeout=30_000)
     page.get_by_text("What the reader found").click()
     expect(page.get_by_text(re.compile(r"\d\d:\d\d:\d\d\.\d{3} UTC")).first).to_be_visible()
-    assert track.owner.recordings.get(asked["id"])["state"] == "ready"
+    assert track.owner.recordings.get(asked.id).state == "ready"
 
 
 def test_a_region_is_tried_before_it_is_used(sign_in: SignIn, track: Track) -> None:

@@ -125,7 +125,8 @@ def leverage(fitted: Floats, blocks: Floats) -> Floats:
     lengths = np.linalg.norm(fitted, axis=0)
     lengths[lengths == 0.0] = 1.0
     unit, scaled = fitted / lengths, blocks / lengths
-    G: Floats = np.linalg.pinv(unit.T @ unit, rcond=1e-12, hermitian=True)
+    information: Floats = unit.T @ unit
+    G: Floats = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
     return np.einsum("nif,fg,njg->nij", scaled, G, scaled)
 
 

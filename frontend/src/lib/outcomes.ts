@@ -23,7 +23,7 @@ export function outcomesOf(summary: CalibrationSummary | null): Outcome[] {
   });
 }
 
-/** However small its errors are, such a result is no good. */
+/** Whether the status is not `ok`; its errors then say little, however small. */
 export const isDoubtful = (status: string | null | undefined): boolean => (status ?? "ok") !== "ok";
 
 /** A status other than `ok`, and how many warnings there are: "not determined, 3 warnings". */

@@ -124,9 +124,18 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     """What detection, marking and calibration leave of a recording."""
     owned = {"fleet_id": recording.fleet_id, "recording_id": recording.id}
     detection = Detection(
-        id=new_id(), **owned, region={}, detector="strict", options={}, pairing={}, content_hash="0", state="done"
+        id=new_id(),
+        **owned,
+        region={"quantity": "x", "op": ">", "value": 0.0},
+        detector="strict",
+        options={},
+        pairing={},
+        content_hash="0",
+        state="done",
     )
-    preview = Study(id=new_id(), **owned, kind="preview", asked={"region": {}})
+    preview = Study(
+        id=new_id(), **owned, kind="preview", asked={"region": {"quantity": "x", "op": ">", "value": 0.0}}
+    )
     suggestion = Study(id=new_id(), **owned, kind="suggestion", asked={})
     offset = Study(id=new_id(), **owned, kind="clock_offset", detection_id=detection.id)
     offset.asked = {"camera": "front", "marks": {"stamp_ns": [], "u": [], "v": []}}
