@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from apexcal.documents.transforms import Transform
-from service.calibrations import transforms
+from service.calibration_runs import transforms
 from service.calibrations.fold_rules import fold_count
 from workers.geometry import transforms as worker_transforms
 from workers.geometry.transforms import RigidTransform
