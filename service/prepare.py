@@ -27,7 +27,7 @@ def main() -> int:
     parser.add_argument("--mark", action="store_true", help="mark the folder of objects as the database's own")
     chosen = parser.parse_args()
     if not _is_current():
-        # Here, for to import Alembic takes longer than to see that there is nothing to do for it.
+        # Imported here: Alembic takes longer to import than this look at what there is to do.
         from service.db import migrate
 
         migrate.main([])

@@ -87,7 +87,7 @@ def _document(found: Row[Publication, Result, Calibration, Rig, str]) -> Json:
         "quality": _quality(result, calibration),
     }
     if rig.T_vehicle_lidar:
-        # Here, for it alone needs NumPy, which takes a twentieth of the start.
+        # Imported here: it needs NumPy, which takes a twentieth of the start.
         from service.calibration_runs.transforms import T_vehicle_camera
 
         document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])

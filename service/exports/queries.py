@@ -48,7 +48,7 @@ def _cameras() -> _Cameras:
 
 
 def _of(session: Session, statement: _Cameras) -> Calibrated:
-    # Here, for it needs NumPy, which takes a twentieth of the start; below too.
+    # Imported here, as below: it needs NumPy, which takes a twentieth of the start.
     from service.exports.calibrated import Calibrated
 
     rows = session.execute(statement).all()

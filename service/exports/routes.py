@@ -52,7 +52,7 @@ def patch_urdf_of_result(result_id: UUID, body: UrdfRequest, access: ReadAccess)
 
 
 def _patched(body: UrdfRequest, calibrated: Calibrated) -> Response:
-    # Here, for it needs NumPy, which takes a twentieth of the start.
+    # Imported here: it needs NumPy, which takes a twentieth of the start.
     from service.exports.urdf_patch import patched
 
     mount = calibrated.cameras[0].T_camera_lidar
