@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from workers.readers.recording import Sweep
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import integrate
-from workers.vertices.refined.model import Fix, Floats, Model, Plane, Sighting
+from workers.vertices.refined.model import Fix, Floats, Model, Plane, Sighting, hang
 from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
 from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
 from workers.vertices.refined.window import Window, open_window
@@ -22,6 +22,7 @@ _NARROWEST_M = 0.26
 _PAIRS = 8
 _ON_BOARD = 2.0  # likelihood ratio from which a point counts as the board's
 _CONFIDENT = 5.0
+_UNLIKELY = 0.05
 _HOPELESS = 12.0  # log odds from which the other way to hold the board is not followed further
 _COARSE, _FINE = 24, 36  # cells along either side of the grid
 _ROLLS = 9
@@ -103,6 +104,7 @@ def _with_rays(
         rings=int(on_board.size),
         top_ring=int(on_board[-1]),
         points=points,
+        returned=window.distance[at] > 0.0,
     )
     return Sighting(plane, window, ends)
 
@@ -113,12 +115,10 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     Args:
         coarse: for comparing models: quicker, and good enough for the evidence.
     """
-    one, other = model.edges
-    ways = [(1.0 - model.swapped, False, (one, other)), (model.swapped, True, (other, one))]
     found: list[tuple[float, bool, Floats]] = []
-    for share, swapped, edges in sorted(ways, reverse=True):
+    for share, swapped in sorted([(1.0 - model.swapped, False), (model.swapped, True)], reverse=True):
         floor = found[0][0] - math.log(share) - _HOPELESS if found else -math.inf
-        corner = _corner(plane, model, edges, coarse, floor)
+        corner = _corner(plane, model, _edges(model, swapped), coarse, floor)
         if corner is not None:
             found.append((math.log(share) + float(corner[0]), swapped, corner))
     if not found:
@@ -126,7 +126,7 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     evidence = np.array([item[0] for item in found])
     total = float(np.logaddexp.reduce(evidence))
     weight = np.exp(evidence - total)
-    means = np.array([corner[1:4] for _, _, corner in found])
+    means = np.array([[*corner[1:3], corner[3] - hang(_edges(model, swapped))] for _, swapped, corner in found])
     mean: Floats = weight @ means
     covariance = np.zeros((3, 3))
     for x, m, (_, _, corner) in zip(weight, means, found, strict=True):
@@ -135,10 +135,38 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
     lead = found[0][0] - found[1][0] if len(found) == 2 else _HOPELESS
     odds = lead if found[0][1] else -lead
-    best = max(corner[10] for _, _, corner in found)
+    first = int(np.argmax(weight))
+    contradicted = _contradicted(plane, model, _edges(model, found[first][1]), found[first][2])
     return Fix(
-        plane, xyz, errors, float(mean[2]), math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(best), total, odds
+        plane, xyz, errors, float(mean[2]), math.sqrt(max(float(covariance[2, 2]), 1e-12)), contradicted, total, odds
     )
+
+
+def _edges(model: Model, swapped: bool) -> tuple[float, float]:
+    """Lengths of the edges to the lower left and to the lower right."""
+    one, other = model.edges
+    return (other, one) if swapped else (one, other)
+
+
+def _contradicted(plane: Plane, model: Model, edges: tuple[float, float], corner: Floats) -> float:
+    """See `Fix.contradicted`; for the board in the middle of its posterior."""
+    p, q = _turn(float(corner[3])) @ np.array([plane.left - corner[1], plane.up - corner[2]])
+    grow, soft = plane.reach * model.growth, plane.reach * model.soft
+    far = np.hypot(soft, model.slack)
+    on_board = np.ones(p.size)
+    for along, edge in ((p, edges[0]), (q, edges[1])):
+        on_board *= _smooth((along + grow) / soft) * _smooth((edge + grow - along) / far)
+    hit = plane.returned & (plane.ratio > 1.0)
+    missed = plane.returned & ~hit
+    # Near a soft edge either answer is as expected.
+    inside = int(np.count_nonzero(missed & (on_board > 1.0 - _UNLIKELY)))
+    outside = int(np.count_nonzero(hit & (on_board < _UNLIKELY)))
+    return (inside + outside) / max(plane.points + inside, 1)
+
+
+def _smooth(x: Floats) -> Floats:
+    t = np.clip(0.5 * x + 0.5, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
 
 
 def _matrix(corner: Floats) -> Floats:
@@ -154,7 +182,9 @@ def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool
     hits = plane.ratio > _CONFIDENT
     if not hits.any():
         return None
-    mean, sigma = model.roll
+    mean, sigma = hang(edges) + model.roll[0], model.roll[1]
+    right, wrong = 1.0 - model.wrong, model.wrong
+    ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
     rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, _ROLLS)
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
     along = _turn(mean) @ np.array([plane.left, plane.up])[:, hits]
@@ -168,7 +198,7 @@ def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool
             (rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi)
         )
         out = integrate(
-            plane.left - origin[0], plane.up - origin[1], grow, soft, plane.ratio,
+            plane.left - origin[0], plane.up - origin[1], grow, soft, ratio,
             edges[0], edges[1], model.slack, rolls, prior, centre, lean, half, cells,
         )  # fmt: skip
         if out[0] < max(floor if number == 0 else -math.inf, -1e299):
@@ -224,4 +254,4 @@ def look(sweep: Sweep, inside: NDArray[np.bool_], model: Model, most: int = 5) -
     """The apexes that the likeliest planes of a sweep tell: boards by all appearances first, then the likeliest."""
     sightings = find_planes(open_windows(sweep, inside, model.grid), model, most)
     found = [(sighting, fix) for sighting in sightings if (fix := locate(sighting.plane, model)) is not None]
-    return sorted(found, key=lambda pair: (not pair[1].explained(model), -pair[1].support))
+    return sorted(found, key=lambda pair: (not pair[1].explained, -pair[1].support))

@@ -35,9 +35,9 @@ _LEAST_ROLL = math.radians(2.0)
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _FIRST, _SOME = 5, 10
 _HOPELESS = -300.0
-_SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16)
+_SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 _GROWTH_PRIOR = (0.15e-3, 0.5e-3)
-_GROWTH_RAD = (-0.25e-3, 4.0e-3)
+_GROWTH_RAD = (-0.25e-3, 10.0e-3)
 
 
 def learn(source: SweepSource, region: Region, options: Options, on_sweep: Callable[[], None]) -> Model:
@@ -87,12 +87,12 @@ def _learn_planes(windows: Sequence[Window], model: Model) -> tuple[Model, list[
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
         beyond = np.concatenate([part[1] for part in upper])
-        # Rings differ by some millimetres; more than that is clothes behind the board.
+        # Rings differ: the spread about the plane holds that, the second differences do not.
         across = 1.05 * 1.4826 * float(np.median(np.abs(beyond)))
         slopes = np.array([-part[0][1:] / part[0][0] for part in upper])
         model = replace(
             model,
-            sigma=_clip(min(max(across, noise), 1.2 * noise + 0.005)),
+            sigma=_clip(max(across, noise)),
             tilt=_gathered(slopes[:, 1], default.tilt, _LEAST_TILT),
             yaw=(0.0, max(2.0 * _gathered(slopes[:, 0], default.yaw, 0.0)[1], 0.2)),
         )
@@ -167,7 +167,7 @@ def _learn_board(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
     for step in (1.0, 0.4):
         model = _refine(planes, model, edges, growth_mrad, step)
         model = _learn_blur(planes[:_SOME], model)
-    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained(model)]
+    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained]
     if len(fixes) < _ENOUGH:
         return model
     roll = np.array([fix.roll for fix in fixes])
@@ -224,7 +224,7 @@ def _refine(
         return replace(model, edges=(lengths[0], lengths[1]), growth=float(x[2]))
 
     def evidence(x: Floats) -> float:
-        return _evidence(planes, modelled(x)) - 0.5 * ((x[2] - _GROWTH_PRIOR[0]) / _GROWTH_PRIOR[1]) ** 2
+        return _evidence(planes, modelled(x)) - math.log1p(((x[2] - _GROWTH_PRIOR[0]) / _GROWTH_PRIOR[1]) ** 2)
 
     open_growth = growth_mrad < 0.0
     sigmas = np.zeros(3)

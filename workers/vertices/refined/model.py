@@ -12,7 +12,10 @@ from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import SensorGrid
 
 Floats = NDArray[np.float64]
-_LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
+# A board contradicts a ray that it has nothing to do with one time in two, a board's own rays hardly ever; half way.
+_CONTRADICTED = 0.25
+# Boards are held rolled by up to 20 degrees, and the roll's grid reaches 2.8 deviations to either side.
+_ROLL_SIGMA = math.radians(20.0) / 2.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,11 +30,11 @@ class Model:
         growth: radians by which the edges seem to lie farther out, because a beam has a width; growth_sigma: its
             standard deviation.
         soft: radians, half width of the step from hits to misses at an edge.
-        roll: radians; 45 degrees where both edges fall alike to the left and to the right.
+        roll: radians from how the board hangs (`hang`), counter-clockwise as the sensor sees it.
         yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
         swapped: share of sweeps in which the second edge is the one to the lower left.
         lost: share of the rays on the board that bring no return.
-        wrong: share of the rays at the board's edges that answer as if they were on the other side.
+        wrong: share of the returns at the board's edges that answer as if their rays were on the other side.
     """
 
     grid: SensorGrid
@@ -41,12 +44,20 @@ class Model:
     growth: float = 0.0
     growth_sigma: float = 0.0
     soft: float = math.radians(0.02)
-    roll: tuple[float, float] = (math.radians(45.0), math.radians(5.0))
+    roll: tuple[float, float] = (0.0, _ROLL_SIGMA)
     yaw: tuple[float, float] = (0.0, 0.6)
     tilt: tuple[float, float] = (0.0, 0.10)
     swapped: float = 0.5
     lost: float = 0.004
     wrong: float = 0.002
+
+
+def hang(edges: tuple[float, float]) -> float:
+    """Radians by which the edge to the lower left falls where a board hangs from its tip.
+
+    Half way between an upright diagonal, at atan(first / second), and edges that fall alike, at 45 degrees.
+    """
+    return 0.5 * (math.atan2(edges[0], edges[1]) + math.radians(45.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +73,7 @@ class Plane:
         ratio: (N,) likelihood of what the ray met with the board over that without.
         rings: how many rings meet the board; top_ring: the highest of them.
         points: how many points lie on it.
+        returned: (N,) whether the ray brought a return.
     """
 
     centre: float
@@ -75,6 +87,7 @@ class Plane:
     rings: int
     top_ring: int
     points: int
+    returned: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,8 +106,9 @@ class Fix:
     Attributes:
         xyz: (3,) metres, LiDAR frame.
         covariance: (3, 3) of azimuth, elevation (rad) and range (m).
-        roll, roll_sigma: radians.
-        best: log likelihood of the rays for the likeliest board, 0 where every ray is as expected.
+        roll, roll_sigma: radians, from how the board hangs.
+        contradicted: share of the returns on the board or beside it that the board does not explain: hits outside of
+            it, and returns off its plane inside of it.
         evidence: log of the rays' likelihood, averaged over the prior.
         swapped: log odds that the second edge is the one to the lower left.
     """
@@ -104,14 +118,14 @@ class Fix:
     covariance: Floats
     roll: float
     roll_sigma: float
-    best: float
+    contradicted: float
     evidence: float
     swapped: float
 
-    def explained(self, model: Model) -> bool:
-        """Whether not many more rays contradict the board than the sensor lets expect."""
-        expected = model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost)
-        return self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.plane.ratio.size * expected
+    @property
+    def explained(self) -> bool:
+        """Whether the returns agree with a board rather than with none."""
+        return self.contradicted < _CONTRADICTED
 
     @property
     def support(self) -> float:

@@ -22,6 +22,7 @@ from workers.vertices.vertex import Covariance, Quality, Rejection, Vertex
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do.
 _LEAST_SCORE, _LEAST_POINTS = 8.0, 6
 _LEAN = 2.5  # standard deviations: a plane through a head or legs and the board leans farther
+_TELL_LEAN = 4  # rings: legs or a head and a board hardly lie in one plane on so many
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _RIVAL = 12.0
 _RIVAL_M = 0.4
@@ -55,22 +56,22 @@ def _look(sweep: Sweep, region: Region, model: Model) -> _Look:
     inside = region.mask(sweep.xyz)
     if not inside.any():
         return _Look((), (), "no_points")
-    found = [pair for pair in look(sweep, inside, model) if not overtopped(*pair, model.sigma)]
+    found = [pair for pair in look(sweep, inside, model) if not overtopped(*pair, model)]
     if not found:
         return _Look((), (), "too_few_rings")
     seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]
-    flags = [_flags(sighting, fix, found, model) for sighting, fix in found]
+    flags = [_flags(sighting, fix, found) for sighting, fix in found]
     return _Look(tuple(seen), tuple(flags), "")
 
 
-def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]], model: Model) -> tuple[str, ...]:
+def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]]) -> tuple[str, ...]:
     rivals = [
         other
         for _, other in found
         if other is not fix
         and float(np.linalg.norm(other.xyz - fix.xyz)) > _RIVAL_M
         and other.support > fix.support - _RIVAL
-        and other.explained(model)
+        and other.explained
     ]
     return (*flags_of(sighting, fix), *(["second_board"] if rivals else []))
 
@@ -81,9 +82,7 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
         return Rejection(own.reason)
     around = [i for i in range(index - reach, index + reach + 1) if i != index and i in looks]
     others = [
-        looks[i].candidates[0]
-        for i in around
-        if looks[i].candidates and trustworthy(looks[i].candidates[0].fix, model)
+        looks[i].candidates[0] for i in around if looks[i].candidates and trustworthy(looks[i].candidates[0].fix)
     ]
     beside = [off_path(seen, others) for seen in own.candidates]
     chosen = next(
@@ -107,9 +106,9 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
 
 def _is_board(fix: Fix, model: Model) -> bool:
     w, (mean, spread) = fix.plane.w, model.tilt
-    upright = abs(-w[2] / w[0] - mean) < _LEAN * spread
+    upright = fix.plane.rings >= _TELL_LEAN or abs(-w[2] / w[0] - mean) < _LEAN * spread
     enough = fix.plane.score >= _LEAST_SCORE and fix.plane.points >= _LEAST_POINTS
-    return upright and enough and fix.explained(model)
+    return upright and enough and fix.explained
 
 
 def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...]) -> Vertex:

@@ -29,9 +29,9 @@ class Seen:
     fix: Fix
 
 
-def trustworthy(fix: Fix, model: Model) -> bool:
+def trustworthy(fix: Fix) -> bool:
     """Whether the neighbours of a sweep may learn from its apex."""
-    return fix.explained(model) and math.hypot(fix.sigma_azimuth, fix.sigma_elevation) < math.radians(0.3)
+    return fix.explained and math.hypot(fix.sigma_azimuth, fix.sigma_elevation) < math.radians(0.3)
 
 
 def roll_prior(own: Seen, others: Sequence[Seen], model: Model) -> tuple[float, float]:
