@@ -136,10 +136,11 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     lead = found[0][0] - found[1][0] if len(found) == 2 else _HOPELESS
     odds = lead if found[0][1] else -lead
     first = int(np.argmax(weight))
-    contradicted = _contradicted(plane, model, _edges(model, found[first][1]), found[first][2])
-    return Fix(
-        plane, xyz, errors, float(mean[2]), math.sqrt(max(float(covariance[2, 2]), 1e-12)), contradicted, total, odds
-    )
+    against, upper = _against(plane, model, _edges(model, found[first][1]), found[first][2])
+    expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
+    best = max(float(corner[10]) for _, _, corner in found)
+    roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
+    return Fix(plane, xyz, errors, float(mean[2]), roll_sigma, against, upper, best, expected, total, odds)
 
 
 def _edges(model: Model, swapped: bool) -> tuple[float, float]:
@@ -148,20 +149,20 @@ def _edges(model: Model, swapped: bool) -> tuple[float, float]:
     return (other, one) if swapped else (one, other)
 
 
-def _contradicted(plane: Plane, model: Model, edges: tuple[float, float], corner: Floats) -> float:
-    """See `Fix.contradicted`; for the board in the middle of its posterior."""
+def _against(plane: Plane, model: Model, edges: tuple[float, float], corner: Floats) -> tuple[int, tuple[int, int]]:
+    """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
     p, q = _turn(float(corner[3])) @ np.array([plane.left - corner[1], plane.up - corner[2]])
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
     far = np.hypot(soft, model.slack)
     on_board = np.ones(p.size)
     for along, edge in ((p, edges[0]), (q, edges[1])):
         on_board *= _smooth((along + grow) / soft) * _smooth((edge + grow - along) / far)
-    hit = plane.returned & (plane.ratio > 1.0)
-    missed = plane.returned & ~hit
+    hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
     # Near a soft edge either answer is as expected.
-    inside = int(np.count_nonzero(missed & (on_board > 1.0 - _UNLIKELY)))
-    outside = int(np.count_nonzero(hit & (on_board < _UNLIKELY)))
-    return (inside + outside) / max(plane.points + inside, 1)
+    wrong = (missed & (on_board > 1.0 - _UNLIKELY)) | (hit & (on_board < _UNLIKELY))
+    side = corner[2] - min(edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3]))
+    above = plane.returned & (plane.up > side)
+    return int(np.count_nonzero(wrong)), (int(np.count_nonzero(wrong & above)), int(np.count_nonzero(above)))
 
 
 def _smooth(x: Floats) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 
 from workers.vertices.options import Options
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.model import Floats, Model, Plane, Sighting
+from workers.vertices.refined.model import TELLING_RINGS, Floats, Model, Plane, Sighting
 from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.window import Window
 from workers.vertices.region import Region
@@ -36,7 +36,10 @@ _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _FIRST, _SOME = 5, 10
 _HOPELESS = -300.0
 _SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
-_GROWTH_PRIOR = (0.15e-3, 0.5e-3)
+_GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
+_GROWTH_SIGMA_RAD = 0.5e-3
+# Plywood panels are cut to 3.5 mm (EN 315), and what bends a board, or a hand at its edge, moves an edge as much.
+EDGE_M = 0.0035
 _GROWTH_RAD = (-0.25e-3, 10.0e-3)
 
 
@@ -162,11 +165,19 @@ def _learn_board(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
     """The board's edges where they are not given, their growth, which edge is where, and the roll."""
     if len(planes) < _ENOUGH:
         return model
+    solid = [plane for plane in planes if plane.rings >= TELLING_RINGS]
+    told = len(solid) >= _ENOUGH
+    if told:
+        planes = solid
     if not all(edges):
         model = _first_edges(planes, model, edges)
+    elif told and growth_mrad < 0.0:
+        model = _first_growth(planes, model)
     for step in (1.0, 0.4):
-        model = _refine(planes, model, edges, growth_mrad, step)
-        model = _learn_blur(planes[:_SOME], model)
+        model = _refine(planes, model, edges, growth_mrad, told, step)
+        if told:
+            model = _learn_blur(planes[:_SOME], model)
+            model = _learn_wrong(planes[:_SOME], model)
     fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained]
     if len(fixes) < _ENOUGH:
         return model
@@ -193,10 +204,27 @@ def _first_edges(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
     return replace(best, slack=0.0)
 
 
+def _first_growth(planes: Sequence[Plane], model: Model) -> Model:
+    """Of a coarse table of growths and widths of the step at an edge those that explain the best seen boards best."""
+    tried = [replace(model, growth=growth, soft=math.radians(deg)) for growth in _GROWTHS_RAD for deg in _SOFT_DEG]
+    return max(tried, key=lambda candidate: _evidence(planes[:_FIRST], candidate))
+
+
 def _learn_blur(planes: Sequence[Plane], model: Model) -> Model:
     """How gradually the hits end at an edge: what explains the near sweeps best."""
     widths = [replace(model, soft=math.radians(width)) for width in _SOFT_DEG]
     return max(widths, key=lambda tried: _evidence(planes, tried))
+
+
+def _learn_wrong(planes: Sequence[Plane], model: Model) -> Model:
+    """Share of the returns at the upper edges on their wrong side; a hundred imagined ones at the default count too.
+
+    At the lower edges the body and the hands answer.
+    """
+    fixes = [fix for plane in planes if (fix := locate(plane, model, coarse=True)) is not None and fix.explained]
+    against, rays = (sum(fix.upper[k] for fix in fixes) for k in (0, 1))
+    default = Model(model.grid).wrong
+    return replace(model, wrong=max((against + 100.0 * default) / (rays + 100.0), default))
 
 
 def _evidence(planes: Sequence[Plane], model: Model) -> float:
@@ -207,12 +235,13 @@ def _evidence(planes: Sequence[Plane], model: Model) -> float:
 
 
 def _refine(
-    planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float, step: float
+    planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float, told: bool, step: float
 ) -> Model:
     """Whatever is open of edge lengths and growth, by the evidence of the near sweeps, one after the other.
 
     A growth makes a board larger by twice the growth times its distance; so the lengths are varied as they appear at
-    the planes' mean distance, which hardly depends on the growth.
+    the planes' mean distance, which hardly depends on the growth. With the lengths open, only boards at several
+    distances tell the growth, and each of them no better than to `EDGE_M`.
     """
     reach = float(np.mean([np.median(plane.reach) for plane in planes]))
     free = [index for index in (0, 1) if not all(edges) and model.edges[index] not in edges]
@@ -224,16 +253,33 @@ def _refine(
         return replace(model, edges=(lengths[0], lengths[1]), growth=float(x[2]))
 
     def evidence(x: Floats) -> float:
-        return _evidence(planes, modelled(x)) - math.log1p(((x[2] - _GROWTH_PRIOR[0]) / _GROWTH_PRIOR[1]) ** 2)
+        return _evidence(planes, modelled(x))
 
     open_growth = growth_mrad < 0.0
     sigmas = np.zeros(3)
     steps = [0.02, 0.02, 0.5e-3]
-    for index in [*free, *([2] if open_growth else [])]:
+    for index in [*free, *([2] if open_growth and told else [])]:
         state, sigmas[index] = _climb(evidence, state, index, steps[index] * step)
-    state[2] = min(max(state[2], _GROWTH_RAD[0]), _GROWTH_RAD[1])
+    if open_growth and not told:
+        state[2], sigmas[2] = _likely_growth(0.0, math.inf, model.soft)
+    elif open_growth:
+        reaches = np.array([np.median(plane.reach) for plane in planes])
+        lever = float(np.std(reaches) if free else np.mean(reaches)) * math.sqrt(len(planes))
+        state[2], sigmas[2] = _likely_growth(state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3)), model.soft)
     slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
     return replace(modelled(state), slack=slack, growth_sigma=float(sigmas[2]))
+
+
+def _likely_growth(told: float, sigma: float, soft: float) -> tuple[float, float]:
+    """Growth and its standard deviation: what the boards tell, and what the step at the edges does.
+
+    A beam whose middle is on the board lies on it for the most part. So the step from hits to misses begins at the
+    edge or outside of it, and its middle lies as far out as half of its width, or farther.
+    """
+    spread = math.hypot(_GROWTH_SIGMA_RAD, 0.5 * soft)
+    weight = spread**2 / (spread**2 + sigma**2)
+    growth = weight * told + (1.0 - weight) * soft
+    return min(max(growth, _GROWTH_RAD[0]), _GROWTH_RAD[1]), spread * math.sqrt(1.0 - weight)
 
 
 def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float) -> tuple[Floats, float]:

@@ -12,8 +12,11 @@ from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import SensorGrid
 
 Floats = NDArray[np.float64]
+_LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
 # A board contradicts a ray that it has nothing to do with one time in two, a board's own rays hardly ever; half way.
 _CONTRADICTED = 0.25
+# A board and a leg, or a head, can lie in one plane on two or three rings; hardly on more.
+TELLING_RINGS = 4
 # Boards are held rolled by up to 20 degrees, and the roll's grid reaches 2.8 deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
 
@@ -107,8 +110,10 @@ class Fix:
         xyz: (3,) metres, LiDAR frame.
         covariance: (3, 3) of azimuth, elevation (rad) and range (m).
         roll, roll_sigma: radians, from how the board hangs.
-        contradicted: share of the returns on the board or beside it that the board does not explain: hits outside of
-            it, and returns off its plane inside of it.
+        against: how many returns contradict the board: hits outside of it, and returns off its plane inside of it.
+        upper: how many of them lie above the board's side corners, and how many returns do.
+        best: log likelihood of the rays for the likeliest board, 0 where every ray is as expected.
+        expected: that log likelihood where the board is there and the sensor does what was learned of it.
         evidence: log of the rays' likelihood, averaged over the prior.
         swapped: log odds that the second edge is the one to the lower left.
     """
@@ -118,14 +123,23 @@ class Fix:
     covariance: Floats
     roll: float
     roll_sigma: float
-    contradicted: float
+    against: int
+    upper: tuple[int, int]
+    best: float
+    expected: float
     evidence: float
     swapped: float
 
     @property
     def explained(self) -> bool:
-        """Whether the returns agree with a board rather than with none."""
-        return self.contradicted < _CONTRADICTED
+        """Whether the returns agree with a board rather than with none.
+
+        On few rings every ray counts, and noise alone decides how likely they are. On more of them a real board is
+        never as likely as its noise lets expect, for what bends or holds it; there, contradictions are counted.
+        """
+        if self.plane.rings < TELLING_RINGS and self.best < _LEAST_LIKELY + _TIMES_EXPECTED * self.expected:
+            return False
+        return self.against < _CONTRADICTED * (self.plane.points + self.against)
 
     @property
     def support(self) -> float:

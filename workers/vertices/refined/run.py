@@ -12,7 +12,7 @@ from workers.readers.recording import Sweep
 from workers.vertices.options import Options
 from workers.vertices.refined.board import locate, look
 from workers.vertices.refined.learning import learn
-from workers.vertices.refined.model import Fix, Model, Sighting
+from workers.vertices.refined.model import TELLING_RINGS, Fix, Model, Sighting
 from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
 from workers.vertices.refined.track import REACH, Seen, off_path, roll_prior, trustworthy
 from workers.vertices.region import Region
@@ -22,7 +22,6 @@ from workers.vertices.vertex import Covariance, Quality, Rejection, Vertex
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do.
 _LEAST_SCORE, _LEAST_POINTS = 8.0, 6
 _LEAN = 2.5  # standard deviations: a plane through a head or legs and the board leans farther
-_TELL_LEAN = 4  # rings: legs or a head and a board hardly lie in one plane on so many
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _RIVAL = 12.0
 _RIVAL_M = 0.4
@@ -106,7 +105,7 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
 
 def _is_board(fix: Fix, model: Model) -> bool:
     w, (mean, spread) = fix.plane.w, model.tilt
-    upright = fix.plane.rings >= _TELL_LEAN or abs(-w[2] / w[0] - mean) < _LEAN * spread
+    upright = fix.plane.rings >= TELLING_RINGS or abs(-w[2] / w[0] - mean) < _LEAN * spread
     enough = fix.plane.score >= _LEAST_SCORE and fix.plane.points >= _LEAST_POINTS
     return upright and enough and fix.explained
 
