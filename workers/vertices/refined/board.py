@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from workers.readers.recording import Sweep
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import integrate
-from workers.vertices.refined.model import Fix, Floats, Model, Plane, Sighting, hang
+from workers.vertices.refined.model import EDGE_M, Fix, Floats, Model, Plane, Sighting, hang
 from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
 from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
 from workers.vertices.refined.window import Window, open_window
@@ -131,7 +131,10 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     covariance = np.zeros((3, 3))
     for x, m, (_, _, corner) in zip(weight, means, found, strict=True):
         covariance += x * (_matrix(corner) + np.outer(m - mean, m - mean))
+    told = _to_angles(plane, mean, covariance)[1]
+    covariance[[0, 1], [0, 1]] += EDGE_M**2
     xyz, errors = _to_angles(plane, mean, covariance)
+    errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
     lead = found[0][0] - found[1][0] if len(found) == 2 else _HOPELESS
     odds = lead if found[0][1] else -lead
@@ -140,7 +143,8 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
     best = max(float(corner[10]) for _, _, corner in found)
     roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
-    return Fix(plane, xyz, errors, float(mean[2]), roll_sigma, against, upper, best, expected, total, odds)
+    sigma = math.sqrt(told[0, 0] + told[1, 1])
+    return Fix(plane, xyz, errors, sigma, float(mean[2]), roll_sigma, against, upper, best, expected, total, odds)
 
 
 def _edges(model: Model, swapped: bool) -> tuple[float, float]:

@@ -9,13 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from workers.vertices.options import Options
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.model import TELLING_RINGS, Floats, Model, Plane, Sighting
+from workers.vertices.refined.model import EDGE_M, TELLING_RINGS, Floats, Model, Plane, Sighting
 from workers.vertices.refined.planes import fit_plane
+from workers.vertices.refined.track import FASTEST_M_S, LONGEST_S, TREMBLE_M
 from workers.vertices.refined.window import Window
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
@@ -38,8 +40,6 @@ _HOPELESS = -300.0
 _SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 _GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
 _GROWTH_SIGMA_RAD = 0.5e-3
-# Plywood panels are cut to 3.5 mm (EN 315), and what bends a board, or a hand at its edge, moves an edge as much.
-EDGE_M = 0.0035
 _GROWTH_RAD = (-0.25e-3, 10.0e-3)
 
 
@@ -49,14 +49,16 @@ def learn(source: SweepSource, region: Region, options: Options, on_sweep: Calla
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
     model = _given(Model(grid, sigma=_FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
     near: list[tuple[int, int, Window]] = []
+    places: list[tuple[int, float, float]] = []
     for index in _spread(len(source), _SWEEPS):
         sweep = source.sweep(index)
         on_sweep()
-        near += [
-            (sighting.plane.points, index, sighting.window)
-            for sighting in find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1)
-            if sighting.plane.rings >= _MIN_RINGS and sighting.plane.points >= _MIN_POINTS
-        ]
+        for sighting in find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1):
+            plane = sighting.plane
+            if plane.rings >= _MIN_RINGS and plane.points >= _MIN_POINTS:
+                near.append((plane.points, index, sighting.window))
+                places.append((sweep.stamp_ns, *_place(plane)))
+    model = replace(model, poses=_are_poses(places))
     windows = [
         window
         for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
@@ -70,6 +72,21 @@ def learn(source: SweepSource, region: Region, options: Options, on_sweep: Calla
 def _spread(count: int, most: int) -> list[int]:
     """At most ``most`` of the numbers 0 to count - 1, evenly spread."""
     return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()}) if count else []
+
+
+def _place(plane: Plane) -> tuple[float, float]:
+    """Where the plane stands, x and y in metres."""
+    return math.cos(plane.centre) / float(plane.w[0]), math.sin(plane.centre) / float(plane.w[0])
+
+
+def _are_poses(places: Sequence[tuple[int, float, float]]) -> bool:
+    """Whether boards (stamp in ns, x, y) are farther apart than somebody walks, as often as not."""
+    pairs = [
+        math.hypot(after[1] - before[1], after[2] - before[2]) > TREMBLE_M + FASTEST_M_S * apart_s
+        for before, after in pairwise(places)
+        if (apart_s := abs(after[0] - before[0]) * 1e-9) < LONGEST_S
+    ]
+    return sum(pairs) > 0.5 * len(pairs)
 
 
 def _given(model: Model, edges: tuple[float, float], growth_mrad: float) -> Model:
@@ -96,6 +113,7 @@ def _learn_planes(windows: Sequence[Window], model: Model) -> tuple[Model, list[
         model = replace(
             model,
             sigma=_clip(max(across, noise)),
+            bias=math.sqrt(max(across**2 - noise**2, 0.0)),
             tilt=_gathered(slopes[:, 1], default.tilt, _LEAST_TILT),
             yaw=(0.0, max(2.0 * _gathered(slopes[:, 0], default.yaw, 0.0)[1], 0.2)),
         )

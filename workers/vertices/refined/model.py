@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
 # A board contradicts a ray that it has nothing to do with one time in two, a board's own rays hardly ever; half way.
 _CONTRADICTED = 0.25
+# Plywood panels are cut to 3.5 mm (EN 315), and what bends a board, or a hand at its edge, moves an edge as much.
+EDGE_M = 0.0035
 # A board and a leg, or a head, can lie in one plane on two or three rings; hardly on more.
 TELLING_RINGS = 4
 # Boards are held rolled by up to 20 degrees, and the roll's grid reaches 2.8 deviations to either side.
@@ -37,6 +39,8 @@ class Model:
         yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
         swapped: share of sweeps in which the second edge is the one to the lower left.
         lost: share of the rays on the board that bring no return.
+        bias: metres, standard deviation of what the rings' distances are off by, each for itself.
+        poses: whether the sweeps show poses, between which nobody walks within the time that their stamps leave.
         wrong: share of the returns at the board's edges that answer as if their rays were on the other side.
     """
 
@@ -53,6 +57,8 @@ class Model:
     swapped: float = 0.5
     lost: float = 0.004
     wrong: float = 0.002
+    bias: float = 0.0
+    poses: bool = False
 
 
 def hang(edges: tuple[float, float]) -> float:
@@ -109,6 +115,7 @@ class Fix:
     Attributes:
         xyz: (3,) metres, LiDAR frame.
         covariance: (3, 3) of azimuth, elevation (rad) and range (m).
+        sigma: radians, azimuth and elevation together, from the sweep's own rays: without what all sweeps share.
         roll, roll_sigma: radians, from how the board hangs.
         against: how many returns contradict the board: hits outside of it, and returns off its plane inside of it.
         upper: how many of them lie above the board's side corners, and how many returns do.
@@ -121,6 +128,7 @@ class Fix:
     plane: Plane
     xyz: Floats
     covariance: Floats
+    sigma: float
     roll: float
     roll_sigma: float
     against: int

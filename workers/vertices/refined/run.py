@@ -42,7 +42,7 @@ def run(
 ) -> Sequence[Vertex | Rejection]:
     """See :func:`workers.vertices.detectors.detect_range`."""
     model = learn(source, region, options, lambda: on_sweep(indices.start))
-    reach = REACH if options["track"] else 0
+    reach = REACH if options["track"] and not model.poses else 0
     wider = range(max(0, indices.start - reach), min(len(source), indices.stop + reach))
     looks: dict[int, _Look] = {}
     for index in wider:
@@ -94,7 +94,7 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
         fix = locate(fix.plane, replace(model, roll=roll_prior(seen, others, model))) or fix
     if not _is_board(fix, model):
         return Rejection("not_a_board")
-    if math.hypot(fix.sigma_azimuth, fix.sigma_elevation) > math.radians(options["max_sigma_deg"]):
+    if fix.sigma > math.radians(options["max_sigma_deg"]):
         return Rejection("too_uncertain")
     if beside[chosen] >= _FAR_OFF_PATH:
         return Rejection("off_the_track")
