@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from workers.readers.recording import Sweep
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import integrate
-from workers.vertices.refined.model import EDGE_M, Fix, Floats, Model, Plane, Sighting, hang
+from workers.vertices.refined.model import EDGE_M, TELLING_RINGS, Fix, Floats, Model, Plane, Sighting, hang
 from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
 from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
 from workers.vertices.refined.window import Window, open_window
@@ -92,6 +92,8 @@ def _with_rays(
         for r, (first, last) in enumerate(ends.tolist())
         if first >= 0
     )
+    # Rings so far apart that a board holds fewer of them have met a body too.
+    apart = float(np.median(np.diff(window.slope[on_board, 0])) / np.median(u))
     plane = Plane(
         centre=window.centre,
         w=w,
@@ -105,6 +107,7 @@ def _with_rays(
         top_ring=int(on_board[-1]),
         points=points,
         returned=window.distance[at] > 0.0,
+        telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
     return Sighting(plane, window, ends)
 

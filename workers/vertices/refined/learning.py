@@ -15,7 +15,7 @@ import numpy as np
 
 from workers.vertices.options import Options
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.model import EDGE_M, TELLING_RINGS, Floats, Model, Plane, Sighting
+from workers.vertices.refined.model import EDGE_M, Floats, Model, Plane, Sighting
 from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.track import FASTEST_M_S, LONGEST_S, TREMBLE_M
 from workers.vertices.refined.window import Window
@@ -183,7 +183,7 @@ def _learn_board(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
     """The board's edges where they are not given, their growth, which edge is where, and the roll."""
     if len(planes) < _ENOUGH:
         return model
-    solid = [plane for plane in planes if plane.rings >= TELLING_RINGS]
+    solid = [plane for plane in planes if plane.telling]
     told = len(solid) >= _ENOUGH
     if told:
         planes = solid
@@ -192,12 +192,12 @@ def _learn_board(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
     elif told and growth_mrad < 0.0:
         model = _first_growth(planes, model)
     for step in (1.0, 0.4):
-        model = _refine(planes, model, edges, growth_mrad, told, step)
+        model = _refine(planes, model, edges, growth_mrad, step)
         if told:
             model = _learn_blur(planes[:_SOME], model)
             model = _learn_wrong(planes[:_SOME], model)
     fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained]
-    if len(fixes) < _ENOUGH:
+    if len(fixes) < _ENOUGH or not told:
         return model
     roll = np.array([fix.roll for fix in fixes])
     odds = np.array([fix.swapped for fix in fixes])
@@ -253,7 +253,7 @@ def _evidence(planes: Sequence[Plane], model: Model) -> float:
 
 
 def _refine(
-    planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float, told: bool, step: float
+    planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float, step: float
 ) -> Model:
     """Whatever is open of edge lengths and growth, by the evidence of the near sweeps, one after the other.
 
@@ -276,11 +276,9 @@ def _refine(
     open_growth = growth_mrad < 0.0
     sigmas = np.zeros(3)
     steps = [0.02, 0.02, 0.5e-3]
-    for index in [*free, *([2] if open_growth and told else [])]:
+    for index in [*free, *([2] if open_growth else [])]:
         state, sigmas[index] = _climb(evidence, state, index, steps[index] * step)
-    if open_growth and not told:
-        state[2], sigmas[2] = _likely_growth(0.0, math.inf, model.soft)
-    elif open_growth:
+    if open_growth:
         reaches = np.array([np.median(plane.reach) for plane in planes])
         lever = float(np.std(reaches) if free else np.mean(reaches)) * math.sqrt(len(planes))
         state[2], sigmas[2] = _likely_growth(state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3)), model.soft)

@@ -83,6 +83,7 @@ class Plane:
         rings: how many rings meet the board; top_ring: the highest of them.
         points: how many points lie on it.
         returned: (N,) whether the ray brought a return.
+        telling: whether so many rings meet it that a board and a leg, or a head, do not lie in it by chance.
     """
 
     centre: float
@@ -97,6 +98,7 @@ class Plane:
     top_ring: int
     points: int
     returned: NDArray[np.bool_]
+    telling: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +147,7 @@ class Fix:
         On few rings every ray counts, and noise alone decides how likely they are. On more of them a real board is
         never as likely as its noise lets expect, for what bends or holds it; there, contradictions are counted.
         """
-        if self.plane.rings < TELLING_RINGS and self.best < _LEAST_LIKELY + _TIMES_EXPECTED * self.expected:
+        if not self.plane.telling and self.best < _LEAST_LIKELY + _TIMES_EXPECTED * self.expected:
             return False
         return self.against < _CONTRADICTED * (self.plane.points + self.against)
 

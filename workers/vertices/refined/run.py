@@ -12,7 +12,7 @@ from workers.readers.recording import Sweep
 from workers.vertices.options import Options
 from workers.vertices.refined.board import locate, look
 from workers.vertices.refined.learning import learn
-from workers.vertices.refined.model import TELLING_RINGS, Fix, Model, Sighting
+from workers.vertices.refined.model import Fix, Model, Sighting
 from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
 from workers.vertices.refined.track import REACH, Seen, off_path, roll_prior, trustworthy
 from workers.vertices.region import Region
@@ -105,7 +105,7 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
 
 def _is_board(fix: Fix, model: Model) -> bool:
     w, (mean, spread) = fix.plane.w, model.tilt
-    upright = fix.plane.rings >= TELLING_RINGS or abs(-w[2] / w[0] - mean) < _LEAN * spread
+    upright = fix.plane.telling or abs(-w[2] / w[0] - mean) < _LEAN * spread
     enough = fix.plane.score >= _LEAST_SCORE and fix.plane.points >= _LEAST_POINTS
     return upright and enough and fix.explained
 
