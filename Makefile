@@ -7,16 +7,19 @@ BIN    := $(VENV)/bin
 STAMPS := $(VENV)/stamps
 # npm and what it starts find the node of the environment first.
 NPM    := PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/npm --prefix frontend --no-fund --no-audit
+SOURCES := $(shell find apexcal service workers -name '*.py')
 FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o -type f -print 2>/dev/null)
+API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
+API_TYPES := frontend/src/lib/api/schema.ts
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm faults check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm bench-startup faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
-setup: $(STAMPS)/installed  ## make the environment in .venv
+setup: $(STAMPS)/installed $(STAMPS)/compiled  ## make the environment in .venv
 
 demo: setup frontend  ## start the service and drive the whole job through its API (under two minutes)
 	$(BIN)/python -m apexcal.demo
@@ -56,10 +59,13 @@ bench-fleet: setup  ## one request for a thousand vehicles beside the bare solve
 bench-farm: setup  ## what the farm costs beside the bare solver: calibrations, single trips, slots, more workers; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.farm
 
+bench-startup: setup frontend  ## seconds until the service answers, and what its processes import; BESIDE=path of another checkout, ROUNDS=1
+	$(BIN)/python -m benchmarks.startup
+
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))
 
-check: setup $(STAMPS)/node_modules  ## style, types, import rules
+check: setup $(API_TYPES)  ## style, types, import rules
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	PATH="$(CURDIR)/$(BIN):$$PATH" frontend/node_modules/.bin/pyright
@@ -76,7 +82,7 @@ lock: $(STAMPS)/uv  ## resolve the requirements again; the files hold hashes and
 LOCK_FLAGS := --universal --generate-hashes --python-version 3.11 --no-header --no-emit-index-url --quiet
 
 clean:  ## remove what was built; data in var/ stays
-	rm -rf $(VENV) frontend/node_modules service/web dist .pytest_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) frontend/node_modules $(API_TYPES) service/web dist .pytest_cache .ruff_cache .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMPS)/uv: requirements/bootstrap.lock
@@ -93,6 +99,11 @@ $(STAMPS)/installed: $(STAMPS)/uv requirements/dev.lock pyproject.toml
 	$(BIN)/uv pip install --quiet --no-deps --no-build-isolation -e .
 	@touch $@
 
+# Our own modules too. A changed file is compiled anew, whatever lies here.
+$(STAMPS)/compiled: $(STAMPS)/installed $(SOURCES)
+	$(BIN)/python -m compileall -q apexcal service workers
+	@touch $@
+
 # The benchmarks' peers are large, and only they need them.
 $(STAMPS)/bench: export VIRTUAL_ENV = $(CURDIR)/$(VENV)
 $(STAMPS)/bench: $(STAMPS)/installed requirements/bench.lock
@@ -103,6 +114,17 @@ $(STAMPS)/node_modules: $(STAMPS)/installed frontend/package.json frontend/packa
 	$(NPM) ci --silent
 	@touch $@
 
-$(STAMPS)/frontend: $(STAMPS)/node_modules $(FRONTEND_SOURCES)
+# The pages' types are generated from the service's own description. A description that stays the same keeps its time.
+$(STAMPS)/openapi: $(STAMPS)/installed $(API_SOURCES)
+	$(BIN)/python -m service.openapi $(STAMPS)/openapi.json
+	@touch $@
+
+$(STAMPS)/openapi.json: $(STAMPS)/openapi
+	@true
+
+$(API_TYPES): $(STAMPS)/node_modules $(STAMPS)/openapi.json
+	$(NPM) run --silent types -- $(CURDIR)/$(STAMPS)/openapi.json
+
+$(STAMPS)/frontend: $(API_TYPES) $(FRONTEND_SOURCES)
 	$(NPM) run --silent build
 	@touch $@

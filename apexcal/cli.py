@@ -28,12 +28,13 @@ COMMANDS = {
     "detect": "Find the board's vertices in a recording.",
     "clock-offset": "Estimate how far the camera's clock is from the LiDAR's.",
     "calibrate": "Calibrate a camera from marks or from a file of pairs.",
-    "admin": "Look after a service, as its operator.",
-    "publish": "Give a result to its vehicle's camera.",
-    "publications": "List what a camera was given, and by whom and why.",
-    "rollback": "Give a camera back what it had before.",
+    "admin": "Back up, restore and maintain a service.",
+    "publish": "Make a result its camera's current calibration.",
+    "publications": "List a camera's publications, by whom and why.",
+    "rollback": "Restore a camera's previous calibration.",
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
-    "export": "Write a camera's current calibration, or one result.",
+    "pull": "Keep what a vehicle is given now in a file.",
+    "export": "Write a camera's current calibration, or one result, for other programs.",
 }
 
 
@@ -66,7 +67,7 @@ def apexcal() -> None:
 
     The service is found by --url and --token, by APEXCAL_URL and APEXCAL_TOKEN, or, without either, in the data
     folder of an `apexcal serve` on this machine. Exit codes: 0 done; 1 the service refused or the work failed;
-    2 wrong usage: an option, a value or a file that cannot be; 3 the service does not answer.
+    2 wrong usage: a bad option, value or file; 3 the service does not answer.
     """
 
 

@@ -1,9 +1,11 @@
-"""What can go wrong between a client and the service, each with a sentence and what to do about it."""
+"""Errors between client and service, each with a sentence and a hint."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
+
+from apexcal.documents.jobs import ProblemView
 
 
 class ClientError(Exception):
@@ -63,9 +65,9 @@ class TokenError(ClientError):
 class FailedError(ClientError):
     """Long work ended in failure; ``problem`` is the reason that the service gives."""
 
-    def __init__(self, what: str, state: str, problem: Mapping[str, Any] | None) -> None:
+    def __init__(self, what: str, state: str, problem: ProblemView | None) -> None:
         self.state = state
-        self.problem = dict(problem or {})
+        self.problem = problem.model_dump(mode="json", exclude_unset=True) if problem else {}
         self.code = str(self.problem.get("code") or state)
         reason = self.problem.get("detail") or self.problem.get("message") or self.problem.get("title")
         super().__init__(f"{what} {state}" + (f": {reason}" if reason else ""), str(self.problem.get("hint") or ""))

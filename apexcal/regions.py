@@ -7,11 +7,11 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from apexcal.documents import read_document
+from apexcal.documents.regions import QUANTITIES
 from apexcal.errors import InputError
+from apexcal.json_files import read_document
 from apexcal.transport import Document
 
-QUANTITIES = ("x", "y", "z", "range", "azimuth_deg", "elevation_deg")
 _BEGINNINGS = {"and", "or", "not", "quantity", "box", "polygon"}
 _NAME = "|".join(QUANTITIES)
 _INEQUALITY = re.compile(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from apexcal.documents import read_document
 from apexcal.errors import InputError
+from apexcal.json_files import read_document
 from apexcal.transport import Document
 
 

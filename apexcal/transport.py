@@ -9,14 +9,17 @@ import time
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import SplitResult, quote, urlsplit
 
 import httpx
+from pydantic import BaseModel, ValidationError
 
-from apexcal.errors import ApiError, InputError, TokenError, UnreachableError
+from apexcal.documents.base import Page
+from apexcal.errors import ApiError, ClientError, InputError, TokenError, UnreachableError
 
 Document = dict[str, Any]
+M = TypeVar("M", bound=BaseModel)
 
 # A part of 16 MiB over a slow line takes minutes; everything else answers at once.
 TIMEOUT = httpx.Timeout(60.0, connect=5.0, write=300.0)
@@ -29,7 +32,13 @@ _TOKEN = re.compile(r"[!-~]+")
 class Transport:
     """Speaks JSON over HTTP with one service. Safe to share between threads."""
 
-    def __init__(self, base_url: str, token: str | None = None, pauses_s: tuple[float, ...] = _PAUSES_S) -> None:
+    def __init__(
+        self,
+        base_url: str,
+        token: str | None = None,
+        pauses_s: tuple[float, ...] = _PAUSES_S,
+        timeout_s: float | None = None,
+    ) -> None:
         parts = _split(base_url)
         self.base_url = f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}"
         self._pauses_s = pauses_s
@@ -40,33 +49,33 @@ class Transport:
             if not _TOKEN.fullmatch(token):
                 raise TokenError("the given text")
             headers["Authorization"] = f"Bearer {token}"
-        self._http = httpx.Client(base_url=self.base_url + "/v1", headers=headers, timeout=TIMEOUT)
+        self._http = httpx.Client(base_url=self.base_url + "/v1", headers=headers, timeout=timeout_s or TIMEOUT)
 
     def close(self) -> None:
         """Close the connections."""
         self._http.close()
 
-    def get(self, path: str, **query: Any) -> Document:
-        """GET a JSON document. ``None`` values of the query are left out."""
-        return self._json(self.send("GET", path, params=_given(query)))
+    def get(self, path: str, kind: type[M], **query: Any) -> M:
+        """GET a document of this kind. ``None`` values of the query are left out."""
+        return read(self.send("GET", path, params=_given(query)), kind)
 
-    def items(self, path: str, **query: Any) -> Iterator[Document]:
+    def items(self, path: str, kind: type[M], **query: Any) -> Iterator[M]:
         """Every item of a paged list, page after page."""
         query["limit"] = query.get("limit") or 100
         while True:
-            page = self.get(path, **query)
-            yield from page["items"]
-            if not page.get("next"):
+            page = self.get(path, Page[kind], **query)
+            yield from page.items
+            if not page.next:
                 return
-            query["after"] = page["next"]
+            query["after"] = page.next
 
-    def post(self, path: str, body: Any = None, *, key: str | None = None) -> Document:
-        """POST a JSON document; an empty dict for an answer without a body.
+    def post(self, path: str, kind: type[M], body: Any = None, *, key: str | None = None) -> M:
+        """POST a JSON document.
 
         A key makes a repetition harmless: the service answers a repeated key with its first answer. It is made up
         when none is given, so a request that is sent again after a lost connection never creates twice.
         """
-        return self.create(path, json=body, key=key)
+        return read(self.create(path, json=body, key=key), kind)
 
     def create(
         self,
@@ -77,26 +86,34 @@ class Transport:
         content: bytes | None = None,
         headers: Mapping[str, str] | None = None,
         key: str | None = None,
-    ) -> Document:
-        """POST anything, with an idempotency key."""
+    ) -> httpx.Response:
+        """POST anything, with an idempotency key as of :meth:`post`."""
         headers = {**(headers or {}), "Idempotency-Key": key or str(uuid.uuid4())}
-        return self._json(self.send("POST", path, params=params, json=json, content=content, headers=headers))
+        return self.send("POST", path, params=params, json=json, content=content, headers=headers)
 
-    def patch(self, path: str, body: Any, *, version: int | None = None) -> Document:
+    def patch(self, path: str, kind: type[M], body: Any, *, version: int | None = None) -> M:
         """Edit this version of a row; :class:`ApiError` ``version_conflict`` where it has changed meanwhile."""
         headers = None if version is None else {"If-Match": f'"v{version}"'}
-        return self._json(self.send("PATCH", path, json=body, headers=headers))
+        return read(self.send("PATCH", path, json=body, headers=headers), kind)
 
-    def put(self, path: str, body: Any, headers: Mapping[str, str] | None = None) -> Document:
+    def put(self, path: str, kind: type[M], body: Any, headers: Mapping[str, str] | None = None) -> M:
         """PUT a JSON document."""
-        return self._json(self.send("PUT", path, json=body, headers=headers))
+        return read(self.send("PUT", path, json=body, headers=headers), kind)
 
-    def get_if_changed(self, path: str, etag: str | None) -> tuple[Document, str] | None:
+    def get_if_changed(self, path: str, kind: type[M], etag: str | None) -> tuple[M, str] | None:
         """GET a document with its ETag, or None where it still is the one that ``etag`` names."""
         response = self.send("GET", path, headers={"If-None-Match": etag} if etag else None)
         if response.status_code == httpx.codes.NOT_MODIFIED:
             return None
-        return self._json(response), response.headers["ETag"]
+        return read(response, kind), response.headers["ETag"]
+
+    def get_bytes_if_changed(self, path: str, etag: str | None, **query: Any) -> tuple[bytes, str] | None:
+        """GET what is no JSON with its ETag, or None where it still is what ``etag`` names."""
+        headers = {"If-None-Match": etag} if etag else None
+        response = self.send("GET", path, params=_given(query), headers=headers)
+        if response.status_code == httpx.codes.NOT_MODIFIED:
+            return None
+        return response.content, response.headers["ETag"]
 
     def delete(self, path: str, **query: Any) -> None:
         """DELETE; nothing is answered."""
@@ -157,12 +174,18 @@ class Transport:
             "Is the service running (`apexcal serve`), and is the address right (--url or APEXCAL_URL)?",
         )
 
-    @staticmethod
-    def _json(response: httpx.Response) -> Document:
-        if not response.content:
-            return {}
-        document: Document = response.json()
-        return document
+
+def read(response: httpx.Response, kind: type[M]) -> M:
+    """The answer as a document of this kind; what a newer service says besides stays in it. Raises ClientError."""
+    try:
+        return kind.model_validate_json(response.content, extra="allow")
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(step) for step in first["loc"])
+        raise ClientError(
+            f"{response.request.url} answered something else than this client knows: {where}: {first['msg']}",
+            "Are the service and this client of one version?",
+        ) from None
 
 
 def _split(base_url: str) -> SplitResult:

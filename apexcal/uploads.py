@@ -14,10 +14,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import partial
 
-from apexcal.direct import Direct
+from apexcal.documents.recordings import Parts, PartView, RecordingSummary, Upload
 from apexcal.errors import ApiError, ClientError
-from apexcal.sources import Source
-from apexcal.transport import Document, Transport, at
+from apexcal.presigned import PresignedStore
+from apexcal.transport import Transport, at
+from apexcal.upload_sources import Source
 
 MIB = 1024 * 1024
 _DAMAGED_TRIES = 3
@@ -36,7 +37,11 @@ class Sent:
 
 
 def send_parts(
-    http: Transport, recording: Document, source: Source, on_progress: Progress | None = None, connections: int = 3
+    http: Transport,
+    recording: RecordingSummary,
+    source: Source,
+    on_progress: Progress | None = None,
+    connections: int = 3,
 ) -> Sent:
     """Upload every part of ``source`` that the recording does not hold yet.
 
@@ -44,14 +49,14 @@ def send_parts(
     several threads, one at a time. Raises :class:`ClientError` ``part_differs`` (an :class:`ApiError` where the
     service says it) when the recording holds parts of something else.
     """
-    begun = http.get(at("recordings", recording["id"], "parts"))
-    held = {part["number"]: part for part in begun["items"]}
-    part_bytes = part_size(begun["upload"], held)
+    begun = http.get(at("recordings", recording.id, "parts"), Parts)
+    held = {part.number: part for part in begun.items}
+    part_bytes = part_size(begun.upload, held)
     parts = math.ceil(source.size / part_bytes)
     counter = _Counter(source.size, on_progress)
     whole = hashlib.sha256()
-    with Direct(http) as direct, ThreadPoolExecutor(connections, thread_name_prefix="upload") as pool:
-        put = direct.put_part if begun["upload"].get("parts") == "presigned" else partial(_put_part, http)
+    with PresignedStore(http) as store, ThreadPoolExecutor(connections, thread_name_prefix="upload") as pool:
+        put = store.put_part if begun.upload.parts == "presigned" else partial(_put_part, http)
         running: set[Future[None]] = set()
         for number in range(1, parts + 1):
             data = source.read((number - 1) * part_bytes, part_bytes)
@@ -63,17 +68,17 @@ def send_parts(
                 continue
             if len(running) > connections:
                 running = _settle(running)
-            running.add(pool.submit(_send, put, recording["id"], number, data, digest.digest(), counter))
+            running.add(pool.submit(_send, put, str(recording.id), number, data, digest.digest(), counter))
         while running:
             running = _settle(running)
     return Sent(parts, source.size, whole.hexdigest())
 
 
-def part_size(upload: Document, held: dict[int, Document]) -> int:
+def part_size(upload: Upload, held: dict[int, PartView]) -> int:
     """Bytes in every part but the last: what the upload began with, else what the service says."""
     if 1 in held or len(held) > 1:
-        return max(int(part["size"]) for part in held.values())
-    return int(upload["part_bytes"])
+        return max(part.size for part in held.values())
+    return upload.part_bytes
 
 
 def _send(put: PutPart, recording_id: str, number: int, data: bytes, digest: bytes, counter: _Counter) -> None:
@@ -109,8 +114,8 @@ def _settle(running: set[Future[None]]) -> set[Future[None]]:
     return still
 
 
-def _require_same(number: int, held: Document, digest: str, name: str) -> None:
-    if held["sha256"] != digest:
+def _require_same(number: int, held: PartView, digest: str, name: str) -> None:
+    if held.sha256 != digest:
         raise ClientError(
             f"the recording's upload began with something else: its part {number} differs from {name}",
             "Upload it as a new recording (--new), or finish the old upload with the file that it began with.",

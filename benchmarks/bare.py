@@ -15,7 +15,7 @@ from sqlalchemy import ColumnElement, select
 from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result
 from service.db.session import Database
 from workers.solver.schedule import run_schedule
-from workers.tasks.solving import fit_of, solved
+from workers.tasks.solving import read_run, solved
 from workers.tasks.warming import warm_up
 
 # What a worker adds to what was found: how long it took, and what it was made of.
@@ -126,6 +126,6 @@ def _take(following: Any) -> int:
 
 def _solve(run: Run) -> dict[str, Any]:
     """As a worker does a whole run."""
-    fit = fit_of(run.document, run.fold, run.pairs)
+    fit = read_run(run.document, run.fold, run.pairs)
     state, _ = run_schedule(fit.problem)
     return solved(fit, state)

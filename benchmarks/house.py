@@ -97,10 +97,10 @@ class House:
         return f"redis+socket://{self.folder.socket}?virtual_host=0"
 
     @contextmanager
-    def changes(self, fleet_id: str) -> Iterator[Callable[[float], object]]:
+    def changes(self, fleet_id: UUID) -> Iterator[Callable[[float], object]]:
         """What waits for the next hint of the fleet, or for so many seconds: a wait that costs nothing meanwhile."""
         with redis.Redis(unix_socket_path=str(self.folder.socket)) as client, client.pubsub() as hints:
-            hints.subscribe(channel(UUID(fleet_id)))
+            hints.subscribe(channel(fleet_id))
             hints.get_message(timeout=5.0)
             yield lambda timeout_s: hints.get_message(timeout=timeout_s)
 

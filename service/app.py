@@ -8,9 +8,12 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 
+from asgi_correlation_id import CorrelationIdMiddleware
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
 
+import service.job_kinds  # noqa: F401  # known before the first request
+from service import imports_done
 from service.annotations import mark_routes
 from service.annotations import routes as annotations
 from service.auth import member_routes, token_routes
@@ -19,13 +22,14 @@ from service.auth.gate import Gate
 from service.auth.retention import remove_ended
 from service.broker.hints import COURIER as HINTS
 from service.broker.hints import Publisher
-from service.calibrations import publication_routes
+from service.calibrations import publication_routes, vehicle_routes
 from service.calibrations import routes as calibrations
 from service.correspondence_sets import routes as correspondence_sets
 from service.db.session import Database
 from service.detections import routes as detections
 from service.events import routes as events
 from service.events.fanout import Fanout
+from service.exports import routes as exports
 from service.fleet_requests import routes as fleet_requests
 from service.fleets import routes as fleets
 from service.health import metrics_routes
@@ -46,7 +50,7 @@ from service.job_status import routes as job_status
 from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
 from service.jobs.retention import forget_jobs
-from service.observability import logs
+from service.observability import logs, request_ids
 from service.recordings import frame_routes, original_routes, presigned_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
@@ -76,6 +80,8 @@ ROUTERS: tuple[APIRouter, ...] = (
     mark_routes.router,
     correspondence_sets.router,
     publication_routes.router,
+    vehicle_routes.router,
+    exports.router,
     calibrations.router,
     fleet_requests.router,
 )
@@ -147,6 +153,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         version="1",
         lifespan=lifespan,
         openapi_url="/v1/openapi.json",
+        separate_input_output_schemas=False,
         docs_url=None,
         redoc_url=None,
     )
@@ -168,9 +175,18 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.add_middleware(headers.SafeHeaders, stores=[app.state.store.origin] if app.state.store.signs else [])
     app.add_middleware(draining.PoliteClosing, drain=drain)
     app.add_middleware(watching.Watched, figures=metrics_routes.install(app, version("apexcal")))
+    app.add_middleware(
+        CorrelationIdMiddleware,
+        header_name=request_ids.HEADER,
+        validator=request_ids.is_harmless,
+        transformer=request_ids.bound,
+    )
     health.install(app)
     for router in ROUTERS:
         app.include_router(router, prefix="/v1", max_body_size=bodies.DEFAULT)
     app.router.middleware_stack = Gate(app.router.middleware_stack)
     web.install(app)
     return app
+
+
+imports_done()

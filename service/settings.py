@@ -3,19 +3,35 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
+from urllib.parse import urlsplit
 
 from pydantic import AliasChoices, Field, SecretStr, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
-from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError
-
-from service.storage.urls import S3Options, check_url
 
 MIB = 1024 * 1024
+_DATABASE = re.compile(r"(postgresql|sqlite)(\+\w+)?://")
+
+
+@dataclass(frozen=True)
+class S3Options:
+    """Where the bucket is and how long to wait for it.
+
+    ``public_endpoint`` is the address at which clients reach what ``endpoint`` reaches from here; presigned addresses
+    carry it. Without keys, obstore looks for credentials itself: AWS_* variables, web identities, an instance's role.
+    """
+
+    endpoint: str = ""
+    public_endpoint: str = ""
+    region: str = "us-east-1"
+    access_key_id: str = ""
+    secret_access_key: str = field(default="", repr=False)
+    timeout_s: float = 20.0
 
 
 class Settings(BaseSettings):
@@ -67,7 +83,9 @@ class Settings(BaseSettings):
         default=90.0, gt=0, description="sweeper and beat end, to be started again, after so long without progress"
     )
     max_lost_leases: int = Field(default=5, description="a job that loses this many leases fails")
-    max_stumbles: int = Field(default=30, description="a job whose surroundings fail so often fails: after an hour")
+    max_stumbles: int = Field(
+        default=30, description="a job fails after its database, store or disk failed so often: about an hour"
+    )
     task_limit_s: int = Field(default=1800, description="a task that runs longer is ended and its lease expires")
     calibration_hours: float = Field(
         default=24.0, gt=0, description="processor hours that one calibration may be predicted to take"
@@ -96,14 +114,18 @@ class Settings(BaseSettings):
     )
     ingest_cpu_s: int = Field(default=1200, description="processor time of a process that decodes uploads")
     ingest_file_bytes: int = Field(default=16 * 1024 * MIB, description="largest file that such a process writes")
-    ingest_wall_s: float = Field(default=120.0, gt=0, description="time by the clock that any upload may take it")
-    ingest_wall_s_per_mib: float = Field(
-        default=10.0, ge=0, description="and for each MiB of the upload; never past four fifths of task_limit_s"
+    ingest_wall_s: float = Field(
+        default=120.0, gt=0, description="seconds by the clock that reading any upload may take"
     )
-    ingest_silence_s: float = Field(default=60.0, gt=0, description="such a process is ended when it gets nowhere")
-    ingest_output_ratio: float = Field(default=20.0, gt=0, description="bytes it may write for each one uploaded")
+    ingest_wall_s_per_mib: float = Field(
+        default=10.0, ge=0, description="further seconds for each MiB of it; never past four fifths of task_limit_s"
+    )
+    ingest_silence_s: float = Field(
+        default=60.0, gt=0, description="such a process is ended after so long without progress"
+    )
+    ingest_output_ratio: float = Field(default=20.0, gt=0, description="bytes it may write for each byte uploaded")
     ingest_video_ratio: float = Field(default=300.0, gt=0, description="the same where it decodes video")
-    ingest_output_floor_bytes: int = Field(default=16 * MIB, gt=0, description="what it may write in any case")
+    ingest_output_floor_bytes: int = Field(default=16 * MIB, gt=0, description="bytes it may write in any case")
 
     mark_lease_s: float = Field(default=120.0, description="how long a person keeps a marking task unanswered")
     log: Literal["", "text", "json"] = Field(default="", description="empty: json on PostgreSQL, else text")
@@ -113,7 +135,9 @@ class Settings(BaseSettings):
     drain_s: float = Field(default=0.0, ge=0, description="how long /readyz says 503 before the API stops listening")
     connections: int = Field(default=1000, ge=16, description="open connections of an API process")
     connections_per_address: int = Field(
-        default=250, ge=16, description="of those, from one address (IPv6: one network of 64 bits); loopback has none"
+        default=250,
+        ge=16,
+        description="of those, from one address (IPv6: one network of 64 bits); loopback has no limit",
     )
     job_days: int = Field(default=90, ge=1, description="ended jobs and their history go after this many days")
 
@@ -126,11 +150,7 @@ class Settings(BaseSettings):
     @field_validator("database_url")
     @classmethod
     def _is_database(cls, url: str) -> str:
-        try:
-            known = not url or make_url(url).get_backend_name() in ("postgresql", "sqlite")
-        except ArgumentError:
-            known = False
-        if not known:  # in words without the URL, which may hold a password
+        if url and not _DATABASE.match(url):  # in words without the URL, which may hold a password
             raise ValueError("it looks like postgresql+psycopg://user:password@host/name or sqlite:///file")
         return url
 
@@ -138,7 +158,7 @@ class Settings(BaseSettings):
     @classmethod
     def _is_store(cls, url: str) -> str:
         if url:
-            check_url(url)
+            check_store_url(url)
         return url
 
     @property
@@ -182,6 +202,13 @@ class Settings(BaseSettings):
     def scratch(self) -> Path:
         """Folder for files that live as long as one task."""
         return self.data_dir.resolve() / "scratch"
+
+
+def check_store_url(url: str) -> None:
+    """Raises ValueError for a URL that names no store."""
+    parts = urlsplit(url)
+    if not ((parts.scheme == "file" and parts.path) or (parts.scheme == "s3" and parts.netloc)):
+        raise ValueError(f"{url!r} names no store; one looks like file:///folder or s3://bucket/prefix")
 
 
 class SettingsError(Exception):

@@ -1,4 +1,4 @@
-"""A file whose age says whether a worker or beat still turns: what the health checks of containers look at.
+"""Touches a file while a worker or beat makes progress; health checks of containers read its age.
 
 Asking through the broker (``celery inspect ping``) would start a Python of a second for every answer.
 """

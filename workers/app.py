@@ -10,13 +10,18 @@ import logging
 from typing import Any
 
 from celery import Celery
-from celery.signals import celeryd_init, setup_logging
+from celery.signals import beat_init, celeryd_init, setup_logging, worker_init
+from kombu.transport import TRANSPORT_ALIASES
 
+from service import imports_done
 from service.broker.connection import CONSUMER
-from service.jobs.kinds import QUEUES
+from service.jobs.queues import QUEUES
 from service.observability import logs
 from service.settings import get_settings, settings_or_exit
-from workers import alive, transport
+from workers import alive
+
+# By name: kombu loads it with the first connection.
+TRANSPORT_ALIASES.update(dict.fromkeys(("redis", "rediss"), "workers.transport:Transport"))
 
 
 @celeryd_init.connect
@@ -29,10 +34,16 @@ def start_logging(loglevel: Any = logging.INFO, **_: object) -> None:
     logs.configure(get_settings().log_form, loglevel if isinstance(loglevel, int) else logging.INFO)
 
 
+@worker_init.connect
+@beat_init.connect
+def start_collecting(**_: object) -> None:
+    """The tasks are imported; in a worker's parent this comes before the forks, which then share what it made."""
+    imports_done()
+
+
 def make_app(tasks: str) -> Celery:
     """A Celery application that knows the tasks of one module."""
     settings = settings_or_exit()
-    transport.install()
     app = Celery("apexcal", broker=settings.broker, include=[tasks])
     app.conf.update(
         task_serializer="json",

@@ -10,7 +10,7 @@ import logging
 from queue import Empty
 from typing import Any
 
-from kombu.transport import TRANSPORT_ALIASES, redis, virtual
+from kombu.transport import redis, virtual
 
 log = logging.getLogger(__name__)
 
@@ -71,9 +71,3 @@ class Transport(redis.Transport):
                 tag = message["properties"]["delivery_tag"]
                 channel.qos.get(tag)
                 channel.basic_reject(tag, requeue=False)
-
-
-def install() -> None:
-    """Use it for every broker of this process."""
-    for scheme in ("redis", "rediss"):
-        TRANSPORT_ALIASES[scheme] = f"{__name__}:Transport"

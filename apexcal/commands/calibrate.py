@@ -1,8 +1,9 @@
-"""``apexcal calibrate``: from marks, or from a file of pairs, to results."""
+"""``apexcal calibrate``: calibrates cameras from marks or from a file of pairs."""
 
 from __future__ import annotations
 
 from typing import Annotated
+from uuid import UUID
 
 import typer
 
@@ -15,22 +16,16 @@ from apexcal.commands.camera_files import (
     pairs_of_marks,
     saying_what_stays,
 )
-from apexcal.commands.choices import (
-    Bounds,
-    Farm,
-    FoldsOption,
-    LensUse,
-    Loss,
-    ModelsOption,
-    Outliers,
-    Preset,
-    Search,
-    Weights,
-)
+from apexcal.commands.choices import FoldsOption, ModelsOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import connected
+from apexcal.documents.bounds import BoundsPreset
+from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.camera_models import SearchForm
+from apexcal.documents.correspondence_sets import SetView
+from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
+from apexcal.documents.schedules import PresetName
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 
 def _check_range(degrees: float | None) -> float | None:
@@ -52,15 +47,14 @@ def calibrate(
     camera: Annotated[
         list[str] | None,
         typer.Option(
-            help="Camera; needed where the rig has several. Several times: together, and compared.", metavar="NAME"
+            help="Camera; needed if the rig has several. Several times: calibrates these together and compares them.",
+            metavar="NAME",
         ),
     ] = None,
     model: ModelsOption = None,
-    preset: Annotated[Preset | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
-    search: Annotated[
-        Search | None, typer.Option(help="Form of the rotation. Otherwise as the preset has it.")
-    ] = None,
-    bounds: Annotated[Bounds | None, typer.Option(help="Where is searched. Otherwise as the preset has it.")] = None,
+    preset: Annotated[PresetName | None, typer.Option(help="Size of the search. Otherwise default.")] = None,
+    search: Annotated[SearchForm | None, typer.Option(help="Form of the rotation. Otherwise the preset's.")] = None,
+    bounds: Annotated[BoundsPreset | None, typer.Option(help="Bounds of the search. Otherwise the preset's.")] = None,
     rotation_range_deg: Annotated[
         float | None,
         typer.Option(
@@ -70,27 +64,26 @@ def calibrate(
             callback=_check_range,
         ),
     ] = None,
-    stated: Annotated[
-        bool, typer.Option("--stated", help="Look for focal lengths and centre near those that the recording states.")
-    ] = False,
+    stated: Annotated[bool, typer.Option("--stated", help="Use the intrinsics that the recording states.")] = False,
     intrinsics: Annotated[
         list[str] | None,
         typer.Option(
-            help="The lens as known: YAML of ROS or Kalibr. For one of several cameras: CAMERA=FILE.", metavar="FILE"
+            help="File of known intrinsics: YAML of ROS or Kalibr. For one of several cameras: CAMERA=FILE.",
+            metavar="FILE",
         ),
     ] = None,
     intrinsics_as: Annotated[
-        LensUse | None, typer.Option(help="What --intrinsics or --stated are taken as. Otherwise bounds.")
+        LensUse | None, typer.Option(help="How --intrinsics or --stated are used. Otherwise bounds.")
     ] = None,
     loss: Annotated[
-        Loss | None, typer.Option(help="saturating: a gross error counts only so far. Otherwise mean.")
+        Loss | None, typer.Option(help="saturating: limits the cost of a gross error. Otherwise mean.")
     ] = None,
     weights: Annotated[
-        Weights | None,
-        typer.Option(help="Whether pairs weigh by the errors that they state. Otherwise auto: where all do."),
+        WeightRule | None,
+        typer.Option(help="Whether pairs weigh by the errors they state. Otherwise auto: if all pairs state them."),
     ] = None,
     outliers: Annotated[
-        Outliers | None, typer.Option(help="What becomes of pairs that are judged not to belong. Otherwise keep.")
+        OutlierRule | None, typer.Option(help="Whether outliers stay in the fit. Otherwise keep.")
     ] = None,
     folds: FoldsOption = None,
     seed: Annotated[int | None, typer.Option(help="Seed. Otherwise from the request's content.", min=0)] = None,
@@ -120,7 +113,7 @@ def calibrate(
             "Leave one of them out",
         )
     if intrinsics_as and not intrinsics and not stated:
-        usage("--intrinsics-as says how, and nothing what", "Add --intrinsics FILE, or --stated")
+        usage("--intrinsics-as needs intrinsics", "Add --intrinsics FILE, or --stated")
     # What is not given is left to the service: a preset means more than its schedule.
     given: dict[str, object] = {
         "preset": preset,
@@ -144,12 +137,12 @@ def calibrate(
             else pairs_of_marks(client, detection, cameras)
         )
         given["intrinsics"] = lenses(intrinsics or [], [one.camera for one in of_cameras]) or None
-        sets: list[Document] = []
+        sets: list[SetView] = []
         with saying_what_stays(sets):
             sets.extend(one.make() for one in of_cameras)
             calibration = client.calibrations.create(
-                sets[0]["vehicle_id"],
-                [one["id"] for one in sets],
+                sets[0].vehicle_id,
+                [one.id for one in sets],
                 model or None,
                 **{name: value for name, value in given.items() if value is not None},
                 publish="recommended" if publish else "none",
@@ -159,16 +152,16 @@ def calibrate(
         published = [] if as_json else _publications(client, calibration, wanted=publish)
     if not as_json:
         show(calibration)
-    say(calibration, as_json, "\n".join([f"The calibration is {calibration['id']}.", *published]))
+    say(calibration, as_json, "\n".join([f"The calibration is {calibration.id}.", *published]))
 
 
-def _publications(client: Client, calibration: Document, *, wanted: bool) -> list[str]:
+def _publications(client: Client, calibration: CalibrationView, *, wanted: bool) -> list[str]:
     """For each camera, which result the vehicle is given now, or why it is none of this calibration."""
-    vehicle = client.vehicles.get(calibration["vehicle_id"])["name"]
+    vehicle = client.vehicles.get(calibration.vehicle_id).name
     sentences: list[str] = []
-    for name, camera in (calibration.get("summary") or {}).get("cameras", {}).items():
-        current = _current_result(client, calibration["vehicle_id"], name)
-        model = next((model for model, found in camera["models"].items() if found["result_id"] == current), None)
+    for name, camera in (calibration.summary.cameras if calibration.summary else {}).items():
+        current = _current_result(client, calibration.vehicle_id, name)
+        model = next((model for model, found in camera.models.items() if found.result_id == current), None)
         if model:
             sentences.append(f"{model} is now the current calibration of {name} on {vehicle}.")
         else:
@@ -177,9 +170,9 @@ def _publications(client: Client, calibration: Document, *, wanted: bool) -> lis
     return sentences
 
 
-def _current_result(client: Client, vehicle_id: str, camera: str) -> str | None:
+def _current_result(client: Client, vehicle_id: UUID, camera: str) -> UUID | None:
     try:
-        return str(client.calibrations.current(vehicle_id, camera)["result_id"])
+        return client.calibrations.current(vehicle_id, camera).result_id
     except ApiError as error:
         if error.code != "no_calibration_yet":
             raise

@@ -6,40 +6,42 @@ from collections.abc import Sequence
 from datetime import datetime
 from math import ceil
 from typing import Annotated, Any
+from uuid import UUID
 
 import typer
 
 from apexcal.cli import FAILED
 from apexcal.client import Client
-from apexcal.commands.choices import FoldsOption, ModelsOption, Preset
+from apexcal.commands.choices import FoldsOption, ModelsOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import check_id, connected, find_fleet
+from apexcal.documents.fleet_requests import CameraOutcome, Counts, DryRunView, FleetRequestView
+from apexcal.documents.schedules import PresetName
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 _SHOWN = 20
 
 
 def calibrate_fleet(
     fleet: Annotated[str, typer.Option(help="Fleet, by name or id; needed where there are several.")] = "",
-    name: Annotated[str | None, typer.Option(help="Only vehicles of such a name; * and ? are wild.")] = None,
-    rig: Annotated[str | None, typer.Option(help="Only rigs of such a name; * and ? are wild.")] = None,
+    name: Annotated[str | None, typer.Option(help="Only vehicles whose name matches; * and ? are wildcards.")] = None,
+    rig: Annotated[str | None, typer.Option(help="Only rigs whose name matches; * and ? are wildcards.")] = None,
     since: Annotated[
-        str | None, typer.Option("--not-since", help="Only who was not calibrated since, as 2026-11-01T00:00:00Z.")
+        str | None, typer.Option("--not-since", help="Only vehicles not calibrated since, as 2026-11-01T00:00:00Z.")
     ] = None,
     new_pairs: Annotated[
-        bool, typer.Option("--new-pairs", help="Only who has newer pairs than the published calibration is from.")
+        bool, typer.Option("--new-pairs", help="Only vehicles with pairs newer than their published calibration.")
     ] = False,
     model: ModelsOption = None,
-    preset: Annotated[Preset | None, typer.Option(help="How much is searched. Otherwise default.")] = None,
+    preset: Annotated[PresetName | None, typer.Option(help="Size of the search. Otherwise default.")] = None,
     folds: FoldsOption = None,
-    publish: Annotated[bool, typer.Option(help="Make recommended results current, where they may be.")] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what it would come to.")] = False,
+    publish: Annotated[bool, typer.Option(help="Publish recommended results that have no objections.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be done.")] = False,
     follow: Annotated[
-        str | None, typer.Option(help="Follow this request instead of asking.", metavar="REQUEST")
+        str | None, typer.Option(help="Follow this request instead of making one.", metavar="REQUEST")
     ] = None,
     retry: Annotated[
-        str | None, typer.Option(help="Calibrate the failed of this request again.", metavar="REQUEST")
+        str | None, typer.Option(help="Calibrate the failed vehicles of this request again.", metavar="REQUEST")
     ] = None,
     cancel: Annotated[str | None, typer.Option(help="End this request.", metavar="REQUEST")] = None,
     url: UrlOption = "",
@@ -49,10 +51,10 @@ def calibrate_fleet(
 ) -> None:
     """Calibrate each vehicle from its newest pairs; a vehicle without fitting pairs is skipped.
 
-    Where --not-since or --new-pairs leave nobody, nothing is done, and that is no error. Exit code 1 where a vehicle
+    If --not-since or --new-pairs leave no vehicle, nothing is done and the exit code is 0. It is 1 if a vehicle
     failed or was cancelled.
     """
-    # An empty id is one that is wrong: taken for none, a mistyped cancel would ask for the whole fleet.
+    # An empty id is an error: treated as none, a mistyped --cancel would calibrate the whole fleet.
     known = [one for one in (follow, retry, cancel) if one is not None]
     if len(known) > 1:
         usage("--follow, --retry and --cancel are about one request each", "Give one of them")
@@ -69,33 +71,31 @@ def calibrate_fleet(
     vehicles = {word: value for word, value in wanted.items() if value is not None}
     with connected(url, token, data) as client:
         if dry_run:
-            found = client.fleet_requests.preview(find_fleet(client, fleet)["id"], vehicles, **calibration)
+            found = client.fleet_requests.preview(find_fleet(client, fleet).id, vehicles, **calibration)
             say(found, as_json, _what_it_comes_to(found))
             return
         if known:
             request = _known(client, follow, retry, cancel)
         else:
-            request = client.fleet_requests.create(find_fleet(client, fleet)["id"], vehicles, **calibration)
+            request = client.fleet_requests.create(find_fleet(client, fleet).id, vehicles, **calibration)
         if cancel is not None:
-            say(request, as_json, f"The request {request['id']} is asked to end: {_counted(request['counts'])}.")
+            say(request, as_json, f"The request {request.id} is asked to end: {_counted(request.counts)}.")
             return
         with bar("Calibrating", not as_json) as progress:
             request = client.wait(request, on_progress=progress)
-        lines = [
-            f"The request {request['id']} is {request['state'].replace('_', ' ')}: {_counted(request['counts'])}."
-        ]
+        lines = [f"The request {request.id} is {request.state.replace('_', ' ')}: {_counted(request.counts)}."]
         if not as_json:
-            lines += _reasons(client, request["id"])
-            outcomes = _outcomes(client, request["id"])
+            lines += _reasons(client, request.id)
+            outcomes = _outcomes(client, request.id)
             lines += _doubts(outcomes)
-            if request["asked"]["calibration"]["publish"] == "recommended":
+            if request.asked.calibration.publish == "recommended":
                 lines += _publications(outcomes)
     say(request, as_json, "\n".join(lines))
-    if request["state"] != "done":
+    if request.state != "done":
         raise typer.Exit(FAILED)
 
 
-def _known(client: Client, follow: str | None, retry: str | None, cancel: str | None) -> Document:
+def _known(client: Client, follow: str | None, retry: str | None, cancel: str | None) -> FleetRequestView:
     if retry is not None:
         return client.fleet_requests.retry(check_id(retry, "fleet request"))
     if cancel is not None:
@@ -117,63 +117,64 @@ def _moment(since: str | None) -> str | None:
     return moment.isoformat()
 
 
-def _counted(counts: dict[str, int]) -> str:
-    if not counts["matched"]:
+def _counted(counts: Counts) -> str:
+    if not counts.matched:
         return "no vehicle is due, and nothing was calibrated"
-    named = [f"{count} {state}" for state, count in counts.items() if count and state != "matched"]
-    return f"{_count(counts['matched'], 'vehicle')}, {', '.join(named)}"
+    named = [f"{count} {state}" for state, count in counts if count and state != "matched"]
+    return f"{_count(counts.matched, 'vehicle')}, {', '.join(named)}"
 
 
 def _count(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def _reasons(client: Client, request_id: str) -> list[str]:
+def _reasons(client: Client, request_id: UUID) -> list[str]:
     """Why vehicles failed or were skipped, the first of each."""
     lines: list[str] = []
     for state in ("failed", "skipped"):
         rows = list(client.fleet_requests.vehicles(request_id, state))
-        lines += [f"  {row['vehicle']} {state}: {(row['problem'] or {}).get('detail', '')}" for row in rows[:_SHOWN]]
+        lines += [
+            f"  {row.vehicle} {state}: {row.problem.detail or '' if row.problem else ''}" for row in rows[:_SHOWN]
+        ]
         if len(rows) > _SHOWN:
             lines.append(f"  ... and {len(rows) - _SHOWN} more {state}")
     return lines
 
 
-def _outcomes(client: Client, request_id: str) -> list[tuple[str, str, Document]]:
+def _outcomes(client: Client, request_id: UUID) -> list[tuple[str, str, CameraOutcome]]:
     """Vehicle, camera and what its calibration recommends."""
     return [
-        (row["vehicle"], camera, found)
+        (row.vehicle, camera, found)
         for row in client.fleet_requests.vehicles(request_id)
-        for camera, found in row["cameras"].items()
+        for camera, found in row.cameras.items()
     ]
 
 
-def _doubts(outcomes: Sequence[tuple[str, str, Document]]) -> list[str]:
-    """Which results are no good although they are there, the first of them; and how many have warnings."""
-    # A service of the version before does not say it.
-    doubtful = [one for one in outcomes if (one[2].get("status") or "ok") != "ok"]
+def _doubts(outcomes: Sequence[tuple[str, str, CameraOutcome]]) -> list[str]:
+    """Results whose status is not ok, the first of them; and how many cameras have warnings."""
+    doubtful = [one for one in outcomes if (one[2].status or "ok") != "ok"]
     lines = [
-        f"  {vehicle} done, but not ok: {camera} is {found['status'].replace('_', ' ')}{_warned(found)}"
+        f"  {vehicle} done, but not ok: {camera} is {(found.status or '').replace('_', ' ')}{_warned(found)}"
         for vehicle, camera, found in doubtful[:_SHOWN]
     ]
     if len(doubtful) > _SHOWN:
         lines.append(f"  ... and {len(doubtful) - _SHOWN} more done, but not ok")
-    warned = sum(found.get("warnings", 0) > 0 for _, _, found in outcomes)
+    warned = sum(found.warnings > 0 for _, _, found in outcomes)
     if warned:
         lines.append(f"{warned} of {_count(len(outcomes), 'calibrated camera')} came with warnings.")
     return lines
 
 
-def _warned(found: Document) -> str:
-    count = found.get("warnings", 0)
+def _warned(found: CameraOutcome) -> str:
+    count = found.warnings
     return f", {_count(count, 'warning')}" if count else ""
 
 
-def _publications(outcomes: Sequence[tuple[str, str, Document]]) -> list[str]:
-    """Which vehicles were given nothing and why, the first of them; and how many cameras were given something."""
-    withheld = [one for one in outcomes if not one[2].get("published")]
+def _publications(outcomes: Sequence[tuple[str, str, CameraOutcome]]) -> list[str]:
+    """Vehicles without a publication and why, the first of them; and for how many cameras a result was published."""
+    withheld = [one for one in outcomes if not one[2].published]
     lines = [
-        f"  {vehicle}: nothing published for {camera}: {_first_of(found.get('not_published') or [])}"
+        f"  {vehicle}: nothing published for {camera}: {_first_of(found.not_published)}"
         for vehicle, camera, found in withheld[:_SHOWN]
     ]
     if len(withheld) > _SHOWN:
@@ -193,14 +194,14 @@ def _processor_time(seconds: int) -> str:
     return _count(minutes, "processor minute") if minutes < 90 else f"{seconds / 3600:.1f} processor hours"
 
 
-def _what_it_comes_to(found: Document) -> str:
-    first = found["skipped_vehicles"][:_SHOWN]
-    skipped = [f"  {one['vehicle']} skipped: {one['problem']['detail']}" for one in first]
-    if found["skipped"] > len(skipped):
-        skipped.append(f"  ... and {found['skipped'] - len(skipped)} more skipped")
+def _what_it_comes_to(found: DryRunView) -> str:
+    first = found.skipped_vehicles[:_SHOWN]
+    skipped = [f"  {one.vehicle} skipped: {one.problem.detail}" for one in first]
+    if found.skipped > len(skipped):
+        skipped.append(f"  ... and {found.skipped - len(skipped)} more skipped")
     sentence = (
-        f"The filter names {_count(found['matched'], 'vehicle')}: {found['calibrations']} would be calibrated in "
-        f"{_count(found['runs'], 'run')} (at most {_processor_time(found['processor_seconds'])}), "
-        f"{found['skipped']} skipped."
+        f"The filter names {_count(found.matched, 'vehicle')}: {found.calibrations} would be calibrated in "
+        f"{_count(found.runs, 'run')} (at most {_processor_time(found.processor_seconds)}), "
+        f"{found.skipped} skipped."
     )
     return "\n".join([sentence, *skipped])

@@ -1,4 +1,4 @@
-"""What a finished calibration found, for people: a table for each camera, warnings, and what became of the result."""
+"""Prints a finished calibration: a table per camera, warnings, and whether the result was published."""
 
 from __future__ import annotations
 
@@ -6,34 +6,36 @@ from rich import box
 from rich.table import Table
 
 from apexcal.commands.common import console
-from apexcal.transport import Document
+from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.results import CameraSummary, Errors, RigSummary, Summary
 
 # Held-out pairs this much worse than fitted ones mean that the model fits noise, or that there are too few pairs.
 _OVERFITTED = 2.0
 
 
-def show(calibration: Document) -> None:
+def show(calibration: CalibrationView) -> None:
     """Print a table for each camera and the sentences that go with it; the notes hold those of the pairs."""
     out = console()
-    for note in calibration.get("notes", []):
+    summary = calibration.summary or Summary(cameras={})
+    for note in calibration.notes:
         out.print(f"Note: {note}", markup=False, soft_wrap=True)
-    for name, camera in (calibration.get("summary") or {}).get("cameras", {}).items():
+    for name, camera in summary.cameras.items():
         out.print(table_of(name, camera))
-        if camera.get("why"):
-            out.print(f"* {camera['why']}", markup=False, soft_wrap=True)
+        if camera.why:
+            out.print(f"* {camera.why}", markup=False, soft_wrap=True)
         for warning in warnings_of(camera):
             out.print(f"Warning: {warning}", markup=False, soft_wrap=True)
         for objection in objections_of(camera):
             out.print(f"Against publishing it: {objection}", markup=False, soft_wrap=True)
-    rig = (calibration.get("summary") or {}).get("rig") or {}
-    for pair in rig.get("pairs", []):
-        for sentence in pair["sentences"]:
+    rig = summary.rig or RigSummary()
+    for pair in rig.pairs:
+        for sentence in pair.sentences:
             out.print(sentence, markup=False, soft_wrap=True)
-    for alarm in rig.get("alarms", []):
+    for alarm in rig.alarms:
         out.print(f"Warning: {alarm}", markup=False, soft_wrap=True)
 
 
-def table_of(name: str, camera: Document) -> Table:
+def table_of(name: str, camera: CameraSummary) -> Table:
     """The models side by side; fits into 80 columns, where a terminal's width is not known."""
     table = Table(
         title=f"Camera {name}: mean / RMS reprojection error, pixels",
@@ -44,50 +46,50 @@ def table_of(name: str, camera: Document) -> Table:
     )
     for heading in ("model", "GA", "polished", "baseline", "held out"):
         table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
-    for model, found in camera["models"].items():
+    for model, found in camera.models.items():
         table.add_row(
-            model + (" *" if model == camera.get("recommended") else ""),
-            *(_pair(found.get(stage)) for stage in ("ga", "polished", "baseline")),
-            _pixels(found.get("heldout_mean_px")),
+            model + (" *" if model == camera.recommended else ""),
+            *(_pair(found.stages.get(stage)) for stage in ("ga", "polished", "baseline")),
+            _pixels(found.heldout_mean_px),
         )
     return table
 
 
-def warnings_of(camera: Document) -> list[str]:
+def warnings_of(camera: CameraSummary) -> list[str]:
     """Models that do much worse on pairs that they were not fitted to, and the recommended model's alarms."""
     warnings: list[str] = []
-    for model, found in camera["models"].items():
-        heldout, fitted = found.get("heldout_mean_px"), found["polished"]["mean_px"]
+    for model, found in camera.models.items():
+        heldout, fitted = found.heldout_mean_px, found.polished.mean_px if found.polished else 0.0
         if heldout is not None and heldout > _OVERFITTED * fitted:
             warnings.append(
                 f"{model} is at {heldout:.2f} px on held-out pairs, at {fitted:.2f} px on fitted ones: there are too "
                 "few pairs for it, or they are too close together."
             )
-    recommended = camera["models"].get(camera.get("recommended"), {})
-    return warnings + [f"{camera['recommended']}: {alarm}" for alarm in recommended.get("alarms", [])]
+    recommended = camera.models.get(camera.recommended or "")
+    return warnings + [f"{camera.recommended}: {alarm}" for alarm in (recommended.alarms if recommended else [])]
 
 
-def objections_of(camera: Document) -> list[str]:
+def objections_of(camera: CameraSummary) -> list[str]:
     """What speaks against publishing the recommended result; none where the sentences of its publication say it."""
-    recommended = camera["models"].get(camera.get("recommended"), {})
-    # A service of an older version does not say it.
-    return [] if camera.get("not_published") else recommended.get("objections", [])
+    recommended = camera.models.get(camera.recommended or "")
+    # A calibration of an older version does not say it.
+    return [] if camera.not_published or recommended is None else recommended.objections or []
 
 
-def why_unpublished(camera: Document, *, wanted: bool) -> str:
+def why_unpublished(camera: CameraSummary, *, wanted: bool) -> str:
     """Why no result of this camera became the vehicle's current calibration, and what to do about it."""
     by_hand = "A reviewer can publish a result with `apexcal publish`, or on the calibration's page."
     if not wanted:
         return f"--no-publish said so. {by_hand}"
-    reasons = camera.get("not_published")
+    reasons = camera.not_published
     if reasons:
         return " ".join([*reasons, by_hand])
     return f"another result has been published since. {by_hand}"
 
 
-def _pair(figures: Document | None) -> str:
+def _pair(figures: Errors | None) -> str:
     """``mean / rms`` of one stage."""
-    return f"{_pixels(figures.get('mean_px'))} / {_pixels(figures.get('rms_px'))}" if figures else "-"
+    return f"{_pixels(figures.mean_px)} / {_pixels(figures.rms_px)}" if figures else "-"
 
 
 def _pixels(value: float | None) -> str:

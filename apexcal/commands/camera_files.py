@@ -12,7 +12,8 @@ from rich.markup import escape
 
 from apexcal.client import ApiError, Client, InputError
 from apexcal.commands.common import console, usage
-from apexcal.commands.connect import check_id, find_camera, find_rig, find_vehicle
+from apexcal.commands.connect import cameras_of, check_id, find_camera, find_rig, find_vehicle
+from apexcal.documents.correspondence_sets import SetView
 from apexcal.intrinsics import read_intrinsics
 from apexcal.transport import Document
 
@@ -29,7 +30,7 @@ class PairsOf(NamedTuple):
     """A camera, and what makes the correspondence set of its pairs."""
 
     camera: str
-    make: Callable[[], Document]
+    make: Callable[[], SetView]
 
 
 def pairs_of_files(
@@ -46,33 +47,33 @@ def pairs_of_files(
         except OSError as error:
             raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
     with_rig = find_rig(client, find_vehicle(client, "", vehicle), rig)
-    of = [find_camera(with_rig, camera or "".join(cameras[:1])) for camera, _ in named]
+    of = [find_camera(cameras_of(with_rig), camera or "".join(cameras[:1])) for camera, _ in named]
     bring = client.correspondence_sets.import_csv
     return [
-        PairsOf(camera, partial(bring, with_rig["id"], camera, text)) for camera, text in zip(of, texts, strict=True)
+        PairsOf(camera, partial(bring, with_rig.id, camera, text)) for camera, text in zip(of, texts, strict=True)
     ]
 
 
 def pairs_of_marks(client: Client, detection_id: str, cameras: Sequence[str]) -> list[PairsOf]:
     """Each camera, and what makes pairs of the marks in it."""
     found = client.detections.get(check_id(detection_id, "detection"))
-    recording = client.recordings.get(found["recording_id"])
-    with_rig = client.vehicles.rig(recording["rig_id"])
-    of = [find_camera(with_rig, camera) for camera in cameras or [""]]
+    recording = client.recordings.get(found.recording_id)
+    with_rig = client.vehicles.rig(recording.rig_id)
+    of = [find_camera(cameras_of(with_rig), camera) for camera in cameras or [""]]
     return [PairsOf(camera, partial(client.correspondence_sets.build, detection_id, camera)) for camera in of]
 
 
 @contextmanager
-def saying_what_stays(sets: Sequence[Document]) -> Iterator[None]:
+def saying_what_stays(sets: Sequence[SetView]) -> Iterator[None]:
     """Where the service refuses what the block asks for, say which of the sets were imported: they stay."""
     try:
         yield
     except ApiError:
         for one in sets:
-            if one["source"] == "import":
-                pairs = "1 pair" if one["count"] == 1 else f"{one['count']} pairs"
+            if one.source == "import":
+                pairs = "1 pair" if one.count == 1 else f"{one.count} pairs"
                 sentence = (
-                    f"Imported all the same: {pairs} of {one['camera']}, as the correspondence set {one['id']}. "
+                    f"Imported all the same: {pairs} of {one.camera}, as the correspondence set {one.id}. "
                     "It is this camera's newest until others are imported, or older ones again."
                 )
                 console(errors=True).print(escape(sentence), soft_wrap=True)

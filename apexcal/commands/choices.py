@@ -1,38 +1,22 @@
-"""Words that several commands take, as the service knows them; a contract test holds the two together."""
+"""Options that several commands take."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from apexcal.commands.common import usage
-
-MODELS = ("pinhole", "brown_conrady", "kannala_brandt")
-Model = Literal["pinhole", "brown_conrady", "kannala_brandt"]
-Preset = Literal["default", "paper", "toolbox"]
-Search = Literal["rotation_vector", "euler"]
-Bounds = Literal["image-size", "paper-table-1"]
-LensUse = Literal["bounds", "prior", "locked"]
-Loss = Literal["mean", "saturating"]
-Weights = Literal["auto", "equal", "covariances"]
-Outliers = Literal["keep", "exclude"]
-Farm = Literal["auto", "slots", "runs"]
-Detector = Literal["refined", "tolerant", "strict"]
-LidarModel = Literal["vlp16", "vlp32c", "hdl32e", "hdl64e", "alpha_prime"]
+from apexcal.documents.camera_models import MODELS, parse_model
+from apexcal.documents.errors import DocumentError
 
 
 def known_model(name: str) -> str:
-    """The name, where it is a camera model's; else the command was called wrongly, and ends as such."""
-    if name == "fisheye":
-        usage(
-            "people mean one of two camera models by `fisheye`",
-            "Write kannala_brandt (the equidistant model of cv2.fisheye, for true fisheye lenses), or brown_conrady "
-            "(the radial and tangential polynomial, which the paper calls fisheye)",
-        )
-    if name not in MODELS:
-        usage(f"there is no camera model {name!r}", f"The models are {', '.join(MODELS)}")
-    return name
+    """The name of a camera model; any other ends the command as wrong usage."""
+    try:
+        return parse_model(name)
+    except DocumentError as error:
+        usage(error.message[0].lower() + error.message[1:].rstrip("."), error.hint)
 
 
 def _known_models(names: list[str] | None) -> list[str] | None:

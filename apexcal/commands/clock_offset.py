@@ -1,4 +1,4 @@
-"""``apexcal clock-offset``: how much the camera's clock shows more than the LiDAR's."""
+"""``apexcal clock-offset``: estimates how far the camera's clock is ahead of the LiDAR's."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from typing import Annotated
 
 import typer
 
-from apexcal.commands.choices import MODELS, known_model
+from apexcal.commands.choices import known_model
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say
-from apexcal.commands.connect import check_id, connected, find_camera
+from apexcal.commands.connect import cameras_of, check_id, connected, find_camera
+from apexcal.documents.camera_models import MODELS
+from apexcal.documents.detections import DetectionView
+from apexcal.documents.studies import ClockOffset
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 # An offset within so many of its standard deviations is no reason to move anything.
 _CERTAIN = 2.0
@@ -24,7 +26,11 @@ def clock_offset(
     camera: Annotated[str, typer.Option(help="Camera; needed where the rig has several.")] = "",
     model: Annotated[
         str,
-        typer.Option(metavar="MODEL", callback=known_model, help=f"Lens that is fitted along: {', '.join(MODELS)}."),
+        typer.Option(
+            metavar="MODEL",
+            callback=known_model,
+            help=f"Camera model that is fitted with the offset: {', '.join(MODELS)}.",
+        ),
     ] = "brown_conrady",
     url: UrlOption = "",
     token: TokenOption = "",
@@ -33,26 +39,27 @@ def clock_offset(
 ) -> None:
     """Estimate the offset between the clocks of camera and LiDAR from the moving board and its marks.
 
-    It needs a minute of walking with many turns, and says so where the motion does not tell the offset. Detect again
-    with it: `apexcal detect RECORDING ... --offset-ms OFFSET`, with or without `--interpolate`; marks are kept.
+    It needs a minute of walking with many turns, and refuses if the motion does not determine the offset. Then detect
+    again: `apexcal detect RECORDING ... --offset-ms OFFSET`, with or without `--interpolate`. Marks are kept.
     """
     with connected(url, token, data) as client, bar("Estimating the offset", not as_json) as progress:
         found = client.detections.get(check_id(detection, "detection"))
-        recording = client.recordings.get(found["recording_id"])
-        of = find_camera(client.vehicles.rig(recording["rig_id"]), camera)
-        asked = client.detections.estimate_offset(recording["id"], detection, of, model=model)
+        recording = client.recordings.get(found.recording_id)
+        of = find_camera(cameras_of(client.vehicles.rig(recording.rig_id)), camera)
+        asked = client.detections.estimate_offset(recording.id, detection, of, model=model)
         done = client.wait(asked, on_progress=progress)
-    say(done, as_json, _outcome(done["result"], found, of))
+    assert done.result is not None
+    say(done, as_json, _outcome(done.result, found, of))
 
 
-def _outcome(result: Document, detection: Document, camera: str) -> str:
+def _outcome(result: ClockOffset, detection: DetectionView, camera: str) -> str:
     """The offset in a sentence, and the command that uses it: that of the detection, but for the offset."""
     said = (
-        f"The clock of {camera} minus the LiDAR's is {result['offset_ns'] / 1e6:.2f} ms, with a standard deviation "
-        f"of {result['sigma_ns'] / 1e6:.2f} ms, from {result['pairs']} marks ({result['rms_px']:.2f} px RMS).\n"
+        f"The clock of {camera} minus the LiDAR's is {result.offset_ns / 1e6:.2f} ms, with a standard deviation "
+        f"of {result.sigma_ns / 1e6:.2f} ms, from {result.pairs} marks ({result.rms_px:.2f} px RMS).\n"
     )
-    used = detection["pairing"]["offset_ns"]
-    if abs(result["offset_ns"]) < _CERTAIN * result["sigma_ns"]:
+    used = detection.pairing.offset_ns
+    if abs(result.offset_ns) < _CERTAIN * result.sigma_ns:
         said += "The clocks agree within the error"
         if not used:
             return f"{said}: no offset is needed."
@@ -61,22 +68,22 @@ def _outcome(result: Document, detection: Document, camera: str) -> str:
             + (f"{_command(detection, 0)}\n{_REGION}")
         )
     several = "Cameras whose clocks differ need a detection each."
-    return f"{said}Use it: {_command(detection, result['offset_ns'])}\n{_REGION} {several}"
+    return f"{said}Use it: {_command(detection, result.offset_ns)}\n{_REGION} {several}"
 
 
-def _command(detection: Document, offset_ns: int) -> str:
+def _command(detection: DetectionView, offset_ns: int) -> str:
     """The command line that detects again as a detection did, under another offset."""
-    options, pairing = dict(detection["options"]), detection["pairing"]
+    options, pairing = dict(detection.options), detection.pairing
     words = [
         "apexcal detect",
-        detection["recording_id"],
+        str(detection.recording_id),
         "--region REGION.json",
-        f"--detector {detection['detector']}",
+        f"--detector {detection.detector}",
     ]
     width, height = options.pop("board_width_m", 0.0), options.pop("board_height_m", 0.0)
     if width and height:
         words.append(f"--board {width:g}x{height:g}")
     words += [f"--option {name}={value:g}" for name, value in options.items()]
-    words += [f"--max-gap-ms {pairing['max_gap_ns'] / 1e6:g}"] if pairing["max_gap_ns"] != _MAX_GAP_NS else []
-    words += ["--interpolate"] if pairing["mode"] == "interpolate" else []
+    words += [f"--max-gap-ms {pairing.max_gap_ns / 1e6:g}"] if pairing.max_gap_ns != _MAX_GAP_NS else []
+    words += ["--interpolate"] if pairing.mode == "interpolate" else []
     return " ".join([*words, f"--offset-ms {offset_ns / 1e6:.3f}"])

@@ -1,4 +1,4 @@
-"""What the subcommands share: where the service is, how to say things, progress bars, exit codes."""
+"""Shared by the subcommands: options that find the service, output, progress bars, exit codes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
+from pydantic import BaseModel
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -77,7 +78,7 @@ def understood() -> Iterator[None]:
 
 
 def check_target(file: Path, force: bool) -> None:
-    """End the command, before it does anything, where what it finds could not be written there."""
+    """End the command, before it does anything, if its outcome could not be written to this file."""
     if file.is_dir():
         usage(f"{file} is a folder", "Name a file in it")
     if not file.parent.is_dir():
@@ -87,7 +88,7 @@ def check_target(file: Path, force: bool) -> None:
 
 
 def write_target(file: Path, text: str) -> None:
-    """Write the outcome of a command; end it as failed where that cannot be."""
+    """Write the outcome of a command to a file, or end the command as failed."""
     try:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -120,10 +121,17 @@ def locate(url: str, token: str, data: Path) -> tuple[str, str, str]:
     return url or local, token, origin
 
 
+def as_document(outcome: Any) -> Any:
+    """Answers of the service as they came, members that this version does not know included."""
+    if isinstance(outcome, list):
+        return [as_document(one) for one in outcome]
+    return outcome.model_dump(mode="json", exclude_unset=True) if isinstance(outcome, BaseModel) else outcome
+
+
 def say(outcome: Any, as_json: bool, sentence: str) -> None:
     """The outcome of a command: a sentence for people, or the whole document for programs."""
     if as_json:
-        print(visible(json.dumps(outcome, indent=2, ensure_ascii=False)))
+        print(visible(json.dumps(as_document(outcome), indent=2, ensure_ascii=False)))
     else:
         console().print(escape(sentence), soft_wrap=True)
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 from uuid import UUID
 
 from apexcal.client import ApiError, Client, ClientError, InputError, TokenError, UnreachableError
 from apexcal.commands.common import FAILED, TOKEN_HINT, UNREACHABLE, USAGE, complain, locate, usage
-from apexcal.transport import Document
+from apexcal.documents.fleets import FleetOut, RigOut, VehicleOut
+from apexcal.documents.recordings import RecordingSummary
+
+Named = TypeVar("Named", FleetOut, VehicleOut, RigOut, RecordingSummary)
 
 _SHOWN = 20
 _WHERE_IDS_ARE = {
@@ -21,14 +24,14 @@ _WHERE_IDS_ARE = {
 
 
 @contextmanager
-def connected(url: str, token: str, data: Path, link: str = "") -> Iterator[Client]:
+def connected(url: str, token: str, data: Path, link: str = "", timeout_s: float | None = None) -> Iterator[Client]:
     """A client; what goes wrong inside the block is said in a sentence and ends the command with its exit code.
 
     With a sign-in ``link`` the client is signed in as its person instead, for as long as the block.
     """
     address, secret, origin = (url, "", "") if link else locate(url, token, data)
     try:
-        client = None if link else Client(address, secret)
+        client = None if link else Client(address, secret, timeout_s)
     except TokenError as error:
         usage(str(TokenError(origin)), error.hint)
     except ValueError as error:
@@ -65,41 +68,37 @@ def _refusal(error: ApiError, token_origin: str) -> tuple[str, str]:
     return f"{str(error).rstrip('.')} ({error.code})", hint
 
 
-def _its_id(thing: Document) -> str:
-    return str(thing["id"])
-
-
 def pick(
-    things: Iterable[Document],
+    things: Iterable[Named],
     what: str,
     wanted: str,
     option: str,
     *,
-    label: Callable[[Document], str] = _its_id,
+    label: Callable[[Named], str] = lambda thing: str(thing.id),
     make: str = "apexcal rig rig.json --fleet F --vehicle V",
-) -> Document:
+) -> Named:
     """The thing with this id or name; without one, the only thing there is. Raises :class:`ClientError`.
 
     Where the command should have named one of several it was called wrongly, and ends as such.
     ``label`` tells apart things of one name; ``make`` is the command that makes one where there is none.
     """
     found = list(things)
-    matching = [thing for thing in found if not wanted or wanted in (thing["id"], thing["name"])]
+    matching = [thing for thing in found if not wanted or wanted in (str(thing.id), thing.name)]
     if len(matching) != 1:
         _refuse_to_pick(found, matching, what, wanted, option, label, make)
     return matching[0]
 
 
 def _refuse_to_pick(
-    found: list[Document],
-    matching: list[Document],
+    found: list[Named],
+    matching: list[Named],
     what: str,
     wanted: str,
     option: str,
-    label: Callable[[Document], str],
+    label: Callable[[Named], str],
     make: str,
 ) -> NoReturn:
-    names = ", ".join(f"{thing['name']!r}" for thing in found[:_SHOWN]) or "none"
+    names = ", ".join(f"{thing.name!r}" for thing in found[:_SHOWN]) or "none"
     if not found:
         raise ClientError(f"there is no {what} yet", f"Make one first: `{make}`.")
     if not matching:
@@ -111,27 +110,27 @@ def _refuse_to_pick(
     usage(f"there are several {what}s: {names}", f"Say which one {option}.")
 
 
-def find_fleet(client: Client, wanted: str) -> Document:
+def find_fleet(client: Client, wanted: str) -> FleetOut:
     """A fleet by id or name."""
     return pick(client.fleets.list(), "fleet", wanted, "with --fleet")
 
 
-def find_vehicle(client: Client, fleet: str, wanted: str) -> Document:
+def find_vehicle(client: Client, fleet: str, wanted: str) -> VehicleOut:
     """A vehicle by id, or by name in a fleet or in all of the caller's fleets."""
     if _is_id(wanted):
         return client.vehicles.get(wanted)
     fleets = [find_fleet(client, fleet)] if fleet else list(client.fleets.list())
-    names = {each["id"]: each["name"] for each in fleets}
+    names = {each.id: each.name for each in fleets}
     return pick(
-        (vehicle for each in fleets for vehicle in client.vehicles.list(each["id"])),
+        (vehicle for each in fleets for vehicle in client.vehicles.list(each.id)),
         "vehicle",
         wanted,
         "with --vehicle",
-        label=lambda vehicle: f"{vehicle['id']} in the fleet {names[vehicle['fleet_id']]!r}",
+        label=lambda vehicle: f"{vehicle.id} in the fleet {names[vehicle.fleet_id]!r}",
     )
 
 
-def find_recording(client: Client, wanted: str) -> Document:
+def find_recording(client: Client, wanted: str) -> RecordingSummary:
     """A recording by id, or by name among all that the caller may see. Raises :class:`ClientError`."""
     if not wanted.strip():
         usage("the recording's name is empty", "Give its id or name; `apexcal upload` prints both")
@@ -142,7 +141,7 @@ def find_recording(client: Client, wanted: str) -> Document:
         "recording",
         wanted,
         "instead of the name",
-        label=lambda recording: f"{recording['id']}, {recording['state']}, of {recording['created_at']}",
+        label=lambda recording: f"{recording.id}, {recording.state}, of {recording.created_at}",
         make="apexcal upload FILE",
     )
 
@@ -154,14 +153,18 @@ def check_id(text: str, what: str) -> str:
     return text
 
 
-def find_rig(client: Client, vehicle: Document, wanted: str) -> Document:
+def find_rig(client: Client, vehicle: VehicleOut, wanted: str) -> RigOut:
     """A vehicle's rig by id or name."""
-    return pick(client.vehicles.rigs(vehicle["id"]), "rig", wanted, "with --rig")
+    return pick(client.vehicles.rigs(vehicle.id), "rig", wanted, "with --rig")
 
 
-def find_camera(rig: Document, wanted: str) -> str:
-    """A camera of a rig by name; without one, the only one."""
-    names = [str(camera["name"]) for camera in rig["cameras"]]
+def cameras_of(rig: RigOut) -> list[str]:
+    """The names of a rig's cameras."""
+    return [camera.name for camera in rig.cameras]
+
+
+def find_camera(names: Sequence[str], wanted: str) -> str:
+    """The camera of this name; without one, the only one of these."""
     if wanted in names:
         return wanted
     if wanted:

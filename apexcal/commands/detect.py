@@ -10,20 +10,21 @@ from typing import Annotated, Any
 import typer
 
 from apexcal.client import FailedError
-from apexcal.commands.choices import Detector
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, understood, usage
 from apexcal.commands.connect import connected, find_recording
-from apexcal.documents import parse_document
+from apexcal.documents.detections import DetectionView
+from apexcal.documents.detectors import DetectorName
+from apexcal.documents.studies import PreviewView
 from apexcal.embedded.folder import DEFAULT
+from apexcal.json_files import parse_document
 from apexcal.regions import parse_region, read_region
-from apexcal.transport import Document
 
 _KEEP = "Inequality that a point must meet, for example 'range < 9' or 'z / x > 0.2'; may be given several times."
 # Below this share of accepted sweeps the region is more likely wrong than the board far away.
 _FEW = 0.05
 # Edges of a board that a person carries, metres. The detector takes 0 for "not known"; leaving --board out says that.
 _EDGES_M = (0.1, 3.0)
-_EXAMPLES: dict[Detector, str] = {
+_EXAMPLES: dict[DetectorName, str] = {
     "refined": "max_sigma_deg=0.1",
     "tolerant": "min_points=10",
     "strict": "min_ring_span=3",
@@ -34,12 +35,17 @@ def detect(
     recording: Annotated[str, typer.Argument(help="Recording, by id (`apexcal upload` prints it) or by name.")],
     keep: Annotated[list[str] | None, typer.Option(help=_KEEP, metavar="INEQUALITY")] = None,
     region: Annotated[Path | None, typer.Option(help="JSON file of a region, for trees with `or`.")] = None,
-    detector: Annotated[Detector, typer.Option(help="docs/engineers.md tells them apart.")] = "refined",
+    detector: Annotated[
+        DetectorName, typer.Option(help="How vertices are found; docs/engineers.md compares the detectors.")
+    ] = "refined",
     board: Annotated[str, typer.Option(help="Size of the board in metres, as 0.61x0.91 (refined).")] = "",
     option: Annotated[
         list[str] | None, typer.Option(help="An option of the detector; several times.", metavar="NAME=VALUE")
     ] = None,
-    offset_ms: Annotated[float, typer.Option(help="Added to a vertex's time before its frame is found.")] = 0.0,
+    offset_ms: Annotated[
+        float,
+        typer.Option(help="Camera clock minus LiDAR clock: added to a vertex's time before its frame is looked for."),
+    ] = 0.0,
     max_gap_ms: Annotated[float, typer.Option(help="Largest gap between a vertex and its frame.", min=0)] = 50.0,
     interpolate: Annotated[
         bool, typer.Option("--interpolate", help="Move each vertex along its track to the time of its frame.")
@@ -68,13 +74,14 @@ def detect(
         tree = read_region(region) if region else parse_region(keep or [])
     with connected(url, token, data) as client, bar("Detecting", not as_json) as progress:
         of = find_recording(client, recording)
-        if of["state"] == "failed":
-            raise FailedError(f"the recording {of['name']!r}", "failed", of["problem"])
+        if of.state == "failed":
+            raise FailedError(f"the recording {of.name!r}", "failed", of.problem)
         if preview:
-            shown = client.wait(client.detections.preview(of["id"], tree), on_progress=progress)
+            counted = client.wait(client.detections.preview(of.id, tree), on_progress=progress)
+            shown, sentence = counted, _preview(counted)
         else:
             started = client.detections.create(
-                of["id"],
+                of.id,
                 tree,
                 detector=detector,
                 options=options,
@@ -82,11 +89,12 @@ def detect(
                 max_gap_ns=round(max_gap_ms * 1e6),
                 mode="interpolate" if interpolate else "nearest",
             )
-            shown = client.wait(started, on_progress=progress)
-    say(shown, as_json, _preview(shown["result"]) if preview else _outcome(shown))
+            detection = client.wait(started, on_progress=progress)
+            shown, sentence = detection, _outcome(detection)
+    say(shown, as_json, sentence)
 
 
-def _board(text: str, detector: Detector) -> dict[str, Any]:
+def _board(text: str, detector: DetectorName) -> dict[str, Any]:
     """The board's edges from ``WIDTHxHEIGHT``, metres."""
     if not text:
         return {}
@@ -105,7 +113,7 @@ def _board(text: str, detector: Detector) -> dict[str, Any]:
     return {"board_width_m": width, "board_height_m": height}
 
 
-def _options(texts: list[str], detector: Detector) -> dict[str, Any]:
+def _options(texts: list[str], detector: DetectorName) -> dict[str, Any]:
     """``name=value`` pairs, the values as JSON."""
     options: dict[str, Any] = {}
     for text in texts:
@@ -120,31 +128,33 @@ def _options(texts: list[str], detector: Detector) -> dict[str, Any]:
     return options
 
 
-def _preview(result: Document) -> str:
+def _preview(preview: PreviewView) -> str:
+    result = preview.result
+    assert result is not None
     return (
-        f"The region keeps {result['points_kept']} of {result['points']} points, "
-        f"in {result['frames_kept']} of {result['frames']} sweeps."
+        f"The region keeps {result.points_kept} of {result.points} points, "
+        f"in {result.frames_kept} of {result.frames} sweeps."
     )
 
 
-def _outcome(detection: Document) -> str:
-    counts = detection["counts"]
-    rejected = sorted((counts.get("rejected") or {}).items(), key=lambda item: -item[1])
+def _outcome(detection: DetectionView) -> str:
+    counts = detection.counts
+    rejected = sorted(counts.rejected.items(), key=lambda item: -item[1])
     reasons = "".join(f"\n  {count} without: {reason.replace('_', ' ')}" for reason, count in rejected)
-    quality = ", ".join(f"{count} {name}" for name, count in sorted((counts.get("quality") or {}).items()))
+    quality = ", ".join(f"{count} {name}" for name, count in sorted(counts.quality.items()))
     return (
-        f"The detection {detection['id']} accepted {counts['accepted']} of {counts['sweeps']} sweeps"
-        f"{f' ({quality})' if quality else ''}, {counts['paired']} of them with a camera frame."
+        f"The detection {detection.id} accepted {counts.accepted} of {counts.sweeps} sweeps"
+        f"{f' ({quality})' if quality else ''}, {counts.paired} of them with a camera frame."
         f"{reasons}{_advice(detection)}"
     )
 
 
-def _advice(detection: Document) -> str:
+def _advice(detection: DetectionView) -> str:
     """What to do where hardly any sweep was accepted; empty otherwise."""
-    counts = detection["counts"]
-    if counts["accepted"] >= _FEW * counts["sweeps"]:
+    counts = detection.counts
+    if counts.accepted >= _FEW * counts.sweeps:
         return ""
-    if detection["detector"] == "strict":
+    if detection.detector == "strict":
         return "\nHint: strict accepts few sweeps by its nature; --detector tolerant or refined accepts more."
     return (
         "\nHint: hardly any sweep was accepted. Something else in the region is as high or as wide as the board: "

@@ -1,4 +1,4 @@
-"""``apexcal export``: a calibration as a file."""
+"""``apexcal export``: a calibration as JSON, or as files for other programs."""
 
 from __future__ import annotations
 
@@ -9,11 +9,31 @@ from typing import Annotated
 import typer
 
 from apexcal.client import ApiError, Client
-from apexcal.commands.common import DataOption, TokenOption, UrlOption, check_target, console, usage, write_target
+from apexcal.commands.common import (
+    DataOption,
+    TokenOption,
+    UrlOption,
+    as_document,
+    check_target,
+    console,
+    usage,
+    write_target,
+)
 from apexcal.commands.connect import check_id, connected
+from apexcal.commands.exported_files import write_exported
 from apexcal.commands.publications import CameraOption, FleetOption, VehicleOption, find_vehicle_camera
+from apexcal.documents.fleets import VehicleOut
+from apexcal.documents.results import CurrentCalibration
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
+from apexcal.resources.exports import Exported
+
+FormatOption = Annotated[
+    str,
+    typer.Option(
+        "--format",
+        help="json, or one of camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel.",
+    ),
+]
 
 
 def export(
@@ -21,25 +41,44 @@ def export(
     camera: CameraOption = "",
     fleet: FleetOption = "",
     result: Annotated[str, typer.Option(help="Id of one result, instead of the current calibration.")] = "",
+    format: FormatOption = "json",
+    urdf: Annotated[
+        Path | None, typer.Option(help="The vehicle's own URDF, to replace one joint's origin in.")
+    ] = None,
+    joint: Annotated[str, typer.Option(help="The joint of --urdf, between camera and LiDAR.")] = "",
+    camera_link: Annotated[str, typer.Option(help="The camera's optical link in --urdf, if not the frame.")] = "",
+    lidar_link: Annotated[str, typer.Option(help="The LiDAR's link in --urdf, if not the frame.")] = "",
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write; otherwise the terminal.")
+        Path | None,
+        typer.Option("--output", "-o", help="File to write, or folder for several; otherwise the terminal."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file.")] = False,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
 ) -> None:
-    """Write a camera's current calibration (intrinsics and transform, frames named), or a whole result, as JSON."""
+    """Write a camera's current calibration (intrinsics and transform, frames named), or a result.
+
+    With --urdf: that file with the origin of --joint as it was calibrated, and every other byte as it is.
+    """
     if result and (vehicle or camera):
         usage("a result belongs to one camera already", "Leave out --vehicle and --camera, or leave out --result")
-    if output:
+    if (urdf is None) != (not joint):
+        usage("--urdf and --joint belong together")
+    if output and format == "json":
         check_target(output, force)
     with connected(url, token, data) as client:
+        if urdf is not None or format != "json":
+            of = check_id(result, "result") if result else find_vehicle_camera(client, fleet, vehicle, camera)
+            links = {"camera_link": camera_link, "lidar_link": lidar_link}
+            made = _exported(client, of, format) if urdf is None else _patched(client, of, urdf, joint, links)
+            write_exported(made, output, force)
+            return
         if result:
             document = client.calibrations.result(check_id(result, "result"))
         else:
             document = _current(client, *find_vehicle_camera(client, fleet, vehicle, camera))
-    text = json.dumps(document, indent=2, ensure_ascii=False)
+    text = json.dumps(as_document(document), indent=2, ensure_ascii=False)
     if output is None:
         print(text)
         return
@@ -47,10 +86,28 @@ def export(
     console(errors=True).print(f"Wrote {output}.", soft_wrap=True)
 
 
-def _current(client: Client, vehicle: Document, camera: str) -> Document:
+def _exported(client: Client, of: str | tuple[VehicleOut, str], format: str) -> Exported:
+    if isinstance(of, str):
+        return client.exports.result(of, format)
+    return client.exports.current(of[0].id, of[1], format)
+
+
+def _patched(
+    client: Client, of: str | tuple[VehicleOut, str], urdf: Path, joint: str, links: dict[str, str]
+) -> Exported:
+    # Read as bytes: the ends of lines stay as they are.
+    text, given = urdf.read_bytes().decode(), {name: link for name, link in links.items() if link}
+    if isinstance(of, str):
+        made = client.exports.urdf_of_result(of, text, joint, **given)
+    else:
+        made = client.exports.urdf(of[0].id, of[1], text, joint, **given)
+    return Exported(urdf.name, made.encode())
+
+
+def _current(client: Client, vehicle: VehicleOut, camera: str) -> CurrentCalibration:
     """The current calibration; where there is none, the refusal names the command that makes one."""
     try:
-        return client.calibrations.current(vehicle["id"], camera)
+        return client.calibrations.current(vehicle.id, camera)
     except ApiError as error:
         if error.code == "no_calibration_yet":
             error.hint = (

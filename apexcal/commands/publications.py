@@ -1,4 +1,4 @@
-"""``apexcal publications``: what a camera was given, and by whom, when, why and against what."""
+"""``apexcal publications``: lists a camera's publications: by whom, when, why, against which objections."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ import typer
 from apexcal.client import ApiError, Client
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, say
 from apexcal.commands.connect import connected, find_camera, find_vehicle
+from apexcal.documents.fleets import VehicleOut
+from apexcal.documents.publications import PublicationView
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 VehicleOption = Annotated[str, typer.Option(help="Vehicle, by name or id; needed where there are several.")]
 CameraOption = Annotated[str, typer.Option(help="Camera; needed where the vehicle has several.")]
 FleetOption = Annotated[str, typer.Option(help="Fleet, by name or id.")]
 OverrideOption = Annotated[
-    bool, typer.Option("--override", help="Publish although something speaks against it; the reason is kept.")
+    bool, typer.Option("--override", help="Publish against the service's objections; the reason is kept.")
 ]
 
 
@@ -33,20 +34,20 @@ def publications(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """List what a camera was given, newest first. `apexcal publish RESULT --reason WHY` gives one of them again."""
+    """List a camera's publications, newest first. `apexcal publish RESULT --reason WHY` publishes one again."""
     with connected(url, token, data) as client:
         on, of = find_vehicle_camera(client, fleet, vehicle, camera)
-        found = list(islice(client.calibrations.publications(on["id"], of), limit))
+        found = list(islice(client.calibrations.publications(on.id, of), limit))
     lines = [line for one in found for line in _lines(one)]
-    say(found, as_json, "\n".join(lines) or f"Nothing was published for {of} of {on['name']} yet.")
+    say(found, as_json, "\n".join(lines) or f"Nothing was published for {of} of {on.name} yet.")
 
 
-def find_vehicle_camera(client: Client, fleet: str, vehicle: str, camera: str) -> tuple[Document, str]:
+def find_vehicle_camera(client: Client, fleet: str, vehicle: str, camera: str) -> tuple[VehicleOut, str]:
     """A vehicle, and the name of a camera of any of its rigs."""
     on = find_vehicle(client, fleet, vehicle)
-    rigs = list(client.vehicles.rigs(on["id"]))
-    cameras = {each["name"]: each for rig in rigs for each in rig["cameras"]}
-    return on, find_camera({"cameras": list(cameras.values())}, camera)
+    rigs = list(client.vehicles.rigs(on.id))
+    cameras = list(dict.fromkeys(each.name for rig in rigs for each in rig.cameras))
+    return on, find_camera(cameras, camera)
 
 
 @contextmanager
@@ -57,26 +58,30 @@ def saying_objections() -> Iterator[None]:
     except ApiError as error:
         if error.code == "objections":
             listed = "".join(f"\n  {one}" for one in error.fields["objections"])
-            error.args = (f"something speaks against publishing this result:{listed}\nNothing was published",)
+            error.args = (f"there are objections to publishing this result:{listed}\nNothing was published",)
             error.hint = "To publish it all the same, add --override, and say why with --reason."
         elif error.code == "reason_missing":
             error.hint = "Say why it is given again, with --reason."
         raise
 
 
-def given(publication: Document, vehicle: str) -> str:
+def given(publication: PublicationView, vehicle: str) -> str:
     """What a camera is given now, in a sentence, and what spoke against it."""
-    sentence = f"{publication['model']} is now the current calibration of {publication['camera']} on {vehicle}."
+    sentence = f"{publication.model} is now the current calibration of {publication.camera} on {vehicle}."
     return "\n".join([sentence, *_against(publication)])
 
 
-def _lines(publication: Document) -> list[str]:
-    by = f" by {publication['published_by']}" if publication["published_by"] else ""
-    current = ", current" if publication["is_current"] else ""
-    first = f"{publication['published_at']}{by}: {publication['model']}, result {publication['result_id']}{current}"
-    reason = [f"  {publication['reason']}"] if publication["reason"] else []
+def _lines(publication: PublicationView) -> list[str]:
+    by = f" by {publication.published_by}" if publication.published_by else ""
+    current = ", current" if publication.is_current else ""
+    first = (
+        f"{publication.published_at.isoformat()}{by}: {publication.model}, result {publication.result_id}{current}"
+    )
+    reason = [f"  {publication.reason}"] if publication.reason else []
     return [first, *reason, *_against(publication)]
 
 
-def _against(publication: Document) -> list[str]:
-    return [f"  Published against: {one}" for one in (publication["override"] or {}).get("objections", [])]
+def _against(publication: PublicationView) -> list[str]:
+    return [
+        f"  Published against: {one}" for one in (publication.override.objections if publication.override else [])
+    ]

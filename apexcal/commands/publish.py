@@ -1,4 +1,4 @@
-"""``apexcal publish``: gives a result to its vehicle's camera."""
+"""``apexcal publish``: makes a result its camera's current calibration."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def publish(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a result its camera's current calibration. Where something speaks against it, this takes --override."""
+    """Make a result its camera's current calibration. Against objections this takes --override."""
     check_id(result, "result")
     if override and not reason.strip():
         usage("--override needs a reason", "Say why with --reason; it is kept with the publication")
     with connected(url, token, data) as client, saying_objections():
         made = client.calibrations.publish(result, reason.strip() or None, override=override)
-        vehicle = client.vehicles.get(made["vehicle_id"])["name"]
+        vehicle = client.vehicles.get(made.vehicle_id).name
     say(made, as_json, given(made, vehicle))

@@ -1,4 +1,4 @@
-"""What an owner knows of a file, as options of the commands that upload it or have it read again."""
+"""Options that describe a file's content, for the commands that upload it or read it again."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from apexcal.commands.choices import LidarModel
 from apexcal.commands.common import usage
+from apexcal.documents.readings import LidarModel
 from apexcal.transport import Document
 
 TopicOption = Annotated[
@@ -21,12 +21,12 @@ TopicOption = Annotated[
     ),
 ]
 StillOption = Annotated[
-    bool, typer.Option("--still", help="Still poses: the sweeps' stamps alone count, not when each point was seen.")
+    bool, typer.Option("--still", help="Still poses: use the sweeps' stamps, not the points' own times.")
 ]
 LidarModelOption = Annotated[
-    LidarModel | None, typer.Option(help="Sensor of a packet capture; otherwise told from its packets.")
+    LidarModel | None, typer.Option(help="Sensor of a packet capture; otherwise found from its packets.")
 ]
-RingsOption = Annotated[int, typer.Option(help="How many rings the LiDAR has, where the file does not say.", min=0)]
+RingsOption = Annotated[int, typer.Option(help="Number of the LiDAR's rings, if the file does not say it.", min=0)]
 
 
 def reading_of(

@@ -1,4 +1,4 @@
-"""``apexcal reread``: a failed recording is read again from its original, with what was not known of it before."""
+"""``apexcal reread``: reads a failed recording again from its original, with further options."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def reread(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Read a failed recording again. Its original was kept; what is given here is added to what was said before."""
+    """Read a failed recording again from its original. Options add to those given before."""
     known = reading_of(topic, still=still, lidar_model=lidar_model, rings=rings)
     with connected(url, token, data) as client:
         of = find_recording(client, recording)
-        if of["state"] != "failed":
-            raise ClientError(f"the recording {of['name']!r} is {of['state']}", "Only a failed one is read again.")
+        if of.state != "failed":
+            raise ClientError(f"the recording {of.name!r} is {of.state}", "Only a failed one is read again.")
         changes: dict[str, object] = {}
         if rig:
-            changes["rig_id"] = find_rig(client, client.vehicles.get(of["vehicle_id"]), rig)["id"]
+            changes["rig_id"] = str(find_rig(client, client.vehicles.get(of.vehicle_id), rig).id)
         if known:
-            changes["reading"] = _added(of["reading"], known)
+            changes["reading"] = _added(of.reading.model_dump(mode="json", exclude_unset=True), known)
         if changes:
             of = client.recordings.edit(of, **changes)
-        of = client.recordings.retry(of["id"])
+        of = client.recordings.retry(of.id)
         with bar("Reading the recording", not as_json) as progress:
             of = wait_until_read(client, of, progress)
     say(of, as_json, what_it_is(of))

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
 from apexcal.client import Client
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, console, say
 from apexcal.commands.connect import connected, pick
+from apexcal.documents.fleets import FleetOut, VehicleOut
 from apexcal.embedded.folder import DEFAULT
 from apexcal.rigs import read_rig
-from apexcal.transport import Document
+
+Made = TypeVar("Made", FleetOut, VehicleOut)
 
 
 def rig(
@@ -35,25 +37,25 @@ def rig(
             # Nothing is made for a rig that would be refused.
             client.vehicles.check_rig(document)
             in_fleet = in_fleet or _made("fleet", client.fleets.create(fleet or "Fleet"))
-            on_vehicle = _made("vehicle", client.vehicles.create(in_fleet["id"], vehicle))
-        made = client.vehicles.create_rig(on_vehicle["id"], document)
-    where = f"{on_vehicle['name']} in the fleet {in_fleet['name']}" if in_fleet else on_vehicle["name"]
-    say(made, as_json, f"The rig {made['name']!r} of {where} is {made['id']}.")
+            on_vehicle = _made("vehicle", client.vehicles.create(in_fleet.id, vehicle))
+        made = client.vehicles.create_rig(on_vehicle.id, document)
+    where = f"{on_vehicle.name} in the fleet {in_fleet.name}" if in_fleet else on_vehicle.name
+    say(made, as_json, f"The rig {made.name!r} of {where} is {made.id}.")
 
 
-def _fleet(client: Client, wanted: str) -> Document | None:
+def _fleet(client: Client, wanted: str) -> FleetOut | None:
     """The fleet of this id or name, or the only one; None where it is to be made. Asks where there are several."""
     fleets = list(client.fleets.list())
     if not wanted:
         return pick(fleets, "fleet", wanted, "with --fleet") if fleets else None
-    return next((fleet for fleet in fleets if wanted in (fleet["id"], fleet["name"])), None)
+    return next((fleet for fleet in fleets if wanted in (str(fleet.id), fleet.name)), None)
 
 
-def _vehicle(client: Client, fleet: Document, wanted: str) -> Document | None:
-    return next((each for each in client.vehicles.list(fleet["id"]) if wanted in (each["id"], each["name"])), None)
+def _vehicle(client: Client, fleet: FleetOut, wanted: str) -> VehicleOut | None:
+    return next((each for each in client.vehicles.list(fleet.id) if wanted in (str(each.id), each.name)), None)
 
 
-def _made(what: str, thing: Document) -> Document:
+def _made(what: str, thing: Made) -> Made:
     """Say at once that a thing was made, so that it is known whatever comes after."""
-    console(errors=True).print(f"Made the {what} {thing['name']!r}.", markup=False, soft_wrap=True)
+    console(errors=True).print(f"Made the {what} {thing.name!r}.", markup=False, soft_wrap=True)
     return thing

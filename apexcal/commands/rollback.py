@@ -1,4 +1,4 @@
-"""``apexcal rollback``: gives a camera back what it had before."""
+"""``apexcal rollback``: restores a camera's previous calibration."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from apexcal.commands.publications import (
     given,
     saying_objections,
 )
+from apexcal.documents.publications import PublicationView
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 
 def rollback(
@@ -33,27 +33,27 @@ def rollback(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Give a camera back the result that it had before the current one. Nothing is deleted.
+    """Restore the result that a camera had before the current one. Nothing is deleted.
 
-    A second call goes back one further. `apexcal publications` lists all results, and `apexcal publish` gives any.
+    A second call goes back one further. `apexcal publications` lists all results, `apexcal publish` publishes any.
     """
     if not reason.strip():
         usage("the reason is empty", "Say why with --reason; it is kept with the publication")
     with connected(url, token, data) as client, saying_objections():
         on, of = find_vehicle_camera(client, fleet, vehicle, camera)
-        before = _before(list(client.calibrations.publications(on["id"], of)))
+        before = _before(list(client.calibrations.publications(on.id, of)))
         if before is None:
             raise ClientError(
-                f"{of} of {on['name']} was given nothing before the current result",
+                f"{of} of {on.name} had no result before the current one",
                 "`apexcal publications` lists what it was given.",
             )
-        made = client.calibrations.publish(before["result_id"], reason.strip(), override=override)
-    say(made, as_json, given(made, on["name"]))
+        made = client.calibrations.publish(before.result_id, reason.strip(), override=override)
+    say(made, as_json, given(made, on.name))
 
 
-def _before(publications: list[Document]) -> Document | None:
+def _before(publications: list[PublicationView]) -> PublicationView | None:
     """What came before the current result was first given: going back twice does not return to what was left."""
-    results = [one["result_id"] for one in publications]
+    results = [one.result_id for one in publications]
     if not results:
         return None
     first = len(results) - 1 - results[::-1].index(results[0])

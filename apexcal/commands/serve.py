@@ -30,7 +30,7 @@ def serve(
     workers: Annotated[
         int, typer.Option(help="Worker processes; 0 for one per core, at least two.", min=0, max=MOST)
     ] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Say where it is as one line of JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print its address as one line of JSON.")] = False,
 ) -> None:
     """Start the whole service on this machine: API and pages, broker, workers, beat. Ctrl-C stops it.
 

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from apexcal.commands.choices import Model
 from apexcal.commands.common import FAILED, JsonOption, bar, complain, say
 from apexcal.commands.grouped import grouped, option
+from apexcal.documents.camera_models import ModelName
 
 Progress = Callable[[float, str], None]
 
@@ -55,8 +55,8 @@ def simulate(
         ),
     ] = "bag",
     seconds: Annotated[float, option("--seconds", _RECORDING, "S", "Length of the recording.")] = 120.0,
-    seed: Annotated[int, option("--seed", _RECORDING, "N", "Of walk, mounts and noise.")] = 1,
-    sensor: Annotated[Sensor, option("--sensor", _LIDAR, None, "With its own rings, step and rate.")] = "vlp16",
+    seed: Annotated[int, option("--seed", _RECORDING, "N", "Seed of walk, mounts and noise.")] = 1,
+    sensor: Annotated[Sensor, option("--sensor", _LIDAR, None, "LiDAR model: rings, azimuth step, rate.")] = "vlp16",
     rings: Annotated[
         int | None, option("--rings", _LIDAR, "4..128", "Another number of rings, evenly over its elevations.")
     ] = None,
@@ -80,11 +80,13 @@ def simulate(
             "NAME:DEGREES:MODEL for a lens of its own; or how many, up to 11.",
         ),
     ] = "front",
-    camera_model: Annotated[Model, option("--camera-model", _CAMERAS, None, "Their lens.")] = "brown_conrady",
+    camera_model: Annotated[
+        ModelName, option("--camera-model", _CAMERAS, None, "Model of their lens.")
+    ] = "brown_conrady",
     camera_hz: Annotated[float, option("--camera-hz", _CAMERAS, "HZ", "Frames per second of each.")] = 15.0,
-    pitch_down_deg: Annotated[float, option("--pitch-down-deg", _CAMERAS, "DEG", "Of their mounts.")] = 15.0,
+    pitch_down_deg: Annotated[float, option("--pitch-down-deg", _CAMERAS, "DEG", "How far they look down.")] = 15.0,
     clock_offset_ms: Annotated[
-        float, option("--clock-offset-ms", _CAMERAS, "MS", "What their clock shows more than the LiDAR's.")
+        float, option("--clock-offset-ms", _CAMERAS, "MS", "How far their clock is ahead of the LiDAR's.")
     ] = 0.0,
     clock_jitter_ms: Annotated[
         float, option("--clock-jitter-ms", _CAMERAS, "MS", "Standard deviation of their stamps.")
@@ -101,7 +103,7 @@ def simulate(
         ),
     ] = "rows",
     board: Annotated[
-        str, option("--board", _WALK, "WxH", "Metres of its edges, to the left and to the right of the apex.")
+        str, option("--board", _WALK, "WxH", "Lengths of its edges in metres, left and right of the top vertex.")
     ] = "0.6096x0.9144",
     walker_height_m: Annotated[
         float, option("--walker-height-m", _WALK, "M", "A taller person lifts the board higher.")
@@ -110,8 +112,8 @@ def simulate(
         float,
         option("--head-above-m", _WAY, "M", "The head is at least this far above the board; 0: behind it."),
     ] = 0.0,
-    second_person: Annotated[Second, option("--second-person", _WAY, None, "Goes along.")] = "none",
-    poles: Annotated[int, option("--poles", _WAY, "N", "Stand where the walker walks.")] = 0,
+    second_person: Annotated[Second, option("--second-person", _WAY, None, "Where a second person walks.")] = "none",
+    poles: Annotated[int, option("--poles", _WAY, "N", "Poles where the walker walks.")] = 0,
     speckle: Annotated[
         float, option("--speckle", _WAY, "SHARE", "Beams that meet rain, snow or dust close by.")
     ] = 0.0,
@@ -151,7 +153,7 @@ def run_simulation(out: Path, options: Mapping[str, Any], progress: Progress) ->
         complaint = process.stderr.read().strip()
     if process.returncode != 0:
         last = complaint.splitlines()[-1] if complaint else "no reason given"
-        # Neither the parser's program nor the system's number of an error says anything to whoever typed this.
+        # The parser's program name and the error number mean nothing to the person who typed this.
         reason = re.sub(r"\[Errno \d+\] ", "", re.sub(r"^\S.*?: error: ", "", last))
         complain(f"the simulation was refused: {reason}", code=2 if process.returncode == 2 else FAILED)
     return summary

@@ -19,8 +19,8 @@ from apexcal.commands.common import (
     write_target,
 )
 from apexcal.commands.connect import connected, find_recording
+from apexcal.documents.studies import SuggestionFacts
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 
 def suggest(
@@ -39,14 +39,15 @@ def suggest(
     check_target(out, force)
     with connected(url, token, data) as client, bar("Looking for what moves", not as_json) as progress:
         of = find_recording(client, recording)
-        done = client.wait(client.detections.suggest(of["id"]), on_progress=progress)
-    write_target(out, json.dumps(done["result"]["region"], indent=2) + "\n")
-    say(done, as_json, f"{_what_was_found(done['result']['facts'])}\nThe region is in {out}.")
+        done = client.wait(client.detections.suggest(of.id), on_progress=progress)
+    assert done.result is not None
+    write_target(out, json.dumps(done.result.region, indent=2) + "\n")
+    say(done, as_json, f"{_what_was_found(done.result.facts)}\nThe region is in {out}.")
 
 
-def _what_was_found(facts: Document) -> str:
-    notes = "".join(f"\n  {note}" for note in facts["notes"])
+def _what_was_found(facts: SuggestionFacts) -> str:
+    notes = "".join(f"\n  {note}" for note in facts.notes)
     return (
-        f"Somebody walks in {facts['sweeps_moving']} of {facts['sweeps_read']} sweeps that were looked at, over "
-        f"{facts['area_m2']:.0f} square metres.{notes}"
+        f"Somebody walks in {facts.sweeps_moving} of {facts.sweeps_read} sweeps that were looked at, over "
+        f"{facts.area_m2:.0f} square metres.{notes}"
     )

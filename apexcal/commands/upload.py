@@ -1,4 +1,4 @@
-"""``apexcal upload``: a recording, from this disk to `ready`."""
+"""``apexcal upload``: uploads a recording and waits until it is ready."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from apexcal.commands.reading import (
     reading_of,
     which_is_which,
 )
+from apexcal.documents.fleets import RigOut, VehicleOut
+from apexcal.documents.recordings import RecordingSummary, RecordingView
 from apexcal.embedded.folder import DEFAULT
-from apexcal.transport import Document
 
 
 def upload(
@@ -35,14 +36,16 @@ def upload(
     still: StillOption = False,
     lidar_model: LidarModelOption = None,
     rings: RingsOption = 0,
-    new: Annotated[bool, typer.Option("--new", help="Do not go on with an upload that broke off.")] = False,
+    new: Annotated[
+        bool, typer.Option("--new", help="Start a new upload instead of continuing an interrupted one.")
+    ] = False,
     wait: Annotated[bool, typer.Option(help="Wait until it is ready.")] = True,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Upload a recording. One that broke off goes on where it stopped when the same command is given again.
+    """Upload a recording. Repeat the command to continue an interrupted upload.
 
     Formats: ROS 1 bag; ROS 2 bag (its folder, or the bare .db3 or .mcap); MCAP of Foxglove; .pcap or .pcapng of a
     Velodyne sensor; folder, .zip or .tar of clouds (PCD, KITTI .bin, .npy, .csv) and images, or KITTI's raw layout;
@@ -53,7 +56,7 @@ def upload(
     with connected(url, token, data) as client:
         on = find_vehicle(client, fleet, vehicle)
         with_rig = find_rig(client, on, rig)
-        begun = None if new else client.recordings.unfinished(path, on["id"], with_rig["id"])
+        begun = None if new else client.recordings.unfinished(path, on.id, with_rig.id)
         with bar("Uploading", not as_json) as progress:
             recording = _send(client, path, on, with_rig, begun, name, marks, retain_days, known, progress)
         if wait:
@@ -62,33 +65,35 @@ def upload(
     say(recording, as_json, what_it_is(recording))
 
 
-def wait_until_read(client: Client, recording: Document, progress: Callable[[float, str], None]) -> Document:
+def wait_until_read(
+    client: Client, recording: RecordingSummary, progress: Callable[[float, str], None]
+) -> RecordingView:
     """The recording when it is ready. Raises :class:`FailedError`; where topics must be named, it lists them."""
     try:
         return client.wait(recording, on_progress=progress)
     except FailedError as error:
-        error.hint += which_is_which(error.problem).replace("RECORDING", recording["id"])
+        error.hint += which_is_which(error.problem).replace("RECORDING", str(recording.id))
         raise
 
 
-def what_it_is(recording: Document) -> str:
+def what_it_is(recording: RecordingSummary) -> str:
     """A recording's state in a sentence, and its warnings."""
-    warnings = "".join(f"\nNote: {warning}" for warning in recording.get("warnings") or [])
-    return f"The recording {recording['name']!r} is {recording['id']}, {recording['state']}.{warnings}"
+    warnings = "".join(f"\nNote: {warning}" for warning in recording.warnings)
+    return f"The recording {recording.name!r} is {recording.id}, {recording.state}.{warnings}"
 
 
 def _send(
     client: Client,
     path: Path,
-    vehicle: Document,
-    rig: Document,
-    begun: Document | None,
+    vehicle: VehicleOut,
+    rig: RigOut,
+    begun: RecordingSummary | None,
     name: str,
     marks: int,
     retain_days: int,
     reading: Mapping[str, Any],
     progress: Callable[[float, str], None],
-) -> Document:
+) -> RecordingView:
     def on_bytes(done: int, total: int) -> None:
         progress(done / total, f"{done / 1e6:.0f} of {total / 1e6:.0f} MB")
 
@@ -96,8 +101,8 @@ def _send(
         return client.recordings.resume(begun, path, on_progress=on_bytes)
     return client.recordings.upload(
         path,
-        vehicle["id"],
-        rig["id"],
+        vehicle.id,
+        rig.id,
         name=name or None,
         marks_per_vertex=marks,
         retain_days=retain_days or None,

@@ -1,4 +1,4 @@
-"""``apexcal worker``: one more host for a fleet's work."""
+"""``apexcal worker``: starts a worker on another host of a fleet."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 def worker(
-    queues: Annotated[str, typer.Option(help="Queues to work for, with commas.")] = QUEUES,
+    queues: Annotated[str, typer.Option(help="Queues to work for, separated by commas.")] = QUEUES,
     processes: Annotated[int, typer.Option(help="Pool processes; 0 for one per core.", min=0, max=MOST)] = 0,
     name: Annotated[str, typer.Option(help="Name of this worker; the host's name is added.")] = "apexcal",
 ) -> None:
-    """Start a worker of a fleet on this host, in this process's place.
+    """Start a worker of a fleet on this host.
 
     It reads the same settings as the service: APEXCAL_DATABASE_URL, APEXCAL_BROKER_URL, APEXCAL_BLOB_URL.
     SIGTERM lets it finish or give back what it holds. (`apexcal serve` starts its own worker.)

@@ -1,4 +1,4 @@
-"""``make demo``: exit code 0 only if every step really happened and reached what it should."""
+"""``make demo``: exit code 0 only if every step happened and its figures reach the demo's goals."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from apexcal.client import Client, ClientError
 from apexcal.demo import real, report, simulated
 from apexcal.demo.service import Service, serving
 from apexcal.demo.steps import Steps
+from apexcal.documents.fleets import FleetOut
 from apexcal.embedded.folder import DEFAULT
 from apexcal.transport import Document
 
@@ -80,7 +81,7 @@ def _started(steps: Steps) -> Iterator[tuple[Service, Client]]:
         yield service, until.enter_context(service.client())
 
 
-def _real(steps: Steps, service: Service, fleet: Document, data: Path | None) -> Document:
+def _real(steps: Steps, service: Service, fleet: FleetOut, data: Path | None) -> Document:
     if data is None:
         return {"skipped": "there is no ../shared/data/vlp16-diamond-board"}
     with service.client() as client:

@@ -7,6 +7,7 @@ from pathlib import Path
 from apexcal.client import Client
 from apexcal.demo import job
 from apexcal.demo.steps import Steps
+from apexcal.documents.fleets import FleetOut
 from apexcal.transport import Document
 
 HALF = "real"
@@ -49,10 +50,10 @@ def find_data(start: Path) -> Path | None:
     return folder if (folder / "recording.bag").is_file() and (folder / "correspondences.csv").is_file() else None
 
 
-def run(steps: Steps, client: Client, fleet: Document, folder: Path) -> Document:
+def run(steps: Steps, client: Client, fleet: FleetOut, folder: Path) -> Document:
     """Ingest, detect, and calibrate from the imported correspondences: the ``real`` part of the report."""
-    vehicle = client.vehicles.create(fleet["id"], "Real vehicle")
-    rig = client.vehicles.create_rig(vehicle["id"], RIG)
+    vehicle = client.vehicles.create(fleet.id, "Real vehicle")
+    rig = client.vehicles.create_rig(vehicle.id, RIG)
     # Still poses whose stamps were made up: when in its turn the LiDAR saw a point means nothing here.
     reading = {"point_times": "stamp_only"}
     bag = folder / "recording.bag"
@@ -62,15 +63,15 @@ def run(steps: Steps, client: Client, fleet: Document, folder: Path) -> Document
     refined = job.detect(steps, HALF, client, recording, REGION, "refined", options=BOARD)
     with steps.step(HALF, "import correspondences") as report:
         text = (folder / "correspondences.csv").read_bytes()
-        pairs = client.correspondence_sets.import_csv(rig["id"], CAMERA, text)
-        report(1.0, f"{pairs['count']} pairs")
+        pairs = client.correspondence_sets.import_csv(rig.id, CAMERA, text)
+        report(1.0, f"{pairs.count} pairs")
     calibration, _ = job.calibrate(steps, HALF, client, pairs, folds=5, publish="recommended")
     document: Document = dict(job.figures(calibration, CAMERA))
     document |= {
-        "correspondences": pairs["count"],
+        "correspondences": pairs.count,
         "detections": job.acceptance([strict, tolerant, refined]),
-        "notes": calibration["notes"],
-        "recording_id": recording["id"],
-        "calibration_id": calibration["id"],
+        "notes": calibration.notes,
+        "recording_id": str(recording.id),
+        "calibration_id": str(calibration.id),
     }
     return document

@@ -1,4 +1,4 @@
-"""What the demo prints and writes, and what it must have reached."""
+"""The demo's table and report, and the goals that decide its exit code."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from apexcal.demo.job import MODELS
+from apexcal.documents.camera_models import MODELS
 from apexcal.transport import Document
 
-# Goals of the demo: see the issue that asked for it, and docs/demo.md.
+# Goals of the demo; docs/demo.md states them.
 _REAL_POLISHED_PX = {"pinhole": 19.5, "brown_conrady": 4.3}
 _ROTATION_DEG = 1.0
 _HELDOUT_FACTOR = 1.5

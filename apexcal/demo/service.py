@@ -1,4 +1,4 @@
-"""The embedded service that the demo works with: a running one, or one of its own for as long as it takes."""
+"""The demo's service: one that runs already, or one started for the demo."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""What the simulator knows: where the board's vertex really was, and what the true parameters project."""
+"""The simulator's ground truth: true vertices, and projections with the true parameters."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.correspondence_sets import PairView
+from apexcal.documents.transforms import SolvedTransform
 from apexcal.transport import Document
 
 Floats = NDArray[np.float64]
@@ -39,15 +41,15 @@ class Truth:
             return xyz, None
         return xyz, (uv[0], uv[1])
 
-    def errors_px(self, pairs: Sequence[Mapping[str, float]]) -> Floats:
+    def errors_px(self, pairs: Sequence[PairView]) -> Floats:
         """Distance in pixels between each pair's mark and what the true parameters make of its point, (N,)."""
-        points = np.array([[pair[axis] for axis in "xyz"] for pair in pairs], np.float64)
-        marks = np.array([[pair[axis] for axis in "uv"] for pair in pairs], np.float64)
+        points = np.array([[pair.x, pair.y, pair.z] for pair in pairs], np.float64)
+        marks = np.array([[pair.u, pair.v] for pair in pairs], np.float64)
         return np.linalg.norm(project(self.intrinsics, points @ self.R.T + self.t) - marks, axis=1)
 
-    def errors_of(self, transform: Document) -> tuple[float, float]:
+    def errors_of(self, transform: SolvedTransform) -> tuple[float, float]:
         """How far a ``T_camera_lidar`` is off: the angle in degrees, and the lever arm |t - t_true| in metres."""
-        R, t = rotation_and_translation(transform)
+        R, t = np.array(transform.rotation.matrix, np.float64), np.array(transform.translation_m, np.float64)
         # |R - R_true| = 2 sqrt(2) sin(angle / 2) in the Frobenius norm: exact for small angles, where acos is not.
         angle = 2.0 * np.arcsin(min(1.0, float(np.linalg.norm(R - self.R)) / (2.0 * np.sqrt(2.0))))
         return float(np.degrees(angle)), float(np.linalg.norm(t - self.t))

@@ -84,7 +84,7 @@ class Child:
         self._started = time.monotonic()
         self._turn("running")
 
-    def look(self) -> bool:
+    def poll(self) -> bool:
         """Note a death, or start again when that is due. Returns whether something changed."""
         if self._process is not None:
             if not self._ended():

@@ -1,4 +1,4 @@
-"""The data folder of an embedded service: who holds it, and where its files lie."""
+"""The data folder of an embedded service: its lock and its paths."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def is_served(root: Path) -> bool:
     """Whether an embedded service holds ``root`` now."""
     try:
         with (root / "serve.lock").open() as lock:
-            # Shared: who looks is no holder to others who look.
+            # A shared lock: processes that only look do not see each other as holders.
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True

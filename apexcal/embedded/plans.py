@@ -1,4 +1,4 @@
-"""What the children of an embedded service are: their commands and their common environment."""
+"""The child processes of an embedded service: their commands and environment."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from apexcal.embedded.folder import DataFolder
 QUEUES = "ingest,detect,solve,report"
 # A worker of its own reads uploads: a file may take long, and nothing else must wait for it.
 READING, COMPUTING = "ingest", "detect,solve,report"
-# More than this is a slip of the hand; each takes some 200 MB and two open files of its parent.
+# More is a typing error: each takes some 200 MB and two open files of its parent.
 MOST_PROCESSES = 256
 STOP_ORDER = ("api", "beat", "sweeper", "worker", "worker-ingest", "broker")
 

@@ -1,4 +1,4 @@
-"""Brings an embedded service up, says where it is, keeps it up, and takes it down."""
+"""Starts an embedded service, says where it is, supervises it, and stops it."""
 
 from __future__ import annotations
 
@@ -94,21 +94,20 @@ def _bring_up(
 ) -> str:
     """Start everything in order and return the owner's one-time link; empty when told to stop meanwhile."""
     supervisor.start(plans.broker(folder, settings))
+    mark = ("--mark",) if _lacks_marker(folder, settings) else ()
+    printed = _run("service.prepare", ("--token-file", str(folder.owner_token), *mark), settings)
     _wait(supervisor, lambda: plans.broker_answers(folder.socket), "the broker", folder.logs / "broker.log")
     if supervisor.stopping:
         return ""
-    _run("service.db.migrate", (), settings, "the database could not be brought up to date")
-    if _lacks_marker(folder, settings):
-        _run("service.storage.prepare", (), settings, "the recordings are not in their place")
     supervisor.start(plans.api(folder, settings, host, port))
+    supervisor.start(plans.sweeper(folder, settings))
+    _wait(supervisor, lambda: _answers(host, port, "/readyz"), "the service", folder.logs)
+    if supervisor.stopping:
+        return ""
+    # They import and compile for long, and would take the cores from what has to answer.
     supervisor.start(plans.worker(folder, settings, workers, plans.COMPUTING))
     supervisor.start(plans.worker(folder, settings, workers, plans.READING, "worker-ingest"))
-    supervisor.start(plans.sweeper(folder, settings))
     supervisor.start(plans.beat(folder, settings))
-    printed = _run(
-        "service.auth.bootstrap", ("--token-file", str(folder.owner_token)), settings, "the owner could not be made"
-    )
-    _wait(supervisor, lambda: _answers(host, port, "/readyz"), "the service", folder.logs)
     link = re.search(r"\S+/sign-in#\S+", printed)
     return link.group(0) if link else ""
 
@@ -127,7 +126,7 @@ def _wait(supervisor: Supervisor, ready: Callable[[], bool], what: str, log: Pat
         raise StartError(f"{what} did not come up within {_START_S:.0f} s", f"Look at {log}.")
 
 
-def _run(module: str, arguments: tuple[str, ...], settings: Mapping[str, str], failure: str) -> str:
+def _run(module: str, arguments: tuple[str, ...], settings: Mapping[str, str]) -> str:
     """Run one of the service's own modules to its end and return what it printed."""
     done = subprocess.run(
         (sys.executable, "-m", module, *arguments),
@@ -138,7 +137,10 @@ def _run(module: str, arguments: tuple[str, ...], settings: Mapping[str, str], f
     )
     if done.returncode != 0:
         lines = (done.stderr.strip() or done.stdout.strip()).splitlines()
-        raise StartError(f"{failure}: {lines[-1] if lines else 'no reason given'}", "Nothing was changed.")
+        raise StartError(
+            f"the service could not be made ready: {lines[-1] if lines else 'no reason given'}",
+            "Nothing was started.",
+        )
     return done.stdout
 
 

@@ -1,4 +1,4 @@
-"""Watches the children: a dead one is started again, all end with the command, a file says how they are."""
+"""Supervises the children: restarts a dead one, ends all with the command, writes their state to a file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Supervisor:
         os.set_blocking(self._wake, False)
         signal.set_wakeup_fd(self._woken, warn_on_full_buffer=False)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-            # `nohup` ignores SIGHUP for us, and means it.
+            # Under `nohup` SIGHUP is ignored on purpose.
             if signal.getsignal(number) is not signal.SIG_IGN or number != signal.SIGHUP:
                 signal.signal(number, self._stop)
         signal.signal(signal.SIGCHLD, lambda number, frame: None)
@@ -81,7 +81,7 @@ class Supervisor:
         if not self.stopping:
             for child in self._children:
                 child.bound_log()
-            changed = [child.look() for child in self._children]
+            changed = [child.poll() for child in self._children]
             if any(changed):
                 self._write()
 

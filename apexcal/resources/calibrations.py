@@ -1,4 +1,4 @@
-"""Correspondence sets, calibrations and what they found."""
+"""Correspondence sets, calibrations and results."""
 
 from __future__ import annotations
 
@@ -6,7 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
-from apexcal.transport import Document, Transport, at
+from apexcal.documents.calibrations import CalibrationView, SlotView
+from apexcal.documents.correspondence_sets import SetView, SetWithPairs
+from apexcal.documents.exports import VehicleCalibration
+from apexcal.documents.publications import PublicationView
+from apexcal.documents.results import CurrentCalibration, ResultView
+from apexcal.transport import Transport, at, read
 
 
 class CorrespondenceSets:
@@ -15,29 +20,31 @@ class CorrespondenceSets:
     def __init__(self, transport: Transport) -> None:
         self._http = transport
 
-    def build(self, detection_id: UUID | str, camera: str, *, exclude_flagged: bool = False) -> Document:
+    def build(self, detection_id: UUID | str, camera: str, *, exclude_flagged: bool = False) -> SetView:
         """A set from the marks of a detection's vertices. The same content again answers the same set."""
         body = {"camera": camera, "exclude_flagged": exclude_flagged}
-        return self._http.post(at("detections", detection_id, "correspondence-sets"), body)
+        return self._http.post(at("detections", detection_id, "correspondence-sets"), SetView, body)
 
-    def import_pairs(self, rig_id: UUID | str, camera: str, pairs: Sequence[Mapping[str, float]]) -> Document:
+    def import_pairs(self, rig_id: UUID | str, camera: str, pairs: Sequence[Mapping[str, float]]) -> SetView:
         """A set from ``{"x", "y", "z", "u", "v"}`` (metres, LiDAR frame; pixels), ``stamp_ns`` or ``group`` each."""
         return self._import(rig_id, camera, json={"pairs": [dict(pair) for pair in pairs]})
 
-    def import_csv(self, rig_id: UUID | str, camera: str, text: bytes) -> Document:
+    def import_csv(self, rig_id: UUID | str, camera: str, text: bytes) -> SetView:
         """A set from CSV with the columns x, y, z, u, v and, where known, stamp_ns or group."""
         return self._import(rig_id, camera, content=text, headers={"Content-Type": "text/csv"})
 
-    def get(self, set_id: UUID | str) -> Document:
+    def get(self, set_id: UUID | str) -> SetWithPairs:
         """One set with its pairs."""
-        return self._http.get(at("correspondence-sets", set_id))
+        return self._http.get(at("correspondence-sets", set_id), SetWithPairs)
 
-    def list(self, rig_id: UUID | str) -> Iterator[Document]:
+    def list(self, rig_id: UUID | str) -> Iterator[SetView]:
         """The sets of a rig."""
-        return self._http.items(at("rigs", rig_id, "correspondence-sets"))
+        return self._http.items(at("rigs", rig_id, "correspondence-sets"), SetView)
 
-    def _import(self, rig_id: UUID | str, camera: str, **body: Any) -> Document:
-        return self._http.create(at("rigs", rig_id, "correspondence-sets"), params={"camera": camera}, **body)
+    def _import(self, rig_id: UUID | str, camera: str, **body: Any) -> SetView:
+        return read(
+            self._http.create(at("rigs", rig_id, "correspondence-sets"), params={"camera": camera}, **body), SetView
+        )
 
 
 class Calibrations:
@@ -49,61 +56,86 @@ class Calibrations:
     def create(
         self,
         vehicle_id: UUID | str,
-        correspondence_set_ids: Sequence[str],
+        correspondence_set_ids: Sequence[UUID | str],
         models: Sequence[str] | None = None,
         **request: Any,
-    ) -> Document:
+    ) -> CalibrationView:
         """Request a calibration: every model, or every one of ``models``, on every camera's pairs.
 
         ``request`` holds what the API takes besides: ``preset``, ``schedule``, ``search``, ``rotation_range_deg``,
         ``bounds_preset``, ``intrinsics_from``, ``intrinsics`` (a lens by camera), ``intrinsics_as``, ``bounds``,
         ``locked``, ``priors``, ``loss``, ``outliers``, ``weights``, ``seed``, ``folds``, ``farm``, ``publish``.
         """
-        body = {"correspondence_set_ids": list(correspondence_set_ids), **request}
+        body = {"correspondence_set_ids": [str(one) for one in correspondence_set_ids], **request}
         if models is not None:
             body["models"] = list(models)
-        return self._http.post(at("vehicles", vehicle_id, "calibrations"), body)
+        return self._http.post(at("vehicles", vehicle_id, "calibrations"), CalibrationView, body)
 
-    def list(self, vehicle_id: UUID | str) -> Iterator[Document]:
+    def list(self, vehicle_id: UUID | str) -> Iterator[CalibrationView]:
         """The calibrations of a vehicle, newest first."""
-        return self._http.items(at("vehicles", vehicle_id, "calibrations"))
+        return self._http.items(at("vehicles", vehicle_id, "calibrations"), CalibrationView)
 
-    def get(self, calibration_id: UUID | str) -> Document:
+    def get(self, calibration_id: UUID | str) -> CalibrationView:
         """One calibration: its state, its runs and, when it is done, its ``summary``."""
-        return self._http.get(at("calibrations", calibration_id))
+        return self._http.get(at("calibrations", calibration_id), CalibrationView)
 
-    def cancel(self, calibration_id: UUID | str) -> Document:
+    def cancel(self, calibration_id: UUID | str) -> CalibrationView:
         """End a calibration that is not done."""
-        return self._http.post(at("calibrations", calibration_id, "cancel"))
+        return self._http.post(at("calibrations", calibration_id, "cancel"), CalibrationView)
 
-    def result(self, result_id: UUID | str) -> Document:
+    def result(self, result_id: UUID | str) -> ResultView:
         """What a run found: parameters, transform, standard deviations, residuals, alarms."""
-        return self._http.get(at("results", result_id))
+        return self._http.get(at("results", result_id), ResultView)
 
-    def slots(self, calibration_id: UUID | str, camera: str, model: str, fold: int = -1) -> Iterator[Document]:
+    def slots(self, calibration_id: UUID | str, camera: str, model: str, fold: int = -1) -> Iterator[SlotView]:
         """The GA slots of one run, with the worker that ran each."""
-        return self._http.items(at("calibrations", calibration_id, "slots"), camera=camera, model=model, fold=fold)
+        return self._http.items(
+            at("calibrations", calibration_id, "slots"), SlotView, camera=camera, model=model, fold=fold
+        )
 
-    def publish(self, result_id: UUID | str, reason: str | None = None, *, override: bool = False) -> Document:
+    def publish(self, result_id: UUID | str, reason: str | None = None, *, override: bool = False) -> PublicationView:
         """Make a result its camera's current calibration.
 
         ApiError ``objections`` where something speaks against it (``fields["objections"]``): ``override`` publishes
         all the same, for this ``reason``, and both are kept. A result that was published before needs a reason.
         """
         if override:
-            return self._http.post(at("results", result_id, "publication"), {"override": {"reason": reason or ""}})
-        return self._http.post(at("results", result_id, "publication"), {"reason": reason} if reason else {})
+            return self._http.post(
+                at("results", result_id, "publication"), PublicationView, {"override": {"reason": reason or ""}}
+            )
+        return self._http.post(
+            at("results", result_id, "publication"), PublicationView, {"reason": reason} if reason else {}
+        )
 
-    def publications(self, vehicle_id: UUID | str, camera: str) -> Iterator[Document]:
+    def publications(self, vehicle_id: UUID | str, camera: str) -> Iterator[PublicationView]:
         """What a camera was given, newest first: by whom, when, why and against which objections."""
-        return self._http.items(at("vehicles", vehicle_id, "cameras", camera, "publications"))
+        return self._http.items(at("vehicles", vehicle_id, "cameras", camera, "publications"), PublicationView)
 
-    def current(self, vehicle_id: UUID | str, camera: str) -> Document:
+    def current(self, vehicle_id: UUID | str, camera: str) -> CurrentCalibration:
         """A camera's current calibration; ApiError ``no_calibration_yet`` where there is none."""
-        return self._http.get(at("vehicles", vehicle_id, "cameras", camera, "calibration"))
+        return self._http.get(at("vehicles", vehicle_id, "cameras", camera, "calibration"), CurrentCalibration)
+
+    def vehicle(
+        self, vehicle_id: UUID | str, cameras: Sequence[str] | None = None, as_of: str | None = None
+    ) -> VehicleCalibration:
+        """What all cameras of a vehicle are given now, or were at a moment; ApiError ``no_calibration_yet``."""
+        return self._http.get(
+            at("vehicles", vehicle_id, "calibration"), VehicleCalibration, camera=cameras, as_of=as_of
+        )
+
+    def vehicle_if_changed(
+        self, vehicle_id: UUID | str, etag: str | None = None, **query: Any
+    ) -> tuple[bytes, str] | None:
+        """The same answer as bytes with its ETag; None where it still is what ``etag`` names.
+
+        ``query``: ``camera``, ``as_of``, ``format``.
+        """
+        return self._http.get_bytes_if_changed(at("vehicles", vehicle_id, "calibration"), etag, **query)
 
     def current_if_changed(
         self, vehicle_id: UUID | str, camera: str, etag: str | None = None
-    ) -> tuple[Document, str] | None:
+    ) -> tuple[CurrentCalibration, str] | None:
         """A camera's current calibration and its ETag; None where it still is the one that ``etag`` names."""
-        return self._http.get_if_changed(at("vehicles", vehicle_id, "cameras", camera, "calibration"), etag)
+        return self._http.get_if_changed(
+            at("vehicles", vehicle_id, "cameras", camera, "calibration"), CurrentCalibration, etag
+        )

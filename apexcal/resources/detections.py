@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from typing import Any
 from uuid import UUID
 
-from apexcal.transport import Document, Transport, at
+from apexcal.documents.detections import DetectionView, VertexView
+from apexcal.documents.detectors import PairingMode
+from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
+from apexcal.transport import Transport, at
 
 
 class Detections:
@@ -18,40 +21,40 @@ class Detections:
     def __init__(self, transport: Transport) -> None:
         self._http = transport
 
-    def preview(self, recording_id: UUID | str, region: Mapping[str, Any]) -> Document:
+    def preview(self, recording_id: UUID | str, region: Mapping[str, Any]) -> PreviewView:
         """Ask how many frames and points a region keeps."""
-        return self._http.post(at("recordings", recording_id, "region-previews"), {"region": region})
+        return self._http.post(at("recordings", recording_id, "region-previews"), PreviewView, {"region": region})
 
-    def get_preview(self, preview_id: UUID | str) -> Document:
+    def get_preview(self, preview_id: UUID | str) -> PreviewView:
         """A preview and, when it is done, its ``result``."""
-        return self._http.get(at("region-previews", preview_id))
+        return self._http.get(at("region-previews", preview_id), PreviewView)
 
-    def suggest(self, recording_id: UUID | str) -> Document:
+    def suggest(self, recording_id: UUID | str) -> SuggestionView:
         """Ask for a region around what moves; its ``result`` is ``{"region", "facts"}``."""
-        return self._http.post(at("recordings", recording_id, "region-suggestions"), {})
+        return self._http.post(at("recordings", recording_id, "region-suggestions"), SuggestionView, {})
 
-    def get_suggestion(self, suggestion_id: UUID | str) -> Document:
+    def get_suggestion(self, suggestion_id: UUID | str) -> SuggestionView:
         """A suggestion and, when it is done, its ``result``."""
-        return self._http.get(at("region-suggestions", suggestion_id))
+        return self._http.get(at("region-suggestions", suggestion_id), SuggestionView)
 
     def estimate_offset(
         self, recording_id: UUID | str, detection_id: UUID | str, camera: str, *, model: str | None = None
-    ) -> Document:
-        """Ask how much the camera's clock shows more than the LiDAR's, from a detection's vertices and their marks.
+    ) -> OffsetView:
+        """Estimate how far the camera's clock is ahead of the LiDAR's, from a detection's vertices and their marks.
 
         Its ``result`` has ``offset_ns`` and ``sigma_ns``, for ``create(..., offset_ns=...)``; ``model`` is the lens
         that is fitted along.
         """
         body = {"detection_id": str(detection_id), "camera": camera} | ({"model": model} if model else {})
-        return self._http.post(at("recordings", recording_id, "clock-offsets"), body)
+        return self._http.post(at("recordings", recording_id, "clock-offsets"), OffsetView, body)
 
-    def get_offset(self, offset_id: UUID | str) -> Document:
+    def get_offset(self, offset_id: UUID | str) -> OffsetView:
         """A clock offset and, when it is done, its ``result`` and a ``hint`` how to use it."""
-        return self._http.get(at("clock-offsets", offset_id))
+        return self._http.get(at("clock-offsets", offset_id), OffsetView)
 
-    def offsets(self, recording_id: UUID | str) -> Iterator[Document]:
+    def offsets(self, recording_id: UUID | str) -> Iterator[OffsetView]:
         """The clock offsets that were estimated of a recording, newest first."""
-        return self._http.items(at("recordings", recording_id, "clock-offsets"))
+        return self._http.items(at("recordings", recording_id, "clock-offsets"), OffsetView)
 
     def create(
         self,
@@ -62,8 +65,8 @@ class Detections:
         options: Mapping[str, Any] | None = None,
         offset_ns: int = 0,
         max_gap_ns: int = 50_000_000,
-        mode: Literal["nearest", "interpolate"] = "nearest",
-    ) -> Document:
+        mode: PairingMode = "nearest",
+    ) -> DetectionView:
         """Start a detection run. ``offset_ns`` is added to a vertex's time before its camera frame is looked for.
 
         ``mode="interpolate"`` moves each vertex along its track to the time of its frame.
@@ -74,25 +77,27 @@ class Detections:
             "options": dict(options or {}),
             "pairing": {"mode": mode, "offset_ns": offset_ns, "max_gap_ns": max_gap_ns},
         }
-        return self._http.post(at("recordings", recording_id, "detections"), body)
+        return self._http.post(at("recordings", recording_id, "detections"), DetectionView, body)
 
-    def list(self, recording_id: UUID | str) -> Iterator[Document]:
+    def list(self, recording_id: UUID | str) -> Iterator[DetectionView]:
         """The detection runs of a recording."""
-        return self._http.items(at("recordings", recording_id, "detections"))
+        return self._http.items(at("recordings", recording_id, "detections"), DetectionView)
 
-    def get(self, detection_id: UUID | str) -> Document:
+    def get(self, detection_id: UUID | str) -> DetectionView:
         """One detection run with its ``state`` and ``counts``."""
-        return self._http.get(at("detections", detection_id))
+        return self._http.get(at("detections", detection_id), DetectionView)
 
-    def cancel(self, detection_id: UUID | str) -> Document:
+    def cancel(self, detection_id: UUID | str) -> DetectionView:
         """End a run that is not done."""
-        return self._http.post(at("detections", detection_id, "cancel"))
+        return self._http.post(at("detections", detection_id, "cancel"), DetectionView)
 
     def vertices(
         self, detection_id: UUID | str, *, camera: str | None = None, quality: str | None = None
-    ) -> Iterator[Document]:
+    ) -> Iterator[VertexView]:
         """Every vertex (metres, LiDAR frame; ``time_ns`` is when it was measured) with its camera frames.
 
         ``quality="fine"`` gives only those; ``covariance`` is over azimuth (rad), elevation (rad) and range (m).
         """
-        return self._http.items(at("detections", detection_id, "vertices"), camera=camera, quality=quality)
+        return self._http.items(
+            at("detections", detection_id, "vertices"), VertexView, camera=camera, quality=quality
+        )

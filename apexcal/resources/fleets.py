@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from typing import Any
 from uuid import UUID
 
+from apexcal.documents.fleets import FleetOut, RigOut, VehicleOut
+from apexcal.documents.people import ChangedMember, Invitation, MadeToken, Member, Token
+from apexcal.documents.roles import Role
 from apexcal.errors import ApiError
-from apexcal.transport import Document, Transport, at
-
-Role = Literal["viewer", "annotator", "reviewer", "engineer", "admin"]
+from apexcal.transport import Transport, at
 
 
 class Fleets:
@@ -18,33 +19,33 @@ class Fleets:
     def __init__(self, transport: Transport) -> None:
         self._http = transport
 
-    def create(self, name: str) -> Document:
+    def create(self, name: str) -> FleetOut:
         """Make a fleet (the owner only). ``{"id", "name", ...}``"""
-        return self._http.post("/fleets", {"name": name})
+        return self._http.post("/fleets", FleetOut, {"name": name})
 
-    def list(self) -> Iterator[Document]:
+    def list(self) -> Iterator[FleetOut]:
         """The fleets that this person or token is in."""
-        return self._http.items("/fleets")
+        return self._http.items("/fleets", FleetOut)
 
-    def get(self, fleet_id: UUID | str) -> Document:
+    def get(self, fleet_id: UUID | str) -> FleetOut:
         """One fleet."""
-        return self._http.get(at("fleets", fleet_id))
+        return self._http.get(at("fleets", fleet_id), FleetOut)
 
-    def rename(self, fleet_id: UUID | str, name: str, *, version: int) -> Document:
+    def rename(self, fleet_id: UUID | str, name: str, *, version: int) -> FleetOut:
         """Give a fleet another name."""
-        return self._http.patch(at("fleets", fleet_id), {"name": name}, version=version)
+        return self._http.patch(at("fleets", fleet_id), FleetOut, {"name": name}, version=version)
 
-    def members(self, fleet_id: UUID | str) -> Iterator[Document]:
+    def members(self, fleet_id: UUID | str) -> Iterator[Member]:
         """``{"person_id", "name", "role"}`` of everybody in a fleet."""
-        return self._http.items(at("fleets", fleet_id, "members"))
+        return self._http.items(at("fleets", fleet_id, "members"), Member)
 
-    def invite(self, fleet_id: UUID | str, name: str, role: Role) -> Document:
+    def invite(self, fleet_id: UUID | str, name: str, role: Role) -> Invitation:
         """A one-time sign-in link for a new person: ``{"person_id", "name", "role", "link", "expires_at"}``."""
-        return self._http.post(at("fleets", fleet_id, "invitations"), {"name": name, "role": role})
+        return self._http.post(at("fleets", fleet_id, "invitations"), Invitation, {"name": name, "role": role})
 
-    def set_role(self, fleet_id: UUID | str, person_id: UUID | str, role: Role) -> Document:
+    def set_role(self, fleet_id: UUID | str, person_id: UUID | str, role: Role) -> ChangedMember:
         """Give a member another role."""
-        return self._http.patch(at("fleets", fleet_id, "members", person_id), {"role": role})
+        return self._http.patch(at("fleets", fleet_id, "members", person_id), ChangedMember, {"role": role})
 
     def remove_member(self, fleet_id: UUID | str, person_id: UUID | str) -> None:
         """End a person's membership. What they marked stays."""
@@ -52,16 +53,16 @@ class Fleets:
 
     def create_token(
         self, fleet_id: UUID | str, name: str, role: Role, *, expires_in_days: int | None = None
-    ) -> Document:
+    ) -> MadeToken:
         """A token for a program: ``{"id", "token", ...}``. The token is shown this once."""
-        body: Document = {"name": name, "role": role}
+        body: dict[str, Any] = {"name": name, "role": role}
         if expires_in_days is not None:
             body["expires_in_days"] = expires_in_days
-        return self._http.post(at("fleets", fleet_id, "tokens"), body)
+        return self._http.post(at("fleets", fleet_id, "tokens"), MadeToken, body)
 
-    def tokens(self, fleet_id: UUID | str) -> Iterator[Document]:
+    def tokens(self, fleet_id: UUID | str) -> Iterator[Token]:
         """The tokens of a fleet, without their secrets."""
-        return self._http.items(at("fleets", fleet_id, "tokens"))
+        return self._http.items(at("fleets", fleet_id, "tokens"), Token)
 
     def revoke_token(self, token_id: UUID | str) -> None:
         """End a token at once."""
@@ -74,25 +75,25 @@ class Vehicles:
     def __init__(self, transport: Transport) -> None:
         self._http = transport
 
-    def create(self, fleet_id: UUID | str, name: str) -> Document:
+    def create(self, fleet_id: UUID | str, name: str) -> VehicleOut:
         """Make a vehicle in a fleet."""
-        return self._http.post(at("fleets", fleet_id, "vehicles"), {"name": name})
+        return self._http.post(at("fleets", fleet_id, "vehicles"), VehicleOut, {"name": name})
 
-    def list(self, fleet_id: UUID | str) -> Iterator[Document]:
+    def list(self, fleet_id: UUID | str) -> Iterator[VehicleOut]:
         """The vehicles of a fleet."""
-        return self._http.items(at("fleets", fleet_id, "vehicles"))
+        return self._http.items(at("fleets", fleet_id, "vehicles"), VehicleOut)
 
-    def get(self, vehicle_id: UUID | str) -> Document:
+    def get(self, vehicle_id: UUID | str) -> VehicleOut:
         """One vehicle."""
-        return self._http.get(at("vehicles", vehicle_id))
+        return self._http.get(at("vehicles", vehicle_id), VehicleOut)
 
-    def rename(self, vehicle_id: UUID | str, name: str, *, version: int) -> Document:
+    def rename(self, vehicle_id: UUID | str, name: str, *, version: int) -> VehicleOut:
         """Give a vehicle another name."""
-        return self._http.patch(at("vehicles", vehicle_id), {"name": name}, version=version)
+        return self._http.patch(at("vehicles", vehicle_id), VehicleOut, {"name": name}, version=version)
 
-    def create_rig(self, vehicle_id: UUID | str, rig: Mapping[str, Any]) -> Document:
+    def create_rig(self, vehicle_id: UUID | str, rig: Mapping[str, Any]) -> RigOut:
         """Add a rig: one LiDAR and its cameras, each with its nominal ``T_camera_lidar`` (a transform document)."""
-        return self._http.post(at("vehicles", vehicle_id, "rigs"), dict(rig))
+        return self._http.post(at("vehicles", vehicle_id, "rigs"), RigOut, dict(rig))
 
     def check_rig(self, rig: Mapping[str, Any]) -> None:
         """Ask whether a description would be accepted, and make nothing. Raises the refusal as :class:`ApiError`.
@@ -105,10 +106,10 @@ class Vehicles:
             if error.code != "not_found":
                 raise
 
-    def rigs(self, vehicle_id: UUID | str) -> Iterator[Document]:
+    def rigs(self, vehicle_id: UUID | str) -> Iterator[RigOut]:
         """The rigs of a vehicle."""
-        return self._http.items(at("vehicles", vehicle_id, "rigs"))
+        return self._http.items(at("vehicles", vehicle_id, "rigs"), RigOut)
 
-    def rig(self, rig_id: UUID | str) -> Document:
+    def rig(self, rig_id: UUID | str) -> RigOut:
         """One rig."""
-        return self._http.get(at("rigs", rig_id))
+        return self._http.get(at("rigs", rig_id), RigOut)

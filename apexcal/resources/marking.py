@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
 from uuid import UUID, uuid4
 
-from apexcal.transport import Document, Transport, at
-
-Verdict = Literal["confirmed", "rejected", "unsure"]
+from apexcal.documents.marking import AnswerView, GivenMark, MarkView, Progress, Tally, TaskView, VerdictName
+from apexcal.transport import Transport, at, read
 
 
 class Marking:
@@ -17,24 +15,25 @@ class Marking:
     def __init__(self, transport: Transport) -> None:
         self._http = transport
 
-    def next_task(self, detection_id: UUID | str, camera: str, *, skip: str | None = None) -> Document | None:
+    def next_task(self, detection_id: UUID | str, camera: str, *, skip: UUID | str | None = None) -> TaskView | None:
         """The next vertex for this person, leased for a while, or None when nothing is left.
 
         Asked again before it is answered it is the same task, with a new lease; ``skip`` gives that one back.
         """
-        body = {"camera": camera} | ({"skip": skip} if skip else {})
-        return self._http.post(at("detections", detection_id, "tasks", "next"), body) or None
+        body = {"camera": camera} | ({"skip": str(skip)} if skip else {})
+        answer = self._http.create(at("detections", detection_id, "tasks", "next"), json=body)
+        return read(answer, TaskView) if answer.content else None
 
     def answer(
         self,
-        task_id: str,
-        verdict: Verdict,
+        task_id: UUID | str,
+        verdict: VerdictName,
         *,
         u: float | None = None,
         v: float | None = None,
         version: int = 0,
         id: UUID | str | None = None,
-    ) -> Document:
+    ) -> AnswerView:
         """Answer a task; a confirmed vertex needs its mark (pixels).
 
         ``version``: of the own answer that this one replaces, as the task's ``own`` or the last answer has it.
@@ -43,34 +42,34 @@ class Marking:
         """
         mark = None if u is None or v is None else {"u": u, "v": v}
         body = {"id": str(id or uuid4()), "version": version, "verdict": verdict, "mark": mark}
-        return self._http.post(at("tasks", task_id, "answer"), body)
+        return self._http.post(at("tasks", task_id, "answer"), AnswerView, body)
 
-    def undo(self, task_id: str, version: int, *, id: UUID | str | None = None) -> Document:
+    def undo(self, task_id: UUID | str, version: int, *, id: UUID | str | None = None) -> TaskView:
         """Take back the answer of this version; returns the task, which is this person's again."""
-        return self._http.post(at("tasks", task_id, "undo"), {"id": str(id or uuid4()), "version": version})
+        return self._http.post(at("tasks", task_id, "undo"), TaskView, {"id": str(id or uuid4()), "version": version})
 
-    def own_mark(self, recording_id: UUID | str, camera: str, index: int) -> Document:
+    def own_mark(self, recording_id: UUID | str, camera: str, index: int) -> MarkView:
         """This person's mark in a frame: ``{"u", "v", "version"}``; ApiError ``not_marked`` where there is none."""
-        return self._http.get(_mark(recording_id, camera, index))
+        return self._http.get(_mark(recording_id, camera, index), MarkView)
 
     def put_mark(
         self, recording_id: UUID | str, camera: str, index: int, u: float, v: float, *, version: int | None = None
-    ) -> Document:
+    ) -> MarkView:
         """Set this person's mark in a frame without an answer; ``version`` is that of the mark that is corrected."""
         condition = {"If-None-Match": "*"} if version is None else {"If-Match": f'"v{version}"'}
-        return self._http.put(_mark(recording_id, camera, index), {"u": u, "v": v}, condition)
+        return self._http.put(_mark(recording_id, camera, index), MarkView, {"u": u, "v": v}, condition)
 
-    def progress(self, detection_id: UUID | str, camera: str) -> Document:
+    def progress(self, detection_id: UUID | str, camera: str) -> Progress:
         """How many answers each vertex needs, and how many vertices have them."""
-        return self._http.get(at("detections", detection_id, "progress"), camera=camera)
+        return self._http.get(at("detections", detection_id, "progress"), Progress, camera=camera)
 
-    def tally(self, detection_id: UUID | str, camera: str) -> Document:
+    def tally(self, detection_id: UUID | str, camera: str) -> Tally:
         """What people said, in numbers; for reviewers. What they answer afterwards counts as reviewed."""
-        return self._http.get(at("detections", detection_id, "tally"), camera=camera)
+        return self._http.get(at("detections", detection_id, "tally"), Tally, camera=camera)
 
-    def marks(self, detection_id: UUID | str, camera: str) -> Iterator[Document]:
+    def marks(self, detection_id: UUID | str, camera: str) -> Iterator[GivenMark]:
         """This person's answers, and others' on complete vertices; a reviewer's list holds everybody's."""
-        return self._http.items(at("detections", detection_id, "marks"), camera=camera)
+        return self._http.items(at("detections", detection_id, "marks"), GivenMark, camera=camera)
 
 
 def _mark(recording_id: UUID | str, camera: str, index: int) -> str:

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 from uuid import UUID
 
-from apexcal.direct import Direct, EndedAddressError
+from apexcal.documents.recordings import (
+    AcceptedRecording,
+    BlobAddress,
+    CreatedRecording,
+    FrameView,
+    Original,
+    RecordingSummary,
+    RecordingView,
+)
 from apexcal.errors import ClientError
-from apexcal.sources import open_source
-from apexcal.transport import Document, Transport, at
+from apexcal.presigned import EndedAddressError, PresignedStore
+from apexcal.transport import Transport, at
+from apexcal.upload_sources import open_source
 from apexcal.uploads import Progress, send_parts
 
 
@@ -34,14 +42,14 @@ class Recordings:
         marks_per_vertex: int = 1,
         retain_days: int | None = None,
         reading: Mapping[str, Any] | None = None,
-    ) -> Document:
+    ) -> CreatedRecording:
         """Announce a recording of ``size`` bytes; its parts follow. ``{"id", "upload": {"part_bytes"}, ...}``
 
         ``reading`` is what the file does not say of itself: ``topics`` (``{"lidar": TOPIC, "cameras": {NAME:
         TOPIC}}``), ``point_times`` (``auto`` or ``stamp_only``), ``stamp_convention`` (``start`` or ``end``),
         ``rate_hz``, ``lidar_model``, ``rings``, ``camera_start_ns``.
         """
-        body: Document = {
+        body: dict[str, Any] = {
             "rig_id": str(rig_id),
             "name": name,
             "file_name": file_name,
@@ -50,7 +58,7 @@ class Recordings:
             "retain_days": retain_days,
             "reading": dict(reading or {}),
         }
-        return self._http.post(at("vehicles", vehicle_id, "recordings"), body)
+        return self._http.post(at("vehicles", vehicle_id, "recordings"), CreatedRecording, body)
 
     def upload(
         self,
@@ -63,7 +71,7 @@ class Recordings:
         retain_days: int | None = None,
         reading: Mapping[str, Any] | None = None,
         on_progress: Progress | None = None,
-    ) -> Document:
+    ) -> RecordingView:
         """Upload a file, or a folder as a tar, as a new recording, and return it while it is being ingested.
 
         An upload that breaks off leaves the recording ``uploading``: :meth:`resume` goes on with it.
@@ -81,23 +89,23 @@ class Recordings:
         )
         return self.resume(recording, path, on_progress=on_progress)
 
-    def resume(self, recording: Document, path: Path, *, on_progress: Progress | None = None) -> Document:
+    def resume(
+        self, recording: RecordingSummary, path: Path, *, on_progress: Progress | None = None
+    ) -> RecordingView:
         """Send what is missing of a recording's upload, and complete it."""
         sent = send_parts(self._http, recording, open_source(path), on_progress)
         body = {"parts": sent.parts, "size": sent.size, "sha256": sent.sha256}
-        answer = self._http.post(at("recordings", recording["id"], "complete"), body)
-        done: Document = answer["recording"]
-        return done
+        return self._http.post(at("recordings", recording.id, "complete"), AcceptedRecording, body).recording
 
-    def unfinished(self, path: Path, vehicle_id: UUID | str, rig_id: UUID | str) -> Document | None:
+    def unfinished(self, path: Path, vehicle_id: UUID | str, rig_id: UUID | str) -> RecordingSummary | None:
         """The newest recording of this vehicle whose upload of a file of this name broke off."""
         name = open_source(path).name
         found = [
             recording
             for recording in self.list(vehicle_id=vehicle_id, state="uploading")
-            if recording["file_name"] == name and recording["rig_id"] == str(rig_id)
+            if recording.file_name == name and str(recording.rig_id) == str(rig_id)
         ]
-        return max(found, key=lambda recording: datetime.fromisoformat(recording["created_at"]), default=None)
+        return max(found, key=lambda recording: recording.created_at, default=None)
 
     def list(
         self,
@@ -105,40 +113,40 @@ class Recordings:
         fleet_id: UUID | str | None = None,
         vehicle_id: UUID | str | None = None,
         state: str | None = None,
-    ) -> Iterator[Document]:
+    ) -> Iterator[RecordingSummary]:
         """Recordings of a fleet or a vehicle."""
-        return self._http.items("/recordings", fleet_id=fleet_id, vehicle_id=vehicle_id, state=state)
+        return self._http.items(
+            "/recordings", RecordingSummary, fleet_id=fleet_id, vehicle_id=vehicle_id, state=state
+        )
 
-    def get(self, recording_id: UUID | str) -> Document:
+    def get(self, recording_id: UUID | str) -> RecordingView:
         """One recording with its state, facts, warnings, problem and sensors."""
-        return self._http.get(at("recordings", recording_id))
+        return self._http.get(at("recordings", recording_id), RecordingView)
 
-    def edit(self, recording: Document, **changes: Any) -> Document:
+    def edit(self, recording: RecordingSummary, **changes: Any) -> RecordingView:
         """Change ``name`` or ``marks_per_vertex``; before a recording is ready ``rig_id`` or ``reading`` too."""
-        return self._http.patch(at("recordings", recording["id"]), changes, version=recording["version"])
+        return self._http.patch(at("recordings", recording.id), RecordingView, changes, version=recording.version)
 
-    def retry(self, recording_id: UUID | str) -> Document:
+    def retry(self, recording_id: UUID | str) -> RecordingView:
         """Ingest a failed recording again."""
-        answer = self._http.post(at("recordings", recording_id, "retry"))
-        again: Document = answer["recording"]
-        return again
+        return self._http.post(at("recordings", recording_id, "retry"), AcceptedRecording).recording
 
     def delete(self, recording_id: UUID | str, *, with_published: bool = False) -> None:
         """Delete a recording with everything that came from it."""
         self._http.delete(at("recordings", recording_id), with_published=True if with_published else None)
 
-    def frames(self, recording_id: UUID | str, camera: str) -> Iterator[Document]:
+    def frames(self, recording_id: UUID | str, camera: str) -> Iterator[FrameView]:
         """``{"index", "stamp_ns", "media_type", "width", "height"}`` of every frame of a camera."""
-        return self._http.items(at("recordings", recording_id, "cameras", camera, "frames"), limit=5000)
+        return self._http.items(at("recordings", recording_id, "cameras", camera, "frames"), FrameView, limit=5000)
 
     def frame(self, recording_id: UUID | str, camera: str, index: int) -> bytes:
         """One frame's image file (JPEG, PNG or WebP), straight from the store where the service says so."""
         path = at("recordings", recording_id, "cameras", camera, "frames", index)
         if not self._frames_here:
-            address = self._http.get(f"{path}/address")
-            if address["url"]:
-                with Direct(self._http) as direct:
-                    return direct.get(address["url"], address["offset"], address["length"])
+            address = self._http.get(f"{path}/address", BlobAddress)
+            if address.url:
+                with PresignedStore(self._http) as store:
+                    return store.get(address.url, address.offset, address.length)
             self._frames_here = True
         return self._http.send("GET", path, headers={"Accept": "image/*"}).content
 
@@ -154,22 +162,22 @@ class Recordings:
         return target.stat().st_size
 
     def _original(self, path: str) -> Iterator[bytes]:
-        parts = self._http.get(f"{path}/parts")["parts"]
-        if parts[0]["url"] is None:
+        parts = self._http.get(f"{path}/parts", Original).parts
+        if parts[0].url is None:
             with self._http.stream(path) as response:
                 yield from response.iter_bytes(1 << 20)
             return
-        with Direct(self._http) as direct:
+        with PresignedStore(self._http) as store:
             for position, part in enumerate(list(parts)):
                 try:
-                    data = direct.get(part["url"], 0, part["size"])
+                    data = store.get(part.url or "", 0, part.size)
                 except EndedAddressError:
                     # A large file takes longer than addresses live.
-                    parts = self._http.get(f"{path}/parts")["parts"]
-                    data = direct.get(parts[position]["url"], 0, part["size"])
-                if hashlib.sha256(data).hexdigest() != part["sha256"]:
+                    parts = self._http.get(f"{path}/parts", Original).parts
+                    data = store.get(parts[position].url or "", 0, part.size)
+                if hashlib.sha256(data).hexdigest() != part.sha256:
                     raise ClientError(
-                        f"part {part['number']} of the original is not what was uploaded",
+                        f"part {part.number} of the original is not what was uploaded",
                         "Try again; if it happens again, the operator should look at the store.",
                     )
                 yield data

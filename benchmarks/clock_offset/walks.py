@@ -17,7 +17,7 @@ from workers.solver.clock_offset import estimate_offset
 from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import pair
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 from workers.vertices.tracks import Track
 from workers.vertices.vertex import Vertex
 

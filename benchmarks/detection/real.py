@@ -23,8 +23,8 @@ from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
 from workers.vertices.suggestion import suggest
+from workers.vertices.sweep_source import Listed
 from workers.vertices.vertex import Vertex
 
 DATA: Final = Path(__file__).parents[3] / "shared" / "data"

@@ -16,7 +16,7 @@ from workers.simulation.scene import WALKER_REGION, scene_with
 from workers.simulation.walker import BOARD_EDGES_M, Walk
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 
 _START_NS = 1_780_000_000_000_000_000
 _PERIOD_S = 0.1

@@ -24,11 +24,11 @@ class Asker:
     def __init__(self, house: House, name: str, rig: Rig) -> None:
         self._house = house
         client = house.client
-        self._fleet: str = client.fleets.create(name)["id"]
+        self._fleet = client.fleets.create(name).id
         (self._vehicle,) = bring(client, self._fleet, [rig])
         (described,) = client.vehicles.rigs(self._vehicle)
-        (pairs,) = client.correspondence_sets.list(described["id"])
-        self._pairs = pairs["id"]
+        (pairs,) = client.correspondence_sets.list(described.id)
+        self._pairs = pairs.id
 
     def ask(self, count: int = 1, **request: Any) -> tuple[float, list[UUID]]:
         """Ask for ``count`` calibrations one after the other; the seconds until the last has ended, and their ids."""
@@ -40,7 +40,7 @@ class Asker:
 
     def begin(self, **request: Any) -> UUID:
         """Ask for a calibration and do not wait."""
-        return UUID(self._house.client.calibrations.create(self._vehicle, [self._pairs], **request)["id"])
+        return self._house.client.calibrations.create(self._vehicle, [self._pairs], **request).id
 
     def wait(self, ids: Sequence[UUID]) -> None:
         """Wait until these are done."""

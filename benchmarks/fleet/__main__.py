@@ -53,7 +53,7 @@ def measure(vehicles: int, seed: int) -> dict[str, Any]:
 def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, Any]:
     rigs = draw(vehicles + 1, seed)
     fleet = house.client.fleets.create("fleet")
-    bring(house.client, fleet["id"], rigs[:-1])
+    bring(house.client, fleet.id, rigs[:-1])
     bystander = Bystander(house, rigs[-1], _CALIBRATION)
     idle = [bystander.ask() for _ in range(_IDLE_ROUNDS)]
     memory = {"start": _memory(house)}
@@ -64,21 +64,21 @@ def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, 
     service.go()
     service.halt()
     began = time.perf_counter()
-    request = house.client.fleet_requests.create(fleet["id"], **_CALIBRATION)
+    request = house.client.fleet_requests.create(fleet.id, **_CALIBRATION)
     service.seconds = request_s = time.perf_counter() - began
-    ended = _Ended(house.database, request["id"])
-    bare = Bare(runs_of(house.database, _asked_for(request["id"])), folder)
+    ended = _Ended(house.database, request.id)
+    bare = Bare(runs_of(house.database, _asked_for(request.id)), folder)
     bare.begin()
     contender = Contender(bare.pids, lambda: bare.is_done)
     contender.go()
     contender.halt()
     bare_cpu = sum(map(cpu_s, bare.pids))
-    disturbed = _take_turns(house, request["id"], vehicles, service, contender, bystander, memory)
+    disturbed = _take_turns(house, request.id, vehicles, service, contender, bystander, memory)
     memory["end"] = _memory(house)
     bare_cpu = sum(map(cpu_s, bare.pids)) - bare_cpu
     cpu = {name: after - cpu[name] for name, after in house.cpu_s().items()}
     contender.go()
-    _assert_done(house.database, request["id"], vehicles)
+    _assert_done(house.database, request.id, vehicles)
     assert_same_bits(house.database, bare.results())
     bare.close()
     service.go()
@@ -107,7 +107,7 @@ def _measure(house: House, folder: Path, vehicles: int, seed: int) -> dict[str, 
 
 def _take_turns(
     house: House,
-    request_id: str,
+    request_id: UUID,
     vehicles: int,
     service: Contender,
     bare: Contender,
@@ -136,7 +136,7 @@ def _take_turns(
 class _Ended:
     """Whether all vehicles have; the database is asked no more often than a few of the others can have ended."""
 
-    def __init__(self, database: Database, request_id: str) -> None:
+    def __init__(self, database: Database, request_id: UUID) -> None:
         self._database, self._request_id = database, request_id
         self._left, self._again = 1, 0.0
 
@@ -148,23 +148,21 @@ class _Ended:
         return self._left == 0
 
 
-def _left(database: Database, request_id: str) -> int:
+def _left(database: Database, request_id: UUID) -> int:
     with database.reading() as session:
-        return session.scalars(select(FleetRequest.remaining).where(FleetRequest.id == UUID(request_id))).one()
+        return session.scalars(select(FleetRequest.remaining).where(FleetRequest.id == request_id)).one()
 
 
-def _asked_for(request_id: str) -> ColumnElement[bool]:
-    vehicles = select(FleetRequestVehicle.calibration_id).where(
-        FleetRequestVehicle.fleet_request_id == UUID(request_id)
-    )
+def _asked_for(request_id: UUID) -> ColumnElement[bool]:
+    vehicles = select(FleetRequestVehicle.calibration_id).where(FleetRequestVehicle.fleet_request_id == request_id)
     return CalibrationRun.calibration_id.in_(vehicles)
 
 
-def _assert_done(database: Database, request_id: str, vehicles: int) -> None:
+def _assert_done(database: Database, request_id: UUID, vehicles: int) -> None:
     with database.reading() as session:
         states = session.execute(
             select(FleetRequestVehicle.state, func.count())
-            .where(FleetRequestVehicle.fleet_request_id == UUID(request_id))
+            .where(FleetRequestVehicle.fleet_request_id == request_id)
             .group_by(FleetRequestVehicle.state)
         ).all()
     assert [tuple(row) for row in states] == [("done", vehicles)], states

@@ -21,11 +21,11 @@ class Bystander:
         self._house = house
         self._client = client = house.client
         self._calibration = calibration
-        self._fleet: str = client.fleets.create("bystander")["id"]
+        self._fleet = client.fleets.create("bystander").id
         (self._vehicle,) = bring(client, self._fleet, [rig])
         (described,) = client.vehicles.rigs(self._vehicle)
-        (pairs,) = client.correspondence_sets.list(described["id"])
-        self._pairs = pairs["id"]
+        (pairs,) = client.correspondence_sets.list(described.id)
+        self._pairs = pairs.id
         self._thread: threading.Thread | None = None
         self.seconds: list[float] = []
 
@@ -34,10 +34,10 @@ class Bystander:
         with self._house.changes(self._fleet) as change:
             began = time.perf_counter()
             work = self._client.calibrations.create(self._vehicle, [self._pairs], **self._calibration)
-            while work["state"] in ("queued", "running"):
+            while work.state in ("queued", "running"):
                 change(_LOOK_S)
-                work = self._client.calibrations.get(work["id"])
-            assert work["state"] == "done", work
+                work = self._client.calibrations.get(work.id)
+            assert work.state == "done", work
             return time.perf_counter() - began
 
     def begin(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
+from uuid import UUID
 
 import numpy as np
 
@@ -19,15 +20,15 @@ def draw(count: int, seed: int) -> list[Rig]:
     return [draw_rig("pinhole", np.random.default_rng([seed, number])) for number in range(count)]
 
 
-def bring(client: Client, fleet_id: str, rigs: list[Rig]) -> list[str]:
+def bring(client: Client, fleet_id: UUID, rigs: list[Rig]) -> list[UUID]:
     """Make a vehicle of each rig; ids of the vehicles in the order of the rigs."""
 
-    def make(numbered: tuple[int, Rig]) -> str:
+    def make(numbered: tuple[int, Rig]) -> UUID:
         number, rig = numbered
         vehicle = client.vehicles.create(fleet_id, f"vehicle {number:05d}")
-        described = client.vehicles.create_rig(vehicle["id"], _description(rig))
-        client.correspondence_sets.import_pairs(described["id"], "camera", _pairs(rig))
-        return str(vehicle["id"])
+        described = client.vehicles.create_rig(vehicle.id, _description(rig))
+        client.correspondence_sets.import_pairs(described.id, "camera", _pairs(rig))
+        return vehicle.id
 
     with ThreadPoolExecutor(_THREADS) as pool:
         return list(pool.map(make, enumerate(rigs)))

@@ -21,7 +21,7 @@ from workers.simulation.settings import Settings
 from workers.simulation.walker import BOARD_EDGES_M
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 from workers.vertices.tracks import Track
 from workers.vertices.vertex import Vertex
 

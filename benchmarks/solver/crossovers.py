@@ -11,13 +11,12 @@ import numpy as np
 
 from benchmarks.accuracy.measures import PAPER, best_mean
 from benchmarks.accuracy.rigs import draw_rig
-from benchmarks.solver.operators import OPERATORS, evolve_with
-from workers.geometry.models import MODEL_ID, MODELS, parse_model
+from benchmarks.solver.operators import OPERATORS, searching_with
+from workers.geometry.models import MODELS, parse_model
 from workers.solver.polish import polish
 from workers.solver.problem import FitProblem
-from workers.solver.random_streams import stream_key
 from workers.solver.schedule import State, advance, bounds_of, start
-from workers.solver.slot import SlotOutcome, loss_px, pack_pairs, prior_rows, scales_of
+from workers.solver.slot import run_slot
 
 SCHEDULE = {**PAPER, "patience": 5}
 """The paper's numbers, and its patience: the slower operators need it."""
@@ -25,22 +24,13 @@ SCHEDULE = {**PAPER, "patience": 5}
 
 def search(problem: FitProblem, operator: int) -> State:
     """The whole schedule with that operator in its slots."""
-    state, schedule = start(problem), problem.schedule
-    pack, scales, prior, free = pack_pairs(problem), scales_of(problem), prior_rows(problem), problem.free
+    state, one = start(problem), searching_with(operator)
     while state.stopped is None:
-        lower, upper = bounds_of(problem, state)
-        outcomes: list[SlotOutcome] = []
-        for slot in range(schedule.slots):
-            best = np.empty(len(free), dtype=np.float32)
-            evolve_with(
-                operator, MODEL_ID[problem.model], pack, scales, problem.lower, free, lower[free],
-                (upper - lower)[free], prior, schedule.population, schedule.generations,
-                stream_key(problem, state.iteration, slot), best,
-            )  # fmt: skip
-            p = problem.lower.copy()
-            p[free] = (lower + (upper - lower) * best)[free]
-            outcomes.append(SlotOutcome(loss_px(problem, p), tuple(p.tolist()), 0))
-        state = advance(problem, state, outcomes)
+        lower, upper = (end.tolist() for end in bounds_of(problem, state))
+        slots = range(problem.schedule.slots)
+        state = advance(
+            problem, state, [run_slot(problem, lower, upper, state.iteration, slot, one) for slot in slots]
+        )
     return state
 
 

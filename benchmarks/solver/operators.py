@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from workers.solver.fitness import evaluate_population
+from apexcal.documents.schedules import Schedule
+from workers.solver.fitness import Fitness, evaluate_population
 from workers.solver.genetic import (
     ELITE_FRACTION,
     PARENT_FRACTION,
     PARENT_SHARE,
     SPREAD,
+    Found,
     cholesky_of_parents,
     gather_parents,
     mutate,
@@ -31,6 +33,8 @@ from workers.solver.genetic import (
     weigh_by_rank,
 )
 from workers.solver.random_streams import draw, fill_normal, fill_uniform
+from workers.solver.slot import Search
+from workers.solver.stopping import Stop
 
 OPERATORS = ("textbook", "blend", "simplex", "parent_centric", "unimodal_normal", "covariance", "moving_covariance")
 
@@ -128,11 +132,10 @@ def _many_parents(
 
 @njit(nogil=True, error_model="numpy", cache=True)
 def evolve_with(
-    operator: int, model_id: int, pack: Any, scales: Any, base: Any, free: Any, lower: Any, width: Any, prior: Any,
-    size: int, generations: int, key: np.uint64, best: Any,
-) -> None:  # fmt: skip
-    """As `workers.solver.genetic.evolve` in the rotation vector's form, with one of OPERATORS."""
-    genes = free.shape[0]
+    operator: int, total_distances: Any, fitness: Any, size: int, generations: int, key: np.uint64, best: Any
+) -> None:
+    """As `workers.solver.genetic.evolve`, with one of OPERATORS; best (F,) takes the best individual."""
+    genes = best.shape[0]
     population, old = np.empty((genes, size), dtype=np.float32), np.empty((genes, size), dtype=np.float32)
     rows, quarter = (genes + 3) // 4 * 4, (size + 3) // 4
     quarters, losses = np.zeros((rows, 4, quarter), dtype=np.float32), np.empty(size, dtype=np.float32)
@@ -148,7 +151,7 @@ def evolve_with(
     for j in range(genes):
         fill_uniform(key, counter, population[j])
         counter += size
-    evaluate_population(model_id, 0, pack, scales, base, free, lower, width, prior, population, losses, 0, go_on)
+    evaluate_population(total_distances, fitness, population, losses, 0, go_on)
     for generation in range(1, generations):
         select_best(losses, keep, chosen)
         for i in range(keep):
@@ -182,9 +185,7 @@ def evolve_with(
         counter += size
         population[:, :keep] = elite
         losses[:keep] = elite_losses
-        evaluate_population(
-            model_id, 0, pack, scales, base, free, lower, width, prior, population, losses, keep, go_on
-        )
+        evaluate_population(total_distances, fitness, population, losses, keep, go_on)
     best[:] = population[:, np.argmin(losses)]
 
 
@@ -195,3 +196,16 @@ def _reflect(population: Any, keep: int) -> None:
         for i in range(keep, population.shape[1]):
             value = abs(population[j, i])
             population[j, i] = min(max(min(value, np.float32(2.0) - value), np.float32(0.0)), np.float32(1.0))
+
+
+def searching_with(operator: int) -> Search:
+    """One of OPERATORS, as a slot searches."""
+
+    def search(fitness: Fitness, schedule: Schedule, key: np.uint64, stop: Stop) -> Found:
+        best = np.empty(fitness.genes, dtype=np.float32)
+        evolve_with(
+            operator, fitness.total_distances, fitness.data, schedule.population, schedule.generations, key, best
+        )
+        return Found(best, 0)
+
+    return search

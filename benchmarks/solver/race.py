@@ -10,11 +10,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from benchmarks.solver.peers.contest import GENERATIONS, POPULATION, Contest, Peer
-from workers.geometry.models import MODEL_ID
 from workers.solver.fitness import evaluate_population
-from workers.solver.genetic import ELITE_FRACTION, PARENT_SHARE, SPREAD, evolve_recorded
+from workers.solver.genetic import ELITE_FRACTION, breed, first_generation
 from workers.solver.random_streams import stream_key
-from workers.solver.slot import prior_rows, run_slot, scales_of
+from workers.solver.slot import run_slot
 from workers.solver.stopping import flag_of
 
 OURS = "apexcal"
@@ -34,16 +33,17 @@ def race(contest: Contest, peers: Sequence[Peer]) -> tuple[float, dict[str, Time
     """Processor seconds of the bare evaluation, and each runner's time by name, ours under OURS."""
     problem = contest.problem
     low, high = problem.lower.tolist(), problem.upper.tolist()
-    arguments, history = _recorded(contest)
+    fitness, history = contest.fitness, _recorded(contest)
     outcome, slot, bare = run_slot(problem, low, high, 0, 0), list[float](), list[float]()
     losses = np.empty(POPULATION, dtype=np.float32)
     stop = flag_of(problem.stop)
-    _evaluate_again(history, int(POPULATION * ELITE_FRACTION), losses, stop, *arguments)
+    bare_arguments = (fitness.total_distances, fitness.data, history, int(POPULATION * ELITE_FRACTION), losses, stop)
+    _evaluate_again(*bare_arguments)
     for _ in range(REPEATS):
         began = time.process_time()
         run_slot(problem, low, high, 0, 0)
         between = time.process_time()
-        _evaluate_again(history, int(POPULATION * ELITE_FRACTION), losses, stop, *arguments)
+        _evaluate_again(*bare_arguments)
         slot.append(between - began)
         bare.append(time.process_time() - between)
     times = {OURS: Time(float(np.median(slot)), outcome.loss, outcome.evaluations)}
@@ -55,30 +55,24 @@ def race(contest: Contest, peers: Sequence[Peer]) -> tuple[float, dict[str, Time
     return float(np.median(bare)), times
 
 
-def _recorded(contest: Contest) -> tuple[tuple[Any, ...], NDArray[np.float32]]:
-    # What `evaluate_population` takes first, and every generation (G, F, P) of slot 0 as it was evaluated.
-    p = contest.problem
-    width = (p.upper - p.lower)[p.free]
-    arguments = (
-        MODEL_ID[p.model], 0, contest.pack, scales_of(p), p.lower.copy(), p.free, p.lower[p.free], width,
-        prior_rows(p),
-    )  # fmt: skip
-    history = np.empty((GENERATIONS, contest.genes, POPULATION), dtype=np.float32)
-    evolve_recorded(
-        *arguments, POPULATION, GENERATIONS, PARENT_SHARE, SPREAD, stream_key(p, 0, 0),
-        np.empty(contest.genes, dtype=np.float32), flag_of(p.stop), history,
-    )  # fmt: skip
-    return arguments, history
+def _recorded(contest: Contest) -> NDArray[np.float32]:
+    # Every generation (G, F, P) of slot 0 as it was evaluated.
+    p, fitness = contest.problem, contest.fitness
+    generation, stop = first_generation(fitness.genes, POPULATION, stream_key(p, 0, 0)), flag_of(p.stop)
+    history = np.empty((GENERATIONS, fitness.genes, POPULATION), dtype=np.float32)
+    for number in range(GENERATIONS):
+        if number:
+            breed(generation)
+        history[number] = generation.population
+        first = len(generation.elite_losses) if number else 0
+        evaluate_population(
+            fitness.total_distances, fitness.data, generation.population, generation.losses, first, stop
+        )
+    return history
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
-def _evaluate_again(
-    history: Any, keep: int, losses: Any, stop: Any, model_id: int, form: int, pack: Any, scales: Any, base: Any,
-    free: Any, lower: Any, width: Any, prior: Any,
-) -> None:  # fmt: skip
+def _evaluate_again(total_distances: Any, fitness: Any, history: Any, keep: int, losses: Any, stop: Any) -> None:
     for generation in range(history.shape[0]):
         first = 0 if generation == 0 else keep
-        evaluate_population(
-            model_id, form, pack, scales, base, free, lower, width, prior, history[generation], losses, first,
-            stop,
-        )  # fmt: skip
+        evaluate_population(total_distances, fitness, history[generation], losses, first, stop)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.bounds import DEFAULT_ROTATION_RANGE_DEG
 from benchmarks.accuracy.rigs import PAIRS, Rig, draw_rig, with_outliers
 from benchmarks.worth.methods import Case, compare
 from benchmarks.worth.mistakes import other_corner, slipped_run, swapped_neighbours
@@ -21,7 +22,6 @@ from benchmarks.worth.walks import (
     walked,
 )
 from workers.geometry.models import MODELS, ModelName, parameter_names
-from workers.solver.bounds import DEFAULT_ROTATION_RANGE_DEG
 
 Floats = NDArray[np.float64]
 Marking = Callable[[Rig, float, np.random.Generator], Floats]

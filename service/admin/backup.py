@@ -1,7 +1,7 @@
 """A backup: the rows of one moment, and every object that they name.
 
-The store is held first, then the database's snapshot is taken, then the objects are copied: what a row of the
-snapshot names was there when the hold began to bind, and is removed only after it ends. The service goes on working.
+Removals from the store are held first, then the database's snapshot is taken, then the objects are copied. So every
+object that the snapshot names exists until the hold ends. The service goes on working.
 
 An object that the store lost or changed, or cannot read, does not keep the others from being backed up: the manifest
 names it.
@@ -32,9 +32,9 @@ from service.admin.retries import retried
 from service.admin.rows import TableFile, digest, write_table
 from service.db.clock import now, utc_now
 from service.db.jobs import Heartbeat
-from service.db.migrate import newest
 from service.db.models import Base
 from service.db.recordings import Blob
+from service.db.revisions import newest
 from service.db.session import Database
 from service.storage.errors import MissingBlobError, StoreUnavailableError
 from service.storage.store import Store
@@ -151,7 +151,7 @@ class _Copies:
         self.unreadable = 0
 
     def make(self, named: _Named) -> _Copied:
-        """Copy what is there, also where it is not what it should be: a restore brings back no less than there was.
+        """Copy what is there, damaged or not: a restore then brings back as much as there was.
 
         Raises :class:`StoreUnavailableError` where nothing has been readable for a while.
         """

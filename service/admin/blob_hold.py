@@ -1,4 +1,4 @@
-"""A hold on the store while a backup copies it: what its snapshot names is not removed before it was copied."""
+"""A hold on removals from the store, so that no object is removed before a backup has copied it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def holding(database: Database, reason: str) -> Iterator[Callable[[], None]]:
         while not ended.wait(_RENEW_S):
             try:
                 with database.writing() as session:
-                    # Only while it is in force: one that had lapsed would prove nothing of what happened meanwhile.
+                    # Only while the hold is in force: a lapsed one proves nothing about removals meanwhile.
                     mine = (BlobHold.id == hold_id) & (BlobHold.until > now())
                     session.execute(
                         update(BlobHold)

@@ -1,4 +1,4 @@
-"""The service's own settings, database and store, opened for one command, and faults turned into sentences."""
+"""Opens the service's settings, database and store for one command, and turns faults into sentences."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ import typer
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
+import service.job_kinds  # noqa: F401  # for what commands do to jobs
 from service.admin.errors import AdminError, WrongUsageError
-from service.db.migrate import is_older, newest
+from service.db.revisions import is_older, newest
 from service.db.session import Database
 from service.jobs.messages import COURIER, Sender
 from service.observability.logs import visible

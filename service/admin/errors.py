@@ -1,4 +1,4 @@
-"""What an operator's command cannot do, in words."""
+"""Errors of an operator's command."""
 
 from __future__ import annotations
 

@@ -1,32 +1,21 @@
-"""``apexcal admin jobs``, ``job`` and ``requeue``: what the farm does, what became of a job, a second chance."""
+"""``apexcal admin jobs``, ``job`` and ``requeue``: lists jobs, shows a job's attempts, starts failed work again."""
 
 from __future__ import annotations
 
 import json
 from datetime import datetime
-from enum import StrEnum
 from typing import Annotated, Any
 
 import typer
 from sqlalchemy import select
 
+from apexcal.documents.states import WorkState
 from service.admin.context import JsonOption, command, opened, spoken, table
 from service.admin.errors import AdminError
-from service.admin.requeue import CannotRequeueError
-from service.admin.requeue import requeue as start_again
 from service.db.jobs import Job, JobEvent
+from service.jobs.kinds import CannotRetryError
+from service.jobs.retry import retry
 from service.observability.logs import visible
-
-
-class State(StrEnum):
-    """Where a job is."""
-
-    queued = "queued"
-    running = "running"
-    done = "done"
-    failed = "failed"
-    cancelled = "cancelled"
-
 
 # What a column of the database holds.
 _LARGEST = 2**63 - 1
@@ -35,7 +24,7 @@ _COLUMNS = ("id", "kind", "state", "attempt", "lost", "worker", "created_at", "p
 
 @spoken
 def jobs(
-    state: Annotated[State | None, typer.Option(help="Only jobs in this state.")] = None,
+    state: Annotated[WorkState | None, typer.Option(help="Only jobs in this state.")] = None,
     kind: Annotated[str, typer.Option(help="Only this kind: ingest, detect, solve ...")] = "",
     request: Annotated[str, typer.Option(help="Only those that this request (X-Request-ID) caused.")] = "",
     limit: Annotated[int, typer.Option(help="At most this many, the newest.", min=1, max=10_000)] = 50,
@@ -43,7 +32,7 @@ def jobs(
 ) -> None:
     """List jobs, the newest first."""
     asked = select(Job).order_by(Job.id.desc()).limit(limit)
-    for column, value in ((Job.state, state.value if state else ""), (Job.kind, kind), (Job.request_id, request)):
+    for column, value in ((Job.state, state or ""), (Job.kind, kind), (Job.request_id, request)):
         asked = asked.where(column == value) if value else asked
     with opened() as service, service.database.reading() as session:
         rows = [_short(job) for job in session.scalars(asked)]
@@ -75,9 +64,14 @@ def job(
             "lease_until": _time(row.lease_until),
             "history": [_event(event) for event in events],
         }
-    if row.state == "running":
+    if row.state == WorkState.RUNNING:
         document["history"].append(
-            {"attempt": row.attempt, "what": "running", "worker": row.worker, "started_at": _time(row.started_at)}
+            {
+                "attempt": row.attempt,
+                "what": WorkState.RUNNING,
+                "worker": row.worker,
+                "started_at": _time(row.started_at),
+            }
             | {"at": None, "reason": None}
         )
     print(json.dumps(document, indent=2) if as_json else _for_people(document))
@@ -91,8 +85,8 @@ def requeue(id: Annotated[int, typer.Argument(help="The number of a failed job."
     """
     with opened() as service, service.database.writing() as session:
         try:
-            fresh = [row.id for row in start_again(session, id)]
-        except CannotRequeueError as error:
+            fresh = [row.id for row in retry(session, id)]
+        except CannotRetryError as error:
             raise AdminError(str(error), f"{command(f'job {id}')} shows how it is.") from None
     print(f"Its work begins anew with job {', '.join(map(str, fresh))}.")
 
@@ -124,7 +118,7 @@ def _event(event: JobEvent) -> dict[str, Any]:
 
 def _for_people(document: dict[str, Any]) -> str:
     shown = {name: value for name, value in document.items() if name != "history" and value not in (None, {}, "")}
-    if document["state"] != "running":
+    if document["state"] != WorkState.RUNNING:
         shown.pop("progress", None)  # of an attempt that has ended
     head = "\n".join(f"{name:<12}{visible(_words(name, value))}" for name, value in shown.items())
     columns = ("attempt", "what", "worker", "started_at", "at", "reason")

@@ -40,7 +40,7 @@ class Manifest:
     damaged: list[Damaged] = field(default_factory=list[Damaged])
 
     def write(self, folder: Path) -> None:
-        """The last file of a backup: without it there is none."""
+        """Write the manifest, the last file of a backup: a backup without it does not count."""
         document = {**asdict(self), "tables": [table._asdict() for table in self.tables]}
         (folder / MANIFEST).write_text(json.dumps(document, indent=1) + "\n")
 

@@ -1,4 +1,4 @@
-"""``apexcal admin users`` and ``tokens``: who may come in, and who no longer may."""
+"""``apexcal admin users`` and ``tokens``: lists people and tokens, makes sign-in links, revokes."""
 
 from __future__ import annotations
 

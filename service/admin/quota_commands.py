@@ -1,4 +1,4 @@
-"""``apexcal admin quota``: what a fleet's recordings take, and may take."""
+"""``apexcal admin quota``: shows and sets how many bytes a fleet's recordings may take."""
 
 from __future__ import annotations
 

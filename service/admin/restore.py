@@ -1,4 +1,4 @@
-"""A backup brought back, into an empty database and store of either kind."""
+"""Restores a backup into an empty database and store of either kind."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from service.admin.errors import AdminError
 from service.admin.manifest import BlobFile, Manifest, table_path, verify
 from service.admin.retries import retried
 from service.admin.rows import read_table
-from service.db.migrate import revisions, upgrade
+from service.db.migrate import upgrade
 from service.db.models import Base
+from service.db.revisions import known
 from service.db.session import Database
 from service.storage.store import Store
 
@@ -30,9 +31,9 @@ def restore(url: str, store: Store, folder: Path, *, report: Report = lambda _: 
     """
     manifest, blobs = verify(folder)
     report(f"checked {len(manifest.tables)} tables and {len(blobs)} objects of {manifest.made_at}")
-    if manifest.schema not in revisions():
+    if manifest.schema not in known():
         raise AdminError(
-            f"the backup's schema {manifest.schema} is newer than this version's {revisions()[0]}",
+            f"the backup's schema {manifest.schema} is newer than this version's {known()[0]}",
             "Restore it with the version that made it, or a newer one.",
         )
     _refuse_unless_empty(store, blobs)

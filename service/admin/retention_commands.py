@@ -1,4 +1,4 @@
-"""``apexcal admin retention``: what goes when, said before it goes."""
+"""``apexcal admin retention``: shows and sets when recordings are deleted, and deletes what is due."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from service.db.recordings import Recording
 from service.jobs.retention import forget_jobs, overdue_jobs
 from service.recordings.retention import delete_overdue, expire_uploads
 
-retention = typer.Typer(no_args_is_help=True, help="Show, set and carry out what is deleted when.")
+retention = typer.Typer(
+    no_args_is_help=True, help="Show and set when recordings are deleted, and delete what is due."
+)
 
 
 @retention.command("show")

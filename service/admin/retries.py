@@ -1,4 +1,4 @@
-"""What a store fails on once is tried again before it counts."""
+"""Repeats a store operation before its failure counts."""
 
 from __future__ import annotations
 

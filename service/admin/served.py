@@ -1,6 +1,6 @@
 """Whether an `apexcal serve` holds a data folder, and where people find it.
 
-Its lock tells, for that ends with the process; its status file outlives a process that was killed.
+The lock decides, because it ends with the process; the status file outlives a killed process.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ def is_served(folder: Path) -> bool:
     """Whether an embedded service holds the folder now."""
     try:
         with (folder / "serve.lock").open() as lock:
-            # Shared: who looks is no holder to others who look.
+            # A shared lock: processes that only look do not see each other as holders.
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True

@@ -1,4 +1,4 @@
-"""Giving an answer and taking it back: once for each id, on the version that the person saw, ten times at most.
+"""Giving and undoing an answer: once per id, on the version that the person saw, ten times at most.
 
 The recording's lock is held, so that two browser tabs of one person come one after the other.
 """
@@ -10,6 +10,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.marking import Answer, AnswerView, Own, Pixel, Undo
 from service.annotations.disclosure_actions import was_told
 from service.annotations.mark_actions import (
     check_inside,
@@ -19,7 +20,6 @@ from service.annotations.mark_actions import (
     write_mark,
     write_verdict,
 )
-from service.annotations.schemas import Answer, AnswerView, Own, Pixel, Undo
 from service.annotations.views import PairedFrame, last_answer, own_answer
 from service.db.annotations import Answer as AnswerRow
 from service.db.annotations import MarkingTask

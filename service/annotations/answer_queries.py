@@ -1,4 +1,4 @@
-"""Who has answered a vertex, derived from what was said and not from the tasks that were handed out.
+"""Who has answered a vertex, derived from marks and verdicts, not from tasks.
 
 A person has answered a vertex for a camera when their verdict on its apex exists and, where that verdict is
 ``confirmed``, their mark in the paired frame too. So answers survive another detection run or another pairing.

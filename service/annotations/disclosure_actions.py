@@ -52,7 +52,7 @@ def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, pe
 
 
 def keep(session: Session, person_id: UUID, camera: Sensor, apexes: Iterable[UUID], told_in: Place) -> None:
-    """Keep that these are told, in a session that writes. What was told before stays as it is."""
+    """Record that these are disclosed, in a session that writes. Earlier disclosures stay as they are."""
     # Under the recording's lock nobody else inserts the same rows between the look and the insert.
     if session.get(Recording, camera.recording_id, with_for_update={"key_share": True}) is None:
         raise not_found()
@@ -70,7 +70,7 @@ def keep(session: Session, person_id: UUID, camera: Sensor, apexes: Iterable[UUI
 
 
 def tell(access: Access, database: Database, camera: Sensor, apexes: Iterable[UUID], told_in: Place) -> None:
-    """The same for a request that reads: call it when all is read, before the answer goes out."""
+    """The same for a request that reads: call it after reading, before the answer goes out."""
     apexes = set(apexes)
     if not _news(access.session, access.person.id, camera.id, apexes):
         return
@@ -81,7 +81,7 @@ def tell(access: Access, database: Database, camera: Sensor, apexes: Iterable[UU
 
 
 def tell_pairs(access: Access, database: Database, pairs: CorrespondenceSet, told_in: Place) -> None:
-    """The same for pairs that were made of marks: they tell of every vertex of their detection in their camera."""
+    """The same for pairs made of marks: they disclose every vertex of their detection in their camera."""
     if pairs.source != "annotations" or pairs.detection_id is None:
         return
     camera = access.session.scalar(

@@ -1,4 +1,4 @@
-"""Marks and verdicts as they are written: one row per person and subject, and every state of it kept."""
+"""Writes marks and verdicts: one row per person and subject, every earlier state kept."""
 
 from __future__ import annotations
 

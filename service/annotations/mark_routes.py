@@ -1,4 +1,4 @@
-"""A person's own mark in a frame that no task led to. Without a verdict it is no answer."""
+"""A person's mark in a frame without a task. Without a verdict it is no answer."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from uuid import UUID
 from fastapi import APIRouter, Path, Request
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
+from apexcal.documents.marking import MarkView, Pixel
+from apexcal.documents.roles import Role
 from service.annotations.answer_actions import MOST_ANSWERS
 from service.annotations.disclosure_actions import was_told_of_frame
 from service.annotations.mark_actions import find_mark, write_mark
-from service.annotations.schemas import MarkView, Pixel
 from service.auth.access import Access, ReadAccess, WriteAccess
-from service.auth.roles import Role
 from service.db.annotations import Answer, Mark
 from service.db.recordings import CameraFrame, Recording, Sensor
 from service.detections.queries import find_camera
 from service.http.etags import Conditional, Conditions, version_etag
 from service.http.problems import Problem
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["annotations"])
 

@@ -9,9 +9,9 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, and_, case, func, or_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.marking import PersonAnswers, Progress, Tally
 from service.annotations.answer_queries import answers_of, has_answered, taken_by_others
 from service.annotations.consensus import Opinion
-from service.annotations.schemas import PersonAnswers, Progress, Tally
 from service.db.annotations import Disclosure, Mark, Verdict
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.people import Person

@@ -1,4 +1,4 @@
-"""Marking: tasks one after the other, answers and their taking back, and what may be seen of them."""
+"""Routes of marking: next task, answer, undo, progress, marks."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from uuid import UUID
 
 from fastapi import APIRouter, Query, Request, Response
 
+from apexcal.documents.base import Sought
+from apexcal.documents.marking import Answer, AnswerView, GivenMark, NextTask, Progress, Tally, TaskView, Undo
+from apexcal.documents.roles import rank
 from service.annotations.answer_actions import answer_view, give, undo
 from service.annotations.disclosure_actions import answered_by_others, tell
 from service.annotations.progress_queries import progress, tally, visible_answers
-from service.annotations.schemas import Answer, AnswerView, GivenMark, NextTask, Progress, Tally, TaskView, Undo
 from service.annotations.task_actions import lock_recording, next_task
 from service.annotations.views import PairedFrame, find_frame, find_task, mark_view, task_view
 from service.auth.access import Access, ReadAccess, WriteAccess
-from service.auth.roles import rank
 from service.broker.hints import hint
 from service.db.annotations import MarkingTask, Verdict
 from service.db.detections import Detection
 from service.db.recordings import Recording
 from service.detections.queries import done_detection, find_camera
 from service.http.pages import LongPaging, Page, fetch
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["annotations"])
 

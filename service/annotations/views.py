@@ -1,4 +1,4 @@
-"""Tasks and what belongs to them, as the answers of this room show them."""
+"""Views of tasks, marks and answers."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from uuid import UUID
 from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskVertex, TaskView
 from service.annotations.mark_actions import find_mark, find_verdict
-from service.annotations.schemas import MarkView, Own, Pixel, TaskFrame, TaskVertex, TaskView
 from service.auth.access import Access
 from service.db.annotations import Answer, Mark, MarkingTask
 from service.db.detections import Detection, Vertex, VertexFrame
@@ -94,7 +94,7 @@ def own_answer(session: Session, person_id: UUID, found: PairedFrame) -> Own:
     mark: Mark | Answer | None = find_mark(session, person_id, found.camera.id, found.frame.index)
     if mark is None and last is not None and last.frame_index == found.frame.index:
         mark = last
-    # Without a version: an answer of old, or the verdict of one in another camera.
+    # Without a version: an answer from before versions, or the verdict of an answer in another camera.
     said = last or find_verdict(session, person_id, found.vertex.apex_id)
     u, v = (mark.u, mark.v) if mark else (None, None)
     return Own(

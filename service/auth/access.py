@@ -21,8 +21,8 @@ from sqlalchemy import ColumnElement, Select, select
 from sqlalchemy.orm import Session
 from starlette.types import Scope
 
+from apexcal.documents.roles import Role, least, rank
 from service.auth.origins import check_origin
-from service.auth.roles import Role, least, rank
 from service.auth.secrets import TOKEN_PREFIX, secret_hash
 from service.db.clock import utc_now
 from service.db.fleets import Fleet
@@ -35,10 +35,10 @@ from service.http.problems import Problem, not_found
 COOKIE = "apexcal_session"
 _SCOPE = "apexcal.identity"
 
-# A body comes after its credentials, and may come slowly: who was looked up before is looked up again after so long.
+# A body may come slowly after its credentials: they are checked again after so many seconds.
 FRESH_S = 1.0
 
-# Of more fleets the rows are sorted together: the statement would get too long.
+# For more fleets the rows are sorted together, because the statement would get too long.
 _FLEETS_ONE_BY_ONE = 50
 
 ModelT = TypeVar("ModelT")

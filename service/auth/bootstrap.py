@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Sequence
 from datetime import timedelta
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from sqlalchemy import select, update
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import Name
 from service.auth.credential_actions import hand_over, hold
 from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
 from service.auth.session_actions import make_link
@@ -20,7 +22,6 @@ from service.db.clock import utc_now
 from service.db.ids import new_id
 from service.db.people import ApiToken, Person
 from service.db.session import Database
-from service.http.schemas import Name
 from service.settings import settings_or_exit
 
 _LOCAL_TOKEN = "this machine"
@@ -73,13 +74,13 @@ def _name(text: str) -> str:
         raise argparse.ArgumentTypeError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the owner's link; with --token-file, leave an API token there too."""
     parser = argparse.ArgumentParser(prog="python -m service.auth.bootstrap", description=__doc__)
     parser.add_argument("--name", default="Owner", type=_name, help="the owner's name, where there is no owner yet")
     parser.add_argument("--token-file", type=Path, help="write an API token of the owner to this file (mode 0600)")
     parser.add_argument("--no-link", action="store_true", help="print no sign-in link")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     settings = settings_or_exit()
     database = Database(settings.database)
     try:

@@ -75,7 +75,7 @@ def hand_over(session: Session, old: list[UUID], new: UUID) -> None:
 
 
 def _end_ways_in(session: Session, links: Any, sessions: Any) -> Ended:
-    # Links first: one that is being used at this moment has left its session, which the second statement sees.
+    # Links first: a link that is used at this moment leaves a session, which the second statement then sees.
     now = utc_now()
     unused = (SignInLink.used_at.is_(None), SignInLink.expires_at > now)
     ended = session.scalars(

@@ -1,4 +1,4 @@
-"""Credentials before bodies: no byte of an unknown sender's body is read, and nobody sends many at once."""
+"""Checks credentials before a body is read, and limits how many requests a person sends at once."""
 
 from __future__ import annotations
 

@@ -9,11 +9,11 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.people import ChangedMember, Invitation, Member, NewInvitation, NewRole
+from apexcal.documents.roles import rank
 from service.auth.access import ReadAccess, WriteAccess
 from service.auth.credential_actions import end_credentials
 from service.auth.member_rules import check_may_give, check_may_sign_in_as, find_member, hold_to_give
-from service.auth.roles import rank
-from service.auth.schemas import ChangedMember, Invitation, Member, NewInvitation, NewRole
 from service.auth.session_actions import make_link
 from service.broker.hints import hint
 from service.db.fleets import Fleet

@@ -1,6 +1,6 @@
-"""Rules about who may invite whom: nobody hands out more than they have, nor a way to act as somebody else.
+"""Rules of invitations: nobody grants more than their own role, or a way to act as somebody else.
 
-A program's token hands out nothing: what it gave would outlive it.
+A program's token grants nothing, because what it grants would outlive it.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from uuid import UUID
 
 from sqlalchemy import select
 
+from apexcal.documents.roles import Role, rank
 from service.auth.access import Access
 from service.auth.credential_actions import hold
-from service.auth.roles import Role, rank
 from service.db.people import Membership, Person
 from service.http.problems import Problem, not_found
 
-# An engineer brings in the people who mark and review; more than that is an admin's word.
+# Engineers may invite people who mark and review; higher roles take an admin.
 _ENGINEER_INVITES: Role = "reviewer"
 
 
@@ -57,7 +57,7 @@ def hold_to_give(access: Access, *others: UUID) -> None:
         raise Problem(
             403,
             "token_gives_nothing",
-            "A token makes no tokens and no sign-in links, and changes nobody's role: what it gave would outlive it.",
+            "A token cannot make tokens or sign-in links or change roles: what it makes would outlive it.",
             "Sign in with a link (a browser, or `apexcal token --link`), or ask on the service's own machine.",
         )
 

@@ -1,4 +1,4 @@
-"""Where a browser's request comes from: cookies are sent by themselves, so edits by cookie are looked at twice."""
+"""Checks the origin of edits that carry a cookie, because browsers send cookies by themselves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What proves who somebody is ends by itself; rows of what has ended are removed after a while."""
+"""Removes expired sessions and links, and kept answers that nobody will ask for again."""
 
 from __future__ import annotations
 

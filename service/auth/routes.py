@@ -7,9 +7,9 @@ from urllib.parse import urlsplit
 from fastapi import APIRouter, Request, Response
 from sqlalchemy import select
 
+from apexcal.documents.people import FleetRole, Me, SignIn
 from service.auth.access import COOKIE, Access, Identity, ReadAccess, WriteAccess
 from service.auth.origins import check_origin
-from service.auth.schemas import FleetRole, Me, SignIn
 from service.auth.session_actions import sign_in, sign_out
 from service.db.fleets import Fleet
 from service.db.people import Membership

@@ -9,11 +9,11 @@ from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.people import MadeToken, NewToken, Token
+from apexcal.documents.roles import rank
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.auth.credential_actions import revoke
 from service.auth.member_rules import hold_to_give
-from service.auth.roles import rank
-from service.auth.schemas import MadeToken, NewToken, Token
 from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
 from service.db.clock import utc_now
 from service.db.fleets import Fleet

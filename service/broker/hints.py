@@ -65,7 +65,7 @@ class Publisher:
             return
         try:
             with self._client.pipeline(transaction=False) as pipeline:
-                # A hint says no more the second time.
+                # Repeating a hint adds nothing.
                 for one in dict.fromkeys(hints):
                     pipeline.publish(channel(one.fleet_id), json.dumps({"kind": one.kind, "id": one.id}))
                 pipeline.execute()

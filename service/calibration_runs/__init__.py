@@ -1,1 +1,1 @@
-"""How a calibration moves: its runs, the fan-in, the conclusion and what a fleet request hears of it."""
+"""State transitions of a calibration: runs, fan-in, conclusion, and the counters of its fleet request."""

@@ -1,4 +1,4 @@
-"""How a calibration's runs move: iterations as bundles of slots, the fan-in, and the end of run and request.
+"""State transitions of runs: iterations as bundles of slots, the fan-in, the end of run and request.
 
 Every function here works inside the caller's transaction. Locks are taken in one order: job, run, calibration, then
 those of :mod:`service.calibration_runs.fleet_request_actions`.
@@ -13,6 +13,7 @@ from uuid import UUID
 from sqlalchemy import bindparam, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.broker.hints import hint
 from service.calibration_runs.conclusion import FULL, RunRow, conclude, runs_of
 from service.calibration_runs.fleet_request_actions import tell_fleet_request
@@ -22,25 +23,24 @@ from service.db.clock import now
 from service.jobs.bundles import cut
 from service.jobs.queue import enqueue, enqueue_all, enqueue_each
 
-_UNENDED = ("queued", "running")
 # Built once, as those of :mod:`service.jobs.claims`.
 _COUNT_DOWN = (
     update(CalibrationRun)
-    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(_UNENDED))
-    .values(remaining=CalibrationRun.remaining - 1, state="running")
+    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(UNENDED))
+    .values(remaining=CalibrationRun.remaining - 1, state=WorkState.RUNNING)
     .returning(CalibrationRun.remaining)
 )
 _END_RUN = (
     update(CalibrationRun)
-    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(_UNENDED))
+    .where(CalibrationRun.id == bindparam("run"), CalibrationRun.state.in_(UNENDED))
     .values(state=bindparam("ended_as"), failure=bindparam("because"), finished_at=now())
     .returning(CalibrationRun.id)
 )
 _END_WHOLE_RUN = _END_RUN.values(schedule=bindparam("narrowed"), iteration=bindparam("iterations"))
 _COUNT_RUN = (
     update(Calibration)
-    .where(Calibration.id == bindparam("calibration"), Calibration.state.in_(_UNENDED))
-    .values(remaining=Calibration.remaining - 1, state="running")
+    .where(Calibration.id == bindparam("calibration"), Calibration.state.in_(UNENDED))
+    .values(remaining=Calibration.remaining - 1, state=WorkState.RUNNING)
     .returning(Calibration.remaining)
 )
 
@@ -84,7 +84,11 @@ def count_down(session: Session, run_id: UUID) -> CalibrationRun | None:
 
 
 def end_run(
-    session: Session, run: Any, state: str, failure: Json | None = None, schedule: tuple[Json, int] | None = None
+    session: Session,
+    run: Any,
+    state: WorkState,
+    failure: Json | None = None,
+    schedule: tuple[Json, int] | None = None,
 ) -> None:
     """End a run once; the calibration's last one ends the calibration too, or has its cameras compared first.
 
@@ -126,5 +130,5 @@ def end_calibration(
 
 def _has_cameras_to_compare(runs: Sequence[RunRow]) -> bool:
     """Whether two cameras have a result, and nobody asked for the end."""
-    fitted = [run for run in runs if run.fold == FULL and run.state == "done"]
+    fitted = [run for run in runs if run.fold == FULL and run.state == WorkState.DONE]
     return len({run.camera for run in fitted}) > 1 and not any(run.cancel_requested for run in fitted)

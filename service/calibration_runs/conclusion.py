@@ -1,4 +1,4 @@
-"""The end of a calibration: what its runs found side by side, which model to take and why, and its publication."""
+"""The end of a calibration: the summary of its runs, the recommended model and why, and its publication."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from uuid import UUID
 from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.calibration_runs.model_choice import Candidate, Choice, choose
 from service.calibration_runs.objection_queries import objections, own_objections
 from service.calibration_runs.publication_actions import hold_publications, publish_by_itself
@@ -64,12 +65,12 @@ def conclude(
     results = results_of(session, calibration.id)
     fitted = [result for result in results if result.fold == FULL]
     calibration.finished_at = now()
-    calibration.state = "cancelled" if cancelled else _state(runs, fitted)
+    calibration.state = WorkState.CANCELLED if cancelled else _state(runs, fitted)
     calibration.problem = next((run.failure for run in runs if run.failure), None)
     if not fitted:
         return
     work = _work(session, calibration.id)
-    ended_well = not cancelled and all(run.state == "done" for run in runs)
+    ended_well = not cancelled and all(run.state == WorkState.DONE for run in runs)
     cameras: dict[str, Json] = {}
     for camera, choice in choices(results).items():
         of_camera = [result for result in results if result.camera == camera]
@@ -140,8 +141,8 @@ def _candidates(of_camera: Sequence[Result]) -> dict[str, Candidate]:
 def _heldout(of_camera: Sequence[Result]) -> dict[str, Blocks]:
     """Each model's errors in its held-out blocks.
 
-    Without the pairs that every model's fit to all pairs left out as ones that do not belong: they speak against no
-    model. What only some leave out stays, or a lens that a model lacks would not count against it.
+    Pairs that every model's fit to all pairs left out as outliers do not count. Pairs that only some leave out do, or
+    a lens that a model lacks would not count against it.
     """
     left_out = [
         {outlier["index"] for outlier in result.document.get("outliers", []) if outlier["excluded"]}
@@ -160,10 +161,10 @@ def _heldout(of_camera: Sequence[Result]) -> dict[str, Blocks]:
     return models
 
 
-def _state(runs: Sequence[RunRow], fitted: Sequence[Result]) -> str:
-    if any(run.state == "cancelled" for run in runs):
-        return "cancelled"
-    return "done" if fitted else "failed"
+def _state(runs: Sequence[RunRow], fitted: Sequence[Result]) -> WorkState:
+    if any(run.state == WorkState.CANCELLED for run in runs):
+        return WorkState.CANCELLED
+    return WorkState.DONE if fitted else WorkState.FAILED
 
 
 def _work(session: Session, calibration_id: UUID) -> dict[UUID, Json]:

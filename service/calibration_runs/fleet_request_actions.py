@@ -1,4 +1,4 @@
-"""How a fleet request moves: each calibration that ends is counted in the transaction that ends it.
+"""Counts each ended calibration in its fleet request, in the transaction that ends it.
 
 Locks are taken in one order: job, run, calibration, vehicle of the fleet request, fleet request.
 """
@@ -12,6 +12,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, bindparam, case, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import RequestState, VehicleState
 from service.broker.hints import hint
 from service.db.base import Json, written
 from service.db.calibrations import Calibration
@@ -21,12 +22,14 @@ from service.db.session import Database
 
 # What one sweep looks at.
 _BATCH = 200
+# Each is a column that counts the vehicles which came to it.
+_ENDED = (VehicleState.DONE, VehicleState.FAILED, VehicleState.CANCELLED)
 # Built once, as those of :mod:`service.jobs.claims`.
 _END_VEHICLES = (
     update(FleetRequestVehicle)
     .where(
         FleetRequestVehicle.calibration_id.in_(bindparam("calibrations", expanding=True)),
-        FleetRequestVehicle.state == "queued",
+        FleetRequestVehicle.state == VehicleState.QUEUED,
     )
     .values(state=bindparam("ended_as"), problem=bindparam("because"), finished_at=now())
     .returning(FleetRequestVehicle.fleet_request_id)
@@ -41,7 +44,7 @@ def tell_fleet_request(session: Session, calibration: Calibration) -> None:
 
 def drop_calibrations(session: Session, calibration_ids: Iterable[UUID]) -> None:
     """Count calibrations that are about to be deleted with their recording, as cancelled where they had not ended."""
-    _end_vehicles(session, list(calibration_ids), "cancelled", _DELETED)
+    _end_vehicles(session, list(calibration_ids), VehicleState.CANCELLED, _DELETED)
 
 
 def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) -> None:
@@ -50,7 +53,7 @@ def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) ->
     ``ended``: how many came to each of done, failed, cancelled. A cancelled request that has nothing cancelled is
     one whose vehicles were all done before the cancel reached them.
     """
-    counts = {name: getattr(FleetRequest, name) + ended.get(name, 0) for name in ("done", "failed", "cancelled")}
+    counts = {name: getattr(FleetRequest, name) + ended.get(name, 0) for name in _ENDED}
     left = FleetRequest.remaining - sum(ended.values())
     fleet_id = session.execute(
         update(FleetRequest)
@@ -58,7 +61,10 @@ def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) ->
         .values(
             **counts,
             remaining=left,
-            state=case((left > 0, "running"), else_=_end_state(counts["failed"], counts["cancelled"])),
+            state=case(
+                (left > 0, RequestState.RUNNING),
+                else_=_end_state(counts),
+            ),
             finished_at=case((left > 0, None), else_=now()),
         )
         .returning(FleetRequest.fleet_id)
@@ -67,11 +73,12 @@ def count_ended(session: Session, request_id: UUID, ended: Mapping[str, int]) ->
     hint(session, fleet_id, "fleet_request", request_id)
 
 
-def _end_state(failed: ColumnElement[int], cancelled: ColumnElement[int]) -> ColumnElement[str]:
+def _end_state(counts: Mapping[VehicleState, ColumnElement[int]]) -> ColumnElement[str]:
+    failed, cancelled = counts[VehicleState.FAILED], counts[VehicleState.CANCELLED]
     return case(
-        (FleetRequest.cancel_requested & (cancelled > 0), "cancelled"),
-        (failed + cancelled > 0, "done_with_failures"),
-        else_="done",
+        (FleetRequest.cancel_requested & (cancelled > 0), RequestState.CANCELLED),
+        (failed + cancelled > 0, RequestState.DONE_WITH_FAILURES),
+        else_=RequestState.DONE,
     )
 
 
@@ -86,13 +93,17 @@ def _end_vehicles(session: Session, calibration_ids: list[UUID], state: str, pro
 def count_missed(database: Database) -> None:
     """Count what a worker of the version before ended: it knows no fleet requests, which would wait for ever."""
     with database.reading() as session:
-        running = session.scalars(select(FleetRequest.id).where(FleetRequest.state == written("running"))).all()
+        running = session.scalars(
+            select(FleetRequest.id).where(FleetRequest.state == written(RequestState.RUNNING))
+        ).all()
         if not running:
             return
         missed = (
             select(Calibration.id)
             .join(FleetRequestVehicle, FleetRequestVehicle.calibration_id == Calibration.id)
-            .where(FleetRequestVehicle.fleet_request_id.in_(running), FleetRequestVehicle.state == "queued")
+            .where(
+                FleetRequestVehicle.fleet_request_id.in_(running), FleetRequestVehicle.state == VehicleState.QUEUED
+            )
             .where(Calibration.finished_at.is_not(None))
         )
         found = session.scalars(missed.limit(_BATCH)).all()

@@ -1,4 +1,4 @@
-"""Which camera model to take: the smallest one that held-out pairs do not speak against, and why, in sentences.
+"""Recommends the smallest camera model that held-out pairs do not reject, and says why.
 
 The one-standard-error rule (Breiman and others 1984), paired: models are compared block by block on the same held-out
 pairs, by the logarithm of the ratio of their mean errors. A lens that a model lacks costs a tenth of a pixel in one
@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import expm1, log, log1p, sqrt
 
-# What a larger model gains less than is not worth its parameters, however sure.
+# A gain below this share is not worth a larger model's parameters, however certain.
 _HAIR = 0.02
-# Nor is a model within the noise whose error is so many times the lowest. A single block that it misses altogether
-# gives a mean ratio of exactly its standard error, however far off it is there.
+# A model whose error is this many times the lowest is never within the noise: a single block that it misses gives
+# a mean ratio of exactly its standard error, however far off it is there.
 _FAR = 1.5
-# Errors below are none: only made-up pairs have such.
+# Errors below this count as zero: only made-up pairs have them.
 _NO_ERROR_PX = 1e-9
 
 
@@ -42,8 +42,7 @@ class Difference:
     """How much higher a model's held-out error is than the lowest one: its mean over the pairs, and block by block.
 
     ``percent`` is the blocks' mean ratio; the standard errors are of the blocks, for pairs of one block share a fit.
-    ``within_noise``: it is no more than its standard error, or than a hair, and the mean error not far above the
-    lowest.
+    ``within_noise``: it is at most its standard error or 2 %, and the mean error is not far above the lowest.
     """
 
     px: float

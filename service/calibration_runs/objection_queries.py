@@ -1,4 +1,4 @@
-"""What speaks against giving a result to a vehicle, in sentences: the same for a person and for the service itself.
+"""Objections to publishing a result, in sentences: the same for a person and for the service.
 
 Objections to the result itself are found when its calibration ends, and kept in the calibration's summary. The others
 depend on what the camera has at the moment of asking.
@@ -13,23 +13,24 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, exists, func, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.calibration_runs.publication_actions import current_id
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig
 
-# Where held-out pairs lie so many times further off than the fitted ones, the fit says little about other places.
-# Twenty real pairs for sixteen parameters give 3.3, enough pairs 1.1.
+# Ratio of held-out to fitted error above which a fit says little about other places. Twenty real pairs for sixteen
+# parameters give 3.3, enough pairs 1.1.
 _FAR_HELD_OUT = 3.0
-# Where they lie so many times further off than those of the current result, the vehicle better keeps that.
+# Ratio to the current result's held-out error above which the vehicle should keep the current one.
 _WORSE = 1.5
-# A held-out error below this is never an objection.
+# A held-out error below this never blocks publication.
 _FINE_PX = 0.5
 _NOT_ENDED = "Its calibration has not ended, so more may speak against it."
 
 
 def objections(session: Session, result: Result) -> list[str]:
-    """Everything that speaks against giving this result, a fit to all pairs, to its camera now.
+    """All objections to publishing this result, a fit to all pairs, for its camera now.
 
     What an older version of the service did not keep is computed here.
     """
@@ -41,17 +42,16 @@ def objections(session: Session, result: Result) -> list[str]:
         return [_NOT_ENDED]
     own: list[str] | None = model.get("objections")
     if own is None:
-        ended_well = calibration.state == "done" and _all_done(session, calibration.id)
+        ended_well = calibration.state == WorkState.DONE and _all_done(session, calibration.id)
         own = own_objections(result.camera, found, result.model, summary.get("rig"), ended_well=ended_well)
     return own + _beside_current(session, result, calibration.vehicle_id)
 
 
 def own_objections(camera: str, found: Json, name: str, rig: Json | None, *, ended_well: bool) -> list[str]:
-    """What speaks against a model's fit to all pairs, whatever the vehicle has.
+    """Objections to a model's fit to all pairs, whatever the vehicle has.
 
-    Nothing speaks against a result that was judged on held-out pairs, with every run done, and with nothing that a
-    person should look at first. ``found`` is the camera's summary, ``rig`` what the
-    comparison of the cameras found.
+    A result has none if it was judged on held-out pairs, every run is done, and nothing needs a person's look first.
+    ``found`` is the camera's summary, ``rig`` the comparison of the cameras.
     """
     model, recommended = found["models"][name], found["recommended"]
     reasons: list[str] = []
@@ -89,7 +89,7 @@ def _held_out(model: Json) -> list[str]:
 
 
 def _all_done(session: Session, calibration_id: UUID) -> bool:
-    other = exists().where(CalibrationRun.calibration_id == calibration_id, CalibrationRun.state != "done")
+    other = exists().where(CalibrationRun.calibration_id == calibration_id, CalibrationRun.state != WorkState.DONE)
     return not session.scalar(select(other))
 
 
@@ -131,7 +131,7 @@ def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None
 
 
 def _beside_current(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
-    """What speaks against a result beside the one that its camera has now."""
+    """Objections to a result that come from comparing it with its camera's current one."""
     given = current_id(vehicle_id, result.camera)
     published = select(Publication.result_id).where(Publication.id.in_(given))
     own, current = _standing(session, Result.id == result.id), _standing(session, Result.id.in_(published))

@@ -1,7 +1,7 @@
-"""What a vehicle's cameras are given: each camera's newest publication, and how another one is made.
+"""A camera's current calibration is its newest publication; this makes and finds publications.
 
-Who publishes holds the calibration's row and then the vehicle's, until the commit. Who deletes calibrations holds
-the same rows in the same order. So of two at the same moment the second sees what the first did.
+Publishing and deleting both lock the calibration's row and then the vehicle's until the commit. So of two at the
+same moment the second sees what the first did.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session
 from service.db.calibrations import NEWNESS, Calibration, Publication, Result
 from service.db.fleets import Vehicle
 
-_BY_ITSELF = "It was recommended, and nothing spoke against it."
+_BY_ITSELF = "It was recommended and had no objections."
 
 
 class Words(NamedTuple):

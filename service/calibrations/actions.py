@@ -9,24 +9,23 @@ from uuid import UUID
 from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import start_runs
-from service.calibrations.plan import Fit, Plan
+from service.calibration_runs.conclusion import FULL
+from service.calibrations.plan import CalibrationPlan, FitPlan
 from service.db.base import written
 from service.db.calibrations import Calibration, CalibrationRun
 from service.db.fleets import Rig
-from service.jobs.bundles import plan
+from service.jobs.bundles import choose_farming
 from service.jobs.queue import cancel
-
-FULL = -1
-UNENDED = ("queued", "running")
 
 
 def create(
-    session: Session, rig: Rig, asked: Plan, farm: str, publish: str, person_id: UUID, workers: int
+    session: Session, rig: Rig, plan: CalibrationPlan, farm: str, publish: str, person_id: UUID, workers: int
 ) -> Calibration:
     """Insert a calibration with all its runs and their first jobs. Fits to all pairs are worked on first."""
-    waiting = waiting_runs(session, workers) + sum(fit.folds + 1 for fit in asked.fits)
-    return create_all(session, [(rig, asked)], farm, publish, person_id, workers, waiting)[0]
+    waiting = waiting_runs(session, workers) + sum(fit.folds + 1 for fit in plan.fits)
+    return create_all(session, [(rig, plan)], farm, publish, person_id, workers, waiting)[0]
 
 
 def waiting_runs(session: Session, enough: int) -> int:
@@ -37,7 +36,7 @@ def waiting_runs(session: Session, enough: int) -> int:
 
 def create_all(
     session: Session,
-    wanted: Sequence[tuple[Rig, Plan]],
+    wanted: Sequence[tuple[Rig, CalibrationPlan]],
     farm: str,
     publish: str,
     person_id: UUID,
@@ -48,13 +47,13 @@ def create_all(
 
     ``waiting``: how many runs there are to be worked on, these included.
     """
-    calibrations = [_calibration(rig, asked, publish, person_id) for rig, asked in wanted]
+    calibrations = [_calibration(rig, plan, publish, person_id) for rig, plan in wanted]
     session.add_all(calibrations)
     session.flush()
     runs = [
-        _run(calibration, fit, fold, asked, farm, waiting, workers)
-        for calibration, (_, asked) in zip(calibrations, wanted, strict=True)
-        for fit, fold in sorted(_runs(asked), key=lambda run: run[1])
+        _run(calibration, fit, fold, plan, farm, waiting, workers)
+        for calibration, (_, plan) in zip(calibrations, wanted, strict=True)
+        for fit, fold in sorted(_runs(plan), key=lambda run: run[1])
     ]
     session.add_all(runs)
     session.flush()
@@ -77,40 +76,40 @@ def ask_to_end(session: Session, calibrations: Select[Any]) -> None:
     )
 
 
-def _runs(asked: Plan) -> Iterator[tuple[Fit, int]]:
-    for fit in asked.fits:
+def _runs(plan: CalibrationPlan) -> Iterator[tuple[FitPlan, int]]:
+    for fit in plan.fits:
         yield from ((fit, fold) for fold in range(FULL, fit.folds))
 
 
-def _calibration(rig: Rig, asked: Plan, publish: str, person_id: UUID) -> Calibration:
+def _calibration(rig: Rig, plan: CalibrationPlan, publish: str, person_id: UUID) -> Calibration:
     return Calibration(
         fleet_id=rig.fleet_id,
         vehicle_id=rig.vehicle_id,
         rig_id=rig.id,
-        request=asked.request,
-        content_hash=asked.content_hash,
-        state="queued",
-        remaining=sum(fit.folds + 1 for fit in asked.fits),
+        request=plan.request,
+        content_hash=plan.content_hash,
+        state=WorkState.QUEUED,
+        remaining=sum(fit.folds + 1 for fit in plan.fits),
         publish=publish,
-        notes=asked.notes,
+        notes=plan.notes,
         created_by=person_id,
     )
 
 
 def _run(
-    calibration: Calibration, fit: Fit, fold: int, asked: Plan, farm: str, waiting: int, workers: int
+    calibration: Calibration, fit: FitPlan, fold: int, plan: CalibrationPlan, farm: str, waiting: int, workers: int
 ) -> CalibrationRun:
-    cut = plan(farm, slots=asked.size.slots, cost=fit.cost, waiting_runs=waiting, workers=workers)
+    farming = choose_farming(farm, slots=plan.schedule.slots, cost=fit.cost, waiting_runs=waiting, workers=workers)
     return CalibrationRun(
         fleet_id=calibration.fleet_id,
         calibration_id=calibration.id,
-        set_id=fit.source.pairs.id,
-        camera=fit.source.camera.name,
+        set_id=fit.camera.pairs.id,
+        camera=fit.camera.name,
         model=fit.model,
         fold=fold,
-        farm=cut.farm,
-        slots=asked.size.slots,
-        bundle=cut.bundle,
+        farm=farming.farm,
+        slots=plan.schedule.slots,
+        bundle=farming.bundle,
         problem=fit.problem | {"fold": fold},
-        state="queued",
+        state=WorkState.QUEUED,
     )

@@ -1,6 +1,6 @@
-"""How many blocks can honestly be held out: whole poses or blocks of time, and enough pairs left to fit.
+"""How many blocks (whole poses or blocks of time) can be held out with enough pairs left to fit.
 
-The workers cut the blocks (``workers/solver/folds.py``); a contract test holds these counts to what they can cut.
+The workers cut the blocks (``workers/solver/folds.py``).
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from math import ceil
 
+from apexcal.documents.pairs import held_together, most_blocks
 from service.db.base import Json
 
 
@@ -18,12 +19,9 @@ def fold_count(pairs: Json, wanted: int, free_parameters: int, what: str) -> tup
     """
     if wanted == 0:
         return 0, None
-    values = pairs.get("group") or pairs.get("stamp_ns") or range(len(pairs["x"]))
-    sizes = Counter(values)
+    sizes = Counter(held_together(pairs))
     total = sum(sizes.values())
-    # A block of single frames needs at least two of them, else a frame is held out beside its neighbours.
-    single = len(sizes) == total
-    most = min(wanted, len(sizes) // 2 if single else len(sizes))
+    most = min(wanted, most_blocks(len(sizes), total))
     if most < 2:
         return 0, f"Nothing is held out of {what}: {len(sizes)} frames or poses make no two blocks."
     largest = min(ceil(total / most) + max(sizes.values()), total)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.calibrations import CalibrationTemplate
+from service.calibrations.cameras import CameraPairs
+from service.calibrations.lenses import check_size
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import RigCamera
@@ -12,12 +18,28 @@ from service.db.recordings import Sensor
 from service.http.problems import Problem
 
 
-def stated_intrinsics(session: Session, camera: RigCamera, pairs: CorrespondenceSet) -> Json:
-    """What the recording of these pairs says of the camera (CameraInfo).
+def with_recorded_lenses(
+    session: Session, wanted: CalibrationTemplate, sources: Sequence[CameraPairs]
+) -> Sequence[CameraPairs]:
+    """The cameras with the lenses that their recordings state, where the request starts from these.
+
+    A lens that the request itself gives goes before.
 
     Raises:
         Problem: 422 ``no_intrinsics_stated`` or ``intrinsics_of_another_size``.
     """
+    if wanted.intrinsics_from != "recording":
+        return sources
+    return [
+        source
+        if source.camera.name in wanted.intrinsics
+        else replace(source, stated=_stated_intrinsics(session, source.camera, source.pairs))
+        for source in sources
+    ]
+
+
+def _stated_intrinsics(session: Session, camera: RigCamera, pairs: CorrespondenceSet) -> Json:
+    """What the recording of these pairs says of the camera (CameraInfo)."""
     facts = session.scalar(
         select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)
     )
@@ -31,15 +53,3 @@ def stated_intrinsics(session: Session, camera: RigCamera, pairs: Correspondence
         )
     check_size(stated, camera, f"The recording states intrinsics of {camera.name}")
     return stated
-
-
-def check_size(stated: Json, camera: RigCamera, what: str) -> None:
-    """Refuse intrinsics of other images than the camera's: 422 ``intrinsics_of_another_size``."""
-    if (stated["width"], stated["height"]) != (camera.image_width, camera.image_height):
-        raise Problem(
-            422,
-            "intrinsics_of_another_size",
-            f"{what} for {stated['width']} x {stated['height']} pixels, "
-            f"and its images have {camera.image_width} x {camera.image_height}.",
-            "Leave them out, scale them to the images' size, or give bounds.",
-        )

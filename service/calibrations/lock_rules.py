@@ -1,34 +1,14 @@
-"""Locked values held against the bounds in which the search would look for them.
-
-The presets are those of ``workers/solver/bounds.py``, which the service may not import; a contract test compares
-both.
-"""
+"""Checks locked values against the bounds of the search."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import pi, radians
 
-from service.calibrations.model_names import ANGLES, BoundsPreset, SearchForm
-from service.calibrations.transforms import read
+from apexcal.documents.bounds import LEAST_FOCAL_PX, BoundsPreset, Interval, preset_bounds
+from apexcal.documents.camera_models import ANGLES, MODELS
 from service.db.base import Json
 from service.db.fleets import RigCamera
 from service.http.problems import Problem
-
-Interval = tuple[float, float]
-
-# Less is no focal length of a camera, and what is divided by it may be infinite.
-LEAST_FOCAL_PX = 1.0
-_LENS: dict[str, Interval] = {"skew": (-0.1, 0.1), **{f"k{order}": (-1.0, 1.0) for order in range(1, 6)}}
-_TABLE_1: dict[str, Interval] = {
-    "alpha": (0.2 * pi, 0.8 * pi),
-    "beta": (-0.8 * pi, -0.2 * pi),
-    "gamma": (-0.3 * pi, 0.3 * pi),
-    **dict.fromkeys(("t_x", "t_y", "t_z"), (-1.0, 1.0)),
-    **dict.fromkeys(("f_x", "f_y", "c_x", "c_y"), (300.0, 900.0)),
-}
-# About the nominal mount's angles, which are several where it looks straight ahead: any angle may be right.
-_ANY_ANGLES: dict[str, Interval] = dict.fromkeys(("alpha", "beta", "gamma"), (-pi, pi))
 
 _OF_LENS = (
     "The lens as stated has it: is it in pixels of these images? Where it is right, give the rig bounds of {} that "
@@ -69,33 +49,22 @@ def check_camera_locks(
     ``fit`` is the part of the solver's document that all fits share.
     """
     preset: BoundsPreset = fit["bounds_preset"]
-    found = preset_bounds(preset, fit["search"], camera, fit["rotation_range_deg"])
+    nominal_t = camera.nominal["translation_m"]
+    size = (camera.image_width, camera.image_height)
+    # Any angle about the nominal mount may be right where it looks straight ahead: it has several then.
+    found = {
+        name: interval
+        for model in MODELS
+        for name, interval in preset_bounds(
+            preset, model, fit["search"], size, nominal_t, rotation_range_deg=fit["rotation_range_deg"]
+        ).items()
+    }
     for name, value in {**of_lens, **locked}.items():
         if name in bounds:
             continue
         whose = "the rig's bounds" if name in rig else f"the bounds of {preset}"
         hint = _OF_LENS if name in of_lens else ""
         _check(name, value, rig.get(name) or found[name], whose, f" of {camera.name}", hint)
-
-
-def preset_bounds(
-    preset: BoundsPreset, search: SearchForm, camera: RigCamera, rotation_range_deg: float
-) -> dict[str, Interval]:
-    """(lower, upper) of every parameter of any model in this form, in radians, metres and pixels."""
-    reach = radians(rotation_range_deg)
-    angles = dict.fromkeys(("rotation_x", "rotation_y", "rotation_z"), (-reach, reach))
-    if preset == "paper-table-1":
-        return _LENS | _TABLE_1 | angles
-    width, height = camera.image_width, camera.image_height
-    _, t = read(camera.nominal)
-    return (
-        _LENS
-        | _ANY_ANGLES
-        | angles
-        | dict.fromkeys(("f_x", "f_y"), (0.2 * width, 3.0 * width))
-        | {"c_x": (0.0, width - 1.0), "c_y": (0.0, height - 1.0)}
-        | {name: (at - 1.0, at + 1.0) for name, at in zip(("t_x", "t_y", "t_z"), t.tolist(), strict=True)}
-    )
 
 
 def _check(name: str, value: float, interval: Interval, whose: str, of: str, hint: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Results, their publication, and what a vehicle's camera is given: now at one address, and before."""
+"""Routes of results and publications, and of a camera's current calibration."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from uuid import UUID
 
 from fastapi import APIRouter, Request
 from fastapi.encoders import jsonable_encoder
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought, Stored
+from apexcal.documents.publications import PublicationRequest, PublicationView
+from apexcal.documents.results import CurrentCalibration, ResultView
+from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
-from service.auth.roles import rank
 from service.broker.hints import hint
+from service.calibration_runs.conclusion import FULL
 from service.calibration_runs.objection_queries import objections
 from service.calibration_runs.publication_actions import (
     Words,
@@ -22,30 +26,33 @@ from service.calibration_runs.publication_actions import (
     publish,
     was_given,
 )
-from service.calibrations.actions import FULL
 from service.calibrations.publication_views import current_document, publication_page, publication_view
-from service.calibrations.schemas import PublicationRequest, PublicationView
 from service.calibrations.views import result_document
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.digests import content_hash
 from service.db.fleets import Vehicle
+from service.exports.answers import WantedFormat, exported
+from service.exports.queries import of_publication, of_result
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging
 from service.http.problems import Problem, not_found
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["calibrations"])
 
 
-@router.get("/results/{result_id}")
-def read_result(result_id: UUID, access: ReadAccess, request: Request) -> dict[str, Any]:
+@router.get("/results/{result_id}", response_model=Stored[ResultView])
+def read_result(
+    result_id: UUID, access: ReadAccess, request: Request, wanted: WantedFormat, conditions: Conditional
+) -> dict[str, Any] | Response:
     """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids.
 
     ``objections`` is what speaks against publishing it now, null of a fit that is not to all pairs. Of pairs made of
     marks only reviewers see what tells of single pairs; what they answer afterwards on the vertices of these counts
-    as reviewed.
+    as reviewed. ``format``: its lens and mount in another format.
     """
     result = access.find(Result, result_id)
+    if wanted is not None:
+        return exported(wanted, of_result(access.session, result.id), conditions)
     found = access.session.execute(
         select(CalibrationRun, Calibration, CorrespondenceSet)
         .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
@@ -66,7 +73,7 @@ def read_result(result_id: UUID, access: ReadAccess, request: Request) -> dict[s
 
 @router.post("/results/{result_id}/publication", status_code=201, response_model=PublicationView)
 def publish_result(result_id: UUID, access: WriteAccess, wanted: PublicationRequest | None = None) -> JSONResponse:
-    """Give a result to its vehicle's camera; the current one is found again, with 200. [reviewer]
+    """Publish a result for its vehicle's camera; the current one is answered again, with 200. [reviewer]
 
     Against the service's objections only with an ``override``, which is kept. One that was published before takes a
     ``reason``: this is how to go back.
@@ -99,7 +106,7 @@ def _words(access: WriteAccess, result: Result, wanted: PublicationRequest) -> W
         raise Problem(
             409,
             "objections",
-            f"Something speaks against publishing this result: {against[0]}{more}",
+            f"There are objections to publishing this result: {against[0]}{more}",
             'Look at it first. To publish it all the same, say why: {"override": {"reason": "..."}}.',
             objections=against,
         )
@@ -120,9 +127,14 @@ def list_publications(vehicle_id: UUID, camera: Sought, access: ReadAccess, wind
     return publication_page(access.session, access.find(Vehicle, vehicle_id).id, camera, window)
 
 
-@router.get("/vehicles/{vehicle_id}/cameras/{camera}/calibration")
-def read_current(vehicle_id: UUID, camera: Sought, access: ReadAccess, conditions: Conditional) -> dict[str, Any]:
-    """The current calibration of a vehicle's camera: intrinsics and transform, both frames named."""
+@router.get("/vehicles/{vehicle_id}/cameras/{camera}/calibration", response_model=Stored[CurrentCalibration])
+def read_current(
+    vehicle_id: UUID, camera: Sought, access: ReadAccess, conditions: Conditional, wanted: WantedFormat
+) -> dict[str, Any] | Response:
+    """The current calibration of a vehicle's camera: intrinsics and transform, both frames named.
+
+    ``format``, or the format's type in Accept: the same as a file for another program.
+    """
     vehicle = access.find(Vehicle, vehicle_id)
     document = jsonable_encoder(current_document(access.session, vehicle.id, camera))
     if document is None:
@@ -133,5 +145,7 @@ def read_current(vehicle_id: UUID, camera: Sought, access: ReadAccess, condition
             "Publish a result: POST /v1/results/{id}/publication, or ask for a calibration with "
             '"publish": "recommended".',
         )
+    if wanted is not None:
+        return exported(wanted, of_publication(access.session, vehicle.id, camera), conditions)
     conditions.offer(content_etag(content_hash(document)))
     return document

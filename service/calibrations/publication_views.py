@@ -1,7 +1,9 @@
-"""What cameras were given and are given now: who published it, when, why and against what."""
+"""Current and earlier publications of cameras: by whom, when, why, and against which objections."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 from uuid import UUID
 
@@ -9,9 +11,8 @@ from sqlalchemy import Row, Select, Uuid, literal, select, tuple_
 from sqlalchemy.exc import NoResultFound
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.publication_actions import current_id
-from service.calibrations.schemas import OverrideView, PublicationView
-from service.calibrations.transforms import T_vehicle_camera
+from apexcal.documents.publications import OverrideView, PublicationView
+from service.calibration_runs.publication_actions import current_id, current_ids
 from service.db.base import Json
 from service.db.calibrations import NEWNESS, Calibration, Publication, Result
 from service.db.clock import Instant
@@ -39,17 +40,36 @@ def publication_view(session: Session, publication: Publication) -> PublicationV
 
 def current_document(session: Session, vehicle_id: UUID, camera: str) -> Json | None:
     """What a camera is given now: intrinsics and transform together, both frames named. None: nothing yet."""
-    # One statement: what it reads may be deleted between two.
-    found = session.execute(
+    current = Publication.id == current_id(vehicle_id, camera).scalar_subquery()
+    found = session.execute(_given().where(current)).one_or_none()
+    return None if found is None else _document(found)
+
+
+def vehicle_documents(
+    session: Session, vehicle_id: UUID, cameras: Sequence[str], as_of: datetime | None
+) -> dict[str, Json]:
+    """What each camera of a vehicle is given now, or was at a moment; ``cameras`` limits it to some. By camera."""
+    of = [Publication.vehicle_id == vehicle_id]
+    if cameras:
+        of.append(Publication.camera.in_(cameras))
+    if as_of is not None:
+        of.append(Publication.created_at <= as_of)
+    rows = session.execute(_given().where(Publication.id.in_(current_ids(*of))).order_by(Publication.camera)).all()
+    return {row[0].camera: _document(row) for row in rows}
+
+
+def _given() -> Select[Publication, Result, Calibration, Rig, str]:
+    """A query that reads all in one statement: rows may be deleted between two."""
+    return (
         select(Publication, Result, Calibration, Rig, Person.name)
         .join(Result, Result.id == Publication.result_id)
         .join(Calibration, Calibration.id == Result.calibration_id)
         .join(Rig, Rig.id == Calibration.rig_id)
         .outerjoin(Person, Person.id == Publication.published_by)
-        .where(Publication.id == current_id(vehicle_id, camera).scalar_subquery())
-    ).one_or_none()
-    if found is None:
-        return None
+    )
+
+
+def _document(found: Row[Publication, Result, Calibration, Rig, str]) -> Json:
     publication, result, calibration, rig, published_by = found
     document: dict[str, Any] = {
         "vehicle_id": str(publication.vehicle_id),
@@ -67,6 +87,9 @@ def current_document(session: Session, vehicle_id: UUID, camera: str) -> Json | 
         "quality": _quality(result, calibration),
     }
     if rig.T_vehicle_lidar:
+        # Here, for it alone needs NumPy, which takes a twentieth of the start.
+        from service.calibration_runs.transforms import T_vehicle_camera
+
         document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])
     return document
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 from uuid import UUID
 
@@ -10,22 +9,23 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
+from apexcal.documents.calibrations import CalibrationRequest, CalibrationView, SlotView
+from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import Access, ReadAccess, WriteAccess
-from service.auth.roles import rank
 from service.broker.hints import hint
 from service.calibrations.actions import ask_to_end, create
-from service.calibrations.lens_queries import stated_intrinsics
-from service.calibrations.plan import CameraPairs, plan_request
-from service.calibrations.schemas import CalibrationRequest, CalibrationView, SlotView
+from service.calibrations.cameras import CameraPairs
+from service.calibrations.lens_queries import with_recorded_lenses
+from service.calibrations.plan import plan_request
 from service.calibrations.slot_views import slot_page
 from service.calibrations.views import calibration_views, vertices_apart
-from service.correspondence_sets.actions import rig_camera
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Slot
 from service.db.fleets import Rig, Vehicle
+from service.fleets.queries import rig_camera
 from service.http.pages import LongPaging, Page, Paging, fetch
 from service.http.problems import Problem
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["calibrations"])
 
@@ -37,18 +37,11 @@ def ask_calibration(
     """Fit models to a vehicle's correspondences: one set for each camera, all of one rig. [engineer]"""
     vehicle = access.find(Vehicle, vehicle_id, "engineer")
     rig, sources = _sources(access, vehicle, wanted.correspondence_set_ids)
-    if wanted.intrinsics_from == "recording":
-        sources = [
-            one
-            if one.camera.name in wanted.intrinsics
-            else replace(one, stated=stated_intrinsics(access.session, one.camera, one.pairs))
-            for one in sources
-        ]
-    asked = plan_request(wanted, sources)
+    plan = plan_request(wanted, with_recorded_lenses(access.session, wanted, sources))
     calibration = create(
         access.session,
         rig,
-        asked,
+        plan,
         farm=wanted.farm,
         publish=wanted.publish,
         person_id=access.person.id,
@@ -109,7 +102,7 @@ def read_calibration(calibration_id: UUID, access: ReadAccess, request: Request)
     calibration = access.find(Calibration, calibration_id)
     with_pairs = rank(access.role(calibration.fleet_id) or "") >= rank("reviewer")
     view = calibration_views(access.session, [calibration], with_pairs=with_pairs)[0]
-    if with_pairs and vertices_apart(view.summary):
+    if with_pairs and vertices_apart(calibration.summary):
         runs = select(CalibrationRun.set_id).where(CalibrationRun.calibration_id == calibration.id)
         for pairs in access.session.scalars(select(CorrespondenceSet).where(CorrespondenceSet.id.in_(runs))).all():
             tell_pairs(access, request.app.state.database, pairs, "calibration")

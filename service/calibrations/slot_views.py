@@ -7,7 +7,7 @@ from uuid import UUID
 from sqlalchemy import Select, tuple_
 from sqlalchemy.orm import Session
 
-from service.calibrations.schemas import SlotView
+from apexcal.documents.calibrations import SlotView
 from service.db.calibrations import CalibrationRun, Slot
 from service.http.pages import Page, Window
 from service.http.problems import Problem

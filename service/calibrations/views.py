@@ -10,8 +10,10 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.calibrations.actions import FULL, UNENDED
-from service.calibrations.schemas import CalibrationView, ProgressView, RunView
+from apexcal.documents.base import stored
+from apexcal.documents.calibrations import CalibrationView, ProgressView, RunView
+from apexcal.documents.states import UNENDED
+from service.calibration_runs.conclusion import FULL
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 
@@ -40,9 +42,9 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pair
         vehicle_id=row.vehicle_id,
         rig_id=row.rig_id,
         state=row.state,
-        request=row.request,
+        request=stored(row.request),
         notes=row.notes,
-        problem=row.problem,
+        problem=stored(row.problem),
         progress=_progress(row, runs),
         runs=[
             RunView(
@@ -52,11 +54,11 @@ def _calibration_view(row: Calibration, runs: list[CalibrationRun], *, with_pair
                 state=run.state,
                 iteration=run.iteration,
                 best_loss=_best_loss(run),
-                failure=run.failure,
+                failure=stored(run.failure),
             )
             for run in runs
         ],
-        summary=row.summary if with_pairs else _without_vertices(row.summary),
+        summary=stored(row.summary if with_pairs else _without_vertices(row.summary)),
         created_at=row.created_at,
         finished_at=row.finished_at,
     )
@@ -102,7 +104,7 @@ def result_document(
     """
     document = row.document if with_pairs else _without_pairs(row.document)
     outliers: list[Json] = document.get("outliers", [])
-    # Of a fit without a block the indices are into what was left.
+    # In a fit without a held-out block, indices count the remaining pairs.
     if row.fold == FULL:
         outliers = [one | {"pair": _origin(pairs, one["index"])} for one in outliers]
     return document | {

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from service.calibrations.model_names import WeightRule
-from service.correspondence_sets.pair_files import MARK_SIGMA, SIGMAS
+from apexcal.documents.pairs import MARK_SIGMA, SIGMAS, states_errors
+from apexcal.documents.rules import WeightRule
 from service.db.base import Json
 from service.http.problems import Problem
 
@@ -35,8 +35,3 @@ def weighing_note(camera: str, document: Json) -> list[str]:
     if "weights" not in document:
         return []
     return [f"{camera}: pairs weigh by the standard deviations that they state (weights: equal counts all alike)."]
-
-
-def states_errors(pairs: Json) -> bool:
-    """Whether all pairs state their vertices' deviations, or their marks'."""
-    return all(name in pairs for name in SIGMAS) or MARK_SIGMA in pairs

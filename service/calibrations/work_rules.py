@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from math import inf
 from typing import Any, NamedTuple
 
-from service.calibrations.model_names import PresetSize
+from apexcal.documents.camera_models import ModelName
+from apexcal.documents.schedules import Schedule
 from service.http.problems import Problem
 from service.jobs.costs import RunCost, comparison_s, run_cost
 from service.settings import get_settings
@@ -30,15 +31,15 @@ class Wanted(NamedTuple):
     """A model on a camera's pairs: its runs (with and without held-out blocks) and what each costs."""
 
     camera: str
-    model: str
+    model: ModelName
     pairs: int
     runs: int
     cost: RunCost
 
 
-def cost_of(model: str, pairs: int, size: PresetSize) -> RunCost:
+def cost_of(model: ModelName, pairs: int, size: Schedule) -> RunCost:
     """What one run costs."""
-    return run_cost(model, pairs, *size)
+    return run_cost(model, pairs, size)
 
 
 def predicted_s(wanted: Iterable[Wanted]) -> float:
@@ -49,7 +50,7 @@ def predicted_s(wanted: Iterable[Wanted]) -> float:
     return comparing + sum(one.runs * one.cost.seconds for one in fits)
 
 
-def check_work(fits: list[Wanted], size: PresetSize) -> None:
+def check_work(fits: list[Wanted], size: Schedule) -> None:
     """Refuse a calibration that a farm cannot take.
 
     Raises:
@@ -111,7 +112,7 @@ def check_fleet_total(seconds: float) -> None:
         )
 
 
-def _check_run(one: Wanted, size: PresetSize) -> None:
+def _check_run(one: Wanted, size: Schedule) -> None:
     of = f"{one.model} on {one.pairs:,} pairs" + (f" of {one.camera}" if one.camera else "")
     check_job(
         f"one slot of {of} (population {size.population:,}, {size.generations:,} generations)",

@@ -1,4 +1,4 @@
-"""Pairs made of what people marked, with sentences about everything that did not become a pair as wished."""
+"""Builds pairs from marks, with sentences about vertices that gave none or fewer marks than wanted."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.pairs import SIGMAS
 from service.annotations.consensus import Consensus, Outcome, agree
 from service.annotations.progress_queries import opinions_of
-from service.correspondence_sets.pair_files import SIGMAS, Columns
+from service.correspondence_sets.pair_files import Columns
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
 from service.http.problems import Problem

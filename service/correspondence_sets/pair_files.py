@@ -1,4 +1,4 @@
-"""3D-2D pairs as people bring them, CSV or JSON, read into columns or refused by line and column."""
+"""Reads imported 3D-2D pairs (CSV or JSON) into columns, or refuses them by line and column."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
+from apexcal.documents.pairs import MARK_SIGMA, REQUIRED, SIGMAS
 from service.correspondence_sets.json_elements import NoDocumentError, elements_of
+from service.db.fleets import RigCamera
 from service.http.problems import Problem
 
-REQUIRED = ("x", "y", "z", "u", "v")
-# Standard deviations of the vertex as the LiDAR sees it.
-SIGMAS = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
-# And of the mark, pixels per coordinate.
-MARK_SIGMA = "sigma_px"
 _LEAST_MARK_SIGMA_PX = 0.01
 _OPTIONAL = ("stamp_ns", "group", *SIGMAS, MARK_SIGMA)
 Columns = dict[str, list[Any]]
@@ -198,3 +195,18 @@ def _plain_groups(columns: Columns) -> Columns:
 def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 40 else text[:37] + "..."
+
+
+def notes_on_image(columns: Columns, camera: RigCamera) -> list[str]:
+    """A sentence where marks lie outside the image that the rig says the camera has."""
+    outside = sum(
+        not (-0.5 <= u <= camera.image_width - 0.5 and -0.5 <= v <= camera.image_height - 0.5)
+        for u, v in zip(columns["u"], columns["v"], strict=True)
+    )
+    if not outside:
+        return []
+    which = "1 pair lies" if outside == 1 else f"{outside} pairs lie"
+    return [
+        f"{which} outside the image of {camera.image_width} x {camera.image_height} pixels that the rig gives "
+        f"for {camera.name}: is the image size right, are u and v in this order?"
+    ]

@@ -13,26 +13,28 @@ from fastapi.responses import JSONResponse, StreamingResponse
 from sqlalchemy.orm import defer
 from starlette.requests import ClientDisconnect
 
+from apexcal.documents.base import Sought
+from apexcal.documents.correspondence_sets import BuildRequest, SetView, SetWithPairs
+from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.auth.roles import rank
 from service.broker.hints import hint
-from service.calibrations.schemas import BuildRequest, SetView, SetWithPairs
-from service.correspondence_sets.actions import keep_set, notes_on_image, rig_camera, set_view, summaries
+from service.correspondence_sets.actions import keep_set
 from service.correspondence_sets.marked_pairs import build
-from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, read_csv, read_json
+from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
 from service.correspondence_sets.streamed_views import pairs_of, set_in_pieces
+from service.correspondence_sets.views import set_view, summaries
 from service.db.calibrations import CorrespondenceSet
 from service.db.detections import Detection
 from service.db.fleets import Rig
 from service.db.recordings import Recording
 from service.db.session import Database
 from service.detections.queries import find_camera
+from service.fleets.queries import rig_camera
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.places import Places
 from service.http.problems import Problem
-from service.http.schemas import Sought
 
 router = APIRouter(tags=["calibrations"])
 

@@ -1,4 +1,4 @@
-"""A set's pairs on their way out: kept in few bytes, and sent some at a time.
+"""Sends a set's pairs in parts, from compact columns.
 
 A hundred thousand pairs as objects take 70 MB, as JSON 16 MB; as columns of numbers 6 MB.
 """
@@ -13,7 +13,7 @@ from uuid import UUID
 from pydantic_core import to_json
 from sqlalchemy import select
 
-from service.correspondence_sets.actions import set_view
+from service.correspondence_sets.views import set_view
 from service.db.calibrations import CorrespondenceSet
 from service.db.session import Database
 from service.http.problems import not_found

@@ -1,4 +1,4 @@
-"""What people say of a recording: marks in camera frames, verdicts on vertices, and the tasks they hold."""
+"""Tables of marks in camera frames, verdicts on vertices, answers and marking tasks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Correspondence sets, calibration requests, their runs, slots and results, and what a vehicle is given."""
+"""Tables of correspondence sets, calibrations, runs, slots, results and publications."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint, func, literal_column, text
 from sqlalchemy.orm import Mapped, mapped_column
 
+from apexcal.documents.states import WorkState
 from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, partial_index, refers_to
 
 _UNENDED = "state IN ('queued', 'running')"
@@ -68,7 +69,7 @@ class Calibration(Base):
     rig_id: Mapped[UUID] = belongs_to("rig.id")
     request: Mapped[Json]
     content_hash: Mapped[Digest]
-    state: Mapped[str] = mapped_column(String(20), default="queued")
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
     remaining: Mapped[int]
     publish: Mapped[str] = mapped_column(String(20))
     notes: Mapped[list[Any]] = mapped_column(default=list)
@@ -104,7 +105,7 @@ class CalibrationRun(Base):
     slots: Mapped[int]
     bundle: Mapped[int]
     problem: Mapped[Json]
-    state: Mapped[str] = mapped_column(String(20), default="queued")
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
     iteration: Mapped[int] = mapped_column(default=0)
     remaining: Mapped[int] = mapped_column(default=0)
     cancel_requested: Mapped[bool] = mapped_column(default=False)

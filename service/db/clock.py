@@ -1,7 +1,7 @@
 """Time stamps of rows, and the database's own clock.
 
-Leases are compared by the database's clock alone, so workers whose clocks differ agree on who holds a job. So are
-rows by when they were made. PostgreSQL says microseconds, SQLite milliseconds.
+Leases are compared by the database's clock alone, so workers whose clocks differ agree on who holds a job. The order
+of rows in time uses it too. PostgreSQL gives microseconds, SQLite milliseconds.
 """
 
 from __future__ import annotations

@@ -1,17 +1,19 @@
 """How long a connection to PostgreSQL waits, and how long the server waits for us.
 
 A host that vanishes answers nothing, not even that it is gone. By itself TCP tries for a quarter of an hour to send
-something to it, and waits two hours or more for an answer. So long the sweep would stand still, or the locks of a
+something to it, and waits two hours or more for an answer. That long the sweep would stand still, or the locks of a
 worker that vanished would hold up everybody else.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sqlalchemy.engine import URL
+if TYPE_CHECKING:
+    # The broker's clients read the constants here, and need no SQLAlchemy.
+    from sqlalchemy.engine import URL
 
-# Seconds without a sign of life of the other host. Half a lease: who was cut off connects anew while it still holds.
+# Seconds without a sign of life of the other host. Half a lease: a worker reconnects while it still holds its job.
 SILENCE_S = 5
 # A quiet connection is probed after 3 s, then every second: together those 5 s. A probe is a packet of 60 bytes.
 KEEPALIVE_IDLE_S, KEEPALIVE_INTERVAL_S, KEEPALIVE_COUNT = 3, 1, 2

@@ -9,6 +9,7 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
+from apexcal.documents.states import WorkState
 from service.db.base import Base, Created, Digest, Json, Name, Nanoseconds, RowId, belongs_to, refers_to
 
 
@@ -25,7 +26,7 @@ class Detection(Base):
     options: Mapped[Json]
     pairing: Mapped[Json]
     content_hash: Mapped[Digest]
-    state: Mapped[str] = mapped_column(String(20), default="queued")
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
     remaining: Mapped[int] = mapped_column(default=1)
     counts: Mapped[Json] = mapped_column(default=dict)
     problem: Mapped[Json | None]

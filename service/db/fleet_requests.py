@@ -1,4 +1,4 @@
-"""Fleet requests: one calibration asked for of many vehicles, and what became of each."""
+"""Tables of fleet requests and the outcome of each of their vehicles."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from uuid import UUID
 from sqlalchemy import BigInteger, Index, Integer, String, false, text
 from sqlalchemy.orm import Mapped, mapped_column
 
+from apexcal.documents.states import WorkState
 from service.db.base import Base, Json, belongs_to, partial_index
 from service.db.clock import now
 from service.observability import request_ids
@@ -50,7 +51,7 @@ class Job(Base):
     queue: Mapped[str] = mapped_column(String(20))
     subject_id: Mapped[UUID]
     payload: Mapped[Json] = mapped_column(default=dict)
-    state: Mapped[str] = mapped_column(String(20), default="queued")
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
     attempt: Mapped[int] = mapped_column(default=0)
     lost: Mapped[int] = mapped_column(default=0)
     sends: Mapped[int] = mapped_column(default=0)

@@ -14,23 +14,22 @@ import logging
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
-from alembic.script import ScriptDirectory
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
+from service.db.revisions import SCRIPTS, known
 from service.db.session import open_engine
 from service.observability import logs
 from service.settings import settings_or_exit
 
-# Any number: who migrates holds this lock of the database.
+# An arbitrary number: a migration holds this advisory lock.
 _LOCK = 4_711_001
 _LOCK_TIMEOUT_S = 2
 _PATIENCE_S = 300.0
@@ -42,25 +41,9 @@ log = logging.getLogger(__name__)
 def config(url: str) -> Config:
     """Alembic's configuration for a database."""
     found = Config()
-    found.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
+    found.set_main_option("script_location", str(SCRIPTS))
     found.attributes["url"] = url
     return found
-
-
-@cache
-def revisions() -> tuple[str, ...]:
-    """The revisions that this code has, the newest first."""
-    return tuple(script.revision for script in ScriptDirectory.from_config(config("")).walk_revisions())
-
-
-def newest() -> str:
-    """The newest revision that this code has."""
-    return revisions()[0]
-
-
-def is_older(revision: str) -> bool:
-    """Whether a schema lacks what this code needs. One that this code does not know is newer."""
-    return revision in revisions()[1:]
 
 
 def upgrade(url: str, to: str = "head", *, patience_s: float = _PATIENCE_S) -> None:
@@ -104,7 +87,7 @@ def _alone(engine: Engine) -> Iterator[Connection]:
             yield connection
         return
     with engine.connect() as connection:
-        # Asked again and again: who waits within a statement is waited for by an index that is made concurrently.
+        # Polled: a statement that waited for the lock would itself hold up an index that is built concurrently.
         while not connection.scalar(text("SELECT pg_try_advisory_lock(:lock)"), {"lock": _LOCK}):
             connection.rollback()
             time.sleep(_LOOKS_AGAIN_S)
@@ -131,15 +114,15 @@ def revise(message: str) -> None:
         engine = open_engine(url)
         with _alone(engine) as connection:
             settings.attributes["connection"] = connection
-            command.revision(settings, message=message, autogenerate=True, rev_id=f"{len(revisions()) + 1:04d}")
+            command.revision(settings, message=message, autogenerate=True, rev_id=f"{len(known()) + 1:04d}")
         engine.dispose()
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Upgrade, or revise."""
     parser = argparse.ArgumentParser(prog="python -m service.db.migrate", description=__doc__)
     parser.add_argument("--revise", metavar="MESSAGE", help="write a new revision instead of migrating")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     if chosen.revise:
         revise(chosen.revise)
         return

@@ -1,4 +1,4 @@
-"""People, what they may do in which fleet, and what proves who they are. Secrets are stored as SHA-256 only."""
+"""Tables of people, memberships and credentials. Secrets are stored as SHA-256 only."""
 
 from __future__ import annotations
 

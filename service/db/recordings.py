@@ -9,6 +9,7 @@ from uuid import UUID
 from sqlalchemy import BigInteger, ForeignKey, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
+from apexcal.documents.states import RecordingState
 from service.db.base import (
     Base,
     Bytes,
@@ -80,7 +81,7 @@ class Recording(Base):
     rig_id: Mapped[UUID] = belongs_to("rig.id")
     name: Mapped[Name]
     file_name: Mapped[Name]
-    state: Mapped[str] = mapped_column(String(20), default="uploading")
+    state: Mapped[str] = mapped_column(String(20), default=RecordingState.UPLOADING)
     size: Mapped[Bytes] = mapped_column(default=0)
     sha256: Mapped[str | None] = mapped_column(String(64))
     marks_per_vertex: Mapped[int] = mapped_column(default=1)

@@ -50,7 +50,7 @@ def open_engine(url: str, *, patient: bool = False) -> Engine:
     if parsed.get_backend_name() != "sqlite":
         waits = connect_args(parsed, patient=patient)
         engine = create_engine(parsed, json_serializer=_to_json, connect_args=waits, pool_size=5, max_overflow=20)
-        _look_before_use(engine)
+        _ping_before_use(engine)
         return engine
     engine = create_engine(url, json_serializer=_to_json, connect_args={"timeout": 30, "check_same_thread": False})
 
@@ -71,7 +71,7 @@ def open_engine(url: str, *, patient: bool = False) -> Engine:
     return engine
 
 
-def _look_before_use(engine: Engine) -> None:
+def _ping_before_use(engine: Engine) -> None:
     """Replace pooled connections that the server has closed meanwhile.
 
     As SQLAlchemy's ``pool_pre_ping``, which would ask the server before each of a job's three transactions.
@@ -82,7 +82,7 @@ def _look_before_use(engine: Engine) -> None:
         record.info[_LEFT] = time.monotonic()
 
     @event.listens_for(engine, "checkout")
-    def look(connection: Any, record: Any, proxy: object) -> None:
+    def ping(connection: Any, record: Any, proxy: object) -> None:
         last = record.info.get(_LEFT)
         if last is None or time.monotonic() - last < _FRESH_S:
             return

@@ -1,4 +1,4 @@
-"""Questions about a recording that a worker answers: what a region keeps, which one to take, how clocks differ."""
+"""The table of studies: region previews, region suggestions, clock offsets."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from uuid import UUID
 from sqlalchemy import BigInteger, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
 
+from apexcal.documents.states import WorkState
 from service.db.base import Base, Created, Json, RowId, belongs_to
 
 
@@ -26,7 +27,7 @@ class Study(Base):
     detection_id: Mapped[UUID | None] = belongs_to("detection.id", nullable=True)
     kind: Mapped[str] = mapped_column(String(20))
     asked: Mapped[Json] = mapped_column(default=dict)
-    state: Mapped[str] = mapped_column(String(20), default="queued")
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
     result: Mapped[Json | None]
     problem: Mapped[Json | None]
     job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)

@@ -1,4 +1,4 @@
-"""What the detection routes ask of the database, and the rules on the way."""
+"""Detections, their vertices, and the recordings and cameras that they need."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ from uuid import UUID
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.roles import Role
+from apexcal.documents.states import UNENDED, RecordingState, WorkState
 from service.auth.access import Access
-from service.auth.roles import Role
 from service.db.detections import Detection, Vertex, VertexFrame
-from service.db.digests import content_hash
 from service.db.recordings import Recording, Sensor
-from service.detections.detectors import resolve_options
-from service.detections.schemas import DetectionRequest
 from service.http.problems import Problem
-from service.jobs.bundles import shards
 
 
 def ready_recording(access: Access, recording_id: UUID, role: Role) -> Recording:
@@ -25,10 +22,10 @@ def ready_recording(access: Access, recording_id: UUID, role: Role) -> Recording
         Problem: 409 ``recording_not_ready`` while it is being uploaded or ingested, or when that failed.
     """
     recording = access.find(Recording, recording_id, role)
-    if recording.state == "ready":
+    if recording.state == RecordingState.READY:
         return recording
     hint = "Wait until its state is ready; GET /v1/recordings/{id} says how far it is."
-    if recording.state == "failed":
+    if recording.state == RecordingState.FAILED:
         hint = "Its `problem` says what to do; then upload it anew, or retry it."
     raise Problem(
         409,
@@ -46,9 +43,9 @@ def done_detection(access: Access, detection_id: UUID, role: Role) -> Detection:
         Problem: 409 ``detection_not_done`` while it is queued or running, or when it failed or was cancelled.
     """
     detection = access.find(Detection, detection_id, role)
-    if detection.state == "done":
+    if detection.state == WorkState.DONE:
         return detection
-    waits = detection.state in ("queued", "running")
+    waits = detection.state in UNENDED
     raise Problem(
         409,
         "detection_not_done",
@@ -75,29 +72,6 @@ def find_camera(session: Session, recording_id: UUID, name: str) -> Sensor:
         f"Its cameras are {', '.join(camera.name for camera in cameras)}." if cameras else "It has no camera at all.",
         cameras=[camera.name for camera in cameras],
     )
-
-
-def new_detection(recording: Recording, wanted: DetectionRequest, person_id: UUID) -> Detection:
-    """The row of a detection, all its options resolved. Raises :class:`Problem` as ``resolve_options`` does."""
-    options = resolve_options(wanted.detector, wanted.options)
-    pairing = wanted.pairing.model_dump()
-    content = {"region": wanted.region, "detector": wanted.detector, "options": options, "pairing": pairing}
-    return Detection(
-        fleet_id=recording.fleet_id,
-        recording_id=recording.id,
-        **content,
-        content_hash=content_hash({"recording": recording.sha256 or recording.id.hex, **content}),
-        state="queued",
-        remaining=1,
-        counts={},
-        created_by=person_id,
-    )
-
-
-def shard_payloads(session: Session, recording: Recording, workers: int) -> list[dict[str, int]]:
-    """What the jobs of a detection look at: each a range of sweeps, together all of them."""
-    sweeps = session.scalar(select(Sensor.count).where(Sensor.recording_id == recording.id, Sensor.kind == "lidar"))
-    return [{"first": part.start, "stop": part.stop} for part in shards(max(sweeps or 0, 1), workers)]
 
 
 def vertices_of(detection: Detection, camera: Sensor | None, quality: str | None = None) -> Select[Vertex]:

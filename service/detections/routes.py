@@ -9,17 +9,20 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
+from apexcal.documents.detections import DetectionRequest, DetectionView, Quality, VertexView
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.detections import Detection, Vertex
 from service.db.recordings import Recording
-from service.detections.queries import find_camera, new_detection, ready_recording, shard_payloads, vertices_of
-from service.detections.schemas import DetectionRequest, DetectionView, Quality, VertexView
-from service.detections.views import detection_view, jobs_of, vertex_views
+from service.detections.actions import new_detection
+from service.detections.jobs import queue_detection
+from service.detections.queries import find_camera, ready_recording, vertices_of
+from service.detections.views import detection_view, vertex_views
 from service.http.bodies import DOCUMENT
 from service.http.pages import LongPaging, Page, Paging, fetch
-from service.http.schemas import Sought
-from service.jobs.queue import cancel, enqueue_all
+from service.job_status.views import jobs_of
+from service.jobs.queue import cancel
 
 router = APIRouter(tags=["detections"])
 
@@ -40,13 +43,7 @@ def ask_detection(
     detection = new_detection(recording, wanted, access.person.id)
     access.session.add(detection)
     access.session.flush()
-    workers = request.app.state.settings.workers
-    payloads = shard_payloads(access.session, recording, workers)
-    detection.remaining = len(payloads)
-    jobs = enqueue_all(
-        access.session, kind="detect", fleet_id=recording.fleet_id, subject_id=detection.id, payloads=payloads
-    )
-    hint(access.session, detection.fleet_id, "detection", detection.id)
+    jobs = queue_detection(access.session, detection, request.app.state.settings.workers)
     return access.answer(detection_view(detection, jobs[0]), 202)
 
 

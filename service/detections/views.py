@@ -1,30 +1,20 @@
-"""Rows of this room as its answers show them."""
+"""Detections and vertices, as the answers show them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from uuid import UUID
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import stored
+from apexcal.documents.detections import DetectionView, FrameOfVertex, Moved, VertexView
+from apexcal.documents.states import WorkState
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Sensor
-from service.detections.schemas import DetectionView, FrameOfVertex, Moved, VertexView
-from service.job_status.routes import JobView
-
-_UNENDED = ("queued", "running")
-
-
-def jobs_of(session: Session, subject_ids: Iterable[UUID]) -> dict[UUID, Job]:
-    """For each subject the job that tells most: the oldest one that has not ended, else the newest."""
-    found: dict[UUID, Job] = {}
-    for job in session.scalars(select(Job).where(Job.subject_id.in_(list(subject_ids))).order_by(Job.id)):
-        known = found.get(job.subject_id)
-        if known is None or known.state not in _UNENDED:
-            found[job.subject_id] = job
-    return found
+from service.job_status.views import job_view
 
 
 def detection_view(row: Detection, job: Job | None) -> DetectionView:
@@ -33,14 +23,14 @@ def detection_view(row: Detection, job: Job | None) -> DetectionView:
         id=row.id,
         fleet_id=row.fleet_id,
         recording_id=row.recording_id,
-        region=row.region,
+        region=stored(row.region),
         detector=row.detector,
-        options=row.options,
-        pairing=row.pairing,
-        state=row.state,  # pyright: ignore[reportArgumentType] - the column holds only states
-        counts=row.counts,
-        problem=row.problem,
-        job=JobView.model_validate(job) if job else None,
+        options=stored(row.options),
+        pairing=stored(row.pairing),
+        state=WorkState(row.state),
+        counts=stored(row.counts),
+        problem=stored(row.problem),
+        job=job_view(job) if job else None,
         created_at=row.created_at,
         finished_at=row.finished_at,
     )

@@ -1,4 +1,4 @@
-"""Every stream of this process: one subscription at the broker feeds all, one look at the database checks all."""
+"""All event streams of this process: one subscription feeds them, one query a second checks their credentials."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import redis.asyncio
 from fastapi.concurrency import run_in_threadpool
 from redis.exceptions import RedisError
 
+from apexcal.documents.roles import Role
 from service.auth.access import Identity, renewed
-from service.auth.roles import Role
 from service.broker.connection import tcp_options
 from service.broker.hints import EVERY_CHANNEL, Hint, fleet_of
 from service.db.session import Database
@@ -110,7 +110,7 @@ class Fanout:
                 await self._check()
 
     async def _check(self) -> None:
-        """End the streams of who may not follow any more, or not as before."""
+        """End the streams of people who may no longer follow, or whose role has changed."""
         try:
             ended = await run_in_threadpool(self._without_right, list(self._followers))
         except Exception:  # whatever it is, the next look must come

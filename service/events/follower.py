@@ -1,4 +1,4 @@
-"""One stream of hints: what waits for it, and why it ends."""
+"""One stream of hints: its queue and the reason of its end."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import AsyncIterator
 from uuid import UUID
 
+from apexcal.documents.roles import Role
 from service.auth.access import Identity
-from service.auth.roles import Role
 from service.broker.hints import Hint
 
 # A page that falls so far behind reads everything again anyway.

@@ -11,8 +11,8 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import StreamingResponse
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
+from apexcal.documents.roles import Role
 from service.auth.access import CurrentIdentity, ReadAccess
-from service.auth.roles import Role
 from service.broker.hints import Hint
 from service.db.fleets import Fleet
 from service.events.fanout import Fanout

@@ -1,4 +1,4 @@
-"""A fleet request's rows: made with all their calibrations in one transaction, cancelled, and retried."""
+"""Makes, cancels and retries fleet requests, each with all its calibrations in one transaction."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ from uuid import UUID
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.base import stored
+from apexcal.documents.calibrations import CalibrationTemplate
+from apexcal.documents.fleet_requests import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
+from apexcal.documents.states import RequestState, VehicleState
 from service.calibrations.actions import ask_to_end, create_all, waiting_runs
-from service.calibrations.schemas import CalibrationTemplate
 from service.calibrations.work_rules import check_fleet_total
 from service.db.clock import utc_now
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet
 from service.db.ids import new_id
-from service.fleet_requests.plan import Planned, check_template, plan_vehicles
-from service.fleet_requests.schemas import DryRunView, FleetRequestBody, SkippedView, VehicleFilter
+from service.fleet_requests.plan import VehiclePlan, check_template, plan_vehicles
 from service.fleet_requests.vehicle_queries import Chosen, choose
 from service.http.problems import Problem
 
@@ -41,7 +43,7 @@ def ask(session: Session, fleet: Fleet, wanted: FleetRequestBody, person_id: UUI
     row = FleetRequest(
         fleet_id=fleet.id,
         asked=wanted.model_dump(mode="json", include={"vehicles", "calibration"}),
-        state="running",
+        state=RequestState.RUNNING,
         matched=len(chosen),
         remaining=0,
         wave=0,
@@ -62,14 +64,14 @@ def ask(session: Session, fleet: Fleet, wanted: FleetRequestBody, person_id: UUI
 
 
 def preview(session: Session, fleet: Fleet, wanted: FleetRequestBody) -> DryRunView:
-    """What :func:`ask` would come to. Raises as it does."""
+    """The prediction of :func:`ask`, which makes nothing. Raises as it does."""
     chosen = _choose(session, fleet.id, wanted)
     skipped: list[SkippedView] = []
     total = _Total()
     for planned in plan_vehicles(session, wanted.calibration, chosen):
         total.add(planned)
         skipped += [
-            SkippedView(vehicle_id=one.vehicle.id, vehicle=one.vehicle.name, problem=one.problem)
+            SkippedView(vehicle_id=one.vehicle.id, vehicle=one.vehicle.name, problem=stored(one.problem))
             for one in planned
             if one.problem is not None
         ]
@@ -87,9 +89,11 @@ def ask_all_to_end(session: Session, row: FleetRequest) -> None:
     """Cancel every vehicle that has not ended. Its calibrations before the request: the order of all locks."""
     vehicles = FleetRequestVehicle
     # A retry holds the failed ones: wait for it, so that what it began is seen below. No worker waits for this.
-    failed = select(vehicles.id).where(vehicles.fleet_request_id == row.id, vehicles.state == "failed")
+    failed = select(vehicles.id).where(vehicles.fleet_request_id == row.id, vehicles.state == VehicleState.FAILED)
     session.execute(failed.with_for_update(read=True, key_share=True)).all()
-    unended = select(vehicles.calibration_id).where(vehicles.fleet_request_id == row.id, vehicles.state == "queued")
+    unended = select(vehicles.calibration_id).where(
+        vehicles.fleet_request_id == row.id, vehicles.state == VehicleState.QUEUED
+    )
     ask_to_end(session, unended)
     session.execute(
         update(FleetRequest)
@@ -108,7 +112,7 @@ def retry_failed(session: Session, row: FleetRequest, person_id: UUID, workers: 
     # Locked, so that of two retries at the same moment the second finds nothing failed.
     failed = session.scalars(
         select(FleetRequestVehicle)
-        .where(FleetRequestVehicle.fleet_request_id == row.id, FleetRequestVehicle.state == "failed")
+        .where(FleetRequestVehicle.fleet_request_id == row.id, FleetRequestVehicle.state == VehicleState.FAILED)
         .order_by(FleetRequestVehicle.id)
         .with_for_update()
     ).all()
@@ -136,7 +140,7 @@ def retry_failed(session: Session, row: FleetRequest, person_id: UUID, workers: 
 
 
 def _choose(session: Session, fleet_id: UUID, wanted: FleetRequestBody) -> list[Chosen]:
-    # First, so that a template that no vehicle can be calibrated by is refused on a quiet night too.
+    # First, so that an unusable template is refused even if no vehicle is due.
     check_template(wanted.calibration)
     chosen = choose(session, fleet_id, wanted.vehicles)
     if len(chosen) > _MOST_VEHICLES:
@@ -146,13 +150,13 @@ def _choose(session: Session, fleet_id: UUID, wanted: FleetRequestBody) -> list[
 
 @dataclass
 class _Total:
-    """What the vehicles of a request come to so far."""
+    """Totals of a request's vehicles so far."""
 
     runs: int = 0
     slots: int = 0
     seconds: float = 0.0
 
-    def add(self, planned: Sequence[Planned]) -> None:
+    def add(self, planned: Sequence[VehiclePlan]) -> None:
         """Count some vehicles more. Raises :class:`Problem` 422 ``fleet_request_too_large``."""
         plans = [one.plan for one in planned if one.plan]
         fits = [fit for one in plans for fit in one.fits]
@@ -177,7 +181,7 @@ def _too_large(what: str, most: str) -> Problem:
 
 def _calibrate(
     session: Session,
-    planned: Sequence[Planned],
+    planned: Sequence[VehiclePlan],
     template: CalibrationTemplate,
     person_id: UUID,
     workers: int,
@@ -192,7 +196,7 @@ def _calibrate(
     return {calibration.vehicle_id: calibration.id for calibration in made}
 
 
-def _vehicle(row: FleetRequest, id: UUID, one: Planned, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
+def _vehicle(row: FleetRequest, id: UUID, one: VehiclePlan, calibrations: dict[UUID, UUID]) -> FleetRequestVehicle:
     state, problem, finished_at = _first_state(one)
     return FleetRequestVehicle(
         id=id,
@@ -205,8 +209,10 @@ def _vehicle(row: FleetRequest, id: UUID, one: Planned, calibrations: dict[UUID,
     )
 
 
-def _first_state(one: Planned) -> tuple[str, dict[str, object] | None, datetime | None]:
-    return ("queued", None, None) if one.plan is not None else ("skipped", one.problem, utc_now())
+def _first_state(one: VehiclePlan) -> tuple[str, dict[str, object] | None, datetime | None]:
+    return (
+        (VehicleState.QUEUED, None, None) if one.plan is not None else (VehicleState.SKIPPED, one.problem, utc_now())
+    )
 
 
 def _begin(row: FleetRequest, begun: int) -> None:
@@ -214,7 +220,7 @@ def _begin(row: FleetRequest, begun: int) -> None:
     row.remaining += begun
     row.wave, row.started_at = row.remaining, utc_now()
     if row.remaining:
-        row.state, row.finished_at = "running", None
+        row.state, row.finished_at = RequestState.RUNNING, None
     else:
-        row.state = "done_with_failures" if row.failed + row.cancelled else "done"
+        row.state = RequestState.DONE_WITH_FAILURES if row.failed + row.cancelled else RequestState.DONE
         row.finished_at = utc_now()

@@ -1,18 +1,19 @@
-"""What a fleet request comes to for each vehicle: a calibration as if asked for alone, or why there is none."""
+"""Plans a fleet request: for each vehicle an ordinary calibration, or the reason why there is none."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session, selectinload
 
-from service.calibrations.lens_queries import stated_intrinsics
-from service.calibrations.plan import CameraPairs, Plan, plan_request
-from service.calibrations.schemas import CalibrationRequest, CalibrationTemplate
+from apexcal.documents.calibrations import CalibrationRequest, CalibrationTemplate
+from service.calibrations.cameras import CameraPairs
+from service.calibrations.lens_queries import with_recorded_lenses
+from service.calibrations.plan import CalibrationPlan, plan_request
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import Rig
@@ -24,12 +25,12 @@ _CHUNK = 200
 
 
 @dataclass(frozen=True)
-class Planned:
+class VehiclePlan:
     """A vehicle with its rig and plan, or with the problem for which it is skipped."""
 
     vehicle: Chosen
     rig: Rig | None = None
-    plan: Plan | None = None
+    plan: CalibrationPlan | None = None
     problem: Json | None = None
 
 
@@ -38,7 +39,9 @@ def check_template(template: CalibrationTemplate) -> None:
     plan_request(template, [])
 
 
-def plan_vehicles(session: Session, template: CalibrationTemplate, chosen: list[Chosen]) -> Iterator[list[Planned]]:
+def plan_vehicles(
+    session: Session, template: CalibrationTemplate, chosen: list[Chosen]
+) -> Iterator[list[VehiclePlan]]:
     """The plans of vehicles of a template that :func:`check_template` lets pass, some at a time."""
     asked = template.model_dump()
     for chunk in in_chunks(chosen, _CHUNK):
@@ -64,9 +67,9 @@ def _plan(
     one: Chosen,
     sets: dict[UUID, CorrespondenceSet],
     rigs: dict[UUID, Rig],
-) -> Planned:
+) -> VehiclePlan:
     if not one.sets:
-        return Planned(one, problem=_NO_PAIRS)
+        return VehiclePlan(one, problem=_NO_PAIRS)
     rig = rigs[next(sets[set_id].rig_id for set_id in one.sets.values())]
     sources = [
         CameraPairs(camera, sets[one.sets[camera.name]])
@@ -74,19 +77,12 @@ def _plan(
         if camera.name in one.sets
     ]
     try:
-        if template.intrinsics_from == "recording":
-            sources = [
-                of
-                if of.camera.name in template.intrinsics
-                else replace(of, stated=stated_intrinsics(session, of.camera, of.pairs))
-                for of in sources
-            ]
         ids = [of.pairs.id for of in sources]
         alone = CalibrationRequest.model_validate({**asked, "correspondence_set_ids": ids})
-        return Planned(one, rig, plan_request(alone, sources))
+        return VehiclePlan(one, rig, plan_request(alone, with_recorded_lenses(session, template, sources)))
     except Problem as problem:
         # The template itself was checked before, so this is about the vehicle's own pairs.
-        return Planned(one, problem=problem.document())
+        return VehiclePlan(one, problem=problem.document())
 
 
 _NO_PAIRS: Json = Problem(

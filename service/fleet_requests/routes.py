@@ -10,19 +10,19 @@ from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.fleet_requests import (
+    DryRunView,
+    FleetRequestBody,
+    FleetRequestView,
+    RequestVehicleView,
+)
+from apexcal.documents.states import VehicleState
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.digests import content_hash
 from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet
 from service.fleet_requests.actions import ask, ask_all_to_end, preview, retry_failed
-from service.fleet_requests.schemas import (
-    DryRunView,
-    FleetRequestBody,
-    FleetRequestView,
-    RequestVehicleView,
-    VehicleState,
-)
 from service.fleet_requests.views import in_state, request_views, vehicle_view, vehicles_of
 from service.http.bodies import DOCUMENT
 from service.http.etags import Conditional, content_etag

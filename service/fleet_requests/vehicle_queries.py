@@ -20,10 +20,11 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, ScalarSelect, exists, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
+from apexcal.documents.fleet_requests import VehicleFilter
+from apexcal.documents.states import WorkState
 from service.db.base import written
 from service.db.calibrations import NEWNESS, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
-from service.fleet_requests.schemas import VehicleFilter
 from service.http.problems import Problem
 
 
@@ -118,7 +119,7 @@ def _matcher(pattern: str) -> re.Pattern[str]:
 
 
 def _with_rig(session: Session, fleet_id: UUID, pattern: str) -> set[UUID]:
-    """Who has a rig of such a name."""
+    """The vehicles that have a rig of such a name."""
     matches = _matcher(pattern)
     rows = session.execute(select(Rig.vehicle_id, Rig.name).where(Rig.fleet_id == fleet_id))
     return {row.vehicle_id for row in rows if matches.fullmatch(row.name)}
@@ -172,7 +173,9 @@ def _newest_set(
 
 def _calibrated_since(session: Session, fleet_id: UUID, since: datetime) -> set[UUID]:
     done = exists().where(
-        Calibration.vehicle_id == Vehicle.id, Calibration.state == written("done"), Calibration.finished_at >= since
+        Calibration.vehicle_id == Vehicle.id,
+        Calibration.state == written(WorkState.DONE),
+        Calibration.finished_at >= since,
     )
     return set(session.scalars(select(Vehicle.id).where(Vehicle.fleet_id == fleet_id, done)))
 

@@ -9,7 +9,10 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, func, or_, select
 from sqlalchemy.orm import Session, aliased
 
-from service.calibrations.schemas import ProgressView
+from apexcal.documents.base import stored
+from apexcal.documents.calibrations import ProgressView
+from apexcal.documents.fleet_requests import CameraOutcome, Counts, FleetRequestView, RequestVehicleView
+from apexcal.documents.states import VehicleState, WorkState
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, Publication, Result
 from service.db.clock import utc_now
@@ -17,13 +20,6 @@ from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Vehicle
 from service.db.jobs import Job
 from service.db.people import Person
-from service.fleet_requests.schemas import (
-    CameraOutcome,
-    Counts,
-    FleetRequestView,
-    RequestVehicleView,
-    VehicleState,
-)
 
 # Before this many vehicles have ended, their pace tells too little.
 _LEAST_ENDED = 3
@@ -37,25 +33,25 @@ def is_running() -> ColumnElement[bool]:
     worked_on = (
         select(CalibrationRun.calibration_id)
         .join(Job, Job.subject_id == CalibrationRun.id)
-        .where(Job.state == "running", Job.queue == "solve")
+        .where(Job.state == WorkState.RUNNING, Job.queue == "solve")
     )
     theirs = aliased(Calibration)
     begun = (
         select(theirs.id)
-        .where(theirs.id == FleetRequestVehicle.calibration_id, theirs.state == "running")
+        .where(theirs.id == FleetRequestVehicle.calibration_id, theirs.state == WorkState.RUNNING)
         .correlate(FleetRequestVehicle)
     )
-    return (FleetRequestVehicle.state == "queued") & or_(
+    return (FleetRequestVehicle.state == VehicleState.QUEUED) & or_(
         FleetRequestVehicle.calibration_id.in_(worked_on), begun.exists()
     )
 
 
 def in_state(statement: Select[*tuple[Any, ...]], state: VehicleState) -> Select[*tuple[Any, ...]]:
     """The vehicles of a statement that are in this state."""
-    if state == "running":
+    if state == VehicleState.RUNNING:
         return statement.where(is_running())
     statement = statement.where(FleetRequestVehicle.state == state)
-    return statement.where(~is_running()) if state == "queued" else statement
+    return statement.where(~is_running()) if state == VehicleState.QUEUED else statement
 
 
 def request_views(session: Session, rows: Sequence[FleetRequest]) -> list[FleetRequestView]:
@@ -110,7 +106,7 @@ def _request_view(row: FleetRequest, running: int, published: int | None, asked_
         id=row.id,
         fleet_id=row.fleet_id,
         state=row.state,  # pyright: ignore[reportArgumentType] - only states
-        asked=row.asked,
+        asked=stored(row.asked),
         asked_by=asked_by,
         counts=Counts(
             matched=row.matched,
@@ -153,9 +149,9 @@ def vehicle_view(row: FleetRequestVehicle, name: str, running: bool, summary: Js
     return RequestVehicleView(
         vehicle_id=row.vehicle_id,
         vehicle=name,
-        state="running" if running else row.state,  # pyright: ignore[reportArgumentType] - only states
+        state=VehicleState.RUNNING if running else VehicleState(row.state),
         calibration_id=row.calibration_id,
-        problem=row.problem,
+        problem=stored(row.problem),
         cameras={camera: _outcome(found) for camera, found in (summary or {}).get("cameras", {}).items()},
         finished_at=row.finished_at,
     )

@@ -11,11 +11,12 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 from sqlalchemy.orm import selectinload
 
+from apexcal.documents.fleets import FleetOut, Named, NewRig, RigOut, VehicleOut
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.ids import new_id
-from service.fleets.schemas import FleetOut, Named, NewRig, RigOut, VehicleOut
+from service.fleets.views import rig_view
 from service.http.bodies import DOCUMENT
 from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
@@ -143,7 +144,7 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
     )
     access.session.add(rig)
     access.session.flush()
-    return access.answer(RigOut.of(rig))
+    return access.answer(rig_view(rig))
 
 
 @router.get("/vehicles/{id}/rigs")
@@ -152,7 +153,7 @@ def get_rigs(id: UUID, access: ReadAccess, paging: Paging) -> Page[RigOut]:
     access.find(Vehicle, id)
     statement = select(Rig).where(Rig.vehicle_id == id).options(selectinload(Rig.cameras))
     rows, following = fetch(access.session, statement, Rig.id, paging)
-    return Page(items=[RigOut.of(row) for row in rows], next=following)
+    return Page(items=[rig_view(row) for row in rows], next=following)
 
 
 @router.get("/rigs/{id}")
@@ -160,7 +161,7 @@ def get_rig(id: UUID, access: ReadAccess, conditions: Conditional) -> RigOut:
     """One rig."""
     rig = access.find(Rig, id)
     conditions.offer(version_etag(rig.version))
-    return RigOut.of(rig)
+    return rig_view(rig)
 
 
 def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[FleetOut]:

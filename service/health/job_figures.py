@@ -18,11 +18,12 @@ from sqlalchemy import case, func, select
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.db.clock import now
 from service.db.jobs import Heartbeat, Job, JobTotal, Worker
 from service.db.recordings import Blob
 from service.db.session import Database
-from service.jobs.kinds import QUEUES
+from service.jobs.queues import QUEUES
 from service.jobs.totals import BUCKETS_S
 
 FRESH_S = 5.0
@@ -52,7 +53,7 @@ class JobFigures(Collector):
         """The figures, or that the database does not answer."""
         up = GaugeMetricFamily("apexcal_database_up", "Whether the database answered.")
         try:
-            self._look()
+            self._refresh()
             up.add_metric([], 1)
         except SQLAlchemyError as error:
             log.warning("no figures: the database does not answer (%s)", type(error).__name__)
@@ -62,7 +63,7 @@ class JobFigures(Collector):
         yield from self._found
         yield from self._blobs if self._found else []
 
-    def _look(self) -> None:
+    def _refresh(self) -> None:
         moment = time.monotonic()
         if moment < self._stale_at:
             return
@@ -86,7 +87,7 @@ def _gauge(name: str, said: str, labels: Iterable[str], rows: Iterable[tuple[tup
 def _queues(session: Session) -> Iterator[Metric]:
     rows = session.execute(
         select(Job.queue, Job.kind, Job.state, func.count(), func.min(Job.created_at), now())
-        .where(Job.state.in_(("queued", "running")))
+        .where(Job.state.in_(UNENDED))
         .group_by(Job.queue, Job.kind, Job.state)
     ).all()
     yield _gauge(
@@ -98,7 +99,7 @@ def _queues(session: Session) -> Iterator[Metric]:
     depth: dict[str, int] = dict.fromkeys(QUEUES, 0)
     oldest: dict[str, float] = dict.fromkeys(QUEUES, 0.0)
     for queue, _, state, count, first, moment in rows:
-        if state == "queued":
+        if state == WorkState.QUEUED:
             depth[queue] += count
             oldest[queue] = max(oldest[queue], (moment - first).total_seconds())
     yield _gauge(
@@ -123,7 +124,7 @@ def _totals(session: Session) -> Iterator[Metric]:
     )
     for total in session.scalars(select(JobTotal).order_by(JobTotal.kind, JobTotal.what)):
         events.add_metric((total.kind, total.what), total.count)
-        if total.what == "done" and len(total.buckets) == len(BUCKETS_S) + 1:
+        if total.what == WorkState.DONE and len(total.buckets) == len(BUCKETS_S) + 1:
             limits = (*map(str, BUCKETS_S), "+Inf")
             seconds.add_metric(
                 (total.kind,), list(zip(limits, accumulate(total.buckets), strict=True)), sum_value=total.seconds

@@ -19,7 +19,7 @@ from service.settings import Settings
 
 router = APIRouter(tags=["health"])
 
-# What a program on this host calls it. A proxy passes on a public name, or says in a header that it is one.
+# Names by which programs on this host call it. A proxy passes on the public name or identifies itself in a header.
 _OWN_NAMES = frozenset(("localhost", "127.0.0.1", "::1"))
 _PROXIED = ("forwarded", "x-forwarded-", "x-real-ip", "via")
 
@@ -45,7 +45,7 @@ def _may_read(request: Request) -> None:
         raise Problem(
             401,
             "metrics_token_wrong",
-            "The metrics are for who has the service's metrics token.",
+            "The metrics need the service's metrics token.",
             "Send Authorization: Bearer with the value of APEXCAL_METRICS_TOKEN.",
             headers={"WWW-Authenticate": "Bearer"},
         )

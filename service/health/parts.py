@@ -1,7 +1,6 @@
-"""Looks at the parts of a service, in time: what was found stands for a moment, and a look that hangs is left alone.
+"""Checks the parts of a service within a time limit, keeps each answer for a moment, and abandons checks that hang.
 
-Whoever asks, and however often, makes each part be looked at no more than its ``fresh_s`` allows. Nobody is told what
-a driver said: that is for the log.
+However often somebody asks, a part is checked once per ``fresh_s``. What a driver said goes to the log only.
 """
 
 from __future__ import annotations
@@ -17,6 +16,8 @@ from typing import Any
 # Nobody waits longer for a part that hangs.
 PATIENCE_S = 2.0
 FRESH_S = 1.0
+# Who starts a service asks until all parts work.
+AGAIN_S = 0.25
 
 Answer = dict[str, Any]
 
@@ -26,12 +27,12 @@ log = logging.getLogger(__name__)
 class Part:
     """A part and what was last seen of it. ``look`` says ``ok`` and, in words for anybody, why not.
 
-    What works is looked at again after ``fresh_s`` seconds, what does not after :data:`FRESH_S`.
+    What works is looked at again after ``fresh_s`` seconds, what does not after :data:`AGAIN_S`.
     """
 
     def __init__(self, name: str, look: Callable[[], Answer], fresh_s: float = FRESH_S) -> None:
         self.name = name
-        self._look = look
+        self._ask = look
         self._fresh_s = fresh_s
         self._guard = threading.Lock()
         self._future: Future[Answer] | None = None
@@ -63,12 +64,12 @@ class Part:
         return future.result()
 
     def _is_stale(self, found: Answer) -> bool:
-        return time.monotonic() - self._ended >= (self._fresh_s if found["ok"] else FRESH_S)
+        return time.monotonic() - self._ended >= (self._fresh_s if found["ok"] else AGAIN_S)
 
     def _run(self, future: Future[Answer]) -> None:
         began = time.perf_counter()
         try:
-            found = self._look()
+            found = self._ask()
             self._note(found.get("detail", ""))
         except Exception as error:
             found = {"ok": False, "detail": "does not answer as it should; the service's log says more"}
@@ -83,7 +84,7 @@ class Part:
             log.warning("readiness: %s: %s", self.name, why or "works again")
 
 
-async def look_at(parts: Iterable[Part]) -> dict[str, Answer]:
+async def ask_parts(parts: Iterable[Part]) -> dict[str, Answer]:
     """What is found of each part, within :data:`PATIENCE_S`."""
     asked = [(part, part.asked()) for part in parts]
     for part, future in asked:

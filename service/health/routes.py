@@ -10,16 +10,16 @@ from typing import Any
 import redis
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
-from sqlalchemy import select, text
+from sqlalchemy import select
 
 from service.db.clock import now
 from service.db.ids import new_id
 from service.db.jobs import Heartbeat, Worker
-from service.db.migrate import is_older, newest
+from service.db.revisions import is_older, newest, stored
 from service.db.session import Database
 from service.health.job_figures import WORKER_SILENT_S
-from service.health.parts import PATIENCE_S, Answer, Part, look_at
-from service.jobs.kinds import QUEUES
+from service.health.parts import PATIENCE_S, Answer, Part, ask_parts
+from service.jobs.queues import QUEUES
 from service.settings import Settings
 from service.storage.store import Store
 
@@ -65,7 +65,7 @@ async def readyz(request: Request) -> JSONResponse:
     It answers within two seconds. `workers` alone does not turn it: what is asked for while none is warm waits in the
     table, and is done later.
     """
-    parts = await look_at(request.app.state.parts)
+    parts = await ask_parts(request.app.state.parts)
     ready = all(part["ok"] for name, part in parts.items() if name != "workers")
     if request.app.state.drain.asked:
         return JSONResponse({"status": "draining", "parts": parts}, 503)
@@ -75,7 +75,7 @@ async def readyz(request: Request) -> JSONResponse:
 
 def _database(database: Database) -> Answer:
     with database.reading() as session:
-        has, wants = session.scalar(text("SELECT version_num FROM alembic_version")), newest()
+        has, wants = stored(session), newest()
     if has is None or is_older(has):
         return {"ok": False, "detail": "schema_mismatch: older than the code; run python -m service.db.migrate"}
     return {"ok": True} if has == wants else {"ok": True, "detail": "the schema is newer than the code"}

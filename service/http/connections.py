@@ -67,7 +67,7 @@ class PatientProtocol(H11Protocol):
         before = self.conn.their_state
         self._arrived += len(data)
         super().data_received(data)
-        self._look_at_request(before)
+        self._check_request(before)
 
     def on_response_complete(self) -> None:
         """Wait for the next request; not for long where this one's body is still coming."""
@@ -85,7 +85,7 @@ class PatientProtocol(H11Protocol):
         super().pause_writing()
         self._stop_writing()
         self._unsent = self._not_taken()
-        self._writing = self.loop.call_later(WINDOW_S, self._look_at_writing)
+        self._writing = self.loop.call_later(WINDOW_S, self._check_writing)
 
     def resume_writing(self) -> None:
         """The client took all that there was."""
@@ -102,7 +102,7 @@ class PatientProtocol(H11Protocol):
         """Whether the client leaves its answer lying."""
         return self._writing is not None
 
-    def _look_at_request(self, before: object) -> None:
+    def _check_request(self, before: object) -> None:
         now = self.conn.their_state
         if now is h11.SEND_BODY:
             if before is not h11.SEND_BODY:
@@ -112,7 +112,7 @@ class PatientProtocol(H11Protocol):
         elif before is not h11.IDLE or self._reading is None:
             self._wait(HEAD_S, self._end)
 
-    def _look_at_body(self) -> None:
+    def _check_body(self) -> None:
         # Where the service does not read, or has not told the client to send, the client is not slow.
         is_awaited = not self.flow.read_paused and not self.cycle.waiting_for_100_continue
         if is_awaited and self._arrived < WINDOW_S * _BYTES_PER_S:
@@ -120,7 +120,7 @@ class PatientProtocol(H11Protocol):
         else:
             self._wait_for_body()
 
-    def _look_at_writing(self) -> None:
+    def _check_writing(self) -> None:
         if self._unsent - self._not_taken() < WINDOW_S * _BYTES_PER_S:
             self._end()
         else:
@@ -135,7 +135,7 @@ class PatientProtocol(H11Protocol):
 
     def _wait_for_body(self) -> None:
         self._arrived = 0
-        self._wait(WINDOW_S, self._look_at_body)
+        self._wait(WINDOW_S, self._check_body)
 
     def _wait(self, seconds: float, then: Callable[[], None]) -> None:
         self._stop_waiting()

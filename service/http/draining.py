@@ -1,4 +1,4 @@
-"""How an API process leaves without a failed request.
+"""Stops an API process without a failed request.
 
 SIGTERM does not close the door at once. For ``drain_s`` seconds /readyz answers 503, so that whoever balances the
 load looks elsewhere; requests are still answered, each with ``Connection: close``, so that no client keeps a

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from base64 import b64decode, b64encode
 from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
+from cryptography.exceptions import InvalidTag
+from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 from fastapi import FastAPI, Request
 from fastapi.responses import JSONResponse, Response
 from sqlalchemy import func, select
@@ -20,6 +23,9 @@ from sqlalchemy.orm import Session
 
 from service.db.people import IdempotencyKey
 from service.http.problems import Problem
+
+# Bytes, as NIST SP 800-38D recommends for GCM.
+_NONCE = 12
 
 
 class Repeated(Exception):  # noqa: N818 - an answer, not an error
@@ -81,21 +87,35 @@ def kept_answer(session: Session, person_id: UUID, asked: RequestKey) -> Idempot
 
 
 def repeat(kept: IdempotencyKey, credential: str) -> Repeated:
-    """The kept answer, to be raised; what is sealed opens with the credential that it was made with."""
+    """The kept answer, to be raised; what is sealed opens with the credential that it was made with.
+
+    Raises :class:`Problem` ``answer_not_kept`` where it does not open: a version before this one sealed it otherwise.
+    """
     if set(kept.body) != {"sealed"}:
         return Repeated(kept.status, kept.body)
-    return Repeated(kept.status, json.loads(_masked(b64decode(kept.body["sealed"]), kept.id, credential)))
+    nonce_and_text = b64decode(kept.body["sealed"])
+    try:
+        text = _cipher(kept.id, credential).decrypt(nonce_and_text[:_NONCE], nonce_and_text[_NONCE:], kept.id.bytes)
+    except (InvalidTag, ValueError):
+        raise Problem(
+            409,
+            "answer_not_kept",
+            "This request was done before, and its answer can no longer be opened.",
+            "Send it with a fresh Idempotency-Key, and remove what the first one made.",
+        ) from None
+    return Repeated(kept.status, json.loads(text))
 
 
 def sealed(row_id: UUID, body: dict[str, Any], credential: str) -> dict[str, Any]:
     """An answer's body so that only ``credential`` opens it."""
-    return {"sealed": b64encode(_masked(json.dumps(body).encode(), row_id, credential)).decode()}
+    nonce = os.urandom(_NONCE)
+    text = _cipher(row_id, credential).encrypt(nonce, json.dumps(body).encode(), row_id.bytes)
+    return {"sealed": b64encode(nonce + text).decode()}
 
 
-def _masked(data: bytes, row_id: UUID, credential: str) -> bytes:
-    # A one-time pad from the credential, which has 256 random bits; the row's id makes every pad another one.
-    pad = hashlib.shake_256(row_id.bytes + credential.encode()).digest(len(data))
-    return bytes(left ^ right for left, right in zip(data, pad, strict=True))
+def _cipher(row_id: UUID, credential: str) -> AESGCM:
+    # A credential has 256 random bits, so a hash of it is a key; the row's id makes each row's another one.
+    return AESGCM(hashlib.sha256(row_id.bytes + credential.encode()).digest())
 
 
 def _lock_number(person_id: UUID, key: str) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any
 from uuid import UUID
 
 from fastapi import Depends, Query
@@ -11,19 +11,11 @@ from pydantic import BaseModel
 from sqlalchemy import ColumnElement, Select, select, union_all
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
+from apexcal.documents.base import Page as Page
 from service.http.problems import Problem
-
-ItemT = TypeVar("ItemT")
 
 _AFTER = "the `next` of the page before"
 _LIMIT = "how many at most"
-
-
-class Page(BaseModel, Generic[ItemT]):
-    """One page; ``next`` is given as ``after`` to get the following one, and is null on the last."""
-
-    items: list[ItemT]
-    next: str | None = None
 
 
 class Window(BaseModel):

@@ -1,4 +1,4 @@
-"""Places: so many requests that cost memory are served at once, and the next one waits for a moment."""
+"""Limits how many requests that cost memory are served at once; the next one waits a moment."""
 
 from __future__ import annotations
 

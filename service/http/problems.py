@@ -16,6 +16,7 @@ from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from apexcal.documents.errors import DocumentError
 from service.observability import request_ids
 
 MEDIA_TYPE = "application/problem+json"
@@ -138,6 +139,10 @@ def install(app: FastAPI) -> None:
     async def on_problem(request: Request, problem: Problem) -> JSONResponse:
         return problem.response()
 
+    @app.exception_handler(DocumentError)
+    async def on_document(request: Request, error: DocumentError) -> JSONResponse:
+        return Problem(422, error.code, error.message, error.hint, **error.fields).response()
+
     @app.exception_handler(RequestValidationError)
     async def on_invalid(request: Request, error: RequestValidationError) -> JSONResponse:
         return _of_validation(error.errors()).response()
@@ -181,10 +186,9 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def on_bug(request: Request, error: Exception) -> JSONResponse:
-        # What nobody foresaw arrives here after everything else, also after the id was taken off.
-        request_id = request.scope.get(request_ids.SCOPE)
-        with request_ids.working_for(request_id):
-            log.error("%s %s failed", request.method, request.scope["path"], exc_info=error)
+        # Unexpected errors arrive here last, after what puts the id on answers.
+        request_id = request_ids.current()
+        log.error("%s %s failed", request.method, request.scope["path"], exc_info=error)
         return Problem(
             500,
             "internal_error",
@@ -238,7 +242,7 @@ def _of_validation(errors: Sequence[Any]) -> Problem:
     )
 
 
-# Where the library's own sentence speaks of itself, and not of what people wrote.
+# Our sentences for errors whose own text is about the library, not about the input.
 _PLAINLY = {
     "extra_forbidden": "is not known here; check its spelling, or leave it out",
     "uuid_parsing": "is no id; an id looks like 0192f0c1-2d3e-7a4b-8c5d-6e7f8a9b0c1d",

@@ -1,4 +1,4 @@
-"""What a request is answered when the store fails it."""
+"""The answers to requests when the store fails."""
 
 from __future__ import annotations
 
@@ -8,17 +8,6 @@ from fastapi.responses import JSONResponse
 from service.http.problems import Problem
 from service.storage.errors import MissingBlobError, StoreFullError, StoreUnavailableError
 from service.storage.quota import QuotaExceededError
-
-
-def disk_full(free: int | None = None) -> Problem:
-    """The store has no room, or less than uploads may leave."""
-    left = "no room" if free is None else f"only {free} bytes"
-    return Problem(
-        507,
-        "disk_full",
-        f"The service's store has {left} left, so it takes no uploads. What was acknowledged is kept.",
-        "Ask whoever runs the service for space, then send the missing parts.",
-    )
 
 
 def install(app: FastAPI) -> None:
@@ -34,7 +23,13 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(StoreFullError)
     async def on_full(request: Request, error: StoreFullError) -> JSONResponse:
-        return disk_full().response()
+        left = "no room" if error.free is None else f"only {error.free} bytes"
+        return Problem(
+            507,
+            "disk_full",
+            f"The service's store has {left} left, so it takes no uploads. What was acknowledged is kept.",
+            "Ask whoever runs the service for space, then send the missing parts.",
+        ).response()
 
     @app.exception_handler(StoreUnavailableError)
     async def on_unavailable(request: Request, error: StoreUnavailableError) -> JSONResponse:

@@ -1,4 +1,4 @@
-"""Every request gets an id, a line in the log and a place in the figures."""
+"""Every request gets a line in the log and a place in the figures."""
 
 from __future__ import annotations
 
@@ -6,16 +6,14 @@ import logging
 import time
 from urllib.parse import quote
 
-from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.http.figures import HttpFigures
-from service.observability import request_ids
 
-# Asked every few seconds by machines: figures yes, lines no.
+# Machines ask these every few seconds: they are counted but not logged.
 _UNLOGGED = frozenset(("/healthz", "/readyz", "/metrics"))
 _API = "/v1/"
-# Ours have at most 250 letters; a line of the log is not for a stranger to fill.
+# Our addresses have at most 250 letters; longer ones are cut, so that strangers cannot fill the log.
 _LONGEST_PATH = 500
 # nginx's number for a client that left before its answer began.
 _CLIENT_LEFT = 499
@@ -24,7 +22,7 @@ log = logging.getLogger(__name__)
 
 
 class Watched:
-    """Pure ASGI middleware, the outermost, so that streams pass untouched and every answer carries its id."""
+    """Pure ASGI middleware, so that streams pass untouched. Only what gives a request its id stands around it."""
 
     def __init__(self, app: ASGIApp, figures: HttpFigures) -> None:
         self._app = app
@@ -37,19 +35,16 @@ class Watched:
             return
         began = time.perf_counter()
         status = _CLIENT_LEFT
-        request_id = request_ids.accepted(Headers(scope=scope).get(request_ids.HEADER))
-        scope[request_ids.SCOPE] = request_id
 
-        async def send_with_id(message: Message) -> None:
+        async def send_noting(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                MutableHeaders(scope=message)[request_ids.HEADER] = request_id
             await send(message)
 
-        with request_ids.working_for(request_id), self._figures.in_flight.track_inprogress():
+        with self._figures.in_flight.track_inprogress():
             try:
-                await self._app(scope, receive, send_with_id)
+                await self._app(scope, receive, send_noting)
             except Exception:
                 status = 500
                 raise

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from mimetypes import guess_type
 from pathlib import Path
 
 from fastapi import FastAPI, HTTPException
 from fastapi.responses import FileResponse, HTMLResponse, Response
+from starlette.datastructures import Headers
 from starlette.types import Receive, Scope, Send
 
 WEB = Path(__file__).parent.parent / "web"
+
+# The build compresses a file once for each of these, the smallest first. Browsers take `br` over https alone.
+_COMPRESSED = {"br": ".br", "gzip": ".gz"}
 
 _NOT_BUILT = """<!doctype html><title>apexcal</title><p>The service runs. Its pages are not built:
 run <code>make frontend</code>, or install a wheel. The API is at <a href="/v1/openapi.json">/v1</a>."""
@@ -27,31 +33,49 @@ class Pages:
         path: str = scope["path"].lstrip("/")
         if scope["method"] not in ("GET", "HEAD") or path == "v1" or path.startswith("v1/"):
             raise HTTPException(404)
-        await self._response(path)(scope, receive, send)
+        await self._response(path, Headers(scope=scope).get("accept-encoding", ""))(scope, receive, send)
 
-    def _response(self, path: str) -> Response:
+    def _response(self, path: str, encodings: str) -> Response:
         asked = self._file(path)
-        if asked:
-            # Vite names the files under assets/ by their content.
-            forever = asked.is_relative_to(self._root / "assets")
-            return FileResponse(
-                asked, headers={"Cache-Control": "public, max-age=31536000, immutable" if forever else "no-cache"}
-            )
-        if path.startswith("assets/"):
+        if asked is None and path.startswith("assets/"):
             raise HTTPException(404)
-        index = self._root / "index.html"
-        if not index.is_file():
+        file = asked or self._root / "index.html"
+        if not file.is_file():
             return HTMLResponse(_NOT_BUILT)
-        return FileResponse(index, headers={"Cache-Control": "no-cache"})
+        # Vite names the files under assets/ by their content.
+        forever = file.is_relative_to(self._root / "assets")
+        headers = {
+            "Cache-Control": "public, max-age=31536000, immutable" if forever else "no-cache",
+            "Vary": "Accept-Encoding",
+        }
+        media_type = guess_type(file.name)[0] or "application/octet-stream"
+        for encoding, suffix in _COMPRESSED.items():
+            compressed = file.with_name(file.name + suffix)
+            if _accepts(encodings, encoding) and compressed.is_file():
+                # The ETag is of the compressed file: each encoding has its own.
+                return FileResponse(
+                    compressed, headers={**headers, "Content-Encoding": encoding}, media_type=media_type
+                )
+        return FileResponse(file, headers=headers, media_type=media_type)
 
     def _file(self, path: str) -> Path | None:
         """The file at this address, where there is one; what no file can be called is none."""
         try:
             asked = (self._root / path).resolve()
             is_ours = asked.is_relative_to(self._root) and asked.is_file() and asked.name != "index.html"
+            is_ours = is_ours and asked.suffix not in _COMPRESSED.values()
         except (OSError, ValueError):  # longer than names may be; with a NUL
             return None
         return asked if is_ours else None
+
+
+def _accepts(encodings: str, encoding: str) -> bool:
+    """Whether an Accept-Encoding takes the encoding, by its name and not with a weight of 0."""
+    for one in encodings.lower().split(","):
+        name, _, weight = (part.strip() for part in one.partition(";"))
+        if name == encoding:
+            return not re.fullmatch(r"q=0(\.0*)?", weight)
+    return False
 
 
 def install(app: FastAPI, web: Path = WEB) -> None:

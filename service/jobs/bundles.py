@@ -1,4 +1,4 @@
-"""How solver work is cut into jobs: by what it costs, and what a trip through the queue costs.
+"""Cuts solver work into jobs, by its cost and by that of a trip through the queue.
 
 The cut never changes a result, only how long it takes.
 """
@@ -23,14 +23,14 @@ RUN_S = 60.0
 RUN_SLOTS = 2000
 
 
-class Plan(NamedTuple):
+class Farming(NamedTuple):
     """How a run is farmed: ``runs`` (one job) or ``slots`` (jobs of ``bundle`` slots per iteration)."""
 
     farm: str
     bundle: int
 
 
-def plan(farm: str, *, slots: int, cost: RunCost, waiting_runs: int, workers: int) -> Plan:
+def choose_farming(farm: str, *, slots: int, cost: RunCost, waiting_runs: int, workers: int) -> Farming:
     """Decide how a run is farmed.
 
     Args:
@@ -41,14 +41,14 @@ def plan(farm: str, *, slots: int, cost: RunCost, waiting_runs: int, workers: in
         workers: pool processes of the farm.
     """
     if farm == "slots":
-        return Plan("slots", 1)
+        return Farming("slots", 1)
     bundle = max(1, ceil(1e-3 * TRIPS_PER_BUNDLE * TRIP_MS / cost.slot_s))
     busy = farm == "runs" or waiting_runs >= workers
     if (busy or bundle * 2 > slots) and cost.seconds <= RUN_S and cost.slots <= RUN_SLOTS:
-        return Plan("runs", slots)
+        return Farming("runs", slots)
     if busy:
         bundle = max(bundle, int(BUNDLE_S / cost.slot_s))
-    return Plan("slots", min(bundle, slots))
+    return Farming("slots", min(bundle, slots))
 
 
 def cut(count: int, size: int) -> list[range]:

@@ -16,15 +16,15 @@ from uuid import UUID
 from sqlalchemy import bindparam, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.db.base import Json
 from service.db.clock import now, now_plus
 from service.db.jobs import Job
 from service.db.repeating import repeated
 from service.db.session import Database
 from service.jobs.history import ATTEMPT, note
-from service.jobs.kinds import QUEUE_OF_KIND
+from service.jobs.kinds import kind_of, kinds
 from service.jobs.losses import lose
-from service.jobs.parents import tell_parent
 from service.jobs.queue import release
 from service.settings import get_settings
 
@@ -36,12 +36,12 @@ _LOOK_S = 0.5
 # Built once: SQLAlchemy takes ten times longer to build such a statement than to run it.
 _CLAIM = (
     update(Job)
-    .where(Job.id == bindparam("job"), Job.state == "queued", ~Job.cancel_requested)
-    # A message may be older than a stumble: what was tried before is nobody's until it is sent again.
+    .where(Job.id == bindparam("job"), Job.state == WorkState.QUEUED, ~Job.cancel_requested)
+    # A message may be older than a stumble: a job in backoff is not claimed until it is sent again.
     .where((Job.attempt == 0) | (Job.sends > 0))
     .where(Job.kind.in_(bindparam("kinds", expanding=True)))
     .values(
-        state="running",
+        state=WorkState.RUNNING,
         attempt=Job.attempt + 1,
         worker=bindparam("by"),
         started_at=now(),
@@ -53,7 +53,7 @@ _CLAIM = (
         *(Job.fleet_id, Job.subject_id, Job.payload, Job.request_id),
     )
 )
-_MINE = (Job.id == bindparam("job")) & (Job.attempt == bindparam("mine")) & (Job.state == "running")
+_MINE = (Job.id == bindparam("job")) & (Job.attempt == bindparam("mine")) & (Job.state == WorkState.RUNNING)
 _RENEW = (
     update(Job)
     .where(_MINE)
@@ -67,7 +67,9 @@ _END = (
     .values(state=bindparam("ended_as"), problem=bindparam("because"), finished_at=now(), lease_until=None)
     .returning(*ATTEMPT)
 )
-_GIVE_BACK = update(Job).where(_MINE).values(state="queued", lease_until=None, send_after=now()).returning(*ATTEMPT)
+_GIVE_BACK = (
+    update(Job).where(_MINE).values(state=WorkState.QUEUED, lease_until=None, send_after=now()).returning(*ATTEMPT)
+)
 
 
 class LostLeaseError(Exception):
@@ -92,15 +94,15 @@ class Claim:
     request_id: str | None
 
 
-def claim(
-    database: Database, job_id: int, worker: str, kinds: Collection[str] = tuple(QUEUE_OF_KIND)
-) -> Claim | None:
+def claim(database: Database, job_id: int, worker: str, can: Collection[str] | None = None) -> Claim | None:
     """Take a job that was sent for one lease, or None: a twin message, a cancelled job, one in backoff, one done.
 
-    ``kinds``: what this worker can do. While versions overlap there are jobs that only the newer workers know; an
-    older one leaves them in the queue, and the sweep sends them again until one who knows them looks.
+    ``can``: the kinds of jobs that this worker does, by default all that it knows. While versions overlap there are
+    jobs that only the newer workers know; an older one leaves them in the queue, and the sweep sends them again until
+    one who knows them looks.
     """
-    asked = {"job": job_id, "by": worker, "kinds": list(kinds), "lease_s": get_settings().lease_s}
+    names = [kind.name for kind in kinds()] if can is None else list(can)
+    asked = {"job": job_id, "by": worker, "kinds": names, "lease_s": get_settings().lease_s}
     with database.alone() as connection:
         row = connection.execute(_CLAIM, asked).one_or_none()
     return Claim(*row) if row else None
@@ -182,8 +184,11 @@ class Lease:
 
 
 @contextmanager
-def finishing(database: Database, held: Claim, state: str = "done", problem: Json | None = None) -> Iterator[Session]:
-    """The one transaction that ends a job: the gate, the block's results, the parent, the next release.
+def finishing(
+    database: Database, held: Claim, state: WorkState = WorkState.DONE, problem: Json | None = None
+) -> Iterator[Session]:
+    """The one transaction that ends a job: the gate, the block's results, what the end means to
+    the subject, the next release.
 
     Raises :class:`LostLeaseError`, with everything rolled back, where the job is no longer this worker's.
     """
@@ -194,7 +199,7 @@ def finishing(database: Database, held: Claim, state: str = "done", problem: Jso
             raise LostLeaseError(f"job {held.job_id} is no longer attempt {held.attempt}'s")
         yield session
         note(session, passed, state, problem)
-        tell_parent(session, held.kind, held.subject_id, state, problem)
+        kind_of(held.kind).end(session, held.subject_id, state, problem)
         release(session, held.fleet_id, held.queue)
 
 
@@ -202,7 +207,7 @@ def finish(
     database: Database,
     held: Claim,
     write: Callable[[Session], None] | None = None,
-    state: str = "done",
+    state: WorkState = WorkState.DONE,
     problem: Json | None = None,
 ) -> None:
     """End a job with what ``write`` puts into its last transaction; see :func:`finishing`.

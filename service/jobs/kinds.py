@@ -1,25 +1,65 @@
-"""Which kinds of jobs there are, on which queue each waits, and how many of a fleet's may be out at once."""
+"""Kinds of jobs. A resource says in its ``jobs.py`` what the end and the retry of its jobs mean.
+
+:mod:`service.job_kinds` registers them all; nothing here knows a resource.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from uuid import UUID
+
+from sqlalchemy import Select
+from sqlalchemy.orm import InstrumentedAttribute, Session
+
+from apexcal.documents.states import WorkState
+from service.db.base import Json
+from service.db.jobs import Job
+from service.db.session import Database
+from service.jobs.queues import QUEUES
 
 
-class Queue(NamedTuple):
-    """Kinds that share processes. ``fleet_cap`` names the setting that caps a fleet's jobs, sent or running."""
-
-    kinds: tuple[str, ...]
-    fleet_cap: str | None = None
+class CannotRetryError(Exception):
+    """Why failed work is not started again."""
 
 
-_QUEUES = {
-    # The maker of a file decides how long it takes to read: one fleet must not hold every process.
-    "ingest": Queue(("ingest",), fleet_cap="fleet_ingests"),
-    "detect": Queue(("preview", "suggestion", "detect")),
-    "solve": Queue(("clock_offset", "solve")),
-    # Not behind a fleet's waiting runs: it is a moment's work, and a calibration ends with it.
-    "report": Queue(("consistency",)),
-}
-QUEUES = tuple(_QUEUES)
-QUEUE_OF_KIND = {kind: name for name, queue in _QUEUES.items() for kind in queue.kinds}
-FLEET_CAPS = {name: queue.fleet_cap for name, queue in _QUEUES.items() if queue.fleet_cap}
+@dataclass(frozen=True)
+class Kind:
+    """A kind of job, and what happens to the row that such a job works for (its subject).
+
+    ``end(session, subject_id, state, problem)`` runs in the transaction that ends a job as done, failed or cancelled.
+    A subject that was deleted meanwhile hears nothing: its job must still be able to end.
+    ``retry(session, failed_job)`` takes the subject back to where it began and returns its fresh jobs. It raises
+    :class:`CannotRetryError`; without it, failed work is asked for anew.
+    """
+
+    name: str
+    queue: str
+    end: Callable[[Session, UUID, WorkState, Json | None], None]
+    retry: Callable[[Session, Job], Sequence[Job]] | None = None
+    shown_by: InstrumentedAttribute[int | None] | None = None
+    """The column in which subjects keep their job's id: such a job is not removed while its subject is there."""
+    cancelled: Select[UUID] | None = None
+    """Subjects that were cancelled and have not ended. The sweep cancels jobs that they got after that."""
+    tend: Callable[[Database], None] | None = None
+    """What a sweep does for the subjects beside their jobs."""
+
+
+_KINDS: dict[str, Kind] = {}
+
+
+def register(*kinds: Kind) -> None:
+    """Make kinds of jobs known to this process."""
+    for kind in kinds:
+        assert kind.queue in QUEUES, kind.queue
+        _KINDS[kind.name] = kind
+
+
+def kind_of(name: str) -> Kind:
+    """The kind of this name."""
+    return _KINDS[name]
+
+
+def kinds() -> Collection[Kind]:
+    """All kinds that this process knows."""
+    return _KINDS.values()

@@ -1,15 +1,16 @@
-"""A job that lost its worker, or what its worker needs: tried again, or given up with its reason, in one place."""
+"""A job whose worker died, or whose database, store or disk failed: tried again, or failed with the reason."""
 
 from __future__ import annotations
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.db.base import Json
 from service.db.clock import now
 from service.db.jobs import Job, JobEvent
 from service.jobs.history import note
-from service.jobs.parents import tell_parent
+from service.jobs.kinds import kind_of
 from service.settings import get_settings
 
 # How much longer a job waits after each loss than after the one before, and the longest.
@@ -31,7 +32,7 @@ def lose(
     job.lost += 1
     job.lease_until = None
     if job.cancel_requested:
-        end(session, job, "cancelled", None)
+        end(session, job, WorkState.CANCELLED, None)
         return
     counted = select(func.count()).where(JobEvent.job_id == job.id, JobEvent.what == what)
     if tries is not None:
@@ -39,18 +40,18 @@ def lose(
     times = session.scalar(counted) or 0
     settings = get_settings()
     if times >= (tries or (settings.max_lost_leases if what == "lost" else settings.max_stumbles)):
-        end(session, job, "failed", problem)
+        end(session, job, WorkState.FAILED, problem)
     else:
-        job.state = "queued"
+        job.state = WorkState.QUEUED
         job.sends = 0
         longer = min(after_s * _LONGER ** min(times - 1, 10), _LONGEST_S)
         job.send_after = session.scalar(select(now(longer)))
 
 
-def end(session: Session, job: Job, state: str, problem: Json | None) -> None:
-    """End a job that no worker finishes, and tell its parent."""
+def end(session: Session, job: Job, state: WorkState, problem: Json | None) -> None:
+    """End a job that no worker finishes, as its kind says."""
     job.state, job.problem = state, problem
     job.finished_at = session.scalar(select(now()))
     session.flush()
     note(session, job, state, problem)
-    tell_parent(session, job.kind, job.subject_id, state, problem)
+    kind_of(job.kind).end(session, job.subject_id, state, problem)

@@ -20,18 +20,17 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.db.base import written
 from service.db.clock import now, now_plus
 from service.db.fleets import Fleet
 from service.db.jobs import Job
 from service.db.session import post
 from service.jobs.history import ATTEMPT, note
-from service.jobs.kinds import FLEET_CAPS, QUEUE_OF_KIND
+from service.jobs.kinds import kind_of
 from service.jobs.messages import COURIER, Message
+from service.jobs.queues import FLEET_CAPS
 from service.settings import get_settings
-
-_UNENDED = ("queued", "running")
-
 
 # Nobody else releases jobs of a capped queue meanwhile. This row is locked last, so that there is no deadlock.
 _HOLD_FLEET = select(Fleet.id).where(Fleet.id == bindparam("fleet")).with_for_update(key_share=True)
@@ -44,11 +43,11 @@ def _releasing(*, capped: bool) -> Update:
     """
     window = bindparam("window", type_=Integer())
     mine = select(Job.id).where(Job.queue == bindparam("of_queue"), Job.fleet_id == bindparam("fleet"))
-    queued = mine.where(Job.state == written("queued"))
-    # At most a window's worth is sent and unclaimed, but whoever counts stops there.
+    queued = mine.where(Job.state == written(WorkState.QUEUED))
+    # At most a window's worth is sent and unclaimed; counting stops there.
     room = window - _count(queued.where(Job.sends > literal_column("0")).limit(window))
     if capped:
-        room -= _count(mine.where(Job.state == written("running")))
+        room -= _count(mine.where(Job.state == written(WorkState.RUNNING)))
     # A common table expression, for PostgreSQL may run a plain subquery once per row, each time past its own limit.
     oldest = (
         queued.where(Job.send_after.is_(None), ~Job.cancel_requested)
@@ -91,7 +90,7 @@ def enqueue_each(
     session: Session, *, kind: str, fleet_id: UUID, work: Iterable[tuple[UUID, dict[str, Any]]]
 ) -> list[Job]:
     """The same for several subjects, each with its payload."""
-    queue = QUEUE_OF_KIND[kind]
+    queue = kind_of(kind).queue
     jobs = [
         Job(kind=kind, queue=queue, fleet_id=fleet_id, subject_id=subject_id, payload=payload)
         for subject_id, payload in work
@@ -127,7 +126,7 @@ def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:
     unended = (
         select(Job.id)
         .where(Job.subject_id.in_(subjects if isinstance(subjects, Select) else list(subjects)))
-        .where(Job.state.in_(_UNENDED), ~Job.cancel_requested)
+        .where(Job.state.in_(UNENDED), ~Job.cancel_requested)
         .order_by(Job.id)
         .with_for_update()
         .cte("unended")
@@ -141,16 +140,16 @@ def cancel(session: Session, subjects: Iterable[UUID] | Select[UUID]) -> None:
 
 
 def abandon(session: Session, subject_ids: Iterable[UUID]) -> None:
-    """End these subjects' jobs because the subjects themselves are being deleted: no parent hears of it."""
-    unended = select(Job.id).where(Job.subject_id.in_(list(subject_ids)), Job.state.in_(_UNENDED))
+    """End these subjects' jobs because the subjects themselves are being deleted, so none hears of it."""
+    unended = select(Job.id).where(Job.subject_id.in_(list(subject_ids)), Job.state.in_(UNENDED))
     # In one order: two deletions may share jobs.
     locked = session.scalars(unended.order_by(Job.id).with_for_update()).all()
     ended = session.execute(
         update(Job)
         .where(Job.id.in_(locked))
-        .values(state="cancelled", finished_at=now(), lease_until=None)
+        .values(state=WorkState.CANCELLED, finished_at=now(), lease_until=None)
         .returning(*ATTEMPT)
         .execution_options(synchronize_session=False)
     )
     for job in ended.all():
-        note(session, job, "cancelled")
+        note(session, job, WorkState.CANCELLED)

@@ -1,20 +1,19 @@
-"""Ended jobs go after a while, with their history; the totals keep counting them."""
+"""Removes ended jobs and their history after a while; the totals keep counting them."""
 
 from __future__ import annotations
 
 from datetime import timedelta
 
-from sqlalchemy import delete, exists, func, select
+from sqlalchemy import delete, exists, func, or_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED
 from service.db.clock import now
 from service.db.jobs import Job, JobEvent, Worker
-from service.db.recordings import Recording
 from service.db.session import Database
-from service.db.studies import Study
+from service.jobs.kinds import kinds
 from service.settings import get_settings
 
-_UNENDED = ("queued", "running")
 _BATCH = 1000
 # A worker that has been silent for so long is not coming back under its name.
 _GONE = timedelta(hours=1)
@@ -23,7 +22,7 @@ _GONE = timedelta(hours=1)
 def forget_jobs(database: Database) -> int:
     """Remove the jobs that ended over ``job_days`` ago, and return how many.
 
-    What a recording or a study still shows as its job stays, and so does what the totals do not hold yet.
+    What a subject still shows as its job stays, and so does what the totals do not hold yet.
     """
     removed = 0
     while True:
@@ -41,11 +40,12 @@ def overdue_jobs(session: Session) -> int:
 
 
 def _overdue():  # noqa: ANN202 - a statement
-    shown = exists().where(Recording.job_id == Job.id) | exists().where(Study.job_id == Job.id)
+    columns = dict.fromkeys(kind.shown_by for kind in kinds() if kind.shown_by is not None)
+    shown = or_(*(exists().where(Job.id == column) for column in columns))
     untallied = exists().where(JobEvent.job_id == Job.id, ~JobEvent.tallied)
     ended = now(-86400.0 * get_settings().job_days)
     # Not "one of those that ended": SQLite would look at all of these, and not at the times.
-    overdue = select(Job.id).where(Job.state.not_in(_UNENDED), Job.finished_at < ended, ~shown, ~untallied)
+    overdue = select(Job.id).where(Job.state.not_in(UNENDED), Job.finished_at < ended, ~shown, ~untallied)
     return overdue.order_by(Job.finished_at)
 
 

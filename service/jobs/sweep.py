@@ -15,17 +15,17 @@ from sqlalchemy import ColumnElement, exists, select, update
 from sqlalchemy.exc import DBAPIError, IntegrityError
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.fleet_request_actions import count_missed
+from apexcal.documents.states import WorkState
 from service.db.base import Json, written
-from service.db.calibrations import CalibrationRun
 from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.jobs import Heartbeat, Job
 from service.db.session import Database, post
-from service.jobs.kinds import QUEUES
+from service.jobs.kinds import kinds
 from service.jobs.losses import end, lose
 from service.jobs.messages import COURIER, Message
 from service.jobs.queue import cancel, release
+from service.jobs.queues import QUEUES
 from service.jobs.retention import forget_workers
 from service.jobs.totals import tally
 from service.settings import get_settings
@@ -41,8 +41,8 @@ def sweep(database: Database, store: Store) -> None:
 
     Raises the first failure once all have been tried; at once where the database is away, as none of them can work.
     """
-    lost = (Job.state == written("running")) & (Job.lease_until < now())
-    cancelled = (Job.state == written("queued")) & Job.cancel_requested
+    lost = (Job.state == written(WorkState.RUNNING)) & (Job.lease_until < now())
+    cancelled = (Job.state == written(WorkState.QUEUED)) & Job.cancel_requested
     steps: tuple[Callable[[], None], ...] = (
         partial(_write, database, _beat),
         partial(_each, database, lost, _recover),
@@ -51,7 +51,7 @@ def sweep(database: Database, store: Store) -> None:
         partial(_write, database, _send_again),
         partial(_write, database, _end_backoff),
         partial(_write, database, _release_waiting),
-        partial(count_missed, database),
+        *(partial(kind.tend, database) for kind in kinds() if kind.tend),
         partial(_write, database, tally),
         partial(_write, database, forget_workers),
         partial(_remove_blobs, database, store),
@@ -89,9 +89,10 @@ def _beat(session: Session) -> None:
 
 
 def _spread_cancels(session: Session) -> None:
-    """Flag the jobs that a cancelled run got after the cancel looked."""
-    unended = CalibrationRun.state.in_((written("queued"), written("running")))
-    cancel(session, select(CalibrationRun.id).where(CalibrationRun.cancel_requested, unended))
+    """Flag the jobs that a cancelled subject got after the cancel looked."""
+    for kind in kinds():
+        if kind.cancelled is not None:
+            cancel(session, kind.cancelled)
 
 
 def _each(database: Database, which: ColumnElement[bool], decide: Callable[[Session, Job], None]) -> None:
@@ -145,7 +146,7 @@ def _worker_lost(job: Job) -> Json:
 
 
 def _end_cancelled(session: Session, job: Job) -> None:
-    end(session, job, "cancelled", None)
+    end(session, job, WorkState.CANCELLED, None)
 
 
 def _send_again(session: Session) -> None:
@@ -154,7 +155,7 @@ def _send_again(session: Session) -> None:
     delay = round(settings.resend_s * 1e6)
     overdue = (
         select(Job.id, Job.queue, Job.sends)
-        .where(Job.state == written("queued"), Job.sends > 0, ~Job.cancel_requested, Job.send_after < now())
+        .where(Job.state == written(WorkState.QUEUED), Job.sends > 0, ~Job.cancel_requested, Job.send_after < now())
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
@@ -169,7 +170,7 @@ def _end_backoff(session: Session) -> None:
     """Let the jobs whose time to be tried again has come wait for their place in the window, as fresh ones do."""
     over = (
         select(Job.id)
-        .where(Job.state == written("queued"), Job.sends == 0, Job.send_after < now())
+        .where(Job.state == written(WorkState.QUEUED), Job.sends == 0, Job.send_after < now())
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
@@ -188,7 +189,10 @@ def _release_waiting(session: Session) -> None:
     for queue in QUEUES:
         # One look for each fleet, however many jobs wait.
         waits = exists().where(
-            Job.fleet_id == Fleet.id, Job.queue == queue, Job.state == written("queued"), Job.send_after.is_(None)
+            Job.fleet_id == Fleet.id,
+            Job.queue == queue,
+            Job.state == written(WorkState.QUEUED),
+            Job.send_after.is_(None),
         )
         # Two sweeps hold fleets in one order.
         for fleet_id in session.scalars(select(Fleet.id).where(waits).order_by(Fleet.id)).all():

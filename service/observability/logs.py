@@ -9,36 +9,18 @@ from __future__ import annotations
 import json
 import logging
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from typing import Any
 
-from service.observability import request_ids
+from structlog.contextvars import bound_contextvars, merge_contextvars
+from structlog.processors import ExceptionRenderer, JSONRenderer, TimeStamper
+from structlog.stdlib import ExtraAdder, ProcessorFormatter
+from structlog.typing import EventDict, Processor
 
-_TEXT = "%(asctime)s %(levelname)s %(name)s%(about)s %(message)s"
-# What every record has; anything else was given with `extra` and belongs into the object.
-_USUAL = frozenset((*vars(logging.makeLogRecord({})), "about", "message", "asctime", "taskName"))
 # Celery says of every message that it came and that it went; the job's own lines say more.
 _CHATTY = ("celery.worker.strategy", "celery.app.trace")
 
-_about: ContextVar[dict[str, Any]] = ContextVar("apexcal_log_about", default={})  # noqa: B039 - never changed
-
-
-@contextmanager
-def about(**fields: Any) -> Iterator[None]:
-    """Lines logged in the block carry these fields, for example the job that they are about."""
-    token = _about.set({**_about.get(), **fields})
-    try:
-        yield
-    finally:
-        _about.reset(token)
-
-
-def _fields() -> dict[str, Any]:
-    request_id = request_ids.current()
-    return {**({"request_id": request_id} if request_id else {}), **_about.get()}
+about = bound_contextvars
+"""``with about(job=7):`` lines logged in the block carry these fields."""
 
 
 def visible(text: str) -> str:
@@ -48,59 +30,63 @@ def visible(text: str) -> str:
     return "".join(one if one.isprintable() else json.dumps(one)[1:-1] for one in text)
 
 
-class JsonLines(logging.Formatter):
-    """One JSON object a line: time (UTC), level, logger, message, what it is about, and a traceback where one is."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """The record as a line."""
-        more = {name: value for name, value in vars(record).items() if name not in _USUAL}
-        line: dict[str, Any] = {
-            "time": time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(record.created)) + f".{int(record.msecs):03d}Z",
-            "level": record.levelname,
-            "logger": record.name,
-            "process": record.process,
-            **_fields(),
-            "message": record.getMessage(),
-            **{name: value for name, value in more.items() if not name.startswith(("_", "color_"))},
-        }
-        if record.exc_info:
-            line["exception"] = self.formatException(record.exc_info)
-        return visible(json.dumps(line, default=str, ensure_ascii=False))
+def formatter(form: str) -> ProcessorFormatter:
+    """What makes a line of a record, as ``json`` or ``text``."""
+    return ProcessorFormatter(processors=_JSON if form == "json" else _TEXT, foreign_pre_chain=[merge_contextvars])
 
 
-class TextLines(logging.Formatter):
-    """Lines for people; what a line is about stands in brackets."""
-
-    def __init__(self) -> None:
-        super().__init__(_TEXT)
-
-    def format(self, record: logging.LogRecord) -> str:
-        """The record as a line, and its traceback below."""
-        found = " ".join(f"{name}={value}" for name, value in _fields().items())
-        record.about = f" [{found}]" if found else ""
-        return super().format(record)
-
-    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's own name
-        """The line itself, which is one."""
-        return visible(super().formatMessage(record))
-
-    def formatException(self, ei: Any) -> str:  # noqa: N802
-        """The traceback, indented: what an error says may look like a line of the log."""
-        return _indented(super().formatException(ei))
-
-    def formatStack(self, stack_info: str) -> str:  # noqa: N802
-        """A stack, indented too."""
-        return _indented(super().formatStack(stack_info))
+def _without_extras_of_others(_: Any, __: str, line: EventDict) -> EventDict:
+    """Uvicorn gives its messages a second time, with colours."""
+    return {name: value for name, value in line.items() if not name.startswith(("color_", "_")) or name == "_record"}
 
 
-def _indented(text: str) -> str:
-    return "\n".join("  " + visible(line) for line in text.split("\n"))
+def _as_object(_: Any, __: str, line: EventDict) -> EventDict:
+    """The fields of an object in their order."""
+    record: logging.LogRecord = line.pop("_record")
+    return {
+        "time": line.pop("time"),
+        "level": record.levelname,
+        "logger": record.name,
+        "process": record.process,
+        "message": line.pop("event"),
+        **line,
+    }
+
+
+def _as_text(_: Any, __: str, line: EventDict) -> str:
+    """A line for people, what it is about in brackets; below it a traceback, indented: it may look like a line."""
+    record: logging.LogRecord = line.pop("_record")
+    time, event = line.pop("time"), line.pop("event")
+    below = [text for name in ("exception", "stack_info") if (text := line.pop(name, None))]
+    found = " ".join(f"{name}={value}" for name, value in line.items() if not name.startswith("_"))
+    first = visible(f"{time} {record.levelname} {record.name}{f' [{found}]' if found else ''} {event}")
+    return "\n".join([first, *(f"  {visible(one)}" for text in below for one in text.split("\n"))])
+
+
+def _all_visible(_: Any, __: str, line: Any) -> str:
+    return visible(line)
+
+
+_JSON: tuple[Processor, ...] = (
+    ExtraAdder(),
+    _without_extras_of_others,
+    TimeStamper(fmt="iso", key="time"),
+    ExceptionRenderer(),
+    _as_object,
+    JSONRenderer(default=str, ensure_ascii=False),
+    _all_visible,
+)
+_TEXT: tuple[Processor, ...] = (
+    TimeStamper(fmt="%Y-%m-%d %H:%M:%S", utc=False, key="time"),
+    ExceptionRenderer(),
+    _as_text,
+)
 
 
 def configure(form: str, level: int = logging.INFO) -> None:
     """Log everything of this process to standard error, as ``json`` or ``text``. Once per process, at its start."""
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JsonLines() if form == "json" else TextLines())
+    handler.setFormatter(formatter(form))
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(level)
@@ -113,3 +99,5 @@ def configure(form: str, level: int = logging.INFO) -> None:
     logging.getLogger("uvicorn.access").disabled = True
     for name in _CHATTY:
         logging.getLogger(name).setLevel(logging.WARNING)
+    # It warns of every id that it replaces, and a stranger may send any number of them.
+    logging.getLogger("asgi_correlation_id").setLevel(logging.ERROR)

@@ -1,39 +1,39 @@
 """One id that follows a request: through the API, onto the rows of the jobs that it causes, into the workers' logs.
 
-The id is the caller's ``X-Request-ID`` where that is harmless, else a fresh one.
+``asgi_correlation_id`` takes the caller's ``X-Request-ID`` where that is harmless, else makes a fresh one. It is a
+field of the log, so every line has it.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-from uuid import uuid4
+from contextlib import AbstractContextManager, nullcontext
+
+from structlog.contextvars import bind_contextvars, bound_contextvars, get_contextvars
 
 HEADER = "X-Request-ID"
-SCOPE = "apexcal.request_id"
 LONGEST = 64
+_FIELD = "request_id"
 
 _HARMLESS = re.compile(rf"[A-Za-z0-9._-]{{1,{LONGEST}}}")
-_current: ContextVar[str | None] = ContextVar("apexcal_request_id", default=None)
 
 
-def accepted(given: str | None) -> str:
-    """``given`` where it can stand in a log line and a row, else a fresh id."""
-    return given if given and _HARMLESS.fullmatch(given) else uuid4().hex
+def is_harmless(given: str) -> bool:
+    """Whether a caller's id can stand in a log line and a row."""
+    return bool(_HARMLESS.fullmatch(given))
+
+
+def bound(request_id: str) -> str:
+    """The id, which the rest of this context works for now."""
+    bind_contextvars(**{_FIELD: request_id})
+    return request_id
 
 
 def current() -> str | None:
     """The id of the request that the present code works for, or None."""
-    return _current.get()
+    return get_contextvars().get(_FIELD)
 
 
-@contextmanager
-def working_for(request_id: str | None) -> Iterator[None]:
+def working_for(request_id: str | None) -> AbstractContextManager[None]:
     """Whatever happens in the block is done for this request."""
-    token = _current.set(request_id)
-    try:
-        yield
-    finally:
-        _current.reset(token)
+    return bound_contextvars(**{_FIELD: request_id}) if request_id else nullcontext()

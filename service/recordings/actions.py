@@ -8,6 +8,7 @@ from uuid import UUID
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import VehicleState
 from service.calibration_runs.fleet_request_actions import drop_calibrations
 from service.calibration_runs.publication_actions import current_ids, hold_publications
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
@@ -32,7 +33,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     # A retry of a fleet request holds its failed vehicles, then the sets; a cancel holds only the keys of these.
     failed = select(FleetRequestVehicle.id).where(
         FleetRequestVehicle.calibration_id.in_(_calibrations(session, recording_id)),
-        FleetRequestVehicle.state == "failed",
+        FleetRequestVehicle.state == VehicleState.FAILED,
     )
     session.execute(failed.order_by(FleetRequestVehicle.id).with_for_update(key_share=True)).all()
     # A calibration being asked for holds its sets, not the recording: wait for it, so that its runs are seen below.

@@ -10,16 +10,16 @@ from uuid import UUID
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from sqlalchemy import select
 
+from apexcal.documents.base import Sought
+from apexcal.documents.recordings import BlobAddress, FrameView
 from service.auth.access import Access, CurrentIdentity, ReadAccess
 from service.db.recordings import CameraFrame, Recording
 from service.db.session import Database
 from service.http.etags import Conditional, content_etag
 from service.http.pages import LongPaging, Page, fetch
 from service.http.problems import Problem
-from service.http.schemas import Sought
 from service.recordings.presigner import Presigner
 from service.recordings.queries import find_camera
-from service.recordings.schemas import BlobAddress, FrameView
 from service.storage.store import Store
 
 router = APIRouter(tags=["recordings"])

@@ -10,13 +10,14 @@ from uuid import UUID
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import StreamingResponse
 
+from apexcal.documents.recordings import Original, OriginalPart
+from apexcal.documents.states import RecordingState
 from service.auth.access import Access, CurrentIdentity
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
 from service.recordings.presigner import Presigner
 from service.recordings.queries import parts_of
-from service.recordings.schemas import Original, OriginalPart
 from service.storage.store import Store
 
 router = APIRouter(tags=["recordings"])
@@ -27,7 +28,7 @@ def _complete(id: UUID, request: Request, identity: CurrentIdentity) -> tuple[Re
     database: Database = request.app.state.database
     with database.reading() as session:
         row = Access(session, identity).find(Recording, id, "engineer")
-        if row.state == "uploading":
+        if row.state == RecordingState.UPLOADING:
             raise Problem(
                 409, "upload_open", "The upload is not complete, so there is no file yet.", "Complete it first."
             )

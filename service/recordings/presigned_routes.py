@@ -14,12 +14,12 @@ from uuid import UUID
 from fastapi import APIRouter, Path, Request
 from fastapi.concurrency import run_in_threadpool
 
+from apexcal.documents.recordings import MAX_PARTS, NewPart, PartAddress, PartView, PutPart
 from service.auth.access import Access, CurrentIdentity, Identity
 from service.db.recordings import Blob, Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
 from service.recordings.presigner import Presigner
-from service.recordings.schemas import MAX_PARTS, NewPart, PartAddress, PartView, PutPart
 from service.recordings.upload_actions import (
     Announced,
     begin_part,
@@ -70,7 +70,7 @@ async def post_part_arrival(
     if isinstance(found, UploadPart):
         return PartView.model_validate(found)
     await _require_there(request.app.state.store, put, found)
-    # The name tells which reservation it is a copy of, for who says it again.
+    # The name tells which reservation was copied, so that a repeated request finds the copy.
     kept = await run_in_threadpool(partial(begin_part, database, identity, found, settings, copied=body.reservation))
     if isinstance(kept, UploadPart):
         await run_in_threadpool(forget_part, database, put)

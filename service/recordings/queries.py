@@ -1,4 +1,4 @@
-"""Reading recordings: rows with their job and sensors."""
+"""A recording's parts and cameras, and what is known of its file."""
 
 from __future__ import annotations
 
@@ -9,34 +9,15 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.recordings import Reading
 from service.auth.access import Access
 from service.db.fleets import RigCamera
 from service.db.recordings import Recording, Sensor, UploadPart
 from service.http.problems import Problem
-from service.job_status.routes import job_views
-from service.recordings.schemas import Reading, RecordingSummary, RecordingView, SensorView
-
-
-def summaries(session: Session, rows: Sequence[Recording]) -> list[RecordingSummary]:
-    """Recordings with their jobs."""
-    jobs = job_views(session, (row.job_id for row in rows))
-    found: list[RecordingSummary] = []
-    for row in rows:
-        view = RecordingSummary.model_validate(row)
-        view.job = jobs.get(row.job_id) if row.job_id is not None else None
-        found.append(view)
-    return found
-
-
-def view(session: Session, row: Recording) -> RecordingView:
-    """A recording with its job and sensors."""
-    summary = summaries(session, [row])[0]
-    sensors = session.scalars(select(Sensor).where(Sensor.recording_id == row.id).order_by(Sensor.name))
-    return RecordingView(**summary.model_dump(), sensors=[SensorView.model_validate(one) for one in sensors])
 
 
 def reading_document(session: Session, rig_id: UUID, reading: Reading) -> dict[str, Any]:
-    """What is known of a recording, as its row keeps it: without what is not said.
+    """What is known of a recording, as its row keeps it, without empty members.
 
     Raises:
         Problem: 422 ``unknown_camera``, where a topic is given for a camera that the rig does not have.

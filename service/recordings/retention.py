@@ -1,4 +1,4 @@
-"""What is removed by itself: recordings at the end of their retention, and uploads left unfinished."""
+"""Removes recordings at the end of their retention, and unfinished uploads."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from uuid import UUID
 from sqlalchemy import delete, select
 from sqlalchemy.exc import OperationalError
 
+from apexcal.documents.states import RecordingState
 from service.broker.hints import hint
 from service.db.clock import now
 from service.db.recordings import Recording, UploadPart
@@ -19,7 +20,7 @@ from service.storage.blobs import condemn
 
 log = logging.getLogger(__name__)
 
-_LATE = (Recording.state == "uploading") & (Recording.expires_at < now())
+_LATE = (Recording.state == RecordingState.UPLOADING) & (Recording.expires_at < now())
 _TOLD_S = 7 * 86400.0
 
 _WAITS = "Its retention has ended; it is kept because a vehicle's current calibration came from it."
@@ -64,7 +65,7 @@ def _expire(database: Database, recording_id: UUID) -> bool:
         parts = select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)
         condemn(session, session.scalars(parts).all())
         session.execute(delete(UploadPart).where(UploadPart.recording_id == recording_id))
-        row.state, row.taken_bytes = "failed", 0
+        row.state, row.taken_bytes = RecordingState.FAILED, 0
         row.problem = {
             "code": EXPIRED,
             "detail": "No further part of this upload came in time, so the parts that had come were removed.",

@@ -10,6 +10,14 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.recordings import (
+    CreatedRecording,
+    NewRecording,
+    RecordingEdit,
+    RecordingSummary,
+    RecordingView,
+)
+from apexcal.documents.states import RecordingState
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.clock import now
@@ -20,16 +28,9 @@ from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found
 from service.recordings.actions import delete_recording
-from service.recordings.queries import reading_document, summaries, view
-from service.recordings.schemas import (
-    CreatedRecording,
-    NewRecording,
-    RecordingEdit,
-    RecordingState,
-    RecordingSummary,
-    RecordingView,
-)
+from service.recordings.queries import reading_document
 from service.recordings.upload_actions import how_to_upload
+from service.recordings.views import summaries, view
 from service.settings import Settings
 from service.storage.quota import take
 
@@ -117,7 +118,7 @@ def patch_recording(id: UUID, body: RecordingEdit, access: WriteAccess, conditio
 
 
 def _refuse_if_read(row: Recording, code: str, what: str) -> None:
-    if row.state not in ("uploading", "failed"):
+    if row.state not in (RecordingState.UPLOADING, RecordingState.FAILED):
         raise Problem(
             409,
             code,

@@ -13,13 +13,14 @@ from fastapi import Request
 from sqlalchemy import delete, select
 from starlette.requests import ClientDisconnect
 
+from apexcal.documents.recordings import Upload
+from apexcal.documents.states import RecordingState
 from service.auth.access import Access, Identity
 from service.db.clock import now
 from service.db.recordings import Blob, Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
 from service.recordings.presigner import Presigner
-from service.recordings.schemas import Upload
 from service.settings import Settings
 from service.storage.blobs import condemn, give_up, keep, reserve
 from service.storage.errors import ReservationEndedError
@@ -50,7 +51,7 @@ def how_to_upload(request: Request, row: Recording) -> Upload:
         part_bytes=presigner.settings.part_bytes,
         max_part_bytes=presigner.settings.max_part_bytes,
         parts="presigned" if presigner.uploads else "api",
-        expires_at=row.expires_at if row.state == "uploading" else None,
+        expires_at=row.expires_at if row.state == RecordingState.UPLOADING else None,
     )
 
 
@@ -225,7 +226,7 @@ def refuse_expired(recording: Recording) -> None:
 
 def _refuse_closed(recording: Recording) -> None:
     refuse_expired(recording)
-    if recording.state != "uploading":
+    if recording.state != RecordingState.UPLOADING:
         raise Problem(
             409,
             "upload_closed",

@@ -9,16 +9,15 @@ from fastapi import APIRouter, Path, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
+from apexcal.documents.recordings import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
+from apexcal.documents.states import RecordingState
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.broker.hints import hint
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
-from service.http.store_problems import disk_full
-from service.job_status.routes import job_views
-from service.jobs.queue import enqueue
-from service.recordings.queries import parts_of, view
-from service.recordings.schemas import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
+from service.job_status.views import job_views
+from service.recordings.jobs import queue_ingestion
+from service.recordings.queries import parts_of
 from service.recordings.upload_actions import (
     Announced,
     Body,
@@ -31,7 +30,9 @@ from service.recordings.upload_actions import (
     refuse_expired,
 )
 from service.recordings.upload_rules import check_complete
+from service.recordings.views import view
 from service.settings import Settings
+from service.storage.errors import StoreFullError
 from service.storage.room import Room
 from service.storage.store import Store
 
@@ -87,7 +88,7 @@ def complete(id: UUID, body: Completion, access: WriteAccess) -> JSONResponse:
     if check_complete(row, parts_of(access.session, row), body):
         row.size, row.sha256 = body.size, body.sha256
         row.taken_bytes = body.size
-        _start_ingestion(access, row)
+        queue_ingestion(access.session, row)
     return _accepted(access, row)
 
 
@@ -96,23 +97,15 @@ def retry(id: UUID, access: WriteAccess) -> JSONResponse:
     """Ingest a failed recording again from its original, which is kept."""
     row = access.find(Recording, id, "engineer", lock=True)
     refuse_expired(row)
-    if row.state != "failed":
+    if row.state != RecordingState.FAILED:
         raise Problem(
             409,
             "not_failed",
             f"Only a failed recording is ingested again; this one is {row.state}.",
             "Follow its job.",
         )
-    _start_ingestion(access, row)
+    queue_ingestion(access.session, row)
     return _accepted(access, row)
-
-
-def _start_ingestion(access: Access, row: Recording) -> None:
-    """Queue a recording's ingestion, in the transaction that says so."""
-    job = enqueue(access.session, kind="ingest", fleet_id=row.fleet_id, subject_id=row.id)
-    row.state, row.problem, row.job_id = "queued", None, job.id
-    row.version += 1
-    hint(access.session, row.fleet_id, "recording", row.id)
 
 
 def _accepted(access: Access, row: Recording) -> JSONResponse:
@@ -124,11 +117,11 @@ def _accepted(access: Access, row: Recording) -> JSONResponse:
 
 
 async def _store(room: Room, store: Store, key: str, body: Body, size: int) -> None:
-    """Raises :class:`Problem` 507 ``disk_full`` before or while the bytes are written."""
+    """Raises :class:`StoreFullError` before or while the bytes are written."""
     async with room.kept_for(size) as kept:
         await store.put_stream(key, kept.watch(body))
         if kept.lost is not None:
-            raise disk_full(kept.lost)
+            raise StoreFullError(kept.lost)
 
 
 def _declared_length(request: Request) -> int | None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from apexcal.documents.recordings import Completion
+from apexcal.documents.states import RecordingState
 from service.db.recordings import Recording, UploadPart
 from service.http.problems import Problem
-from service.recordings.schemas import Completion
 
 
 def check_complete(row: Recording, parts: Sequence[UploadPart], declared: Completion) -> bool:
@@ -32,7 +33,7 @@ def check_complete(row: Recording, parts: Sequence[UploadPart], declared: Comple
             f"{len(numbers)} parts of {size} bytes arrived; declared are {declared.parts} of {declared.size}.",
             "Compare with GET .../parts. Did the file change meanwhile? Then upload it as a new recording.",
         )
-    if row.state == "uploading":
+    if row.state == RecordingState.UPLOADING:
         return True
     if row.sha256 != declared.sha256:
         raise Problem(

@@ -1,4 +1,4 @@
-"""A folder is marked as the database's own once, where nothing speaks against it.
+"""Marks a folder as the database's store, once, unless its content contradicts that.
 
 A folder without its marker is an empty one (a first start), one from before there were markers, or the bare mount
 point of a disk that is not there. The last looks like a store that lost everything, so it is refused.

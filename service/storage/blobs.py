@@ -12,6 +12,7 @@ from datetime import timedelta
 from sqlalchemy import and_, delete, exists, or_, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import WorkState
 from service.db.clock import now
 from service.db.ids import new_id
 from service.db.jobs import Job
@@ -72,7 +73,7 @@ def give_up(session: Session, key: str) -> None:
 
 def condemn_lost(session: Session) -> None:
     """Condemn reservations whose work ended without winning: another attempt, or no job, or long abandoned."""
-    working = select(Job.id).where(Job.id == Blob.job_id, Job.attempt == Blob.attempt, Job.state == "running")
+    working = select(Job.id).where(Job.id == Blob.job_id, Job.attempt == Blob.attempt, Job.state == WorkState.RUNNING)
     session.execute(
         update(Blob)
         .where(

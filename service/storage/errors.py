@@ -1,4 +1,4 @@
-"""What can go wrong with a store, in three words: missing, full, away."""
+"""Errors of a store: missing, full, away."""
 
 from __future__ import annotations
 
@@ -46,10 +46,14 @@ class StoreUnavailableError(ConnectionError):
 
 
 class StoreFullError(OSError):
-    """The store has no room for the object; nothing of it is left there."""
+    """The store has no room for the object, and nothing of it is left there.
 
-    def __init__(self) -> None:
+    ``free`` is how many bytes it has free, where that is known.
+    """
+
+    def __init__(self, free: int | None = None) -> None:
         super().__init__(errno.ENOSPC, "the blob store is full")
+        self.free = free
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from datetime import timedelta
 from typing import Literal
 from urllib.parse import urlsplit
@@ -19,11 +20,11 @@ import obstore.exceptions
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.db.session import Database
-from service.settings import Settings, settings_or_exit
+from service.settings import S3Options, Settings, settings_or_exit
 from service.storage.adopting import StrangeFolderError, adopt
 from service.storage.errors import StoreUnavailableError
 from service.storage.store import Store, open_store
-from service.storage.urls import S3Options, open_bucket_root
+from service.storage.urls import open_bucket_root
 
 _PROBE = "probe/prepare"
 _OF_AMAZON = "<CreateBucketConfiguration><LocationConstraint>{}</LocationConstraint></CreateBucketConfiguration>"
@@ -82,11 +83,11 @@ def _mark(settings: Settings, *, anew: bool) -> None:
         database.close()
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """0 where the store can be written."""
     parser = argparse.ArgumentParser(prog="python -m service.storage.prepare", description=__doc__)
     parser.add_argument("--anew", action="store_true", help="mark a folder that lacks what the database names")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
     settings = settings_or_exit()
     try:
         _mark(settings, anew=chosen.anew)

@@ -13,6 +13,7 @@ from uuid import UUID
 from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import RecordingState
 from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.recordings import Blob, Recording, Sensor, UploadPart
@@ -111,7 +112,9 @@ def count_older(database: Database, upload_hours: float) -> int:
             )
             session.execute(
                 update(Recording)
-                .where(Recording.id.in_(ids), Recording.state == "uploading", Recording.expires_at.is_(None))
+                .where(
+                    Recording.id.in_(ids), Recording.state == RecordingState.UPLOADING, Recording.expires_at.is_(None)
+                )
                 .values(expires_at=now(3600 * upload_hours))
                 .execution_options(synchronize_session=False)
             )

@@ -1,4 +1,4 @@
-"""How much room a folder's disk has for uploads, less what is on its way to it at this moment."""
+"""Free disk space for uploads, less what is being uploaded now."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import AsyncIterable, AsyncIterator
 from contextlib import asynccontextmanager
 
-from service.http.store_problems import disk_full
 from service.settings import MIB
+from service.storage.errors import StoreFullError
 from service.storage.store import Store
 
 # The disk is looked at again after so many bytes of a part, because others write to it too.
@@ -24,7 +24,7 @@ class Room:
 
     @asynccontextmanager
     async def kept_for(self, size: int) -> AsyncIterator[Kept]:
-        """Room for ``size`` bytes until the block ends. Raises :class:`Problem` 507 ``disk_full``.
+        """Room for ``size`` bytes until the block ends. Raises :class:`StoreFullError`.
 
         A part counts whole until it has arrived: nobody knows how much of it lies in buffers.
         """
@@ -32,7 +32,7 @@ class Room:
         try:
             free = await self.lacks(self._promised)
             if free is not None:
-                raise disk_full(free)
+                raise StoreFullError(free)
             yield Kept(self, size)
         finally:
             self._promised -= size

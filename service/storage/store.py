@@ -23,10 +23,10 @@ from typing import Literal
 import obstore
 from obstore.store import S3Store
 
-from service.settings import MIB, Settings
+from service.settings import MIB, S3Options, Settings
 from service.storage.errors import MissingBlobError, StoreUnavailableError, translated
 from service.storage.marker import MARKER, is_marked, mark
-from service.storage.urls import S3Options, open_url
+from service.storage.urls import open_url
 
 # Objects are read in ranges of this many bytes, each a request with its own time limit and repetitions.
 _RANGE = 8 * MIB
@@ -107,24 +107,24 @@ class Store:
     async def copy(self, key: str, to: str) -> None:
         """Copy an object within the store; none of its bytes come here."""
         await self._require_marker_aside()
-        async with self._looking_up(key):
+        async with self._reading_async(key):
             await obstore.copy_async(self._store, key, to)
             await asyncio.to_thread(self._make_durable, to)
 
     async def size(self, key: str) -> int:
         """An object's size in bytes."""
-        async with self._looking_up(key):
+        async with self._reading_async(key):
             return int((await obstore.head_async(self._store, key))["size"])
 
     async def read(self, key: str, start: int, length: int) -> bytes:
         """``length`` bytes of an object from ``start``."""
-        async with self._looking_up(key):
+        async with self._reading_async(key):
             data = bytes(await obstore.get_range_async(self._store, key, start=start, length=length))
         return _whole(key, data, length)
 
     def get_range(self, key: str, start: int, length: int) -> bytes:
         """:meth:`read` for workers."""
-        with self._looking(key):
+        with self._reading(key):
             data = bytes(obstore.get_range(self._store, key, start=start, length=length))
         return _whole(key, data, length)
 
@@ -132,7 +132,7 @@ class Store:
         """An object's bytes, a few MiB at a time."""
         start, size = 0, 1
         while start < size:
-            async with self._looking_up(key):
+            async with self._reading_async(key):
                 found = await obstore.get_async(self._store, key, options={"range": (start, start + _RANGE)})
                 size, data = int(found.meta["size"]), bytes(await found.bytes_async())
             yield _whole(key, data, min(_RANGE, size - start))
@@ -142,7 +142,7 @@ class Store:
         """:meth:`read_all` for workers."""
         start, size = 0, 1
         while start < size:
-            with self._looking(key):
+            with self._reading(key):
                 found = obstore.get(self._store, key, options={"range": (start, start + _RANGE)})
                 size, data = int(found.meta["size"]), bytes(found.bytes())
             yield _whole(key, data, min(_RANGE, size - start))
@@ -222,7 +222,7 @@ class Store:
             return obstore.sign(self._signer, method, key, timedelta(seconds=seconds))
 
     @contextlib.contextmanager
-    def _looking(self, key: str) -> Iterator[None]:
+    def _reading(self, key: str) -> Iterator[None]:
         try:
             with translated(key):
                 yield
@@ -231,7 +231,7 @@ class Store:
             raise
 
     @contextlib.asynccontextmanager
-    async def _looking_up(self, key: str) -> AsyncIterator[None]:
+    async def _reading_async(self, key: str) -> AsyncIterator[None]:
         try:
             with translated(key):
                 yield

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 from obstore.store import LocalStore, S3Store
+
+from service.settings import S3Options, check_store_url
 
 if TYPE_CHECKING:
     # obstore has these for type checkers only.
@@ -18,23 +20,7 @@ _CONNECT_S = 5.0
 
 
 @dataclass(frozen=True)
-class S3Options:
-    """Where the bucket is and how long to wait for it.
-
-    ``public_endpoint`` is the address at which clients reach what ``endpoint`` reaches from here; presigned addresses
-    carry it. Without keys, obstore looks for credentials itself: AWS_* variables, web identities, an instance's role.
-    """
-
-    endpoint: str = ""
-    public_endpoint: str = ""
-    region: str = "us-east-1"
-    access_key_id: str = ""
-    secret_access_key: str = field(default="", repr=False)
-    timeout_s: float = 20.0
-
-
-@dataclass(frozen=True)
-class Opened:
+class OpenStore:
     """A store; its folder where it is one; else the store that signs for clients, and the origin they see."""
 
     store: LocalStore | S3Store
@@ -43,28 +29,21 @@ class Opened:
     origin: str = ""
 
 
-def check_url(url: str) -> None:
-    """Raises ValueError for a URL that names no store."""
-    parts = urlsplit(url)
-    if not ((parts.scheme == "file" and parts.path) or (parts.scheme == "s3" and parts.netloc)):
-        raise ValueError(f"{url!r} names no store; one looks like file:///folder or s3://bucket/prefix")
-
-
-def open_url(url: str, options: S3Options) -> Opened:
+def open_url(url: str, options: S3Options) -> OpenStore:
     """Open ``file:///folder``, made where it is missing, or ``s3://bucket/prefix``. Nothing is asked of S3 yet.
 
     Raises ValueError for any other URL.
     """
-    check_url(url)
+    check_store_url(url)
     parts = urlsplit(url)
     if parts.scheme == "file":
         folder = Path(unquote(parts.path))
-        return Opened(LocalStore(folder, mkdir=True), folder=folder)
+        return OpenStore(LocalStore(folder, mkdir=True), folder=folder)
     prefix = unquote(parts.path).strip("/") or None
     public = options.public_endpoint or options.endpoint or f"https://s3.{options.region}.amazonaws.com"
     origin = "{0.scheme}://{0.netloc}".format(urlsplit(public))
     signer = _bucket(parts.netloc, prefix, options, public)
-    return Opened(_bucket(parts.netloc, prefix, options, options.endpoint), signer=signer, origin=origin)
+    return OpenStore(_bucket(parts.netloc, prefix, options, options.endpoint), signer=signer, origin=origin)
 
 
 def open_bucket_root(bucket: str, options: S3Options) -> S3Store:

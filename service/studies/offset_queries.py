@@ -1,20 +1,21 @@
-"""What an estimate of the offset between two clocks starts from: marks, and roughly where the camera is."""
+"""Inputs of a clock-offset estimate: the agreed marks, and the camera's rough mount."""
 
 from __future__ import annotations
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.camera_models import parse_model
+from apexcal.documents.schedules import PRESETS
 from service.annotations.consensus import agree
 from service.annotations.progress_queries import opinions_of
-from service.calibrations.model_names import PRESETS, check_model
-from service.calibrations.plan import describe_camera
+from service.calibrations.fit_documents import describe_camera
 from service.calibrations.work_rules import check_job, cost_of
-from service.correspondence_sets.actions import rig_camera
 from service.db.base import Json
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.fleets import Rig
 from service.db.recordings import CameraFrame, Recording, Sensor
+from service.fleets.queries import rig_camera
 from service.http.problems import Problem
 
 # Microseconds a mark of the fits of camera and clock together: 980-1,500 measured, where none needs many steps.
@@ -27,7 +28,8 @@ def what_is_known(session: Session, recording: Recording, detection: Detection, 
     Which vertex a frame was paired with does not matter: the estimate looks up where the board was.
 
     Raises:
-        Problem: 409 ``nothing_marked``, 422 ``unknown_model``, ``work_too_long``.
+        Problem: 409 ``nothing_marked``, 422 ``work_too_long``.
+        DocumentError: ``unknown_model``.
     """
     opinions = opinions_of(session, detection.id, camera.id)
     stamps = session.execute(
@@ -50,12 +52,12 @@ def what_is_known(session: Session, recording: Recording, detection: Detection, 
             "The offset is found from marks: mark vertices first, at least some dozens over the whole recording.",
         )
     # At worst it searches as a calibration does, and polishes.
-    seconds = cost_of(check_model(model), len(marks), PRESETS["default"]).seconds + 1e-6 * _MARK_US * len(marks)
+    seconds = cost_of(parse_model(model), len(marks), PRESETS["default"]).seconds + 1e-6 * _MARK_US * len(marks)
     check_job(f"an offset from {len(marks):,} marks", seconds, "Detect in a shorter part of the recording.")
     of_rig = rig_camera(session, session.get_one(Rig, recording.rig_id), camera.name)
     columns = zip(("stamp_ns", "u", "v"), zip(*marks, strict=True), strict=True)
     return {
         "camera": camera.name,
-        "problem": describe_camera(of_rig, check_model(model), "rotation_vector"),
+        "problem": describe_camera(of_rig, parse_model(model), "rotation_vector"),
         "marks": {name: list(column) for name, column in columns},
     }

@@ -9,6 +9,14 @@ from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
+from apexcal.documents.studies import (
+    OffsetRequest,
+    OffsetView,
+    PreviewRequest,
+    PreviewView,
+    SuggestionRequest,
+    SuggestionView,
+)
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.db.jobs import Job
 from service.db.recordings import Recording
@@ -17,16 +25,8 @@ from service.detections.queries import done_detection, find_camera, ready_record
 from service.http.bodies import DOCUMENT
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import not_found
-from service.jobs.queue import enqueue
+from service.studies.jobs import queue_study
 from service.studies.offset_queries import what_is_known
-from service.studies.schemas import (
-    OffsetRequest,
-    OffsetView,
-    PreviewRequest,
-    PreviewView,
-    SuggestionRequest,
-    SuggestionView,
-)
 from service.studies.views import offset_view, preview_view, suggestion_view
 
 router = APIRouter(tags=["studies"])
@@ -67,7 +67,7 @@ def read_suggestion(suggestion_id: UUID, access: ReadAccess) -> SuggestionView:
 
 @router.post("/recordings/{recording_id}/clock-offsets", status_code=202, response_model=OffsetView)
 def ask_offset(recording_id: UUID, wanted: OffsetRequest, access: WriteAccess) -> JSONResponse:
-    """Estimate what the camera's clock shows more than the LiDAR's, from vertices and their marks. [engineer]"""
+    """Estimate how far the camera's clock is ahead of the LiDAR's, from vertices and their marks. [engineer]"""
     recording = ready_recording(access, recording_id, "engineer")
     detection = done_detection(access, wanted.detection_id, "engineer")
     if detection.recording_id != recording.id:
@@ -105,13 +105,10 @@ def _ask(
         detection_id=detection_id,
         kind=kind,
         asked=asked,
-        state="queued",
     )
     access.session.add(row)
     access.session.flush()
-    job = enqueue(access.session, kind=kind, fleet_id=recording.fleet_id, subject_id=row.id)
-    row.job_id = job.id
-    return row, job
+    return row, queue_study(access.session, row)
 
 
 def _read(access: Access, study_id: UUID, kind: str) -> tuple[Study, Job | None]:

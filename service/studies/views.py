@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from service.db.jobs import Job
 from service.db.studies import Study
-from service.job_status.routes import JobView
-from service.studies.schemas import OffsetView, PreviewView, SuggestionView
+from service.job_status.views import job_view
 
 # An offset within so many of its standard deviations is no reason to move anything.
 _CERTAIN = 2.0
@@ -37,8 +37,8 @@ def offset_view(row: Study, job: Job | None) -> OffsetView:
 def _how_to_use(result: dict[str, Any], camera: str) -> str:
     offset, sigma = result["offset_ns"] / 1e6, result["sigma_ns"] / 1e6
     shows = (
-        f"The camera's clock shows {abs(offset):.1f} ms {'more' if offset >= 0 else 'less'} than the LiDAR's, "
-        f"give or take {sigma:.1f} ms"
+        f"The camera's clock is {abs(offset):.1f} ms {'ahead of' if offset >= 0 else 'behind'} the LiDAR's, "
+        f"with a standard deviation of {sigma:.1f} ms"
     )
     if abs(offset) < _CERTAIN * sigma:
         return f"{shows}: the clocks agree within the error, and pairing.offset_ns = 0 will do."
@@ -57,6 +57,6 @@ def _members(row: Study, job: Job | None) -> dict[str, Any]:
         "state": row.state,
         "result": row.result,
         "problem": row.problem,
-        "job": JobView.model_validate(job) if job else None,
+        "job": job_view(job) if job else None,
         "created_at": row.created_at,
     }

@@ -2,12 +2,14 @@
 
 import json
 import time
+from uuid import UUID
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from apexcal.cli import app
 from apexcal.client import ApiError, Client
+from apexcal.documents.fleets import FleetOut
 from tests.apexcal.conftest import Embedded
 from tests.apexcal.test_cli import apexcal
 from tests.faults.jobs import LEVEL_RIG, pairs
@@ -19,19 +21,19 @@ def typed(*words: str) -> Result:
 
 
 @pytest.fixture
-def fleet(owner: Client) -> dict:
+def fleet(owner: Client) -> FleetOut:
     """A truck with pairs, and a van with none."""
     fleet = owner.fleets.create(f"Fleet {time.monotonic_ns()}")
-    truck = owner.vehicles.create(fleet["id"], "truck 1")
-    rig = owner.vehicles.create_rig(truck["id"], LEVEL_RIG)
-    owner.correspondence_sets.import_pairs(rig["id"], "front", pairs(60))
-    owner.vehicles.create(fleet["id"], "van 1")
+    truck = owner.vehicles.create(fleet.id, "truck 1")
+    rig = owner.vehicles.create_rig(truck.id, LEVEL_RIG)
+    owner.correspondence_sets.import_pairs(rig.id, "front", pairs(60))
+    owner.vehicles.create(fleet.id, "van 1")
     return fleet
 
 
-def test_a_fleet_is_calibrated_from_the_command_line(fleet: dict, owner: Client, embedded: Embedded):
+def test_a_fleet_is_calibrated_from_the_command_line(fleet: FleetOut, owner: Client, embedded: Embedded):
     where = ("--url", embedded.url, "--token", embedded.token)
-    ask = ("calibrate-fleet", "--fleet", fleet["id"], "--model", "pinhole", "--folds", "0", *where)
+    ask = ("calibrate-fleet", "--fleet", str(fleet.id), "--model", "pinhole", "--folds", "0", *where)
     would = typed(*ask, "--dry-run")
     assert would.exit_code == 0, would.stderr
     assert (
@@ -53,7 +55,7 @@ def test_a_fleet_is_calibrated_from_the_command_line(fleet: dict, owner: Client,
     assert done.returncode == 0, done.stderr
     request = json.loads(done.stdout)
     assert (request["state"], request["counts"]["done"], request["counts"]["matched"]) == ("done", 1, 1)
-    assert next(iter(owner.fleet_requests.list(fleet["id"])))["id"] == request["id"]
+    assert next(iter(owner.fleet_requests.list(fleet.id))).id == UUID(request["id"])
     again = typed("calibrate-fleet", "--retry", request["id"], *where)
     assert again.exit_code == 0 and "is done: 1 vehicle, 1 done." in again.stdout
     both = typed("calibrate-fleet", "--retry", request["id"], "--cancel", request["id"], *where)
@@ -61,24 +63,24 @@ def test_a_fleet_is_calibrated_from_the_command_line(fleet: dict, owner: Client,
     for word in ("--follow", "--retry", "--cancel"):
         nothing = typed("calibrate-fleet", word, "", *where)
         assert nothing.exit_code == 2 and "'' is no id of a fleet request" in nothing.stderr
-    assert next(iter(owner.fleet_requests.list(fleet["id"])))["id"] == request["id"], "nothing new was asked"
+    assert next(iter(owner.fleet_requests.list(fleet.id))).id == UUID(request["id"]), "nothing new was asked"
     assert typed(*ask, "--folds", "1", "--dry-run").exit_code == 2
-    (van,) = (one for one in owner.vehicles.list(fleet["id"]) if one["name"] == "van 1")
-    rig = owner.vehicles.create_rig(van["id"], LEVEL_RIG)
-    owner.correspondence_sets.import_pairs(rig["id"], "front", pairs(1) * 40)
+    (van,) = (one for one in owner.vehicles.list(fleet.id) if one.name == "van 1")
+    rig = owner.vehicles.create_rig(van.id, LEVEL_RIG)
+    owner.correspondence_sets.import_pairs(rig.id, "front", pairs(1) * 40)
     poor = typed(*ask, "--name", "van *")
     assert poor.exit_code == 0 and "van 1 done, but not ok: front is not determined, " in poor.stdout
     assert "1 of 1 calibrated camera came with warnings." in poor.stdout
 
 
-def test_the_client_asks_follows_and_cancels(fleet: dict, owner: Client):
+def test_the_client_asks_follows_and_cancels(fleet: FleetOut, owner: Client):
     slow = {"population": 2000, "generations": 2000, "max_iterations": 60}
-    request = owner.fleet_requests.create(fleet["id"], {"name": "truck ?"}, models=["pinhole"], schedule=slow)
-    assert owner.fleet_requests.cancel(request["id"])["cancel_requested"]
-    while (request := owner.fleet_requests.get(request["id"]))["state"] == "running":
+    request = owner.fleet_requests.create(fleet.id, {"name": "truck ?"}, models=["pinhole"], schedule=slow)
+    assert owner.fleet_requests.cancel(request.id).cancel_requested
+    while (request := owner.fleet_requests.get(request.id)).state == "running":
         time.sleep(0.2)
-    assert (request["state"], request["counts"]["cancelled"]) == ("cancelled", 1)
-    assert [one["state"] for one in owner.fleet_requests.vehicles(request["id"])] == ["cancelled"]
+    assert (request.state, request.counts.cancelled) == ("cancelled", 1)
+    assert [one.state for one in owner.fleet_requests.vehicles(request.id)] == ["cancelled"]
     with pytest.raises(ApiError) as refused:
-        owner.fleet_requests.preview(fleet["id"], {"vehicle_ids": [fleet["id"]]})
+        owner.fleet_requests.preview(fleet.id, {"vehicle_ids": [str(fleet.id)]})
     assert refused.value.code == "unknown_vehicle"

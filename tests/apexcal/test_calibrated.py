@@ -5,20 +5,25 @@ import io
 from rich.console import Console
 
 from apexcal.commands.calibrated import table_of, warnings_of, why_unpublished
+from apexcal.documents.results import CameraSummary
 
 STAGE = {"mean_px": 119.11, "rms_px": 264.42}
-CAMERA = {
-    "recommended": "kannala_brandt",
-    "models": {
-        "brown_conrady": {"polished": {"mean_px": 4.18, "rms_px": 5.1}, "heldout_mean_px": 34.21, "alarms": ["far"]},
-        "kannala_brandt": {
-            **dict.fromkeys(("ga", "polished", "baseline"), STAGE),
-            "heldout_mean_px": 200.0,
-            "heldout_pairs": 80,
-            "alarms": ["f_x lies on its bound"],
-        },
-    },
+FOUND = {"result_id": "0192f0c1-2d3e-7a4b-8c5d-6e7f8a9b0c1d", "status": "ok", "message": ""}
+BROWN = {**FOUND, "polished": {"mean_px": 4.18, "rms_px": 5.1}, "heldout_mean_px": 34.21, "alarms": ["far"]}
+KANNALA = {
+    **FOUND,
+    **dict.fromkeys(("ga", "polished", "baseline"), STAGE),
+    "heldout_mean_px": 200.0,
+    "heldout_pairs": 80,
+    "alarms": ["f_x lies on its bound"],
 }
+CAMERA = CameraSummary.model_validate(
+    {
+        "recommended": "kannala_brandt",
+        "why": "",
+        "models": {"brown_conrady": BROWN, "kannala_brandt": KANNALA},
+    }
+)
 
 
 def test_the_table_fits_into_80_columns():
@@ -37,11 +42,11 @@ def test_overfitted_models_and_the_recommended_models_alarms_are_warned_of():
 
 
 def test_each_reason_for_not_publishing_is_its_own():
-    doubtful = CAMERA | {"not_published": ["f_x lies on its bound.", "The slots disagree."]}
+    doubtful = CAMERA.model_copy(update={"not_published": ["f_x lies on its bound.", "The slots disagree."]})
     reasons = {
         why_unpublished(CAMERA, wanted=False),
         why_unpublished(doubtful, wanted=True),
-        why_unpublished(CAMERA | {"not_published": []}, wanted=True),
+        why_unpublished(CAMERA, wanted=True),
     }
     assert len(reasons) == 3
     assert why_unpublished(doubtful, wanted=True).startswith("f_x lies on its bound. The slots disagree. A reviewer")

@@ -292,7 +292,7 @@ def test_a_refused_rig_leaves_nothing_behind_and_every_field_is_said(embedded, o
     assert refused.returncode == 2
     assert "lidar.frame: " in refused.stderr
     assert "cameras.0.image_size: " in refused.stderr
-    assert "Refused" not in [fleet["name"] for fleet in owner.fleets.list()]
+    assert "Refused" not in [fleet.name for fleet in owner.fleets.list()]
     made = apexcal("rig", simulated / "rig.json", *words)
     assert "Made the fleet 'Refused'." in made.stderr
     assert "Made the vehicle 'Car'." in made.stderr
@@ -301,7 +301,7 @@ def test_a_refused_rig_leaves_nothing_behind_and_every_field_is_said(embedded, o
 
 def test_several_vehicles_of_a_name_are_told_apart_and_several_fleets_asked_for(embedded, owner, simulated):
     for name in ("North", "South"):
-        owner.vehicles.create(owner.fleets.create(name)["id"], "Twin")
+        owner.vehicles.create(owner.fleets.create(name).id, "Twin")
     several = apexcal("upload", simulated / "recording.bag", "--vehicle", "Twin", "--data", embedded.data)
     assert several.returncode == 1
     assert "in the fleet 'North'" in several.stderr
@@ -317,19 +317,19 @@ def test_a_token_of_a_fleet_signs_a_program_in(embedded, owner):
         apexcal("token", "robot", "--fleet", "Tokens", "--days", 1, "--data", embedded.data, "--json").stdout
     )
     with Client(embedded.url, made["token"]) as robot:
-        assert [(each["id"], each["role"]) for each in robot.fleets.list()] == [(fleet["id"], "viewer")]
+        assert [(each.id, each.role) for each in robot.fleets.list()] == [(fleet.id, "viewer")]
 
 
 def test_a_token_of_a_fleet_makes_none_and_a_sign_in_link_does(embedded, owner):
     fleet = owner.fleets.create("Links")
-    made = owner.fleets.create_token(fleet["id"], "robot", "admin")
+    made = owner.fleets.create_token(fleet.id, "robot", "admin")
     elsewhere = ("--fleet", "Links", "--url", embedded.url)
-    refused = apexcal("token", "child", *elsewhere, "--token", made["token"])
+    refused = apexcal("token", "child", *elsewhere, "--token", made.token)
     assert refused.returncode == 1 and "token_gives_nothing" in refused.stderr and "--link" in refused.stderr
-    link = owner.fleets.invite(fleet["id"], "Ada", "admin")["link"]
+    link = owner.fleets.invite(fleet.id, "Ada", "admin").link
     child = json.loads(apexcal("token", "child", *elsewhere, "--link", link, "--json").stdout)
     with Client(embedded.url, child["token"]) as robot:
-        assert robot.me()["name"] == "Ada"
+        assert robot.me().name == "Ada"
     used = apexcal("token", "child", *elsewhere, "--link", link)
     assert used.returncode == 1 and "link_used" in used.stderr and "Traceback" not in used.stderr
 

@@ -11,9 +11,10 @@ import httpx
 import pytest
 
 from apexcal.client import ApiError, Client, ClientError, FailedError, TooSlowError, UnreachableError
+from apexcal.documents.recordings import PartView
 from apexcal.rigs import read_rig
-from apexcal.sources import open_source
 from apexcal.transport import Transport
+from apexcal.upload_sources import open_source
 from apexcal.uploads import send_parts
 
 KEEP = {"and": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op": ">", "value": -1.7}]}
@@ -22,8 +23,8 @@ KEEP = {"and": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op"
 @pytest.fixture
 def rig(owner, simulated):
     fleet = owner.fleets.create(f"Fleet {time.monotonic_ns()}")
-    vehicle = owner.vehicles.create(fleet["id"], "Car")
-    return owner.vehicles.create_rig(vehicle["id"], read_rig(simulated / "rig.json", "Rig"))
+    vehicle = owner.vehicles.create(fleet.id, "Car")
+    return owner.vehicles.create_rig(vehicle.id, read_rig(simulated / "rig.json", "Rig"))
 
 
 @pytest.fixture
@@ -41,7 +42,7 @@ class InterruptedUploadError(Exception):
 
 
 def test_an_interrupted_upload_sends_only_what_is_missing(owner, rig, large):
-    recording = owner.recordings.create(rig["vehicle_id"], rig["id"], "Large", large.name)
+    recording = owner.recordings.create(rig.vehicle_id, rig.id, "Large", large.name)
     http = Transport(owner.base_url, token=owner._http._http.headers["Authorization"].removeprefix("Bearer "))
 
     def interrupt(done: int, total: int) -> None:
@@ -50,11 +51,11 @@ def test_an_interrupted_upload_sends_only_what_is_missing(owner, rig, large):
 
     with pytest.raises(InterruptedUploadError):
         send_parts(http, recording, open_source(large), interrupt, connections=1)
-    held = {part["number"] for part in http.items(f"/recordings/{recording['id']}/parts")}
+    held = {part.number for part in http.items(f"/recordings/{recording.id}/parts", PartView)}
     assert held
     assert len(held) < 4
-    found = owner.recordings.unfinished(large, rig["vehicle_id"], rig["id"])
-    assert found["id"] == recording["id"]
+    found = owner.recordings.unfinished(large, rig.vehicle_id, rig.id)
+    assert found.id == recording.id
     puts = []
     http._http.event_hooks["request"].append(lambda request: puts.append((request.method, request.url.path)))
     sent = send_parts(http, found, open_source(large))
@@ -65,7 +66,7 @@ def test_an_interrupted_upload_sends_only_what_is_missing(owner, rig, large):
 
 
 def test_going_on_with_another_file_is_refused_before_anything_is_sent(owner, rig, large):
-    recording = owner.recordings.create(rig["vehicle_id"], rig["id"], "Large", large.name)
+    recording = owner.recordings.create(rig.vehicle_id, rig.id, "Large", large.name)
     send_parts(owner._http, recording, open_source(large))
     with large.open("r+b") as file:
         file.write(b"other")
@@ -74,27 +75,27 @@ def test_going_on_with_another_file_is_refused_before_anything_is_sent(owner, ri
 
 
 def test_an_upload_that_is_no_recording_fails_with_what_to_do_and_keeps_the_original(owner, rig, large, tmp_path):
-    recording = owner.recordings.upload(large, rig["vehicle_id"], rig["id"])
+    recording = owner.recordings.upload(large, rig.vehicle_id, rig.id)
     with pytest.raises(FailedError) as failed:
         owner.wait(recording, timeout_s=60)
     assert failed.value.code == "not_a_recording"
     assert failed.value.hint
-    assert owner.recordings.download(recording["id"], tmp_path / "back.bag") == large.stat().st_size
+    assert owner.recordings.download(recording.id, tmp_path / "back.bag") == large.stat().st_size
     assert (tmp_path / "back.bag").read_bytes() == large.read_bytes()
-    owner.recordings.delete(recording["id"])
+    owner.recordings.delete(recording.id)
     with pytest.raises(ApiError) as gone:
-        owner.recordings.get(recording["id"])
+        owner.recordings.get(recording.id)
     assert gone.value.status == 404
 
 
 def test_a_folder_goes_up_as_a_tar(owner, rig, simulated, tmp_path):
     (tmp_path / "poses").mkdir()
     (tmp_path / "poses" / "notes.txt").write_text("no clouds here")
-    recording = owner.recordings.upload(tmp_path / "poses", rig["vehicle_id"], rig["id"])
-    assert recording["file_name"] == "poses.tar"
+    recording = owner.recordings.upload(tmp_path / "poses", rig.vehicle_id, rig.id)
+    assert recording.file_name == "poses.tar"
     with pytest.raises(FailedError):
         owner.wait(recording, timeout_s=60)
-    owner.recordings.download(recording["id"], tmp_path / "back.tar")
+    owner.recordings.download(recording.id, tmp_path / "back.tar")
     with tarfile.open(tmp_path / "back.tar") as archive:
         assert archive.getnames() == ["notes.txt"]
 
@@ -110,7 +111,7 @@ def test_a_lost_answer_creates_nothing_twice(owner):
             name = f"Lossy {time.monotonic_ns()}"
             made = lossy.fleets.create(name)
         proxy.join(10)
-    assert [fleet["id"] for fleet in owner.fleets.list() if fleet["name"] == name] == [made["id"]]
+    assert [fleet.id for fleet in owner.fleets.list() if fleet.name == name] == [made.id]
 
 
 def _lose_first_answer(listener: socket.socket, target: tuple[str, int]) -> None:
@@ -154,10 +155,10 @@ def test_something_that_is_no_service_is_said():
 
 
 def test_a_sign_in_link_works_once(owner, rig):
-    link = owner.fleets.invite(rig["fleet_id"], "Ada", "annotator")["link"]
+    link = owner.fleets.invite(rig.fleet_id, "Ada", "annotator").link
     with Client.sign_in(link) as ada:
-        assert ada.me()["name"] == "Ada"
-        assert [(fleet["id"], fleet["role"]) for fleet in ada.me()["fleets"]] == [(rig["fleet_id"], "annotator")]
+        assert ada.me().name == "Ada"
+        assert [(fleet.id, fleet.role) for fleet in ada.me().fleets] == [(rig.fleet_id, "annotator")]
         with pytest.raises(ApiError) as used:
             Client.sign_in(link)
         assert used.value.code == "link_used"
@@ -171,72 +172,72 @@ def test_a_sign_in_link_works_once(owner, rig):
 def test_from_a_bag_to_a_published_calibration(owner, rig, simulated):
     """Upload, frames, preview, detection, a person's marks, a set, a calibration, and what the vehicle gets."""
     said = []
-    uploaded = owner.recordings.upload(simulated / "recording.bag", rig["vehicle_id"], rig["id"])
+    uploaded = owner.recordings.upload(simulated / "recording.bag", rig.vehicle_id, rig.id)
     recording = owner.wait(uploaded, on_progress=lambda *progress: said.append(progress), timeout_s=60)
     assert said[-1] == (1.0, "ready")
-    frames = list(owner.recordings.frames(recording["id"], "front"))
+    frames = list(owner.recordings.frames(recording.id, "front"))
     truth = json.loads((simulated / "truth.json").read_text())
-    assert [frame["stamp_ns"] for frame in frames] == truth["frames"]["stamp_ns"]
-    assert owner.recordings.frame(recording["id"], "front", 3).startswith(b"\xff\xd8\xff")
+    assert [frame.stamp_ns for frame in frames] == truth["frames"]["stamp_ns"]
+    assert owner.recordings.frame(recording.id, "front", 3).startswith(b"\xff\xd8\xff")
     renamed = owner.recordings.edit(recording, name="Renamed")
-    assert renamed["name"] == "Renamed"
+    assert renamed.name == "Renamed"
     with pytest.raises(ApiError) as stale:
         owner.recordings.edit(recording, name="Again")
     assert stale.value.code == "version_conflict"
-    assert owner.wait(owner.detections.preview(recording["id"], KEEP), timeout_s=60)["result"]["frames"] == 60
+    assert owner.wait(owner.detections.preview(recording.id, KEEP), timeout_s=60).result.frames == 60
     loose = {"min_points": 3, "min_points_two_below": 0}
-    started = owner.detections.create(recording["id"], KEEP, detector="tolerant", options=loose)
+    started = owner.detections.create(recording.id, KEEP, detector="tolerant", options=loose)
     detection = owner.wait(started, timeout_s=60)
-    vertices = list(owner.detections.vertices(detection["id"]))
-    assert len(vertices) == detection["counts"]["accepted"]
-    suggested = owner.wait(owner.detections.suggest(recording["id"]), timeout_s=60)["result"]
-    assert 0 < suggested["facts"]["sweeps_moving"] <= 60
-    started = owner.detections.create(recording["id"], suggested["region"], options=BOARD)
+    vertices = list(owner.detections.vertices(detection.id))
+    assert len(vertices) == detection.counts.accepted
+    suggested = owner.wait(owner.detections.suggest(recording.id), timeout_s=60).result
+    assert 0 < suggested.facts.sweeps_moving <= 60
+    started = owner.detections.create(recording.id, suggested.region, options=BOARD)
     refined = owner.wait(started, timeout_s=60)
-    assert refined["counts"]["accepted"] > detection["counts"]["accepted"]
-    fine = list(owner.detections.vertices(refined["id"], quality="fine"))
-    assert len(fine) == refined["counts"]["quality"]["fine"] > 0
-    assert all(0 < vertex["covariance"][1][1] < 1e-5 for vertex in fine)
+    assert refined.counts.accepted > detection.counts.accepted
+    fine = list(owner.detections.vertices(refined.id, quality="fine"))
+    assert len(fine) == refined.counts.quality["fine"] > 0
+    assert all(0 < vertex.covariance[1][1] < 1e-5 for vertex in fine)
     pixels = dict(zip(truth["frames"]["stamp_ns"], truth["frames"]["apex_uv"], strict=True))
-    link = owner.fleets.invite(rig["fleet_id"], "Bo", "annotator")["link"]
+    link = owner.fleets.invite(rig.fleet_id, "Bo", "annotator").link
     with Client.sign_in(link) as bo:
-        while task := bo.marking.next_task(detection["id"], "front"):
-            u, v = pixels[task["frame"]["stamp_ns"]]
-            bo.marking.answer(task["task_id"], "confirmed", u=u, v=v)
-    progress = owner.marking.progress(detection["id"], "front")
-    tally = owner.marking.tally(detection["id"], "front")
-    assert tally["marks"] == progress["complete"] == progress["vertices"]
-    assert len(list(owner.marking.marks(detection["id"], "front"))) == tally["marks"]
+        while task := bo.marking.next_task(detection.id, "front"):
+            u, v = pixels[task.frame.stamp_ns]
+            bo.marking.answer(task.task_id, "confirmed", u=u, v=v)
+    progress = owner.marking.progress(detection.id, "front")
+    tally = owner.marking.tally(detection.id, "front")
+    assert tally.marks == progress.complete == progress.vertices
+    assert len(list(owner.marking.marks(detection.id, "front"))) == tally.marks
     moved = owner.wait(
         owner.detections.create(
-            recording["id"], KEEP, detector="tolerant", options=loose, max_gap_ns=20_000_000, mode="interpolate"
+            recording.id, KEEP, detector="tolerant", options=loose, max_gap_ns=20_000_000, mode="interpolate"
         ),
         timeout_s=60,
     )
-    built = owner.correspondence_sets.get(owner.correspondence_sets.build(moved["id"], "front")["id"])
-    assert built["count"] == moved["counts"]["paired"] > 0, "marks survive another run with another pairing"
-    assert all(pair["gap_ns"] == 0 and 0 < pair["sigma_elevation_rad"] < 0.01 for pair in built["pairs"])
+    built = owner.correspondence_sets.get(owner.correspondence_sets.build(moved.id, "front").id)
+    assert built.count == moved.counts.paired > 0, "marks survive another run with another pairing"
+    assert all(pair.gap_ns == 0 and 0 < pair.sigma_elevation_rad < 0.01 for pair in built.pairs)
     rows = [
         {"x": x, "y": y, "z": z, "u": u, "v": v, "stamp_ns": stamp}
         for (x, y, z), (u, v), stamp, seen in zip(*(truth["frames"][k] for k in TRUTH), strict=True)
         if seen
     ]
-    pairs = owner.correspondence_sets.import_pairs(rig["id"], "front", rows)
-    assert pairs["count"] == len(rows)
+    pairs = owner.correspondence_sets.import_pairs(rig.id, "front", rows)
+    assert pairs.count == len(rows)
     # Six seconds of walking hold no lens of their own.
     lens = {name: value for name, value in truth["intrinsics"].items() if name not in ("model", "image_size")}
     calibration = owner.wait(
         owner.calibrations.create(
-            rig["vehicle_id"], [pairs["id"]], ["brown_conrady"], folds=2, seed=7, publish="recommended", locked=lens
+            rig.vehicle_id, [pairs.id], ["brown_conrady"], folds=2, seed=7, publish="recommended", locked=lens
         ),
         timeout_s=120,
     )
-    assert calibration["state"] == "done"
-    current, etag = owner.calibrations.current_if_changed(rig["vehicle_id"], "front")
-    assert current["model"] == "brown_conrady"
-    assert owner.calibrations.current_if_changed(rig["vehicle_id"], "front", etag) is None
+    assert calibration.state == "done"
+    current, etag = owner.calibrations.current_if_changed(rig.vehicle_id, "front")
+    assert current.model == "brown_conrady"
+    assert owner.calibrations.current_if_changed(rig.vehicle_id, "front", etag) is None
     with pytest.raises(ApiError) as refused:
-        owner.calibrations.create(rig["vehicle_id"], [pairs["id"]], ["fisheye"])
+        owner.calibrations.create(rig.vehicle_id, [pairs.id], ["fisheye"])
     assert refused.value.code == "unknown_model"
 
 
@@ -245,24 +246,24 @@ TRUTH = ("apex_xyz", "apex_uv", "stamp_ns", "apex_in_image")
 
 
 def test_waiting_ends_when_the_caller_says_so(owner, rig, large):
-    recording = owner.recordings.create(rig["vehicle_id"], rig["id"], "Never completed", large.name)
+    recording = owner.recordings.create(rig.vehicle_id, rig.id, "Never completed", large.name)
     with pytest.raises(TooSlowError, match="uploading"):
         owner.wait(recording, timeout_s=0.2)
 
 
 def test_members_tokens_and_jobs(owner, rig, embedded):
-    fleet_id = rig["fleet_id"]
-    person = owner.fleets.invite(fleet_id, "Chidi", "viewer")["person_id"]
-    assert owner.fleets.set_role(fleet_id, person, "reviewer")["role"] == "reviewer"
+    fleet_id = rig.fleet_id
+    person = owner.fleets.invite(fleet_id, "Chidi", "viewer").person_id
+    assert owner.fleets.set_role(fleet_id, person, "reviewer").role == "reviewer"
     made = owner.fleets.create_token(fleet_id, "logger", "viewer", expires_in_days=1)
-    with Client(embedded.url, made["token"]) as program:
-        assert [vehicle["id"] for vehicle in program.vehicles.list(fleet_id)] == [rig["vehicle_id"]]
+    with Client(embedded.url, made.token) as program:
+        assert [vehicle.id for vehicle in program.vehicles.list(fleet_id)] == [rig.vehicle_id]
         with pytest.raises(ApiError) as refused:
             program.vehicles.create(fleet_id, "No")
         assert refused.value.code == "role_too_low"
-        owner.fleets.revoke_token(made["id"])
+        owner.fleets.revoke_token(made.id)
         with pytest.raises(ApiError):
             program.me()
     owner.fleets.remove_member(fleet_id, person)
-    assert person not in {member["person_id"] for member in owner.fleets.members(fleet_id)}
+    assert person not in {member.person_id for member in owner.fleets.members(fleet_id)}
     assert list(owner.jobs(fleet_id=fleet_id)) == []

@@ -15,9 +15,12 @@ from scipy.spatial.transform import Rotation
 from apexcal.demo import report
 from apexcal.demo.__main__ import main
 from apexcal.demo.annotators import BLUNDERS, NOISE_PX, _look
-from apexcal.demo.job import MODELS
 from apexcal.demo.real import find_data
 from apexcal.demo.truth import Truth, project
+from apexcal.documents.camera_models import MODELS
+from apexcal.documents.correspondence_sets import PairView
+from apexcal.documents.marking import TaskFrame, TaskVertex, TaskView
+from apexcal.documents.transforms import SolvedRotation, SolvedTransform
 from workers.geometry.models import INTRINSICS
 from workers.geometry.projection import project as project_exactly
 
@@ -52,7 +55,7 @@ def test_the_truth_projects_as_the_workers_do(model):
 def test_the_truth_projects_its_apex_to_its_pixel(truth, simulated):
     frames = json.loads((simulated / "truth.json").read_text())["frames"]
     pairs = [
-        dict(zip("xyzuv", (*xyz, *uv), strict=True))
+        PairView.model_validate(dict(zip("xyzuv", (*xyz, *uv), strict=True)))
         for xyz, uv, seen in zip(frames["apex_xyz"], frames["apex_uv"], frames["apex_in_image"], strict=True)
         if seen
     ]
@@ -63,20 +66,22 @@ def test_the_truth_projects_its_apex_to_its_pixel(truth, simulated):
 def test_errors_of_a_transform_are_its_angle_and_its_lever_arm(truth, degrees):
     turn = Rotation.from_rotvec(np.radians(degrees) * np.array([0.6, 0.0, 0.8])).as_matrix()
     off = truth.t + np.array([0.03, 0.0, 0.04])
-    document = {"rotation": {"matrix": (turn @ truth.R).tolist()}, "translation_m": off.tolist()}
-    assert truth.errors_of(document) == pytest.approx((degrees, 0.05), abs=1e-6)
+    rotation = SolvedRotation(matrix=(turn @ truth.R).tolist(), quaternion_xyzw=[], euler=[])
+    found = SolvedTransform(to_frame="camera", from_frame="lidar", rotation=rotation, translation_m=off.tolist())
+    assert truth.errors_of(found) == pytest.approx((degrees, 0.05), abs=1e-6)
 
 
 def test_annotators_click_the_truth_with_noise_and_reject_what_is_elsewhere(truth):
     stamp = next(stamp for stamp in truth._frames if truth.apex(stamp)[1])
     xyz, pixel = truth.apex(stamp)
-    vertex = dict(zip("xyz", xyz.tolist(), strict=True))
-    task = {"frame": {"stamp_ns": stamp, "width": 960, "height": 600}, "vertex": vertex}
+    vertex = TaskVertex.model_construct(**dict(zip("xyz", xyz.tolist(), strict=True)))
+    frame = TaskFrame.model_construct(stamp_ns=stamp, width=960, height=600)
+    task = TaskView.model_construct(frame=frame, vertex=vertex)
     clicks = np.array([_look(task, truth, np.random.default_rng([0, k])) for k in range(2000)])
     away = np.linalg.norm(clicks - np.array(pixel), axis=1)
     assert np.median(away) == pytest.approx(NOISE_PX * 1.177, rel=0.1)
     assert np.mean(away > 8) == pytest.approx(BLUNDERS, abs=0.006)
-    task["vertex"] = {**vertex, "x": vertex["x"] + 1.0}
+    task.vertex = vertex.model_copy(update={"x": vertex.x + 1.0})
     assert _look(task, truth, np.random.default_rng(0)) is None
 
 

@@ -30,20 +30,20 @@ class Car:
 def car(embedded: Embedded) -> Car:
     with Client(embedded.url, embedded.token) as client:
         fleet = client.fleets.create("Publishing")
-        vehicle = client.vehicles.create(fleet["id"], "Wagon")
-        rig = client.vehicles.create_rig(vehicle["id"], LEVEL_RIG)
-        of = client.correspondence_sets.import_pairs(rig["id"], "front", pairs(60))["id"]
+        vehicle = client.vehicles.create(fleet.id, "Wagon")
+        rig = client.vehicles.create_rig(vehicle.id, LEVEL_RIG)
+        of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(60)).id
         asked = [
-            client.calibrations.create(vehicle["id"], [of], ["pinhole"], folds=2, **request)
+            client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2, **request)
             for request in ({"bounds": {"f_x": [520.0, 700.0]}}, {"seed": 1}, {"seed": 2})
         ]
         edge, *good = [_result(client.wait(one, timeout_s=120)) for one in asked]
-    return Car(embedded, vehicle["id"], edge, good)
+    return Car(embedded, str(vehicle.id), edge, good)
 
 
 def _result(calibration):
-    assert calibration["request"]["publish"] == "none"
-    return calibration["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"]
+    assert calibration.request.publish == "none"
+    return str(calibration.summary.cameras["front"].models["pinhole"].result_id)
 
 
 def test_one_click_does_not_publish_what_lies_on_its_bounds(car: Car, owner: Client):
@@ -70,13 +70,13 @@ def test_the_commands_publish_list_and_go_back(car: Car, owner: Client):
     assert again.exit_code == 1 and "with --reason" in again.stderr
     back = car.apexcal("rollback", "--vehicle", car.id, "--reason", "The newer one is off.")
     assert back.exit_code == 0, back.stderr
-    assert owner.calibrations.current(car.id, "front")["reason"] == "The newer one is off."
+    assert owner.calibrations.current(car.id, "front").reason == "The newer one is off."
     further = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.")
     assert further.exit_code == 1 and "edge of its bounds" in further.stderr, "never to what was left"
     further = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.", "--override")
     assert further.exit_code == 0, further.stderr
     none = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.")
-    assert none.exit_code == 1 and "was given nothing before" in none.stderr
+    assert none.exit_code == 1 and "had no result before" in none.stderr
     listed = car.apexcal("publications", "--vehicle", car.id).stdout.splitlines()
     results = [line.split("result ")[1] for line in listed if "result " in line and not line.startswith(" ")]
     assert results == [f"{car.edge}, current", car.good[0], car.good[1], car.good[0], car.edge]

@@ -9,6 +9,8 @@ from apexcal.commands.clock_offset import _outcome
 from apexcal.commands.detect import _board
 from apexcal.commands.reading import reading_of, which_is_which
 from apexcal.commands.reread import _added
+from apexcal.documents.detections import DetectionView, Pairing
+from apexcal.documents.studies import ClockOffset
 
 
 def test_topics_become_the_reading():
@@ -85,18 +87,19 @@ def test_a_region_is_not_replaced_unasked(tmp_path):
 
 
 def test_an_offset_is_said_with_the_command_that_uses_it():
-    result = {"offset_ns": -30_200_000, "sigma_ns": 1_100_000, "pairs": 90, "rms_px": 1.4}
+    result = ClockOffset.model_construct(offset_ns=-30_200_000, sigma_ns=1_100_000, pairs=90, rms_px=1.4)
     options = {"board_width_m": 0.61, "board_height_m": 0.91, "track": 1}
-    pairing = {"offset_ns": 0, "max_gap_ns": 50_000_000, "mode": "interpolate"}
-    detection = {"recording_id": "R", "detector": "refined", "options": options, "pairing": pairing}
+    pairing = Pairing(offset_ns=0, max_gap_ns=50_000_000, mode="interpolate")
+    known = {"recording_id": "R", "detector": "refined", "options": options}
+    detection = DetectionView.model_construct(**known, pairing=pairing)
     said = _outcome(result, detection, "front")
     assert (
         "apexcal detect R --region REGION.json --detector refined --board 0.61x0.91 --option track=1 --interpolate "
         "--offset-ms -30.200\n"
     ) in said
-    small = result | {"offset_ns": 1_000_000}
+    small = result.model_copy(update={"offset_ns": 1_000_000})
     assert _outcome(small, detection, "front").endswith("agree within the error: no offset is needed.")
-    moved = detection | {"pairing": pairing | {"offset_ns": 9_000_000}}
+    moved = DetectionView.model_construct(**known, pairing=pairing.model_copy(update={"offset_ns": 9_000_000}))
     assert "offset of 9 ms" in (again := _outcome(small, moved, "front")) and "--offset-ms 0.000" in again
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 
+from apexcal.documents.recordings import RecordingView
 from apexcal.embedded.folder import DataFolder, FolderInUseError, is_served, read_status
 from apexcal.rigs import read_rig
 from service.storage.marker import MARKER
@@ -92,14 +93,14 @@ def reader_of(embedded) -> int:
 def test_a_file_that_takes_long_to_read_keeps_no_other_fleet_waiting(embedded, owner, simulated):
     """Neither its calibration nor its upload; and the fleet's own next file comes when the first is read."""
 
-    def uploaded(name: str, vehicle: dict, rig: dict) -> dict:
-        return owner.recordings.upload(simulated / "recording.bag", vehicle["id"], rig["id"], name=name)
+    def uploaded(name, vehicle, rig) -> RecordingView:
+        return owner.recordings.upload(simulated / "recording.bag", vehicle.id, rig.id, name=name)
 
-    def state(recording: dict) -> str:
-        return owner.recordings.get(recording["id"])["state"]
+    def state(recording: RecordingView) -> str:
+        return owner.recordings.get(recording.id).state
 
     # The pool must be up: what is timed is waiting, not its start.
-    assert owner.wait(ask(owner, "Warm", schedule=QUICK), timeout_s=90)["state"] == "done"
+    assert owner.wait(ask(owner, "Warm", schedule=QUICK), timeout_s=90).state == "done"
     described = read_rig(simulated / "rig.json", "Rig")
     slow, patient = (new_rig(owner, described, name) for name in ("Slow", "Patient"))
     first = uploaded("first", *slow)
@@ -108,23 +109,23 @@ def test_a_file_that_takes_long_to_read_keeps_no_other_fleet_waiting(embedded, o
     try:
         second = uploaded("second", *slow)
         began = time.monotonic()
-        assert owner.wait(ask(owner, "Other", schedule=QUICK), timeout_s=30)["state"] == "done"
+        assert owner.wait(ask(owner, "Other", schedule=QUICK), timeout_s=30).state == "done"
         assert time.monotonic() - began < 10
-        assert owner.wait(uploaded("other", *patient), timeout_s=60)["state"] == "ready"
+        assert owner.wait(uploaded("other", *patient), timeout_s=60).state == "ready"
         assert (state(first), state(second)) == ("ingesting", "queued")
     finally:
         os.kill(reader, signal.SIGCONT)
-    assert [owner.wait(one, timeout_s=60)["state"] for one in (first, second)] == ["ready", "ready"]
+    assert [owner.wait(one, timeout_s=60).state for one in (first, second)] == ["ready", "ready"]
 
 
 def test_work_goes_on_after_the_broker_was_killed(embedded, owner, simulated):
     """What was asked for while the broker was dead is done when it is back: the database knew."""
     fleet = owner.fleets.create("Broker")
-    vehicle = owner.vehicles.create(fleet["id"], "Car")
-    rig = owner.vehicles.create_rig(vehicle["id"], read_rig(simulated / "rig.json", "Rig"))
+    vehicle = owner.vehicles.create(fleet.id, "Car")
+    rig = owner.vehicles.create_rig(vehicle.id, read_rig(simulated / "rig.json", "Rig"))
     os.kill(embedded.children()["broker"]["pid"], signal.SIGKILL)
-    recording = owner.recordings.upload(simulated / "recording.bag", vehicle["id"], rig["id"])
-    assert owner.wait(recording, timeout_s=60)["state"] == "ready"
+    recording = owner.recordings.upload(simulated / "recording.bag", vehicle.id, rig.id)
+    assert owner.wait(recording, timeout_s=60).state == "ready"
 
 
 def test_a_second_serve_on_the_same_folder_is_refused(embedded):

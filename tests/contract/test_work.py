@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
+from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.results import CurrentCalibration, ResultView
 from service.db.jobs import Job
 from service.jobs.sweep import sweep
 from tests.service.detections.seeding import seed_rig
@@ -45,15 +47,21 @@ def test_workers_finish_what_was_asked_the_same_way_however_it_is_farmed(api, co
         )
         assert asked.status_code == 202, asked.text
         work(context)
-        done = engineer.get(f"/calibrations/{asked.json()['id']}").json()
+        answer = engineer.get(f"/calibrations/{asked.json()['id']}")
+        CalibrationView.model_validate_json(answer.content, extra="forbid")
+        done = answer.json()
         assert (done["state"], done["problem"]) == ("done", None)
         assert done["progress"]["fraction"] == 1.0
         summary = done["summary"]["cameras"]["front"]["models"]["pinhole"]
-        found[farm] = engineer.get(f"/results/{summary['result_id']}").json()
+        answer = engineer.get(f"/results/{summary['result_id']}")
+        ResultView.model_validate_json(answer.content, extra="forbid")
+        found[farm] = answer.json()
         assert summary["heldout_mean_px"] < 1.5
         slots = engineer.get(f"/calibrations/{done['id']}/slots?fold=-1&limit=1000").json()["items"]
         assert len(slots) == 2 * found[farm]["iterations"]
-        current = engineer.get(f"/vehicles/{rig.vehicle_id}/cameras/front/calibration").json()
+        answer = engineer.get(f"/vehicles/{rig.vehicle_id}/cameras/front/calibration")
+        CurrentCalibration.model_validate_json(answer.content, extra="forbid")
+        current = answer.json()
         assert current["result_id"] == summary["result_id"]
         assert current["intrinsics"] == found[farm]["intrinsics"]
     for key in ("ga", "polished", "intrinsics", "transform", "seed", "history"):

@@ -89,23 +89,23 @@ def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Tra
     """The service after an upload, an ingestion and a detection over HTTP."""
     with Client(served["url"], Path(served["owner_token_file"]).read_text().strip()) as owner:
         fleet = owner.fleets.create("Test track")
-        vehicle = owner.vehicles.create(fleet["id"], "Van 7")
+        vehicle = owner.vehicles.create(fleet.id, "Van 7")
         folder = simulated()
         region = json.loads((folder / "region.json").read_text())
-        rig = owner.vehicles.create_rig(vehicle["id"], read_rig(folder / "rig.json", "roof"))
-        recording = owner.recordings.upload(folder / "recording.bag", vehicle["id"], rig["id"])
+        rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
+        recording = owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id)
         recording = owner.wait(recording, timeout_s=90)
-        detection = owner.wait(owner.detections.create(recording["id"], region), timeout_s=60)
-        assert detection["counts"]["paired"] >= 10, detection["counts"]
-        width, height = rig["cameras"][0]["image_size"]
+        detection = owner.wait(owner.detections.create(recording.id, region), timeout_s=60)
+        assert detection.counts.paired >= 10, detection.counts
+        width, height = rig.cameras[0].image_size
         yield Track(
             served["url"],
             owner,
-            fleet["id"],
-            vehicle["id"],
-            recording["id"],
-            detection["id"],
-            rig["id"],
+            str(fleet.id),
+            str(vehicle.id),
+            str(recording.id),
+            str(detection.id),
+            str(rig.id),
             json.loads((folder / "truth.json").read_text()),
             (width, height),
         )
@@ -140,7 +140,7 @@ def sign_in(browser: Browser, track: Track) -> Iterator[Callable[[str, str], Pag
         page = context.new_page()
         page.on("pageerror", lambda error: complaints.append(f"{name}: {error}"))
         page.on("console", lambda said: complaints.append(said.text) if "Content Security" in said.text else None)
-        page.goto(track.owner.fleets.invite(track.fleet_id, name, role)["link"])
+        page.goto(track.owner.fleets.invite(track.fleet_id, name, role).link)
         page.get_by_role("button", name="Sign in").click()
         page.get_by_role("link", name="Van 7").wait_for()
         return page

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.e2e.conftest import Track
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
@@ -17,7 +17,7 @@ FRONTEND = Path(__file__).parents[2] / "frontend"
 
 
 def test_a_link_signs_in_once_and_only_by_its_button(browser: Browser, track: Track) -> None:
-    link = track.owner.fleets.invite(track.fleet_id, "Hana", "viewer")["link"]
+    link = track.owner.fleets.invite(track.fleet_id, "Hana", "viewer").link
     context = browser.new_context()
     page = context.new_page()
     page.goto(link)
@@ -55,7 +55,7 @@ def test_an_engineer_invites_and_sees_a_broken_upload_explained(
 
 def test_which_topic_is_which_is_asked_and_answered(sign_in: SignIn, track: Track, tmp_path: Path) -> None:
     known = track.owner.vehicles.rig(track.rig_id)
-    camera = known["cameras"][0] | {"topic": None}
+    camera = known.cameras[0].model_dump(mode="json") | {"topic": None}
     rig = track.owner.vehicles.create_rig(
         track.vehicle_id,
         {"name": "without topics", "lidar": {"frame": "velodyne", "topic": None}, "cameras": [camera]},
@@ -63,9 +63,9 @@ def test_which_topic_is_which_is_asked_and_answered(sign_in: SignIn, track: Trac
     frame = png(*camera["image_size"])
     streams = [clouds(), *(images(topic=topic, data=frame) for topic in ("/cam/a", "/cam/b"))]
     bag = write_bag(tmp_path / "two.bag", interleaved(*streams))
-    asked = track.owner.recordings.upload(bag, track.vehicle_id, rig["id"])
+    asked = track.owner.recordings.upload(bag, track.vehicle_id, rig.id)
     page = sign_in("Nia", "engineer")
-    page.goto(f"{track.url}/recordings/{asked['id']}")
+    page.goto(f"{track.url}/recordings/{asked.id}")
     page.get_by_role("heading", name="Which is which?").wait_for(timeout=30_000)
     expect(page.get_by_label("front")).to_have_value("")
     expect(page.get_by_role("button", name="Read it again")).to_be_disabled()
@@ -74,7 +74,7 @@ def test_which_topic_is_which_is_asked_and_answered(sign_in: SignIn, track: Trac
     expect(page.get_by_role("cell", name="/cam/b")).to_be_visible(timeout=30_000)
     page.get_by_text("What the reader found").click()
     expect(page.get_by_text(re.compile(r"\d\d:\d\d:\d\d\.\d{3} UTC")).first).to_be_visible()
-    assert track.owner.recordings.get(asked["id"])["state"] == "ready"
+    assert track.owner.recordings.get(asked.id).state == "ready"
 
 
 def test_a_region_is_tried_before_it_is_used(sign_in: SignIn, track: Track) -> None:
@@ -111,3 +111,25 @@ def test_a_link_opens_the_frame_of_an_outlier_with_its_mark(sign_in: SignIn, tra
     assert float(mark.evaluate("node => parseFloat(node.style.left)")) == pytest.approx(100 * 100 / width, rel=1e-4)
     page.get_by_label("Frame of front").press("ArrowRight")
     expect(mark).to_have_count(0)
+
+
+def test_a_page_that_was_refused_its_stream_of_hints_asks_again(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Otto", "engineer")
+    refused: list[str] = []
+
+    def refuse(route: Route) -> None:
+        refused.append(route.request.url)
+        if len(refused) <= 2:
+            route.fulfill(status=503, json={"code": "too_many_streams"})
+        else:
+            route.continue_()
+
+    page.route("**/events", refuse)
+    page.reload()
+    # A browser gives up after the first 503; the page asks again, and has all that changed meanwhile.
+    page.get_by_role("link", name="Van 7").wait_for()
+    track.owner.vehicles.create(track.fleet_id, "Van 8")
+    expect(page.get_by_role("link", name="Van 8")).to_be_visible()
+    assert len(refused) == 3
+    track.owner.vehicles.create(track.fleet_id, "Van 9")
+    expect(page.get_by_role("link", name="Van 9")).to_be_visible()

@@ -41,8 +41,8 @@ def test_a_page_uploads_into_the_store_and_shows_frames_from_it(
     browser: Browser, on_s3: Client, s3_server: S3Server, tmp_path: Path
 ) -> None:
     fleet = on_s3.fleets.create("Track")
-    vehicle = on_s3.vehicles.create(fleet["id"], "Van 7")
-    on_s3.vehicles.create_rig(vehicle["id"], RIG)
+    vehicle = on_s3.vehicles.create(fleet.id, "Van 7")
+    on_s3.vehicles.create_rig(vehicle.id, RIG)
     picture = images(data=png(*RIG["cameras"][0]["image_size"]))
     bag = write_bag(tmp_path / "walk.bag", interleaved(clouds(), picture))
     complaints: list[str] = []
@@ -58,7 +58,7 @@ def test_a_page_uploads_into_the_store_and_shows_frames_from_it(
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("console", lambda said: complaints.append(said.text) if FORBIDDEN.search(said.text) else None)
     page.on("request", note)
-    page.goto(on_s3.fleets.invite(fleet["id"], "Ines", "engineer")["link"])
+    page.goto(on_s3.fleets.invite(fleet.id, "Ines", "engineer").link)
     page.get_by_role("button", name="Sign in").click()
     page.get_by_role("link", name="Van 7").click()
     page.get_by_label("Recording", exact=True).set_input_files(bag)

@@ -12,11 +12,11 @@ import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from uuid import UUID
 
 from sqlalchemy import select
 
 from apexcal.client import Client
+from apexcal.documents.calibrations import CalibrationView
 from apexcal.embedded import plans
 from apexcal.embedded.folder import DataFolder
 from service.db.models import Job
@@ -124,12 +124,12 @@ class Farm:
         with self.database.reading() as session:
             return session.get_one(Job, job_id)
 
-    def documents(self, calibration: dict[str, Any]) -> Documents:
+    def documents(self, calibration: CalibrationView) -> Documents:
         """What the calibration's runs found, by camera, model and fold, without the times it took."""
         with self.database.reading() as session:
-            return documents(session, UUID(calibration["id"]))
+            return documents(session, calibration.id)
 
-    def finished(self, work: dict[str, Any], seconds: float = 150.0) -> dict[str, Any]:
+    def finished(self, work: Any, seconds: float = 150.0) -> Any:
         """Follow it to its end, whatever becomes of the API meanwhile."""
         return self.client.wait(work, timeout_s=seconds)
 

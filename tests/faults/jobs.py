@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from apexcal.client import Client
+from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.fleets import RigOut, VehicleOut
 from apexcal.rigs import read_rig
 
 REGION = {"and": [{"quantity": "x", "op": ">", "value": 1.0}, {"quantity": "z", "op": ">", "value": -1.2}]}
@@ -33,10 +35,10 @@ def record(folder: Path) -> Walk:
     return Walk(next(folder.glob("*.bag")), read_rig(folder / "rig.json", "roof"))
 
 
-def new_rig(client: Client, rig: dict[str, Any], name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+def new_rig(client: Client, rig: dict[str, Any], name: str) -> tuple[VehicleOut, RigOut]:
     """A vehicle of a new fleet with this rig."""
-    vehicle = client.vehicles.create(client.fleets.create(name)["id"], "car")
-    return vehicle, client.vehicles.create_rig(vehicle["id"], rig)
+    vehicle = client.vehicles.create(client.fleets.create(name).id, "car")
+    return vehicle, client.vehicles.create_rig(vehicle.id, rig)
 
 
 def pairs(count: int = 200, seed: int = 1) -> list[dict[str, float]]:
@@ -78,15 +80,15 @@ LEVEL_RIG: dict[str, Any] = {
 
 def ask(
     client: Client, name: str, *, models: Sequence[str] = ("pinhole",), folds: int = 0, **request: Any
-) -> dict[str, Any]:
+) -> CalibrationView:
     """Ask for a calibration of made pairs on a new vehicle; the same name-independent request gives the same seed."""
     vehicle, rig = new_rig(client, LEVEL_RIG, name)
-    made = client.correspondence_sets.import_pairs(rig["id"], "front", pairs())
+    made = client.correspondence_sets.import_pairs(rig.id, "front", pairs())
     request = {"models": list(models), "folds": folds, "farm": "slots", "schedule": SLOW, **request}
-    return client.calibrations.create(vehicle["id"], [made["id"]], **request)
+    return client.calibrations.create(vehicle.id, [made.id], **request)
 
 
-def ask_two_cameras(client: Client, name: str, **request: Any) -> dict[str, Any]:
+def ask_two_cameras(client: Client, name: str, **request: Any) -> CalibrationView:
     """The same for two cameras of one rig that saw the same vertices, with blocks held out, from one seed."""
     cameras = [LEVEL_RIG["cameras"][0], copy.deepcopy(LEVEL_RIG["cameras"][0])]
     cameras[1] |= {"name": "left", "frame": "camera_left_optical"}
@@ -96,10 +98,8 @@ def ask_two_cameras(client: Client, name: str, **request: Any) -> dict[str, Any]
     random = np.random.default_rng(2)
     other = [pair | {"u": pair["u"] + random.normal(0, 1), "v": pair["v"] + random.normal(0, 1)} for pair in seen]
     sets = [
-        client.correspondence_sets.import_pairs(rig["id"], camera, marked)["id"]
+        client.correspondence_sets.import_pairs(rig.id, camera, marked).id
         for camera, marked in (("front", seen), ("left", other))
     ]
     schedule = {"slots": 4, "population": 400, "generations": 20, "max_iterations": 8}
-    return client.calibrations.create(
-        vehicle["id"], sets, ["pinhole"], **{"folds": 2, "schedule": schedule, **request}
-    )
+    return client.calibrations.create(vehicle.id, sets, ["pinhole"], **{"folds": 2, "schedule": schedule, **request})

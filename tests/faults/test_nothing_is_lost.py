@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
-from uuid import UUID
 
 import pytest
 from sqlalchemy import func, select
@@ -34,13 +33,13 @@ def undisturbed(farm: Farm):
     """What the calibration finds when nothing happens, and how long it takes."""
     began = time.monotonic()
     calibration = farm.finished(ask(farm.client, next(_names)))
-    assert calibration["state"] == "done"
+    assert calibration.state == "done"
     return farm.documents(calibration), time.monotonic() - began
 
 
 def assert_ended_once_with_the_same_bits(farm: Farm, calibration, undisturbed) -> None:
     calibration = farm.finished(calibration)
-    assert calibration["state"] == "done"
+    assert calibration.state == "done"
     assert farm.documents(calibration) == undisturbed[0]
     with farm.database.reading() as session:
         runs = list(session.scalars(select(Result.run_id)).all())
@@ -74,7 +73,7 @@ def by_one_process(farm: Farm):
     """What a single process finds by slots, and of two cameras in whole runs; once, as a worker's start is long."""
     farm.use_worker(1)
     by_slots = farm.finished(ask(farm.client, next(_names)))
-    assert by_slots["state"] == "done"
+    assert by_slots.state == "done"
     return farm.documents(by_slots), of_two_cameras(farm, "runs")
 
 
@@ -103,18 +102,18 @@ def test_two_cameras_by_one_process_and_by_four_farmed_either_way_end_with_the_s
 def of_two_cameras(farm: Farm, way: str):
     """The seed of a calibration of two cameras, and all that came of it."""
     calibration = farm.finished(ask_two_cameras(farm.client, next(_names), farm=way), 200)
-    assert (calibration["state"], calibration["problem"]) == ("done", None)
-    summary = calibration["summary"]
-    assert [pair["name"] for pair in summary["rig"]["pairs"]] == ["T_front_left"]
-    why = {camera: one["why"] for camera, one in summary["cameras"].items()}
+    assert (calibration.state, calibration.problem) == ("done", None)
+    summary = calibration.summary
+    assert [pair.name for pair in summary.rig.pairs] == ["T_front_left"]
+    why = {camera: one.why for camera, one in summary.cameras.items()}
     documents = farm.documents(calibration)
     assert len(documents) == 2 * 3
-    return calibration["request"]["seed"], documents, bests_of(farm, calibration), summary["rig"], why
+    return calibration.request.seed, documents, bests_of(farm, calibration), summary.rig, why
 
 
 def bests_of(farm: Farm, calibration):
     with farm.database.reading() as session:
-        return slot_bests(session, UUID(calibration["id"]))
+        return slot_bests(session, calibration.id)
 
 
 def test_the_api_killed_between_commit_and_send(farm: Farm, undisturbed):
@@ -126,7 +125,7 @@ def test_the_api_killed_between_commit_and_send(farm: Farm, undisturbed):
         wait_until(lambda: farm.is_dead("api"), "the API's death")
         farm.start("api")
         calibration = asked.result()
-    assert len(list(farm.client.calibrations.list(calibration["vehicle_id"]))) == 1
+    assert len(list(farm.client.calibrations.list(calibration.vehicle_id))) == 1
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
 
@@ -135,7 +134,7 @@ def test_every_message_delivered_three_times(farm: Farm, undisturbed):
     calibration = ask(farm.client, next(_names))
     sender = Sender(farm.broker.url)
     seen: set[int] = set()
-    while farm.client.calibrations.get(calibration["id"])["state"] not in ("done", "failed"):
+    while farm.client.calibrations.get(calibration.id).state not in ("done", "failed"):
         with farm.database.reading() as session:
             ids = session.scalars(select(Job.id).where(Job.kind == "solve", Job.state != "done")).all()
         sender([Message(job_id, "solve") for job_id in ids if job_id not in seen] * 2)
@@ -158,9 +157,9 @@ def test_a_worker_told_to_stop_gives_its_job_back_uncounted_and_a_cancel_ends_it
     # The comparison below waits for a worker that reads its queue.
     farm.use_worker(2, "solve")
     wait_until(lambda: farm.job(job_id).state == "running", "another claim", 120)
-    farm.client.calibrations.cancel(calibration["id"])
+    farm.client.calibrations.cancel(calibration.id)
     wait_until(lambda: farm.job(job_id).state == "cancelled", "the cancel", 30)
-    assert farm.client.calibrations.get(calibration["id"])["state"] == "cancelled"
+    assert farm.client.calibrations.get(calibration.id).state == "cancelled"
 
 
 def _running(farm: Farm) -> list[int]:
@@ -184,7 +183,7 @@ def test_the_comparison_of_cameras_killed_at_work_ends_the_calibration_once(farm
     let_lease_expire(farm.database, job_id)
     farm.use_worker(2)
     ended = farm.finished(calibration)
-    assert ended["state"] == "done" and len(ended["summary"]["rig"]["pairs"]) == 1
+    assert ended.state == "done" and len(ended.summary.rig.pairs) == 1
     assert (farm.job(job_id).lost, farm.job(job_id).attempt) == (1, 2)
 
 
@@ -215,38 +214,32 @@ def test_sweeper_and_beat_killed(farm: Farm, undisturbed):
 def test_ingestion_and_detection_killed_at_work(farm: Farm, walk: Walk):
     farm.use_worker(2)
     vehicle, rig = new_rig(farm.client, walk.rig, next(_names))
-    plain = farm.finished(farm.client.recordings.upload(walk.bag, vehicle["id"], rig["id"], name="plain"))
-    assert plain["state"] == "ready"
-    killed = farm.client.recordings.upload(walk.bag, vehicle["id"], rig["id"], name="killed")
+    plain = farm.finished(farm.client.recordings.upload(walk.bag, vehicle.id, rig.id, name="plain"))
+    assert plain.state == "ready"
+    killed = farm.client.recordings.upload(walk.bag, vehicle.id, rig.id, name="killed")
     job_id = farm.kill_who_works_on("ingest")
     killed = farm.finished(killed)
-    assert killed["state"] == "ready"
+    assert killed.state == "ready"
     assert farm.job(job_id).lost == 1
     assert _sensors(killed) == _sensors(plain)
     wait_until(lambda: _unused_blobs(farm) == 0, "the removal of what the dead worker left", 60)
 
-    one = farm.finished(farm.client.detections.create(plain["id"], REGION, detector="tolerant"))
-    two = farm.client.detections.create(killed["id"], REGION, detector="tolerant")
+    one = farm.finished(farm.client.detections.create(plain.id, REGION, detector="tolerant"))
+    two = farm.client.detections.create(killed.id, REGION, detector="tolerant")
     job_id = farm.kill_who_works_on("detect")
     two = farm.finished(two)
-    assert two["state"] == "done"
+    assert two.state == "done"
     assert farm.job(job_id).lost == 1
-    assert one["counts"] == two["counts"]
+    assert one.counts == two.counts
     assert _vertices(farm, one) == _vertices(farm, two)
 
 
 def _sensors(recording):
-    return [
-        {key: value for key, value in sensor.items() if key not in ("id", "recording_id")}
-        for sensor in recording["sensors"]
-    ]
+    return [sensor.model_dump(exclude={"id", "recording_id"}) for sensor in recording.sensors]
 
 
 def _vertices(farm: Farm, detection):
-    return [
-        (v["sweep_index"], v["time_ns"], v["x"], v["y"], v["z"])
-        for v in farm.client.detections.vertices(detection["id"])
-    ]
+    return [(v.sweep_index, v.time_ns, v.x, v.y, v.z) for v in farm.client.detections.vertices(detection.id)]
 
 
 def _unused_blobs(farm: Farm) -> int:

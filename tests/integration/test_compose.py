@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from datetime import timedelta
 from pathlib import Path
+from uuid import UUID
 
 import httpx
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from apexcal.client import Client
 from apexcal.demo.annotators import mark_everything
 from apexcal.demo.truth import Truth
+from apexcal.documents.recordings import BlobAddress, Parts
 from apexcal.regions import read_region
 from apexcal.rigs import read_rig
 from service.db.session import Database
@@ -71,22 +73,22 @@ def test_the_job_goes_through_the_fleet_of_the_compose_file(
     bag = folder / "recording.bag"
     with Client(fleet.url, (tmp_path / "token").read_text().strip()) as owner:
         trucks = owner.fleets.create("Trucks")
-        vehicle = owner.vehicles.create(trucks["id"], "Truck 7")
-        rig = owner.vehicles.create_rig(vehicle["id"], read_rig(folder / "rig.json", "front"))
-        recording = owner.wait(owner.recordings.upload(bag, vehicle["id"], rig["id"]), timeout_s=PATIENCE_S)
+        vehicle = owner.vehicles.create(trucks.id, "Truck 7")
+        rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "front"))
+        recording = owner.wait(owner.recordings.upload(bag, vehicle.id, rig.id), timeout_s=PATIENCE_S)
         detection = owner.wait(
-            owner.detections.create(recording["id"], read_region(folder / "region.json"), detector="tolerant"),
+            owner.detections.create(recording.id, read_region(folder / "region.json"), detector="tolerant"),
             timeout_s=PATIENCE_S,
         )
-        marked = mark_everything(
-            owner, trucks["id"], detection, "front", Truth(folder / "truth.json"), lambda share, message: None
+        marked, _ = mark_everything(
+            owner, trucks.id, detection, "front", Truth(folder / "truth.json"), lambda share, message: None
         )
-        pairs = owner.correspondence_sets.build(detection["id"], "front")
-        assert marked["complete"] == detection["counts"]["paired"] >= pairs["count"] >= 10
+        pairs = owner.correspondence_sets.build(detection.id, "front")
+        assert marked.complete == detection.counts.paired >= pairs.count >= 10
         calibration = owner.wait(
             owner.calibrations.create(
-                vehicle["id"],
-                [pairs["id"]],
+                vehicle.id,
+                [pairs.id],
                 ["pinhole"],
                 folds=0,
                 farm="slots",
@@ -95,23 +97,23 @@ def test_the_job_goes_through_the_fleet_of_the_compose_file(
             ),
             timeout_s=PATIENCE_S,
         )
-        found = calibration["summary"]["cameras"]["front"]["models"]["pinhole"]
+        found = calibration.summary.cameras["front"].models["pinhole"]
         # A few seconds of walking and a click on another corner now and then: near, no more can be asked.
-        assert found["polished"]["rms_px"] < 30
-        check_bytes(owner, recording["id"], bag, tmp_path)
+        assert found.polished.rms_px < 30
+        check_bytes(owner, recording.id, bag, tmp_path)
     check_store(fleet)
     # uvicorn ends by the signal that it was told to end with, once it has ended everything else.
     assert fleet.stop() == dict.fromkeys((*RUNNING, "valkey"), 0) | {"api": -signal.SIGTERM}
 
 
-def check_bytes(owner: Client, recording_id: str, bag: Path, tmp_path: Path) -> None:
+def check_bytes(owner: Client, recording_id: UUID, bag: Path, tmp_path: Path) -> None:
     """Uploads went straight into the store, and frames and the original come straight from it."""
-    parts = owner._http.get(f"/recordings/{recording_id}/parts")
-    assert parts["upload"]["parts"] == "presigned" and len(parts["items"]) == -(-bag.stat().st_size // (16 << 20))
-    address = owner._http.get(f"/recordings/{recording_id}/cameras/front/frames/3/address")
+    parts = owner._http.get(f"/recordings/{recording_id}/parts", Parts)
+    assert parts.upload.parts == "presigned" and len(parts.items) == -(-bag.stat().st_size // (16 << 20))
+    address = owner._http.get(f"/recordings/{recording_id}/cameras/front/frames/3/address", BlobAddress)
     image = owner.recordings.frame(recording_id, "front", 3)
     through = owner._http.send("GET", f"/recordings/{recording_id}/cameras/front/frames/3").content
-    assert image == through and image[:2] == b"\xff\xd8" and address["length"] == len(image)
+    assert image == through and image[:2] == b"\xff\xd8" and address.length == len(image)
     assert owner.recordings.download(recording_id, tmp_path / "back.bag") == bag.stat().st_size
     assert (tmp_path / "back.bag").read_bytes() == bag.read_bytes()
 

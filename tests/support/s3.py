@@ -13,9 +13,9 @@ from typing import Any
 import httpx
 from pydantic import SecretStr
 
+from service.settings import S3Options
 from service.storage.prepare import prepare
 from service.storage.store import Store
-from service.storage.urls import S3Options
 from tests.support.processes import start, stop, wait_until
 
 _numbers = itertools.count(1)

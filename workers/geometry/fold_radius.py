@@ -5,41 +5,17 @@ are positive there is none, and where they change sign once there is exactly one
 Other pieces are halved. So a fold and its undoing close behind are seen, unlike on any grid.
 """
 
-from math import sqrt
+from math import isfinite
 from typing import Final
 
-import numpy as np
 from numba import njit
 
 _NONE: Final = 2.0
 _SHORTEST: Final = 1e-12
 
 
-# Said to be exact in so many words: numba lets a callee inherit its caller's liberties, so that its bits would depend
-# on who was compiled first.
-@njit(nogil=True, error_model="numpy", fastmath=False)
-def brown_conrady_fold(k1: float, k2: float, k5: float) -> float:
-    """r^2 at which the radial distortion r d(r^2) stops growing, infinity where it never does."""
-    # r^2 = x / (1 - x) maps all radii onto (0, 1); times (1 - x)^3 the derivative is this cubic.
-    a, b, c = 3.0 * k1, 5.0 * k2, 7.0 * k5
-    x = first_zero(a - 3.0, 3.0 - 2.0 * a + b, a - b + c - 1.0, 0.0)
-    if x >= 1.0:
-        return np.inf
-    s = x / (1.0 - x)
-    # The map costs digits far out: one step of Newton in r^2 itself.
-    slope = a + s * (2.0 * b + s * 3.0 * c)
-    step = (1.0 + s * (a + s * (b + s * c))) / slope
-    return s - step if abs(step) < 1e-6 * s else s
-
-
-@njit(nogil=True, error_model="numpy", fastmath=False)
-def kannala_brandt_fold(k1: float, k2: float, k3: float, k4: float) -> float:
-    """theta in radians at which theta_d stops growing, pi where it never does."""
-    S = np.pi * np.pi
-    x = first_zero(3.0 * k1 * S, 5.0 * k2 * S**2, 7.0 * k3 * S**3, 9.0 * k4 * S**4)
-    return np.pi * sqrt(x) if x < 1.0 else np.pi
-
-
+# Exact arithmetic is requested explicitly: numba lets a callee inherit its caller's fast-math flags, so that its bits
+# would depend on which caller was compiled first.
 @njit(nogil=True, error_model="numpy", fastmath=False)
 def first_zero(p1: float, p2: float, p3: float, p4: float) -> float:
     """The least x in (0, 1] at which g(x) = 1 + p1 x + p2 x^2 + p3 x^3 + p4 x^4 is no longer positive; 2 if none."""
@@ -104,3 +80,31 @@ def _zero_between(p1: float, p2: float, p3: float, p4: float, low: float, high: 
         if (inside and abs(step) <= 1e-7 * x) or high - low <= 1e-16 * x:
             break
     return x
+
+
+@njit(nogil=True, error_model="numpy", fastmath=False)
+def grown_radius(wanted: float, fold: float, k1: float, k2: float, k3: float, k4: float) -> float:
+    """The r in [0, fold] at which r (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8), which grows there, is `wanted`."""
+    low, high = 0.0, fold
+    if not isfinite(high):
+        high = max(wanted, 1.0)
+        while True:
+            s = high * high
+            if high * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4)))) >= wanted or high > 1e8:
+                break
+            high *= 2.0
+    s = high * high
+    if high * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4)))) <= wanted:
+        return high
+    r = min(wanted, 0.5 * high)
+    for _ in range(200):
+        s = r * r
+        error = r * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4)))) - wanted
+        slope = 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)))
+        low, high = (r, high) if error < 0.0 else (low, r)
+        step = error / slope
+        inside = low <= r - step <= high
+        r = r - step if inside else 0.5 * (low + high)
+        if (inside and abs(step) <= 1e-16 * r) or high - low <= 1e-16 * high:
+            break
+    return r

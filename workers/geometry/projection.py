@@ -1,21 +1,15 @@
-"""Projection of camera-frame points in double precision, and what a forbidden projection costs."""
+"""Projection of camera-frame points and back in double precision, and what a forbidden projection costs."""
 
 from collections.abc import Mapping, Sequence
 from math import hypot
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from workers.geometry.camera_kernels import (
-    brown_conrady_point,
-    kannala_brandt_point,
-    pinhole_point,
-)
 from workers.geometry.errors import GeometryError
-from workers.geometry.fold_radius import brown_conrady_fold, kannala_brandt_fold
-from workers.geometry.models import INTRINSICS, MODEL_ID, ModelName, parse_model
+from workers.geometry.models import INTRINSICS, ModelName, parse_model
+from workers.geometry.projections.table import PROJECTIONS
 
 Floats = NDArray[np.float64]
 
@@ -35,9 +29,33 @@ def project(
     points = points_array(points_camera)
     pixels = np.empty((len(points), 2))
     violation = np.empty(len(points))
-    project_into(MODEL_ID[model], values, points, pixels, violation)
+    PROJECTIONS[model].project_into(values, points, pixels, violation)
     pixels[violation > 0.0] = np.nan
     return pixels, violation
+
+
+def unproject(
+    model: ModelName, intrinsics: Mapping[str, float] | ArrayLike, pixels: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Rays (N, 3) of unit length in the camera frame (optical axes) of pixels (N, 2), and residuals (N,) in px.
+
+    The residual is how far the ray's own projection lies from the pixel: rounding where the ray is one. Where no
+    direction inside the model's range is seen there (past the fold of the lens polynomial), the ray is the
+    nearest in the radial direction and the residual says by how much it misses: a caller refuses above its own
+    limit. `intrinsics` by name, or in INTRINSICS order. cv2.undistortPoints and cv2.fisheye.undistortPoints iterate
+    to the same, and say nothing where they fail. Raises GeometryError.
+    """
+    values = intrinsics_vector(model, intrinsics)
+    marks = np.ascontiguousarray(pixels, dtype=np.float64)
+    if marks.ndim != 2 or marks.shape[1] != 2 or not np.all(np.isfinite(marks)):
+        raise GeometryError("bad_pixels", f"Pixels are finite numbers of shape (N, 2), not {marks.shape}.", "")
+    if values[0] == 0.0 or values[1] == 0.0:
+        raise GeometryError("bad_intrinsics", "A focal length is zero, so no pixel has a ray.", "Give it in pixels.")
+    rays = np.empty((len(marks), 3))
+    PROJECTIONS[model].rays_into(values, marks, rays)
+    again, violation = np.empty_like(marks), np.empty(len(marks))
+    PROJECTIONS[model].project_into(values, rays, again, violation)
+    return rays, np.hypot(*(again - marks).T)
 
 
 def violation_cost_px(violation: ArrayLike, diagonal_px: float) -> Floats:
@@ -61,12 +79,7 @@ def image_diagonal_px(image_size: Sequence[float]) -> float:
 
 def fold_angle(model: ModelName, intrinsics: Mapping[str, float] | ArrayLike) -> float:
     """Angle from the optical axis in radians up to which the model may be used."""
-    values = intrinsics_vector(model, intrinsics)
-    if model == "kannala_brandt":
-        return float(kannala_brandt_fold(values[4], values[5], values[6], values[7]))
-    if model == "brown_conrady":
-        return float(np.arctan(np.sqrt(brown_conrady_fold(values[5], values[6], values[9]))))
-    return float(np.pi / 2)
+    return PROJECTIONS[model].fold_angle(intrinsics_vector(model, intrinsics))
 
 
 def intrinsics_vector(model: ModelName, intrinsics: Mapping[str, float] | ArrayLike) -> Floats:
@@ -95,28 +108,3 @@ def points_array(points: ArrayLike) -> Floats:
     if array.ndim != 2 or array.shape[1] != 3 or not np.all(np.isfinite(array)):
         raise GeometryError("bad_points", f"Points are finite numbers of shape (N, 3), not {array.shape}.", "")
     return array
-
-
-@njit(nogil=True, error_model="numpy", cache=True)
-def project_into(model_id: int, k: Floats, points: Floats, pixels: Floats, violation: Floats) -> None:
-    """The loop of `project`: fills pixels (N, 2) and violation (N,); pixels are finite-or-wild where violated."""
-    n = points.shape[0]
-    if model_id == 0:
-        for i in range(n):
-            pixels[i, 0], pixels[i, 1], violation[i] = pinhole_point(
-                points[i, 0], points[i, 1], points[i, 2], k[0], k[1], k[2], k[3]
-            )
-    elif model_id == 1:
-        fold_r2 = brown_conrady_fold(k[5], k[6], k[9])
-        for i in range(n):
-            pixels[i, 0], pixels[i, 1], violation[i] = brown_conrady_point(
-                points[i, 0], points[i, 1], points[i, 2],
-                k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], fold_r2,
-            )  # fmt: skip
-    else:
-        fold_theta = kannala_brandt_fold(k[4], k[5], k[6], k[7])
-        for i in range(n):
-            pixels[i, 0], pixels[i, 1], violation[i] = kannala_brandt_point(
-                points[i, 0], points[i, 1], points[i, 2],
-                k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], fold_theta,
-            )  # fmt: skip

@@ -121,8 +121,8 @@ def _vector(values: ArrayLike) -> NDArray[np.float64]:
     return vector
 
 
-# Said to be exact in so many words: numba lets a callee inherit its caller's liberties, so that its bits would depend
-# on who was compiled first.
+# Exact arithmetic is requested explicitly: numba lets a callee inherit its caller's fast-math flags, so that its bits
+# would depend on which caller was compiled first.
 @njit(nogil=True, error_model="numpy", fastmath=False)
 def rows_from_vector(x: float, y: float, z: float) -> Rows:
     """exp((x, y, z)) as nine numbers, row by row (Rodrigues)."""
@@ -165,6 +165,14 @@ def rows_from_euler(alpha: float, beta: float, gamma: float) -> Rows:
         cb * sg,
         cb * cg,
     )
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def rotation_rows(form: int, a: float, b: float, c: float) -> Rows:
+    """The search rotation of FORM_ID `form`, row by row: exp(w), or Rz(alpha) Ry(beta) Rx(gamma)."""
+    if form == 0:
+        return rows_from_vector(a, b, c)
+    return rows_from_euler(a, b, c)
 
 
 @njit(nogil=True, error_model="numpy", fastmath=False)

@@ -1,4 +1,4 @@
-"""Which topic is which of the rig's cameras, where nobody has said it: by the images' size and by words."""
+"""Guesses which topic is which of the rig's cameras, by image size and by words in the names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What libraries raise on broken bytes, as an answer that its owner understands."""
+"""Turns what libraries raise on damaged files into answers that the owner understands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which reader a recording wants, told by its content and not by its name."""
+"""Chooses a recording's reader by its content, not by its name."""
 
 from __future__ import annotations
 

@@ -10,9 +10,9 @@ from typing import Any, Final, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-StampConvention = Literal["start", "end", "unknown"]
+from apexcal.documents.readings import LidarModel, PointTimes, StampConvention
+
 TimeSource = Literal["per_point", "derived_from_azimuth", "stamp_only"]
-LidarModel = Literal["vlp16", "vlp32c", "hdl32e", "hdl64e", "alpha_prime"]
 
 _MAX_NS: Final = 2**31 * 1_000_000_000
 _LONGEST_WORD: Final = 300
@@ -111,7 +111,7 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What an owner knows of a recording and its file does not say.
+    """What the owner knows of a recording but its file does not say.
 
     Attributes:
         point_times: ``auto`` uses times of points where the file has them and derives them where it has none;
@@ -127,7 +127,7 @@ class ReadOptions:
         ValueError: a value outside of these.
     """
 
-    point_times: Literal["auto", "stamp_only"] = "auto"
+    point_times: PointTimes = "auto"
     stamp_convention: StampConvention | None = None
     rate_hz: float | None = None
     lidar_model: LidarModel | None = None

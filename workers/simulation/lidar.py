@@ -44,8 +44,8 @@ class Lidar:
 
     Attributes:
         columns: how many times all lasers are fired in a sweep.
-        firing: (R,) which ring's laser is fired how manieth within a column.
-        delay_s: (R,) from the column's moment to its ring's.
+        firing: (R,) position of each ring's laser in the firing order of a column, 0 first.
+        delay_s: (R,) seconds from the start of a column to each ring's firing.
     """
 
     def __init__(

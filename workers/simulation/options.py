@@ -89,7 +89,7 @@ def _recording(group: _Group) -> None:
     formats = "; ".join(f"{name}: {what}" for name, what in FORMATS.items())
     group.add_argument("--format", choices=tuple(FORMATS), default=_STANDARD.format, help=formats)
     group.add_argument("--seconds", type=float, default=_STANDARD.seconds, help="length of the recording")
-    group.add_argument("--seed", type=int, default=_STANDARD.seed, help="of walk, mounts and noise")
+    group.add_argument("--seed", type=int, default=_STANDARD.seed, help="seed of walk, mounts and noise")
 
 
 def _lidar(group: _Group) -> None:
@@ -116,12 +116,14 @@ def _cameras(group: _Group) -> None:
     )
     group.add_argument("--camera-model", choices=MODELS, default=_STANDARD.camera_model, help="the cameras' lens")
     group.add_argument("--camera-hz", type=float, default=_STANDARD.camera_hz, help="frames per second")
-    group.add_argument("--pitch-down-deg", type=float, default=_STANDARD.pitch_down_deg, help="of their mounts")
+    group.add_argument(
+        "--pitch-down-deg", type=float, default=_STANDARD.pitch_down_deg, help="how far they look down"
+    )
     group.add_argument(
         "--clock-offset-ms",
         type=float,
         default=_STANDARD.clock_offset_ms,
-        help="what the cameras' clock shows more than the LiDAR's",
+        help="how far the cameras' clock is ahead of the LiDAR's",
     )
     group.add_argument(
         "--clock-jitter-ms", type=float, default=_STANDARD.clock_jitter_ms, help="standard deviation of its stamps"

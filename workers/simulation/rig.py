@@ -106,7 +106,7 @@ def _sensor(settings: Settings) -> LidarModel:
     sensor = SENSORS[settings.sensor]
     if settings.rings is not None:
         return with_rings(sensor, settings.rings)
-    # Whoever decodes the packets takes the beams from where they really leave the sensor.
+    # Decoders of the packets know where the beams really leave the sensor.
     return replace(sensor, lens_m=VLP16_LENS_M) if settings.format in PACKET_FORMATS else sensor
 
 

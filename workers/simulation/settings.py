@@ -103,7 +103,7 @@ class Settings:
         cameras: their names and where they look.
         camera_hz: frames per second of each camera; they run free of the LiDAR and of each other.
         pitch_down_deg: of every camera's nominal mount.
-        clock_offset_ms: what the cameras' clock shows more than the LiDAR's at the same moment.
+        clock_offset_ms: the cameras' clock minus the LiDAR's.
         clock_jitter_ms: standard deviation of a frame's stamp about the moment at which it was taken.
         sensor: name in ``sensors.SENSORS``.
         rings: another number of rings over the sensor's elevations, or None.

@@ -1,5 +1,5 @@
 # pyright: reportMissingTypeStubs=false
-"""T_cameraA_cameraB from two calibrations of one rig, with its covariance, and what it is held against."""
+"""T_cameraA_cameraB from two calibrations of one rig, with its covariance, and its distance from a stated one."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from apexcal.documents.camera_models import ANGLES
 from workers.geometry.models import FORM_ID
 from workers.geometry.rotations import vector_from_rotation
 from workers.geometry.transforms import RigidTransform
-from workers.solver.problem import ANGLES, FitProblem
+from workers.solver.problem import FitProblem
 from workers.solver.residuals import rotation_axes
 from workers.solver.uncertainty import turns_are_free
 

@@ -1,4 +1,4 @@
-"""How much the camera's clock shows more than the LiDAR's, estimated from the moving board.
+"""Estimates how far the camera's clock is ahead of the LiDAR's, from the moving board.
 
 The offset is one more unknown of the least squares over the camera's parameters (see `offset_fit`). Each mark counts
 by its own noise and by the track's covariance as the image sees it; marks far from everything else are left out.
@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workers.geometry.errors import InputError
-from workers.solver.offset_fit import Marks, Track, fit, look, prior_rows, scores, whitening
+from workers.solver.offset_fit import Marks, Track, fit_offset, marks_under, scores, weak_priors, whitening
+from workers.solver.outcomes import Outcome
 from workers.solver.polish import distances, polish
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
@@ -94,7 +95,7 @@ def estimate_offset(
     marks = Marks.of(track, stamps, marked, about_ns, search_ns)
     problem = problem_from_document({**request, "loss": "saturating"}, marks.points(0.0)[0], marked)
     problem = replace(problem, stop=stop)
-    x = _start(problem, marks)
+    x, outcome = _start(problem, marks), Outcome.OUT_OF_STEPS
     seen = np.zeros(len(stamps), np.bool_)
     kept = np.ones(len(stamps), np.bool_)
     for _ in range(_ROUNDS):
@@ -104,10 +105,10 @@ def estimate_offset(
         away = scores(problem, marks, x)
         # The median of the length of two unit Gaussians is 1.18.
         kept = seen & (away < _BLUNDER * max(1.0, float(np.median(away[seen])) / 1.18))
-        x = fit(problem, marks, x, kept, robust=False)
+        x, outcome = fit_offset(problem, marks, x, kept, robust=False)
         if abs(x[-1] - before) < _SETTLED_S:
             break
-    here = look(problem, marks, x)
+    here = marks_under(problem, marks, x)
     sigma_s, poor = _deviation(problem, marks, x, kept)
     estimate = OffsetEstimate(
         offset_ns=about_ns + round(float(x[-1]) * 1e9),
@@ -119,7 +120,7 @@ def estimate_offset(
         speed_px_s=_rms(here.speed_px_s()[kept]),
         message="",
     )
-    _refuse(estimate, poor, abs(float(x[-1])) > search_ns * 1e-9 - 1e-3, max_sigma_ns)
+    _refuse(estimate, outcome, poor, abs(float(x[-1])) > search_ns * 1e-9 - 1e-3, max_sigma_ns)
     return _told(estimate)
 
 
@@ -128,31 +129,31 @@ def _start(problem: FitProblem, marks: Marks) -> Floats:
     everything = np.ones(len(marks.pixels), np.bool_)
     # Plain least squares first: from the middle of the bounds nothing tells a blunder from a good mark.
     middle = np.append(0.5 * (problem.lower + problem.upper), 0.0)
-    camera = fit(problem, marks, middle, everything, robust=False)[:-1]
+    camera = fit_offset(problem, marks, middle, everything, robust=False).x[:-1]
     if float(np.median(distances(problem, camera))) > _LOST * problem.diagonal_px:
         state, _ = run_schedule(problem)
         searched = np.array(polish(problem, state.best_parameters).parameters)
         camera = min(camera, searched, key=lambda p: float(np.median(distances(problem, p))))
     half = float(marks.offsets_s[-1])
     starts = np.linspace(-half, half, 2 * max(1, round(half / _STARTS_S)) + 1)
-    fits = [fit(problem, marks, np.append(camera, start), everything, robust=True) for start in starts]
+    fits = [fit_offset(problem, marks, np.append(camera, start), everything, robust=True).x for start in starts]
     return min(fits, key=lambda x: _unlikely(problem, marks, x))
 
 
 def _unlikely(problem: FitProblem, marks: Marks, x: Floats) -> float:
     """Negative logarithm of the marks' likelihood under Cauchy's distribution, but for a constant."""
-    W = whitening(problem, marks, look(problem, marks, x), float(x[-1]))
+    W = whitening(problem, marks, marks_under(problem, marks, x), float(x[-1]))
     # Far from the vertices the track is vague; without the determinants vague would look good.
     return float(np.sum(np.log1p(scores(problem, marks, x) ** 2) - np.log(np.linalg.det(W))))
 
 
 def _deviation(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bool_]) -> tuple[float, float]:
     """The offset's standard deviation in seconds, and the residuals in units of what was expected."""
-    here = look(problem, marks, x)
+    here = marks_under(problem, marks, x)
     free = np.append(problem.free, len(x) - 1)
     white = (whitening(problem, marks, here, float(x[-1])) @ here.jacobian)[kept][:, :, free]
     rows = white.reshape(-1, len(free))
-    _, strength = prior_rows(problem)
+    _, strength = weak_priors(problem)
     A = rows.T @ rows + np.diag(np.append(strength[problem.free] ** 2, 0.0))
     # Columns of unit length, because focal lengths and seconds differ by powers of ten.
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
@@ -172,7 +173,7 @@ def _enough(problem: FitProblem, seen: NDArray[np.bool_]) -> None:
         )
 
 
-def _refuse(estimate: OffsetEstimate, poor: float, at_end: bool, max_sigma_ns: int) -> None:
+def _refuse(estimate: OffsetEstimate, outcome: Outcome, poor: float, at_end: bool, max_sigma_ns: int) -> None:
     offset_ms, sigma_ms = estimate.offset_ns * 1e-6, estimate.sigma_ns * 1e-6
     if poor > _POOR:
         raise InputError(
@@ -193,14 +194,20 @@ def _refuse(estimate: OffsetEstimate, poor: float, at_end: bool, max_sigma_ns: i
             f"The best offset, {offset_ms:.0f} ms, lies at the end of what was searched.",
             "Say about how far the clocks are apart (about_ns), or search farther.",
         )
+    if not outcome.converged:
+        raise InputError(
+            "offset_not_determined",
+            f"The fit of camera and clock did not converge: {outcome.sentence}",
+            "Mark more frames, check the marks, and lock or bound what is known of camera and mount.",
+        )
 
 
 def _told(estimate: OffsetEstimate) -> OffsetEstimate:
     offset_ms, sigma_ms = estimate.offset_ns * 1e-6, estimate.sigma_ns * 1e-6
-    way = "more" if offset_ms >= 0 else "less"
+    way = "ahead of" if offset_ms >= 0 else "behind"
     message = (
-        f"The camera's clock shows {abs(offset_ms):.1f} ms {way} than the LiDAR's, give or take {sigma_ms:.1f} ms "
-        f"(one standard deviation, {estimate.pairs} marks)."
+        f"The camera's clock is {abs(offset_ms):.1f} ms {way} the LiDAR's, with a standard deviation of "
+        f"{sigma_ms:.1f} ms, from {estimate.pairs} marks."
     )
     return replace(estimate, message=message)
 

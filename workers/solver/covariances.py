@@ -1,5 +1,5 @@
 # pyright: reportMissingTypeStubs=false
-"""What is stated of the errors of pairs: where the vertex is in the LiDAR's frame, where the mark is in the image."""
+"""Stated covariances of pairs: of the vertex in the LiDAR's frame, and of the mark in the image."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from apexcal.documents.pairs import MARK_SIGMA, SIGMAS, states_errors
 from workers.geometry.spherical import to_xyz
 from workers.solver.errors import SolveError
 
 Floats = NDArray[np.float64]
 Column = Sequence[float] | NDArray[Any]
-SIGMAS: Final = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
 # scipy publishes no types.
 _chi_square_beyond: Callable[[Floats, float], Floats] = special.chdtri
-MARK_SIGMA: Final = "sigma_px"
 COLUMNS: Final = (*SIGMAS, MARK_SIGMA, "marks", "spread_px")
 # Fewer pairs with several marks than this do not tell how well people mark.
 _ENOUGH_PAIRS: Final = 10
@@ -55,11 +54,6 @@ class Covariances:
                 )
 
 
-def states_covariances(columns: Mapping[str, Any]) -> bool:
-    """Whether pairs with these columns state their errors: all three deviations of the vertex, or the mark's."""
-    return all(name in columns for name in SIGMAS) or MARK_SIGMA in columns
-
-
 def covariances_of(columns: Mapping[str, Column], points: ArrayLike, mark_sigma_px: float) -> Covariances:
     """The covariances of pairs as a correspondence set states them.
 
@@ -70,7 +64,7 @@ def covariances_of(columns: Mapping[str, Column], points: ArrayLike, mark_sigma_
     Raises SolveError `no_covariances` where the columns state none, `bad_covariances` where they cannot be any.
     """
     xyz = np.asarray(points, dtype=np.float64)
-    if not states_covariances(columns):
+    if not states_errors(columns):
         raise SolveError(
             "no_covariances",
             "The pairs state no standard deviations, so nothing says how they should weigh.",

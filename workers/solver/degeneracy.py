@@ -1,4 +1,4 @@
-"""What the pairs cannot tell, in sentences: points without extent, parameters that move together or not at all."""
+"""What the pairs do not determine, in sentences: points without extent, parameters that correlate or stay open."""
 
 from typing import Final
 
@@ -25,7 +25,7 @@ _ARBITRARY: Final = {"deg": 10.0, "m": 1.0, "px": 0.2}
 
 
 def is_determined(problem: FitProblem, p: Floats, spread: Uncertainty) -> bool:
-    """Whether the pairs hold every free parameter, with at least one that the camera can see."""
+    """Whether the pairs determine every free parameter, with at least one pair that the camera can see."""
     return not arbitrary(problem, spread) and bool(np.any(_seen(problem, p)))
 
 
@@ -72,7 +72,7 @@ def point_alarms(problem: FitProblem, p: Floats) -> list[str]:
 
 
 def parameter_alarms(problem: FitProblem, p: Floats, spread: Uncertainty) -> list[str]:
-    """Sentences on parameters that the pairs do not hold, hold badly, or cannot tell apart."""
+    """Sentences on parameters that the pairs do not determine, determine poorly, or cannot tell apart."""
     found: list[str] = []
     lost = [name for name, std in zip(spread.names, spread.std.tolist(), strict=True) if not np.isfinite(std)]
     if lost:
@@ -87,8 +87,8 @@ def parameter_alarms(problem: FitProblem, p: Floats, spread: Uncertainty) -> lis
     ]
     if vague:
         found.append(
-            f"The pairs hardly hold {', '.join(vague)} (one standard deviation): the data does not hold all "
-            f"{len(spread.names)} parameters. More pairs across the image and the distances, locked intrinsics "
+            f"The pairs determine {', '.join(vague)} poorly (one standard deviation): the data does not determine "
+            f"all {len(spread.names)} parameters. More pairs across the image and the distances, locked intrinsics "
             "or a smaller model make it better."
         )
     worst = spread.worst_correlation()

@@ -1,4 +1,4 @@
-"""What a run ends with: the fit, the pairs that hold it, the noise of the marks, and the covariance."""
+"""The estimate at the end of a run: the fit, the pairs it uses, the noise of the marks, and the covariance."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.solver.outcomes import Outcome
 from workers.solver.outliers import Outlier, judge, without
 from workers.solver.polish import Fit, polish
 from workers.solver.problem import FitProblem
@@ -21,13 +22,15 @@ _SETTLED: Final = 1e-3
 class Estimate:
     """One estimate of a problem, which status, alarms, documents and evaluation all read.
 
-    fit: the polish of `fitted`. outliers: the pairs that the others speak against, the worst first. fitted: the
+    fit: the polish of `fitted`. outcome: how the fits ended, of polish and outliers that which did not converge, if
+    any. outliers: the pairs that the others speak against, the worst first. fitted: the
     problem as it was polished; outliers have weight 0 where the problem excludes them. spread: the covariance and
     the noise of the marks, over the pairs that hold the parameters: a robust loss gives outliers next to no say,
     so they do not count there either.
     """
 
     fit: Fit
+    outcome: Outcome
     outliers: list[Outlier]
     fitted: FitProblem
     spread: Uncertainty
@@ -55,9 +58,11 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
 
 def _once(problem: FitProblem, start: Floats) -> Estimate:
     fit = polish(problem, start)
-    outliers = judge(problem, np.array(fit.parameters))
+    judged = judge(problem, np.array(fit.parameters))
+    outliers = judged.outliers
     if not outliers:
-        return Estimate(fit, outliers, problem, uncertainty(problem, np.array(fit.parameters)))
+        spread = uncertainty(problem, np.array(fit.parameters))
+        return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, problem, spread)
     # No gross errors are left: plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
     kept = without(replace(problem, loss="mean"), outliers)
     if problem.outliers == "exclude":
@@ -65,7 +70,12 @@ def _once(problem: FitProblem, start: Floats) -> Estimate:
     else:
         fitted = problem
     holding = fitted if problem.loss == "mean" and problem.outliers == "keep" else kept
-    return Estimate(fit, outliers, fitted, uncertainty(holding, np.array(fit.parameters)))
+    spread = uncertainty(holding, np.array(fit.parameters))
+    return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, fitted, spread)
+
+
+def _worse(fit: Outcome, judged: Outcome) -> Outcome:
+    return judged if fit.converged else fit
 
 
 def _stated_px(found: Estimate) -> float:

@@ -1,175 +1,150 @@
-"""What one individual of the genetic algorithm costs: compiled, single precision, vectorised over the pairs."""
+"""What the individuals of a search cost: compiled, single precision, vectorised over the pairs."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import sqrt
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.core.types import CompileResultWAP
 from numpy.typing import NDArray
 
-from workers.geometry.camera_kernels import (
-    brown_conrady_point,
-    kannala_brandt_point,
-    pinhole_point,
-)
-from workers.geometry.fold_radius import brown_conrady_fold, kannala_brandt_fold
-from workers.geometry.rotations import rows_from_euler, rows_from_vector
+from workers.geometry.models import FORM_ID
+from workers.geometry.projection import distances_px
+from workers.geometry.projections.single_precision import Box, Targets, place_individual
+from workers.geometry.projections.table import PROJECTIONS
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import predict, turned_points
+from workers.solver.weighting import search_weights
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-# Sums may be reordered (vector lanes) and fused. Infinities and NaN keep their meaning, so no `fast`.
-_VECTOR: Final = {"reassoc", "contract", "arcp", "nsz"}
-_ONE: Final = np.float32(1.0)
-_ZERO: Final = np.float32(0.0)
+LANES: Final = 32
+"""The pairs are padded to full vectors: 32 covers two of the widest vectors of today's processors."""
 _WORST: Final = np.float32(3.0e38)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def rotation_rows(
-    form: int, a: float, b: float, c: float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """The search rotation of FORM_ID `form`, row by row: exp(w), or Rz(alpha) Ry(beta) Rx(gamma)."""
-    if form == 0:
-        return rows_from_vector(a, b, c)
-    return rows_from_euler(a, b, c)
+class FitnessData(NamedTuple):
+    """What the kernels know of a problem and of the bounds that are searched, by D parameters.
+
+    per_weight: 1 / sum of weights. prior_mean, prior_strength (D,): mean and 1 / sigma, 0 where there is none.
+    prior_share: what a prior's squared score counts in px, 0 where no parameter has a prior.
+    """
+
+    box: Box
+    targets: Targets
+    per_weight: float
+    prior_mean: Floats
+    prior_strength: Floats
+    prior_share: float
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_VECTOR, cache=True)
-def _pinhole(p: Floats, form: int, pack: Singles, diagonal: np.float32, bend: np.float32) -> np.float32:
-    R = rotation_rows(form, p[0], p[1], p[2])
-    f_x, f_y, c_x, c_y = p[6], p[7], p[8], p[9]
-    # The intrinsics go into the rows of K [R | t], so that a pair costs nine products and a division.
-    a0, a1, a2 = (
-        np.float32(f_x * R[0] + c_x * R[6]),
-        np.float32(f_x * R[1] + c_x * R[7]),
-        np.float32(f_x * R[2] + c_x * R[8]),
-    )
-    b0, b1, b2 = (
-        np.float32(f_y * R[3] + c_y * R[6]),
-        np.float32(f_y * R[4] + c_y * R[7]),
-        np.float32(f_y * R[5] + c_y * R[8]),
-    )
-    z0, z1, z2 = np.float32(R[6]), np.float32(R[7]), np.float32(R[8])
-    a3, b3, z3 = np.float32(f_x * p[3] + c_x * p[5]), np.float32(f_y * p[4] + c_y * p[5]), np.float32(p[5])
-    X, Y, Z, U, V, W = pack[0], pack[1], pack[2], pack[3], pack[4], pack[5]
-    total = _ZERO
-    for i in range(pack.shape[1]):
-        u, v, violation = pinhole_point(
-            a0 * X[i] + a1 * Y[i] + a2 * Z[i] + a3,
-            b0 * X[i] + b1 * Y[i] + b2 * Z[i] + b3,
-            z0 * X[i] + z1 * Y[i] + z2 * Z[i] + z3,
-            _ONE, _ONE, _ZERO, _ZERO,
-        )  # fmt: skip
-        du = u - U[i]
-        dv = v - V[i]
-        d = sqrt(du * du + dv * dv)
-        d = diagonal + diagonal * violation if violation > _ZERO else d
-        if bend > _ZERO:
-            d = d / (_ONE + d * bend)
-        total += W[i] * d
-    return total
+@dataclass(frozen=True, eq=False)
+class Fitness:
+    """A search's loss as one object: the model's kernel, what it works on, and the upper bounds (F,) of the free."""
+
+    total_distances: CompileResultWAP
+    data: FitnessData
+    upper: Floats
+
+    @property
+    def genes(self) -> int:
+        """How many parameters are free."""
+        return len(self.upper)
+
+    def parameters(self, fractions: Singles) -> Floats:
+        """The parameter vector (D,) of an individual (F,)."""
+        box = self.data.box
+        p = box.base.copy()
+        # lower + width may round past the upper bound.
+        p[box.free] = np.clip(box.lower + box.width * fractions.astype(np.float64), box.lower, self.upper)
+        return p
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_VECTOR, cache=True)
-def _brown_conrady(p: Floats, form: int, pack: Singles, diagonal: np.float32, bend: np.float32) -> np.float32:
-    R = rotation_rows(form, p[0], p[1], p[2])
-    r0, r1, r2, r3 = np.float32(R[0]), np.float32(R[1]), np.float32(R[2]), np.float32(p[3])
-    s0, s1, s2, s3 = np.float32(R[3]), np.float32(R[4]), np.float32(R[5]), np.float32(p[4])
-    z0, z1, z2, z3 = np.float32(R[6]), np.float32(R[7]), np.float32(R[8]), np.float32(p[5])
-    f_x, f_y, c_x, c_y = np.float32(p[6]), np.float32(p[7]), np.float32(p[8]), np.float32(p[9])
-    skew, k1, k2, k3 = np.float32(p[10]), np.float32(p[11]), np.float32(p[12]), np.float32(p[13])
-    k4, k5 = np.float32(p[14]), np.float32(p[15])
-    fold = np.float32(brown_conrady_fold(p[11], p[12], p[15]))
-    X, Y, Z, U, V, W = pack[0], pack[1], pack[2], pack[3], pack[4], pack[5]
-    total = _ZERO
-    for i in range(pack.shape[1]):
-        u, v, violation = brown_conrady_point(
-            r0 * X[i] + r1 * Y[i] + r2 * Z[i] + r3,
-            s0 * X[i] + s1 * Y[i] + s2 * Z[i] + s3,
-            z0 * X[i] + z1 * Y[i] + z2 * Z[i] + z3,
-            f_x, f_y, c_x, c_y, skew, k1, k2, k3, k4, k5, fold,
-        )  # fmt: skip
-        du = u - U[i]
-        dv = v - V[i]
-        d = sqrt(du * du + dv * dv)
-        d = diagonal + diagonal * violation if violation > _ZERO else d
-        if bend > _ZERO:
-            d = d / (_ONE + d * bend)
-        total += W[i] * d
-    return total
+def fitness_of(problem: FitProblem, lower: Floats, upper: Floats) -> Fitness:
+    """The loss of a problem for a search inside [lower, upper] (D,)."""
+    free = problem.free
+    bend = 1.0 / problem.saturation_px if problem.loss == "saturating" else 0.0
+    targets = Targets(FORM_ID[problem.search], pack_pairs(problem), np.float32(problem.diagonal_px), np.float32(bend))
+    box = Box(problem.lower, free, lower[free], (upper - lower)[free])
+    per_weight, prior_share = _shares(problem)
+    data = FitnessData(box, targets, per_weight, *prior_rows(problem), prior_share)
+    return Fitness(PROJECTIONS[problem.model].total_distances_pointer, data, upper[free])
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_VECTOR, cache=True)
-def _kannala_brandt(p: Floats, form: int, pack: Singles, diagonal: np.float32, bend: np.float32) -> np.float32:
-    R = rotation_rows(form, p[0], p[1], p[2])
-    r0, r1, r2, r3 = np.float32(R[0]), np.float32(R[1]), np.float32(R[2]), np.float32(p[3])
-    s0, s1, s2, s3 = np.float32(R[3]), np.float32(R[4]), np.float32(R[5]), np.float32(p[4])
-    z0, z1, z2, z3 = np.float32(R[6]), np.float32(R[7]), np.float32(R[8]), np.float32(p[5])
-    f_x, f_y, c_x, c_y = np.float32(p[6]), np.float32(p[7]), np.float32(p[8]), np.float32(p[9])
-    k1, k2, k3, k4 = np.float32(p[10]), np.float32(p[11]), np.float32(p[12]), np.float32(p[13])
-    fold = np.float32(kannala_brandt_fold(p[10], p[11], p[12], p[13]))
-    X, Y, Z, U, V, W = pack[0], pack[1], pack[2], pack[3], pack[4], pack[5]
-    total = _ZERO
-    for i in range(pack.shape[1]):
-        u, v, violation = kannala_brandt_point(
-            r0 * X[i] + r1 * Y[i] + r2 * Z[i] + r3,
-            s0 * X[i] + s1 * Y[i] + s2 * Z[i] + s3,
-            z0 * X[i] + z1 * Y[i] + z2 * Z[i] + z3,
-            f_x, f_y, c_x, c_y, k1, k2, k3, k4, fold,
-        )  # fmt: skip
-        du = u - U[i]
-        dv = v - V[i]
-        d = sqrt(du * du + dv * dv)
-        d = diagonal + diagonal * violation if violation > _ZERO else d
-        if bend > _ZERO:
-            d = d / (_ONE + d * bend)
-        total += W[i] * d
-    return total
+def loss_px(problem: FitProblem, parameters: Sequence[float] | Floats) -> float:
+    """The loss that the search minimises, in pixels, double precision, priors included."""
+    p = np.asarray(parameters, dtype=np.float64)
+    pixels, violation = predict(problem, p)
+    d = distances_px(pixels, violation, problem.pixels, problem.diagonal_px)
+    if problem.loss == "saturating":
+        d = d / (1.0 + d / problem.saturation_px)
+    mean, strength = prior_rows(problem)
+    off = (p - mean) * strength
+    per_weight, prior_share = _shares(problem)
+    # Sums in index order whatever the BLAS, so that the bits are the same everywhere.
+    weights = search_weights(problem)[0]
+    return float(np.sum(weights * d) * per_weight + prior_share * np.sum(off * off))
+
+
+def pack_pairs(problem: FitProblem) -> Singles:
+    """The pairs as `Targets.pack`."""
+    n = len(problem.points)
+    pack = np.empty((6, (n + LANES - 1) // LANES * LANES), dtype=np.float32)
+    pack[:3, :n] = turned_points(problem).T
+    pack[3:5, :n] = problem.pixels.T
+    pack[5, :n] = search_weights(problem)[0]
+    pack[:5, n:] = pack[:5, n - 1 : n]
+    pack[5, n:] = 0.0
+    return pack
+
+
+def prior_rows(problem: FitProblem) -> tuple[Floats, Floats]:
+    """(D,) mean and 1 / sigma of each parameter's prior, 0 where there is none or it is locked."""
+    mean, strength = np.zeros(len(problem.names)), np.zeros(len(problem.names))
+    for index, name in enumerate(problem.names):
+        if name in problem.priors and name not in problem.locked:
+            mean[index], sigma = problem.priors[name]
+            strength[index] = 1.0 / sigma
+    return mean, strength
+
+
+def _shares(problem: FitProblem) -> tuple[float, float]:
+    # 1 / sum of weights, and the priors' share.
+    weights, sigma_px = search_weights(problem)
+    total = float(np.sum(weights))
+    # The mean distance is a Laplacian's log-likelihood per pair; a Gaussian prior adds z^2 / 2 in the same units,
+    # for marks whose mean distance is sqrt(pi / 2) sigma_px.
+    return 1.0 / total, 0.5 * sqrt(np.pi / 2.0) * sigma_px / total if problem.priors else 0.0
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
 def evaluate_population(
-    model_id: int,
-    form: int,
-    pack: Singles,
-    scales: Floats,
-    base: Floats,
-    free: NDArray[np.int64],
-    lower: Floats,
-    width: Floats,
-    prior: Floats,
+    total_distances: Any,
+    fitness: FitnessData,
     population: Singles,
     losses: Singles,
     first: int,
     stop: NDArray[np.uint8],
 ) -> None:
-    """Losses in pixels of the individuals from `first` on.
+    """Fill losses (P,) in pixels of the individuals of population (F, P) from `first` on.
 
-    pack (6, M) float32: rows x y z (m, turned by the nominal rotation) u v (px) weight, padded with weight 0.
-    scales (4,): image diagonal in px, 1 / saturation in 1 / px (0: mean distance), 1 / sum of weights, prior's share.
-    base (D,): the parameter vector with its locked values; population (F, P): the free ones as fractions of
-    [lower, lower + width]; prior (2, D): mean and 1 / sigma (0 where there is none).
-    stop (1,): looked at before each individual; where another thread has set it, the rest is left as it is.
+    total_distances: the model's `Projection.total_distances_pointer`; it stands apart from its data because numba
+    takes a function as an argument, and in a tuple only as an experiment. stop (1,): looked at before each
+    individual; where another thread has set it, the losses mean nothing.
     """
+    base, free, lower, width = fitness.box
+    prior_mean, prior_strength, prior_share = fitness.prior_mean, fitness.prior_strength, fitness.prior_share
+    total_distances(fitness.box, fitness.targets, population, losses, first, stop)
     p = base.copy()
-    diagonal, bend = np.float32(scales[0]), np.float32(scales[1])
     for n in range(first, population.shape[1]):
-        # The losses that are stored in between keep the compiler from reading the flag only once.
-        if stop[0] != 0:
-            return
-        for j in range(free.shape[0]):
-            p[free[j]] = lower[j] + width[j] * population[j, n]
-        if model_id == 0:
-            total = _pinhole(p, form, pack, diagonal, bend)
-        elif model_id == 1:
-            total = _brown_conrady(p, form, pack, diagonal, bend)
-        else:
-            total = _kannala_brandt(p, form, pack, diagonal, bend)
-        loss = total * scales[2]
-        if scales[3] > 0.0:
+        loss = losses[n] * fitness.per_weight
+        if prior_share > 0.0:
+            place_individual(free, lower, width, population, n, p)
             for j in range(p.shape[0]):
-                off = (p[j] - prior[0, j]) * prior[1, j]
-                loss += scales[3] * off * off
+                off = (p[j] - prior_mean[j]) * prior_strength[j]
+                loss += prior_share * off * off
         # Written so that NaN is the worst of all losses too.
         losses[n] = np.float32(loss) if loss < _WORST else _WORST

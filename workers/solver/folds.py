@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from apexcal.documents.pairs import most_blocks
 from workers.solver.errors import SolveError
 
 
@@ -24,8 +25,7 @@ def folds(groups_or_stamps: ArrayLike, count: int) -> list[NDArray[np.int64]]:
         raise SolveError("bad_folds", "A stamp is not finite.", "")
     _, group, sizes = np.unique(values, return_inverse=True, return_counts=True)
     single_frames = len(sizes) == values.size
-    needed = 2 * count if single_frames else count
-    if count < 2 or len(sizes) < needed:
+    if count < 2 or count > most_blocks(len(sizes), values.size):
         raise SolveError(
             "bad_folds",
             f"{len(sizes)} different {'stamps' if single_frames else 'groups'} cannot make {count} folds.",

@@ -10,14 +10,16 @@ Hansen's ("The CMA Evolution Strategy: A Tutorial", 2016).
 """
 
 from math import log, sqrt
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from workers.solver.fitness import evaluate_population
+from apexcal.documents.schedules import Schedule
+from workers.solver.fitness import Fitness, FitnessData, evaluate_population
 from workers.solver.random_streams import draw, fill_normal, fill_uniform
+from workers.solver.stopping import Stop, flag_of
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -34,6 +36,78 @@ _MANY_PARENTS: Final = 1024
 _F0: Final = np.float32(0.0)
 _F1: Final = np.float32(1.0)
 _F2: Final = np.float32(2.0)
+
+
+class Found(NamedTuple):
+    """The best individual of a search as fractions (F,) of the bounds, and how many were evaluated."""
+
+    best: Singles
+    evaluations: int
+
+
+class Generation(NamedTuple):
+    """The state of a search of P individuals of F genes, changed in place from generation to generation.
+
+    key and counter (1,): the random stream, and how many of its draws are used. population (F, P), losses (P,):
+    individuals as fractions of the bounds. The first K individuals of each generation but the first are the elite of
+    the one before. The rest is what breeding works in: chosen (M,) are the parents' indices, parents (F, M) their
+    deviations from mean (F,), which moved by shift (F,); L (F, F) is the Cholesky factor of their covariance, and
+    factor and quarters hold it and the drawn numbers in the form that `recombine` wants.
+    """
+
+    key: np.uint64
+    counter: Indices
+    population: Singles
+    losses: Singles
+    chosen: Indices
+    parent_losses: Singles
+    by_rank: Singles
+    weights: Singles
+    parents: Singles
+    mean: Singles
+    shift: Singles
+    L: Floats
+    factor: Singles
+    quarters: NDArray[np.float32]
+    elite_at: Indices
+    elite: Singles
+    elite_losses: Singles
+
+
+def genetic_search(fitness: Fitness, schedule: Schedule, key: np.uint64, stop: Stop) -> Found:
+    """Search as large as the schedule says. Where `stop` is set meanwhile, what was found means nothing."""
+    generation = first_generation(fitness.genes, schedule.population, key)
+    evaluations = evolve(fitness.total_distances, fitness.data, generation, schedule.generations, flag_of(stop))
+    return Found(generation.population[:, np.argmin(generation.losses)].copy(), int(evaluations))
+
+
+def first_generation(genes: int, size: int, key: np.uint64) -> Generation:
+    """Individuals drawn uniformly, not yet evaluated."""
+    mu = min(size, max(int(size * PARENT_FRACTION), genes + 2))
+    keep = max(1, int(size * ELITE_FRACTION))
+    rows, quarter = (genes + 3) // 4 * 4, (size + 3) // 4
+    generation = Generation(
+        key=key,
+        counter=np.zeros(1, dtype=np.int64),
+        population=np.empty((genes, size), dtype=np.float32),
+        losses=np.empty(size, dtype=np.float32),
+        chosen=np.empty(mu, dtype=np.int64),
+        parent_losses=np.empty(mu, dtype=np.float32),
+        by_rank=rank_weights(mu),
+        weights=np.empty(mu, dtype=np.float32),
+        parents=np.empty((genes, mu), dtype=np.float32),
+        mean=np.full(genes, 0.5, dtype=np.float32),
+        shift=np.empty(genes, dtype=np.float32),
+        L=np.zeros((genes, genes)),
+        factor=np.zeros((rows, rows), dtype=np.float32),
+        quarters=np.zeros((rows, 4, quarter), dtype=np.float32),
+        elite_at=np.empty(keep, dtype=np.int64),
+        elite=np.empty((genes, keep), dtype=np.float32),
+        elite_losses=np.empty(keep, dtype=np.float32),
+    )
+    fill_uniform(key, 0, generation.population.reshape(-1))
+    generation.counter[0] = genes * size
+    return generation
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
@@ -79,7 +153,9 @@ def weigh_by_rank(losses: Singles, by_rank: Singles, weights: Singles) -> None:
     """Fill weights (n,) with by_rank (n,) at each loss's rank among losses (n,); ties rank by index."""
     n = losses.shape[0]
     if n > _MANY_PARENTS:
-        weights[np.argsort(losses, kind="mergesort")] = by_rank
+        order = np.argsort(losses, kind="mergesort")
+        for i in range(n):
+            weights[order[i]] = by_rank[i]
         return
     # For a few hundred, counting who is better runs in full vectors and costs less than a sort.
     for i in range(n):
@@ -160,7 +236,7 @@ def recombine(
     mu = parents.shape[1]
     size = population.shape[1]
     kept = np.float32(share)
-    # All loops run from 0 over slices: an index that the compiler cannot see to be positive stops the vectors.
+    # All loops run from 0 over slices: an index whose sign the compiler cannot see prevents vectorisation.
     for j in range(parents.shape[0]):
         row, source, centre = population[j, keep:], parents[j], mean[j]
         # Every parent in turn: each has nearly the same number of children.
@@ -191,107 +267,57 @@ def mutate(key: np.uint64, first: int, population: Singles, keep: int) -> None:
 
 
 @njit(nogil=True, error_model="numpy", fastmath=False, cache=True)
-def evolve_recorded(
-    model_id: int,
-    form: int,
-    pack: Singles,
-    scales: Floats,
-    base: Floats,
-    free: Indices,
-    lower: Floats,
-    width: Floats,
-    prior: Floats,
-    size: int,
-    generations: int,
-    share: float,
-    spread: float,
-    key: np.uint64,
-    best: Singles,
-    stop: NDArray[np.uint8],
-    history: Singles,
-) -> int:
-    """As `evolve`; and history (G, F, P) takes each of the first G generations as it was evaluated."""
-    genes = free.shape[0]
-    population = np.empty((genes, size), dtype=np.float32)
-    losses = np.empty(size, dtype=np.float32)
-    mu = min(size, max(int(size * PARENT_FRACTION), genes + 2))
-    keep = max(1, int(size * ELITE_FRACTION))
-    chosen, elite_at = np.empty(mu, dtype=np.int64), np.empty(keep, dtype=np.int64)
-    parents = np.empty((genes, mu), dtype=np.float32)
-    by_rank, weights = rank_weights(mu), np.empty(mu, dtype=np.float32)
-    mean, shift = np.empty(genes, dtype=np.float32), np.empty(genes, dtype=np.float32)
-    L = np.zeros((genes, genes))
-    rows, quarter = (genes + 3) // 4 * 4, (size + 3) // 4
-    factor = np.zeros((rows, rows), dtype=np.float32)
-    quarters = np.zeros((rows, 4, quarter), dtype=np.float32)
-    normals = quarters.reshape(rows, 4 * quarter)
-
-    counter = 0
-    mean[:] = 0.5
-    for j in range(genes):
-        fill_uniform(key, counter, population[j])
-        counter += size
-    evaluate_population(model_id, form, pack, scales, base, free, lower, width, prior, population, losses, 0, stop)
-    if history.shape[0] > 0:
-        history[0] = population
-    evaluations = size
-    for generation in range(1, generations):
-        if stop[0] != 0:
-            break
-        select_best(losses, mu, chosen)
-        parent_losses = losses[chosen]
-        weigh_by_rank(parent_losses, by_rank, weights)
-        gather_parents(population, chosen, weights, parents, mean, shift)
-        cholesky_of_parents(parents, weights, shift, L)
-        factor[:genes, :genes] = L * spread
-        select_best(parent_losses, keep, elite_at)
-        elite_at[:] = chosen[elite_at]
-        elite, elite_losses = population[:, elite_at], losses[elite_at]
+def breed(generation: Generation) -> None:
+    """Replace an evaluated generation by the next: its elite with their losses, and children to be evaluated."""
+    key, counter, population, losses = generation.key, generation.counter, generation.population, generation.losses
+    chosen, parent_losses, weights = generation.chosen, generation.parent_losses, generation.weights
+    parents, mean, shift = generation.parents, generation.mean, generation.shift
+    L, factor, quarters = generation.L, generation.factor, generation.quarters
+    elite_at, elite, elite_losses = generation.elite_at, generation.elite, generation.elite_losses
+    genes, mu, keep = parents.shape[0], chosen.shape[0], elite_at.shape[0]
+    rows, quarter = quarters.shape[0], quarters.shape[2]
+    select_best(losses, mu, chosen)
+    for i in range(mu):
+        parent_losses[i] = losses[chosen[i]]
+    weigh_by_rank(parent_losses, generation.by_rank, weights)
+    gather_parents(population, chosen, weights, parents, mean, shift)
+    cholesky_of_parents(parents, weights, shift, L)
+    for i in range(genes):
         for j in range(genes):
-            fill_normal(key, counter, quarters[j])
-            counter += quarter
-        recombine(parents, mean, factor, normals, share, population, keep)
-        mutate(key, counter, population, keep)
-        counter += size
-        population[:, :keep] = elite
-        losses[:keep] = elite_losses
-        evaluate_population(
-            model_id, form, pack, scales, base, free, lower, width, prior, population, losses, keep, stop
-        )
-        evaluations += size - keep
-        if generation < history.shape[0]:
-            history[generation] = population
-    best[:] = population[:, np.argmin(losses)]
-    return evaluations
+            factor[i, j] = L[i, j] * SPREAD
+    select_best(parent_losses, keep, elite_at)
+    for i in range(keep):
+        elite_losses[i] = parent_losses[elite_at[i]]
+        for j in range(genes):
+            elite[j, i] = population[j, chosen[elite_at[i]]]
+    for j in range(genes):
+        fill_normal(key, counter[0], quarters[j])
+        counter[0] += quarter
+    recombine(parents, mean, factor, quarters.reshape(rows, 4 * quarter), PARENT_SHARE, population, keep)
+    mutate(key, counter[0], population, keep)
+    counter[0] += population.shape[1]
+    for i in range(keep):
+        losses[i] = elite_losses[i]
+        for j in range(genes):
+            population[j, i] = elite[j, i]
 
 
 @njit(nogil=True, error_model="numpy", fastmath=False, cache=True)
 def evolve(
-    model_id: int,
-    form: int,
-    pack: Singles,
-    scales: Floats,
-    base: Floats,
-    free: Indices,
-    lower: Floats,
-    width: Floats,
-    prior: Floats,
-    size: int,
-    generations: int,
-    share: float,
-    spread: float,
-    key: np.uint64,
-    best: Singles,
-    stop: NDArray[np.uint8],
+    total_distances: Any, fitness: FitnessData, generation: Generation, generations: int, stop: NDArray[np.uint8]
 ) -> int:
-    """Run one slot. Fills best (F,) with the best individual as fractions of the bounds; returns evaluations.
+    """Evaluate and breed so many generations in place, the last one evaluated; returns the evaluations.
 
-    The arguments are those of `evaluate_population`, then the population's size, the number of generations, the
-    parent's share and the spread of the crossover, and the key of the random stream. Where another thread sets stop
-    (1,) it returns within an evaluation or a generation's breeding, and what it filled means nothing.
+    The first two arguments are those of `evaluate_population`. Where another thread sets stop (1,) it returns within
+    an evaluation or a generation's breeding, and what it filled means nothing.
     """
-    nothing = np.empty((0, 0, 0), dtype=np.float32)
-    return evolve_recorded(
-        model_id, form, pack, scales, base, free, lower, width, prior, size, generations, share, spread, key, best,
-        stop, nothing,
-    )  # fmt: skip
+    size, keep = generation.losses.shape[0], generation.elite_losses.shape[0]
+    evaluate_population(total_distances, fitness, generation.population, generation.losses, 0, stop)
+    evaluations = size
+    for _ in range(1, generations):
+        if stop[0] != 0:
+            break
+        breed(generation)
+        evaluate_population(total_distances, fitness, generation.population, generation.losses, keep, stop)
+        evaluations += size - keep
+    return evaluations

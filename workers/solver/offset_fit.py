@@ -8,11 +8,12 @@ projection's Jacobian.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, Protocol, Self
+from typing import Final, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workers.solver.outcomes import Outcome
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import residuals_and_jacobian, transform_of
 
@@ -95,7 +96,7 @@ class Marks:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class MarksUnder:
     """The marks under one set of unknowns (D,): residuals in px and their derivatives.
 
     Attributes:
@@ -113,7 +114,7 @@ class Look:
         return np.linalg.norm(self.jacobian[:, :, -1], axis=1)
 
 
-def look(problem: FitProblem, marks: Marks, x: Floats) -> Look:
+def marks_under(problem: FitProblem, marks: Marks, x: Floats) -> MarksUnder:
     """The marks under camera parameters and offset x (D,)."""
     points, by_offset = marks.points(float(x[-1]))
     flat, J = residuals_and_jacobian(replace(problem, points=points), x[:-1], walls=False)
@@ -121,10 +122,10 @@ def look(problem: FitProblem, marks: Marks, x: Floats) -> Look:
     by_camera = J.reshape(n, 2, -1)
     by_point: Floats = np.einsum("nij,jk->nik", by_camera[:, :, 3:6], transform_of(problem, x[:-1]).R)
     moved: Floats = np.einsum("nij,nj->ni", by_point, by_offset)
-    return Look(flat.reshape(n, 2), np.concatenate([by_camera, moved[:, :, None]], axis=2), by_point)
+    return MarksUnder(flat.reshape(n, 2), np.concatenate([by_camera, moved[:, :, None]], axis=2), by_point)
 
 
-def whitening(problem: FitProblem, marks: Marks, here: Look, offset_s: float) -> Floats:
+def whitening(problem: FitProblem, marks: Marks, here: MarksUnder, offset_s: float) -> Floats:
     """(N, 2, 2) inverse Cholesky factors of the marks' own covariance and the track's, as the image sees it."""
     track = marks.covariance[marks.nearest(offset_s)]
     spread: Floats = np.einsum("nij,njk,nlk->nil", here.by_point, track, here.by_point)
@@ -134,18 +135,25 @@ def whitening(problem: FitProblem, marks: Marks, here: Look, offset_s: float) ->
 
 def scores(problem: FitProblem, marks: Marks, x: Floats) -> Floats:
     """(N,) distances of the marks from x (D,), in standard deviations."""
-    here = look(problem, marks, x)
+    here = marks_under(problem, marks, x)
     W = whitening(problem, marks, here, float(x[-1]))
     return np.linalg.norm(np.einsum("nij,nj->ni", W, here.residuals), axis=1)
 
 
-def fit(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bool_], robust: bool) -> Floats:
-    """Least squares of the kept marks from x (D,), whitened as at x; returns the unknowns.
+class OffsetFit(NamedTuple):
+    """The unknowns x (D,) of camera and offset, and how their fit ended."""
+
+    x: Floats
+    outcome: Outcome
+
+
+def fit_offset(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bool_], robust: bool) -> OffsetFit:
+    """Least squares of the kept marks from x (D,), whitened as at x.
 
     Levenberg and Marquardt's method (Nocedal and Wright 2006, ch. 10) inside the problem's bounds; robust: with
     Cauchy's weights, found anew at every step.
     """
-    W = whitening(problem, marks, look(problem, marks, x), float(x[-1]))
+    W = whitening(problem, marks, marks_under(problem, marks, x), float(x[-1]))
     lower = np.append(problem.lower, marks.offsets_s[0])
     upper = np.append(problem.upper, marks.offsets_s[-1])
     x = np.clip(x, lower, upper)
@@ -164,37 +172,37 @@ def fit(problem: FitProblem, marks: Marks, x: Floats, kept: NDArray[np.bool_], r
         if new[0] > cost:
             damping *= 8.0
             if damping > _STUCK:
-                break
+                return OffsetFit(x, Outcome.NO_STEP_LEFT)
             continue
         settled = cost - new[0] <= _TOLERANCE * cost
         x, (cost, gradient, normal) = there, new
         damping = max(damping / 8.0, 1e-9)
         if settled:
-            break
-    return x
+            return OffsetFit(x, Outcome.CONVERGED)
+    return OffsetFit(x, Outcome.OUT_OF_STEPS)
 
 
 def _normal(
     problem: FitProblem, marks: Marks, x: Floats, W: Floats, kept: NDArray[np.bool_], robust: bool
 ) -> tuple[float, Floats, Floats]:
     """Half of what is minimised at x, its gradient (D,) and the normal matrix (D, D), with the priors."""
-    here = look(problem, marks, x)
+    here = marks_under(problem, marks, x)
     r: Floats = np.einsum("nij,nj->ni", W[kept], here.residuals[kept])
     J: Floats = np.einsum("nij,njk->nik", W[kept], here.jacobian[kept])
     square = np.sum(r * r, axis=1)
     weight = 1.0 / (1.0 + square) if robust else np.ones(len(square))
     loss = np.log1p(square) if robust else square
-    mean, strength = prior_rows(problem)
+    mean, strength = weak_priors(problem)
     off = strength * (x[:-1] - mean)
     rows = (J * np.sqrt(weight)[:, None, None]).reshape(-1, len(x))
     gradient = rows.T @ (r * np.sqrt(weight)[:, None]).reshape(-1)
     gradient[:-1] += strength * off
-    # What nothing tells of does not move.
+    # An undetermined parameter does not move.
     normal = rows.T @ rows + np.diag(np.append(strength**2, 0.0) + 1e-12)
     return 0.5 * float(np.sum(loss) + off @ off), gradient, normal
 
 
-def prior_rows(problem: FitProblem) -> tuple[Floats, Floats]:
+def weak_priors(problem: FitProblem) -> tuple[Floats, Floats]:
     """(D,) mean and 1 / sigma of the camera's priors; the width of its bounds where a parameter has none.
 
     A parameter that the marks do not determine then lies in the middle of its bounds and says how little is known.

@@ -1,4 +1,4 @@
-"""Whether the loss has other optima nearly as deep: where the search's own slots, and the baselines, came down."""
+"""Looks for other optima nearly as deep, from where the search's slots and the baselines ended."""
 
 from collections.abc import Iterable
 from typing import Final

@@ -1,12 +1,13 @@
-"""Pairs that do not belong: named, with how far off they are and in which way."""
+"""Names outliers, the pairs that the fit of the others rejects, with their distance and direction."""
 
 from dataclasses import dataclass, replace
 from math import inf, log, sqrt
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.solver.outcomes import Outcome
 from workers.solver.polish import distances, polish, robust_sigma_px, standard_distances, weighted_residuals
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
@@ -50,8 +51,15 @@ def without(problem: FitProblem, outliers: list[Outlier]) -> FitProblem:
     return replace(problem, weights=weights)
 
 
-def judge(problem: FitProblem, start: Floats) -> list[Outlier]:
-    """The pairs that the others' fit speaks against, the worst first.
+class Judged(NamedTuple):
+    """The pairs that the fit of the others rejects, the worst first, and how that fit ended."""
+
+    outliers: list[Outlier]
+    outcome: Outcome
+
+
+def judge(problem: FitProblem, start: Floats) -> Judged:
+    """The pairs that the fit of the others rejects.
 
     start (D,): any fit of these pairs. A robust fit from there finds the clear ones; then the rest is fitted by
     least squares and all pairs are judged again, until the same ones stand out twice. A pair's distance counts in
@@ -61,7 +69,8 @@ def judge(problem: FitProblem, start: Floats) -> list[Outlier]:
     # Only a saturating loss names a distance past which pairs are wrong; otherwise the median alone judges.
     saturation = problem.saturation_px if problem.loss == "saturating" else inf
     saturating = replace(problem, loss="saturating", saturation_px=saturation)
-    robust = np.array(polish(saturating, start).parameters)
+    fit = polish(saturating, start)
+    robust = np.array(fit.parameters)
     here = whitened(saturating, robust)
     sigma = robust_sigma_px(here, robust)
     scores = np.where(problem.weights > 0.0, standard_distances(here, robust) / sigma, 0.0)
@@ -71,9 +80,10 @@ def judge(problem: FitProblem, start: Floats) -> list[Outlier]:
     for _ in range(_ROUNDS):
         kept = np.where(out, 0.0, problem.weights)
         if np.count_nonzero(kept) < max(len(problem.free), 1):
-            return []
+            return Judged([], fit.outcome)
         reduced = replace(plain, weights=kept)
-        p = np.array(polish(reduced, p).parameters)
+        fit = polish(reduced, p)
+        p = np.array(fit.parameters)
         here = whitened(plain, p)
         scores = _scores(here, replace(here, weights=kept), p)
         again = scores > limit
@@ -83,10 +93,11 @@ def judge(problem: FitProblem, start: Floats) -> list[Outlier]:
     order = np.flatnonzero(out)[np.argsort(-scores[out], kind="stable")]
     d = distances(problem, p)
     pixels, violation = predict(problem, p)
-    return [
+    outliers = [
         Outlier(i, float(d[i]), float(scores[i]), _reason(problem, pixels, violation, i, float(scores[i]), sigma))
         for i in order.tolist()
     ]
+    return Judged(outliers, fit.outcome)
 
 
 def _scores(problem: FitProblem, reduced: FitProblem, p: Floats) -> Floats:
@@ -94,18 +105,28 @@ def _scores(problem: FitProblem, reduced: FitProblem, p: Floats) -> Floats:
     # covariance is I - J_i G J_i^T where the pair was fitted, and I + J_i G J_i^T where it was left out.
     residuals, J = weighted_residuals(problem, p)
     n = len(problem.points)
-    fitted = weighted_residuals(reduced, p)[1]
-    G = np.linalg.pinv(fitted.T @ fitted, rcond=1e-12, hermitian=True)
-    blocks = J[: 2 * n].reshape(n, 2, -1)
-    taken = np.einsum("nif,fg,njg->nij", blocks, G, blocks)
+    taken = leverage(weighted_residuals(reduced, p)[1], J[: 2 * n].reshape(n, 2, -1))
     sign = np.where(reduced.weights > 0.0, -1.0, 1.0)[:, None, None]
     covariance = np.eye(2) + sign * taken
-    # A pair that is fitted whatever it says cannot be judged: its share is floored, not divided by zero.
+    # A pair that the fit follows wherever its mark lies cannot be judged: its share is floored, not divided by zero.
     values, vectors = np.linalg.eigh(covariance)
     along = np.einsum("nji,nj->ni", vectors, residuals[: 2 * n].reshape(n, 2))
     squares = np.sum(along**2 / np.maximum(values, 0.05), axis=1)
     sigma = robust_sigma_px(reduced, p)
     return np.where(problem.weights > 0.0, np.sqrt(squares) / sigma, 0.0)
+
+
+def leverage(fitted: Floats, blocks: Floats) -> Floats:
+    """J_i (J^T J)^-1 J_i^T (N, 2, 2) of pairs' rows J_i (N, 2, F) under the rows J (M, F) that were fitted.
+
+    Columns count at equal length: pixels for a radian and for a distortion term differ by powers of ten, and a
+    direction that only such a term holds would pass for none.
+    """
+    lengths: Floats = np.sqrt(np.sum(fitted**2, axis=0))
+    lengths[lengths == 0.0] = 1.0
+    unit, scaled = fitted / lengths, blocks / lengths
+    G = np.linalg.pinv(unit.T @ unit, rcond=1e-12, hermitian=True)
+    return np.einsum("nif,fg,njg->nij", scaled, G, scaled)
 
 
 def _reason(problem: FitProblem, pixels: Floats, violation: Floats, i: int, score: float, sigma: float) -> str:

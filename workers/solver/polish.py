@@ -12,6 +12,7 @@ from scipy import optimize
 
 from workers.geometry.projection import distances_px
 from workers.geometry.rotations import shortest_vector
+from workers.solver.outcomes import Outcome
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian
 from workers.solver.weighting import REWEIGHTED, roughly_whitened, whitened
@@ -34,17 +35,16 @@ _SCALE_ROUNDS: Final = 8
 class Fit:
     """Parameters (D,) in the order of `problem.names`; mean and RMS distance in px; what was minimised.
 
-    `converged` is false where the iterations ran out; `message` is the solver's own sentence. `cost` is the minimum
-    itself in px^2, priors and weights included, so that only fits of one problem under one whitening compare by it;
-    `scale_px` the distance at which the robust loss is half saturated.
+    `outcome` says how the descent ended. `cost` is the minimum itself in px^2, priors and weights included, so that
+    only fits of one problem under one whitening compare by it; `scale_px` the distance at which the robust loss is
+    half saturated.
     """
 
     parameters: tuple[float, ...]
     mean_px: float
     rms_px: float
     minimised: str
-    converged: bool
-    message: str
+    outcome: Outcome
     evaluations: int
     cost: float = 0.0
     scale_px: float | None = None
@@ -64,7 +64,7 @@ def polish(problem: FitProblem, start: Sequence[float] | Floats) -> Fit:
     """
     p = np.clip(np.asarray(start, dtype=np.float64), *_walls_of(problem))
     if len(problem.free) == 0:
-        return _fit(problem, p, None, True, "Nothing is free to move.", 0)
+        return _fit(problem, p, None, Outcome.NOTHING_FREE, 0)
     robust = problem.loss == "saturating"
     rough = roughly_whitened(problem)
     fit = _robust(rough, p) if robust else _plain(rough, p)
@@ -244,7 +244,7 @@ def _descend(problem: FitProblem, start: Floats, scale: float | None, walls: boo
     p[free] = found.x
     if problem.any_rotation:
         p[:3] = shortest_vector(p[:3])
-    return _fit(problem, p, scale, found.status > 0, found.message, int(found.nfev))
+    return _fit(problem, p, scale, Outcome.CONVERGED if found.status > 0 else Outcome.OUT_OF_STEPS, int(found.nfev))
 
 
 def _saturated(residuals: Floats, jacobian: Floats | None, count: int, scale: float) -> tuple[Floats, Floats]:
@@ -271,15 +271,14 @@ def _walls_of(problem: FitProblem) -> tuple[Floats, Floats]:
     return lower, upper
 
 
-def _fit(problem: FitProblem, p: Floats, scale: float | None, converged: bool, message: str, evaluations: int) -> Fit:
+def _fit(problem: FitProblem, p: Floats, scale: float | None, outcome: Outcome, evaluations: int) -> Fit:
     mean, rms = mean_and_rms(problem, p)
     return Fit(
         parameters=tuple(p.tolist()),
         mean_px=mean,
         rms_px=rms,
         minimised=SQUARES if scale is None else ROBUST,
-        converged=bool(converged),
-        message=message,
+        outcome=outcome,
         evaluations=evaluations,
         cost=cost_of(problem, p, scale),
         scale_px=scale,

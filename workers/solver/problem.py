@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass, field
 from math import isfinite, pi
-from typing import Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.bounds import Interval
+from apexcal.documents.rules import Loss, OutlierRule
+from apexcal.documents.schedules import Schedule, check_schedule
 from workers.geometry.models import (
     ModelName,
     SearchForm,
@@ -14,21 +16,10 @@ from workers.geometry.models import (
 )
 from workers.geometry.projection import image_diagonal_px
 from workers.geometry.transforms import RigidTransform
-from workers.solver.bounds import (
-    Interval,
-    check_names,
-    narrowed,
-)
+from workers.solver.bounds import check_names, narrowed
 from workers.solver.covariances import Covariances
 from workers.solver.errors import SolveError
-from workers.solver.presets import Schedule, check_schedule
 from workers.solver.stopping import NEVER, Stop
-
-Loss = Literal["mean", "saturating"]
-LOSSES: Final[tuple[Loss, ...]] = get_args(Loss)
-OutlierRule = Literal["keep", "exclude"]
-WeightRule = Literal["equal", "covariances"]
-ANGLES: Final = frozenset({"rotation_x", "rotation_y", "rotation_z", "alpha", "beta", "gamma"})
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,21 +7,18 @@ from typing import Any, Final, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from workers.geometry.errors import GeometryError
+from apexcal.documents.bounds import DEFAULT_ROTATION_RANGE_DEG, Interval
+from apexcal.documents.camera_models import ANGLES
+from apexcal.documents.errors import DocumentError
+from apexcal.documents.rules import Loss, OutlierRule, Weights
+from apexcal.documents.schedules import schedule_of
 from workers.geometry.models import parse_model, parse_search_form
 from workers.geometry.projection import image_diagonal_px
 from workers.geometry.transforms import from_document
-from workers.solver.bounds import (
-    DEFAULT_ROTATION_RANGE_DEG,
-    Interval,
-    narrowed,
-    parse_bounds_preset,
-    preset_bounds,
-)
+from workers.solver.bounds import narrowed, parse_bounds_preset, preset_bounds
 from workers.solver.covariances import Covariances
 from workers.solver.errors import SolveError
-from workers.solver.presets import schedule_of
-from workers.solver.problem import ANGLES, LOSSES, FitProblem, Loss, OutlierRule, WeightRule
+from workers.solver.problem import FitProblem
 
 _KEYS: Final = frozenset(
     {
@@ -52,7 +49,7 @@ def problem_from_document(
         return _read(document, points, pixels, weights, covariances)
     except SolveError:
         raise
-    except GeometryError as error:
+    except DocumentError as error:
         raise SolveError(error.code, error.message, error.hint) from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise SolveError(
@@ -93,7 +90,7 @@ def _read(
     marks = np.ascontiguousarray(pixels, dtype=np.float64)
     bounds = narrowed(bounds, overrides)
     locked = {n: float(v) for n, v in _in_radians(document.get("locked"), _scale_one).items()}
-    # What cannot move has no use of a prior; its constant row would count among the residuals, as noise of the marks.
+    # A locked parameter needs no prior; its constant row would count among the residuals as noise of the marks.
     fixed = locked.keys() | {name for name, (lower, upper) in bounds.items() if lower == upper}
     priors: dict[str, tuple[float, float]] = _in_radians(document.get("priors"), _scale_prior)
     return FitProblem(
@@ -150,10 +147,11 @@ def _interval(name: str, pair: tuple[float, ...]) -> Interval:
 
 
 def _parse_loss(name: object) -> Loss:
-    for loss in LOSSES:
+    for loss in get_args(Loss):
         if name == loss:
             return loss
-    raise SolveError("unknown_loss", f"There is no loss named {name!r}.", f"The losses are {', '.join(LOSSES)}.")
+    known = ", ".join(get_args(Loss))
+    raise SolveError("unknown_loss", f"There is no loss named {name!r}.", f"The losses are {known}.")
 
 
 def _parse_outlier_rule(name: object) -> OutlierRule:
@@ -164,7 +162,7 @@ def _parse_outlier_rule(name: object) -> OutlierRule:
 
 
 def _weighed_by(name: object, covariances: Covariances | None) -> Covariances | None:
-    if name not in get_args(WeightRule):
+    if name not in get_args(Weights):
         raise SolveError("bad_document", f"`weights` is {name!r}.", "It is equal or covariances.")
     if name == "covariances" and covariances is None:
         raise SolveError("no_covariances", "No covariances came with the pairs.", "Ask for equal weights.")

@@ -1,4 +1,4 @@
-"""What a result was computed from and by: enough to compute it again, and to see what changed where bits differ."""
+"""The inputs and sources behind a result: enough to compute it again, and to explain different bits."""
 
 import hashlib
 import json
@@ -7,21 +7,25 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-_ROOMS: Final = ("geometry", "solver")
+_SOURCES: Final = (
+    *("workers/geometry/**/*.py", "workers/solver/**/*.py"),
+    *(f"apexcal/documents/{name}.py" for name in ("bounds", "camera_models", "pairs", "schedules")),
+)
 _NUMBERS: Final = frozenset("xyzuv")
 
 
 @cache
 def sources_sha256() -> str:
-    """SHA-256 over names and texts of every module of `workers.geometry` and `workers.solver`, hexadecimal.
+    """SHA-256 over names and texts of every module of `workers.geometry` and `workers.solver`, and of the documents
+    that they read; hexadecimal.
 
     A version number does not tell an edited checkout from the release; this does, in a wheel as well.
     """
     digest = hashlib.sha256()
-    home = Path(__file__).parents[1]
-    for path in sorted(path for room in _ROOMS for path in (home / room).glob("*.py")):
+    root = Path(__file__).parents[2]
+    for path in sorted(path for pattern in _SOURCES for path in root.glob(pattern)):
         text = path.read_text(encoding="utf-8").encode()  # line ends of the platform become \n
-        digest.update(f"{path.parent.name}/{path.name} {len(text)}\n".encode())
+        digest.update(f"{path.relative_to(root).as_posix()} {len(text)}\n".encode())
         digest.update(text)
     return digest.hexdigest()
 

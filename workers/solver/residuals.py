@@ -1,19 +1,28 @@
 """Residuals of a fit in double precision, with their analytic derivatives in the search's parameters."""
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from workers.geometry.jacobians import jacobians_into
-from workers.geometry.models import FORM_ID, MODEL_ID
-from workers.geometry.projection import project_into
-from workers.geometry.rotations import axes_of_euler, axes_of_vector, rows_from_euler, rows_from_vector
+from workers.geometry.models import FORM_ID
+from workers.geometry.projections.table import PROJECTIONS
+from workers.geometry.rotations import axes_of_euler, axes_of_vector, rotation_rows
 from workers.geometry.transforms import RigidTransform
 from workers.solver.problem import FitProblem
 
 Floats = NDArray[np.float64]
+
+
+class _Projected(NamedTuple):
+    """Pixels (N, 2), violation (N,), and d pixels by the point (N, 2, 3) and by the intrinsics (N, 2, n)."""
+
+    pixels: Floats
+    violation: Floats
+    by_point: Floats
+    by_intrinsics: Floats
 
 
 def turned_points(problem: FitProblem) -> Floats:
@@ -36,11 +45,11 @@ def transform_of(problem: FitProblem, p: Floats) -> RigidTransform:
 
 
 def predict(problem: FitProblem, p: Floats) -> tuple[Floats, Floats]:
-    """Pixels (N, 2) and violation (N,) of the problem's points under the parameters; wild where violated."""
+    """Pixels (N, 2) and violation (N,) of the problem's points; the pixels are undefined where violation > 0."""
     points = np.empty_like(problem.points)
     pixels, violation = np.empty_like(problem.pixels), np.empty(len(points))
     move_points(FORM_ID[problem.search], p, turned_points(problem), points)
-    project_into(MODEL_ID[problem.model], p[6:].copy(), points, pixels, violation)
+    PROJECTIONS[problem.model].project_into(p[6:].copy(), points, pixels, violation)
     return pixels, violation
 
 
@@ -54,27 +63,22 @@ def residuals_and_jacobian(
     its cost between them and have zero derivatives; without `walls` the formula is continued there instead, as a
     plain least squares does that knows of neither folds nor cameras' backs.
     """
+    projection, form, k = PROJECTIONS[problem.model], FORM_ID[problem.search], p[6:].copy()
     n = len(problem.points)
-    residuals, jacobian = np.empty(2 * n), np.zeros((2 * n, len(p)))
-    _fill(
-        MODEL_ID[problem.model],
-        FORM_ID[problem.search],
-        p,
-        turned_points(problem),
-        problem.pixels,
-        problem.diagonal_px,
-        np.eye(3) if local else rotation_axes(FORM_ID[problem.search], p),
-        walls,
-        residuals,
-        jacobian,
-    )
+    moved, residuals, jacobian = np.empty((n, 3)), np.empty(2 * n), np.zeros((2 * n, len(p)))
+    seen = _Projected(np.empty((n, 2)), np.empty(n), np.empty((n, 2, 3)), np.empty((n, 2, len(k))))
+    move_points(form, p, turned_points(problem), moved)
+    projection.project_into(k, moved, seen.pixels, seen.violation)
+    projection.jacobians_into(k, moved, seen.by_point, seen.by_intrinsics)
+    axes = np.eye(3) if local else rotation_axes(form, p)
+    _fill(seen, problem.pixels, moved - p[3:6], axes, problem.diagonal_px if walls else 0.0, residuals, jacobian)
     return residuals, jacobian
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
 def search_rotation(form: int, p: Floats) -> Floats:
     """The search's rotation (3, 3): exp(w), or Rz(alpha) Ry(beta) Rx(gamma)."""
-    rows = rows_from_vector(p[0], p[1], p[2]) if form == 0 else rows_from_euler(p[0], p[1], p[2])
+    rows = rotation_rows(form, p[0], p[1], p[2])
     R = np.empty((3, 3))
     for i in range(9):
         R[i // 3, i % 3] = rows[i]
@@ -102,37 +106,27 @@ def move_points(form: int, p: Floats, points: Floats, out: Floats) -> None:
 
 @njit(nogil=True, error_model="numpy", cache=True)
 def _fill(
-    model_id: int,
-    form: int,
-    p: Floats,
-    points: Floats,
+    seen: _Projected,
     marks: Floats,
-    diagonal: float,
+    turned: Floats,
     axes: Floats,
-    walls: bool,
+    wall_px: float,
     residuals: Floats,
     jacobian: Floats,
 ) -> None:
-    n = points.shape[0]
-    k = p[6:].copy()
-    moved = np.empty((n, 3))
-    pixels, violation = np.empty((n, 2)), np.empty(n)
-    by_point, by_intrinsics = np.empty((n, 2, 3)), np.empty((n, 2, k.shape[0]))
-    move_points(form, p, points, moved)
-    project_into(model_id, k, moved, pixels, violation)
-    jacobians_into(model_id, k, moved, by_point, by_intrinsics)
-    for i in range(n):
-        if walls and violation[i] > 0.0:
-            residuals[2 * i] = residuals[2 * i + 1] = diagonal * (1.0 + violation[i]) / sqrt(2.0)
+    # turned (N, 3): the points as the search's rotation leaves them. wall_px: see above, 0 without walls.
+    for i in range(marks.shape[0]):
+        if wall_px > 0.0 and seen.violation[i] > 0.0:
+            residuals[2 * i] = residuals[2 * i + 1] = wall_px * (1.0 + seen.violation[i]) / sqrt(2.0)
             continue
-        x, y, z = moved[i, 0] - p[3], moved[i, 1] - p[4], moved[i, 2] - p[5]
+        x, y, z = turned[i, 0], turned[i, 1], turned[i, 2]
         for c in range(2):
             row = 2 * i + c
-            P = by_point[i, c]
-            residuals[row] = pixels[i, c] - marks[i, c]
+            P = seen.by_point[i, c]
+            residuals[row] = seen.pixels[i, c] - marks[i, c]
             for j in range(3):
                 a, b, d = axes[0, j], axes[1, j], axes[2, j]
                 jacobian[row, j] = P[0] * (b * z - d * y) + P[1] * (d * x - a * z) + P[2] * (a * y - b * x)
                 jacobian[row, 3 + j] = P[j]
-            for j in range(k.shape[0]):
-                jacobian[row, 6 + j] = by_intrinsics[i, c, j]
+            for j in range(seen.by_intrinsics.shape[2]):
+                jacobian[row, 6 + j] = seen.by_intrinsics[i, c, j]

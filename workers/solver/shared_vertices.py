@@ -1,4 +1,4 @@
-"""The same LiDAR vertex marked in two cameras: where one camera's mark says that the other should see it."""
+"""The same LiDAR vertex marked in two cameras: one camera's mark, predicted from the other's."""
 
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.geometry.models import ModelName
-from workers.geometry.projection import project
+from workers.geometry.projection import project, unproject
 from workers.geometry.transforms import RigidTransform
-from workers.geometry.unprojection import unproject
 from workers.solver.camera_transform import normal_sigmas
 from workers.solver.outliers import threshold_of
 

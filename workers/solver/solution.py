@@ -20,12 +20,11 @@ from workers.solver.baselines import baseline, linear_baseline
 from workers.solver.degeneracy import arbitrary, is_determined, point_alarms
 from workers.solver.diagnosis import alarms, at_bounds, misfit, several_optima
 from workers.solver.errors import SolveError
-from workers.solver.estimate import estimate
+from workers.solver.estimate import Estimate, estimate
 from workers.solver.polish import Fit, cost_of, distances, mean_and_rms
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import State
-from workers.solver.uncertainty import Uncertainty
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
@@ -43,12 +42,12 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     with RANSAC, then least squares; null where no linear camera fits) stand side by side, each over the pairs that
     it was given (`ga` over all, also where the others leave outliers out), with mean and RMS distance in px, what
     it minimised and its parameters (search form: radians, metres, pixels). `parameters` and `std` are in people's
-    units (degrees, metres, pixels). `outliers` names the pairs that the others speak against; where the problem
+    units (degrees, metres, pixels). `outliers` names the pairs that the fit of the others rejects; where the problem
     says `exclude` the polish leaves them out, and `kept` has its errors on the rest. `weights` says whether the
     pairs weighed equally or by stated covariances; then `noise_scale` says how many times larger the errors are
     than stated (the deviations here are scaled by it), and `sigma_px` is the noise of a typical pair. `status` is
     `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the polish ran out),
-    `not_determined` (the pairs do not hold every free parameter) or `not_explained` (half of them lie far from
+    `not_determined` (the pairs leave a free parameter open) or `not_explained` (half of them lie far from
     where it projects them).
     Raises SolveError `bad_schedule` where no iteration was done.
     """
@@ -61,7 +60,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     compared = _compared(whitened(kept, p), polished, plain)
     elsewhere = several_optima(kept, state, polished, compared, spread)
     transform = transform_of(problem, p)
-    status, message = _status(kept, state, polished, spread)
+    status, message = _status(state, found)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
     # The alarms compare both stages over the pairs that the polish was given.
     ga_kept_px = mean_and_rms(kept, state.best_parameters)
@@ -187,17 +186,17 @@ def _version(library: str) -> str:
         return "not installed"
 
 
-def _status(problem: FitProblem, state: State, polished: Fit, spread: Uncertainty) -> tuple[str, str]:
-    p = np.array(polished.parameters)
+def _status(state: State, found: Estimate) -> tuple[str, str]:
+    problem, p, spread = found.fitted, found.parameters, found.spread
     if not is_determined(problem, p, spread):
         reasons = point_alarms(problem, p)
         return "not_determined", reasons[0] if reasons else (
-            f"The pairs do not hold {', '.join(arbitrary(problem, spread))}: these values are arbitrary."
+            f"The pairs do not determine {', '.join(arbitrary(problem, spread))}: these values are arbitrary."
         )
     if state.stopped is None:
         return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."
-    if not polished.converged:
-        return "not_converged", f"The polish did not converge: {polished.message}"
+    if not found.outcome.converged:
+        return "not_converged", f"The polish did not converge: {found.outcome.sentence}"
     far = misfit(problem, p)
     if far:
         return "not_explained", far[0]
@@ -214,8 +213,8 @@ def _fit_document(problem: FitProblem, fit: Fit) -> dict[str, Any]:
         "mean_px": fit.mean_px,
         "rms_px": fit.rms_px,
         "minimised": fit.minimised,
-        "converged": fit.converged,
-        "message": fit.message,
+        "converged": fit.outcome.converged,
+        "message": fit.outcome.sentence,
         "parameters": _named(problem, fit.parameters),
     }
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from apexcal.documents.camera_models import ANGLES
 from workers.solver.polish import weighted_residuals
-from workers.solver.problem import ANGLES, FitProblem
+from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict
 from workers.solver.weighting import whitened
 

@@ -1,4 +1,4 @@
-"""The last work of a calibration of several cameras: hold their recommended results against each other."""
+"""The last job of a calibration of several cameras: compare their recommended results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from workers.geometry.transforms import from_document
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
 from workers.solver.stopping import Stop
 from workers.tasks.context import Context
-from workers.tasks.solving import fit_of
+from workers.tasks.solving import read_run
 
 
 def consistency(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
@@ -66,7 +66,7 @@ def _cameras(session: Session, calibration: Calibration, stop: Stop) -> tuple[li
 
 def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop: Stop) -> SolvedCamera:
     detection = str(pairs.detection_id) if pairs.detection_id else None
-    problem = fit_of(run.problem, run.fold, pairs.pairs, stop).problem
+    problem = read_run(run.problem, run.fold, pairs.pairs, stop).problem
     return SolvedCamera(run.camera, problem, result.document, pairs.pairs, detection)
 
 

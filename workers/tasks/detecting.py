@@ -1,4 +1,4 @@
-"""One shard of a detection run: find vertices, pair them with camera frames, tie them to what was judged before."""
+"""One shard of a detection run: find vertices, pair them with camera frames, match them to known apexes."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.states import UNENDED, WorkState
 from service.db.base import Json
 from service.db.clock import now
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
@@ -81,7 +82,7 @@ def writing(asked: Detection, found: Detections, pairs: Pairs) -> Callable[[Sess
         of_recording = select(Recording.id).where(Recording.id == asked.recording_id)
         session.execute(of_recording.with_for_update(key_share=True))
         row = session.scalars(select(Detection).where(Detection.id == asked.id).with_for_update()).one()
-        if row.state in ("queued", "running"):
+        if row.state in UNENDED:
             _write_vertices(session, asked, found, pairs)
             _advance(session, row, found)
 
@@ -195,12 +196,12 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
         "quality": _added(before, "quality", Counter(vertex.quality for vertex in found.vertices if vertex.quality)),
         "flags": _added(before, "flags", Counter(flag for vertex in found.vertices for flag in vertex.flags)),
     }
-    row.state = "running"
+    row.state = WorkState.RUNNING
     if row.remaining == 1:
         counts |= _settle_frames(session, row)
         _order(session, row.id)
         if counts["rejected"].get("no_points", 0) == counts["sweeps"]:
-            row.state, row.problem, row.finished_at = "failed", _NOTHING, now()
+            row.state, row.problem, row.finished_at = WorkState.FAILED, _NOTHING, now()
     row.counts = counts
     session.flush()
 

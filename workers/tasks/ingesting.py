@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast
 
-from sqlalchemy import delete, insert, select, update
+from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
@@ -19,6 +19,7 @@ from service.db.models import Rig
 from service.db.recordings import CameraFrame, Recording, Sensor, UploadPart
 from service.db.repeating import repeated
 from service.jobs.claims import Claim, Lease, require_mine
+from service.recordings.jobs import begin_ingestion
 from service.settings import MIB, Settings
 from service.storage.blobs import condemn, keep, reserve
 from service.storage.quota import QuotaExceededError, take
@@ -35,7 +36,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
     """Normalise the upload into one MCAP file per sensor, and store these."""
     with context.database.writing() as session:
         require_mine(session, held)
-        session.execute(update(Recording).where(Recording.id == held.subject_id).values(state="ingesting"))
+        begin_ingestion(session, held.subject_id)
         recording = session.get_one(Recording, held.subject_id)
         parts = session.scalars(
             select(UploadPart).where(UploadPart.recording_id == recording.id).order_by(UploadPart.number)

@@ -11,13 +11,14 @@ from importlib import import_module
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
+from apexcal.documents.errors import DocumentError
+from apexcal.documents.states import WorkState
 from service.db.base import Json
+from service.job_kinds import KINDS
 from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finish, give_back, stumble
-from service.jobs.kinds import QUEUE_OF_KIND
 from service.observability.logs import about
 from service.observability.request_ids import working_for
 from service.storage.errors import MissingBlobError, ReservationEndedError
-from workers.geometry.errors import InputError
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 from workers.tasks.drain import DrainedError, interruptible, is_draining
@@ -67,7 +68,7 @@ _TRIES_WITHOUT_ROOM = 4
 
 def prepare(queues: Collection[str]) -> None:
     """Load what jobs of these queues need, and compile kernels: before the pool is forked, so that it shares them."""
-    rooms = {room for kind, room in _ROOMS.items() if QUEUE_OF_KIND[kind] in queues}
+    rooms = {_ROOMS[kind.name] for kind in KINDS if kind.queue in queues}
     for room in sorted(rooms):
         import_module(f"workers.tasks.{room}")
     if rooms - {_READING}:
@@ -96,8 +97,8 @@ def _do(context: Context, held: Claim) -> None:
         log.warning("job %d attempt %d lost its lease; its work is dropped", held.job_id, held.attempt)
     except CancelledError:
         log.info("job %d was cancelled", held.job_id)
-        _end(context, held, "cancelled", None)
-    except (ReadError, InputError, MissingBlobError) as error:
+        _end(context, held, WorkState.CANCELLED, None)
+    except (ReadError, DocumentError, MissingBlobError) as error:
         # Notes are for the operator: what a reading process said before it died.
         _refused(context, held, error, "\n".join([error.code, *getattr(error, "__notes__", [])]))
     except _PASSING as error:
@@ -109,10 +110,10 @@ def _do(context: Context, held: Claim) -> None:
         give_back(context.database, held)
     except Exception:
         log.exception("job %d failed", held.job_id)
-        _end(context, held, "failed", _INTERNAL)
+        _end(context, held, WorkState.FAILED, _INTERNAL)
 
 
-def _refused(context: Context, held: Claim, error: ReadError | InputError | MissingBlobError, said: str) -> None:
+def _refused(context: Context, held: Claim, error: ReadError | DocumentError | MissingBlobError, said: str) -> None:
     """The input cannot be used; or the process that read it was killed or had no room, and it is tried again."""
     if error.code in _SUSPECT_CODES:
         log.warning("job %d stumbled; it is tried again: %s", held.job_id, said)
@@ -122,7 +123,7 @@ def _refused(context: Context, held: Claim, error: ReadError | InputError | Miss
         stumble(context.database, held, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
     else:
         log.info("job %d refused its input: %s", held.job_id, said)
-        _end(context, held, "failed", _refusal(error))
+        _end(context, held, WorkState.FAILED, _refusal(error))
 
 
 def _stumbled(context: Context, held: Claim, error: Exception) -> None:
@@ -131,7 +132,7 @@ def _stumbled(context: Context, held: Claim, error: Exception) -> None:
     state = getattr(getattr(error, "orig", None), "sqlstate", None) or ""
     if number in _NEVER_PASSING or state.startswith(_PROGRAM_LIMIT):
         log.exception("job %d failed, and would fail again", held.job_id)
-        _end(context, held, "failed", _INTERNAL)
+        _end(context, held, WorkState.FAILED, _INTERNAL)
     elif number in _NO_ROOM:
         log.exception("job %d had no room", held.job_id)
         stumble(context.database, held, _DISK_FULL, _TRY_AGAIN_S, tries=_TRIES_WITHOUT_ROOM)
@@ -154,7 +155,7 @@ _INTERNAL: Json = {
 }
 
 
-def _refusal(error: ReadError | InputError | MissingBlobError) -> Json:
+def _refusal(error: ReadError | DocumentError | MissingBlobError) -> Json:
     """A refusal as a problem; what a program can answer with, such as `candidates`, stands beside the sentences."""
     more = error.fields if isinstance(error, ReadError) else {}
     return {**more, "code": error.code, "detail": error.message, "hint": error.hint}
@@ -171,7 +172,7 @@ def _surroundings(error: Exception) -> Json:
     }
 
 
-def _end(context: Context, held: Claim, state: str, problem: Json | None) -> None:
+def _end(context: Context, held: Claim, state: WorkState, problem: Json | None) -> None:
     try:
         finish(context.database, held, state=state, problem=problem)
     except LostLeaseError:

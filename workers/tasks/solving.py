@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.pairs import held_together
+from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, Result, Slot
@@ -50,7 +52,7 @@ _INSERT_RESULT = insert(Result)
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class RunInput:
     """A run as the solver sees it: the pairs it fits, and the pairs held out."""
 
     document: Json
@@ -65,18 +67,18 @@ def solve(context: Context, held: Claim, lease: Lease) -> Write:
     """Do one part of a run: see the payloads in :mod:`service.calibration_runs.actions`."""
     with context.database.alone() as connection:
         run = connection.execute(_RUN, {"run": held.subject_id}).one()
-    if run.state not in ("queued", "running") or run.cancel_requested:
+    if run.state not in UNENDED or run.cancel_requested:
         raise CancelledError
-    fit = fit_of(run.problem, run.fold, context.pairs_of(run.set_id), lease)
+    given = read_run(run.problem, run.fold, context.pairs_of(run.set_id), lease)
     part = held.payload["part"]
     if part == "slots":
-        return _slots(context, fit, run.id, run.schedule, held.payload)
+        return _slots(context, given, run.id, run.schedule, held.payload)
     if part == "finish":
-        return _finish(fit, run, _state(run.schedule, fit.problem))
-    return _whole(context, fit, run, lease)
+        return _finish(given, run, _state(run.schedule, given.problem))
+    return _whole(context, given, run, lease)
 
 
-def fit_of(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> Fit:
+def read_run(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> RunInput:
     """What a run fits: the pairs of its set, without those that its fold (-1: none) holds out.
 
     ``document``: the run's ``problem``. ``pairs``: its set's columns of equal length, in metres and pixels.
@@ -92,13 +94,12 @@ def fit_of(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> Fit:
         known = {name: np.asarray(pairs[name])[fitted] for name in COVARIANCE_COLUMNS if name in pairs}
         covariances = covariances_of(known, points[fitted], float(request.get("mark_sigma_px") or 1.0))
     problem = problem_from_document(request, points[fitted], pixels[fitted], covariances=covariances)
-    return Fit(document, replace(problem, stop=stop), pairs, heldout, points, pixels)
+    return RunInput(document, replace(problem, stop=stop), pairs, heldout, points, pixels)
 
 
 def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
     """Whole poses where pairs have groups, else blocks in time, else blocks in the order of the pairs."""
-    known: Sequence[Any] = pairs.get("group") or pairs.get("stamp_ns") or range(len(pairs["x"]))
-    return folds(known, count)
+    return folds(held_together(pairs), count)
 
 
 def _state(schedule: Json | None, problem: FitProblem) -> State:
@@ -106,21 +107,21 @@ def _state(schedule: Json | None, problem: FitProblem) -> State:
     return from_document(schedule) if schedule else start(problem)
 
 
-def _slots(context: Context, fit: Fit, run_id: UUID, schedule: Json | None, payload: Json) -> Write:
+def _slots(context: Context, given: RunInput, run_id: UUID, schedule: Json | None, payload: Json) -> Write:
     """Some slots of the running iteration."""
     iteration = payload["iteration"]
-    lower, upper = (bound.tolist() for bound in bounds_of(fit.problem, _state(schedule, fit.problem)))
+    lower, upper = (bound.tolist() for bound in bounds_of(given.problem, _state(schedule, given.problem)))
     rows: list[Json] = []
     for slot in range(payload["first"], payload["stop"]):
         began = time.perf_counter()
-        outcome = run_slot(fit.problem, lower, upper, iteration, slot)
+        outcome = run_slot(given.problem, lower, upper, iteration, slot)
         rows.append(_slot_row(context, run_id, iteration, slot, outcome, time.perf_counter() - began))
 
     def write(session: Session) -> None:
         session.connection().execute(_INSERT_SLOTS, rows)
         last = count_down(session, run_id)
         if last:
-            _next_iteration(session, last, fit.problem)
+            _next_iteration(session, last, given.problem)
 
     return write
 
@@ -136,14 +137,14 @@ def _next_iteration(session: Session, run: CalibrationRun, problem: FitProblem) 
     run.iteration += 1
     session.flush()
     if run.cancel_requested:
-        end_run(session, run, "cancelled")
+        end_run(session, run, WorkState.CANCELLED)
     elif state.stopped:
         start_finish(session, run)
     else:
         start_iteration(session, run)
 
 
-def _whole(context: Context, fit: Fit, run: Any, lease: Lease) -> Write:
+def _whole(context: Context, given: RunInput, run: Any, lease: Lease) -> Write:
     """All iterations and the finish in one job."""
     rows: list[Json] = []
     began = time.perf_counter()
@@ -154,11 +155,11 @@ def _whole(context: Context, fit: Fit, run: Any, lease: Lease) -> Write:
         began = time.perf_counter()
 
     def on_iteration(state: State) -> None:
-        limit = fit.problem.schedule.max_iterations
+        limit = given.problem.schedule.max_iterations
         lease.report(state.iteration / limit, f"iteration {state.iteration} of at most {limit}")
 
-    state, _ = run_schedule(fit.problem, on_slot, on_iteration)
-    finish = _finish(fit, run, state, schedule=(to_document(state), state.iteration))
+    state, _ = run_schedule(given.problem, on_slot, on_iteration)
+    finish = _finish(given, run, state, schedule=(to_document(state), state.iteration))
 
     def write(session: Session) -> None:
         session.connection().execute(_INSERT_SLOTS, rows)
@@ -167,24 +168,24 @@ def _whole(context: Context, fit: Fit, run: Any, lease: Lease) -> Write:
     return write
 
 
-def solved(fit: Fit, state: State) -> Json:
+def solved(given: RunInput, state: State) -> Json:
     """Polish, baselines, deviations, and the errors on the pairs that were held out."""
-    document = solve_finish(fit.problem, state)
-    if fit.heldout.size:
+    document = solve_finish(given.problem, state)
+    if given.heldout.size:
         outside = evaluate(
-            document["intrinsics"], document["transform"], fit.points[fit.heldout], fit.pixels[fit.heldout]
+            document["intrinsics"], document["transform"], given.points[given.heldout], given.pixels[given.heldout]
         )
-        document["heldout"] = outside | {"indices": fit.heldout.tolist()}
+        document["heldout"] = outside | {"indices": given.heldout.tolist()}
     return document
 
 
-def _finish(fit: Fit, run: Any, state: State, schedule: tuple[Json, int] | None = None) -> Write:
+def _finish(given: RunInput, run: Any, state: State, schedule: tuple[Json, int] | None = None) -> Write:
     """The end of a run: its result, with what it was made of. ``schedule`` as :func:`end_run` has it."""
     began = time.perf_counter()
-    document = solved(fit, state)
+    document = solved(given, state)
     document["provenance"] = {
-        "request": fit.document,
-        "pairs_sha256": pairs_sha256(fit.pairs),
+        "request": given.document,
+        "pairs_sha256": pairs_sha256(given.pairs),
         "sources_sha256": sources_sha256(),
     }
     document["finish_seconds"] = time.perf_counter() - began
@@ -201,7 +202,7 @@ def _finish(fit: Fit, run: Any, state: State, schedule: tuple[Json, int] | None 
 
     def write(session: Session) -> None:
         session.connection().execute(_INSERT_RESULT, found)
-        end_run(session, run, "done", schedule=schedule)
+        end_run(session, run, WorkState.DONE, schedule=schedule)
 
     return write
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
+from celery.signals import worker_ready
+
+import service.job_kinds  # noqa: F401  # the sweep asks every kind what its subjects need
 from service.jobs.messages import SWEEP
 from service.jobs.sweep import sweep, swept_lately
 from service.storage.store import Store
@@ -30,3 +33,9 @@ def sweep_once() -> None:
         return
     sweep(context.database, _store())
     remove_leftovers(context.settings.scratch)
+
+
+@worker_ready.connect
+def sweep_at_once(**_: object) -> None:
+    """Beat's first message comes after a period, and who starts a service waits for the first sweep."""
+    app.send_task(SWEEP, queue="sweep")

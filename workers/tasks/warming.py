@@ -6,9 +6,9 @@ import numpy as np
 
 from workers.readers.recording import Sweep
 from workers.solver.slot import warm_up as warm_up_solver
-from workers.vertices.detectors import DETECTORS, detect_range
+from workers.vertices.detectors import RUNS, detect_range
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 
 _SWEEPS = 12
 _REGION = {"and": [{"quantity": "x", "op": ">", "value": 0.0}, {"quantity": "range", "op": "<", "value": 9.0}]}
@@ -19,7 +19,7 @@ def warm_up() -> None:
     warm_up_solver()
     sweeps = Listed([_sweep(number) for number in range(_SWEEPS)])
     region = Region.from_document(_REGION)
-    for name in DETECTORS:
+    for name in RUNS:
         detect_range(sweeps, region, name, indices=range(_SWEEPS), margin=0)
 
 

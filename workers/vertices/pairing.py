@@ -1,4 +1,4 @@
-"""Which camera frame belongs to a vertex: the nearest in time to the moment its point was measured.
+"""Pairs each vertex with the camera frame nearest in time to the moment its point was measured.
 
 The vertex may then be moved along its track to the frame's own time, so that no gap is left.
 """
@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workers.vertices.tracks import Track
 from workers.vertices.vertex import Vertex
-
-PairingMode = Literal["nearest", "interpolate"]
-PAIRING_MODES: Final[tuple[PairingMode, ...]] = ("nearest", "interpolate")
 
 # How far from the nearest vertex the track is followed. Within a second a walker at 1.2 m/s turns round; farther away
 # a straight line goes on to where nobody walked.
@@ -34,8 +31,7 @@ def pair(
     Args:
         vertex_times_ns: (N,) when each vertex point was measured, UTC nanoseconds (LiDAR clock).
         frame_stamps_ns: (M,) stamps of the camera frames, UTC nanoseconds, in any order.
-        offset_ns: what the camera's clock shows more than the LiDAR's at the same moment; it is added to
-            the vertex times.
+        offset_ns: camera clock minus LiDAR clock; it is added to the vertex times.
         max_gap_ns: farther frames are no pair.
 
     Returns:

@@ -1,7 +1,7 @@
 """Region of interest: a JSON tree of inequalities and shapes, compiled to a flat program that one kernel evaluates.
 
-What a region document may say stands in `region_document`. Boxes become inequalities, turned boxes and polygons a
-bounding box and a test of their corners; ``not`` exchanges true and false and costs nothing.
+What a region document may say stands in `apexcal.documents.regions`. Boxes become inequalities, turned boxes and
+polygons a bounding box and a test of their corners; ``not`` exchanges true and false and costs nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.region_document import OPERATORS, QUANTITIES, Document, check_region
+from apexcal.documents.regions import OPERATORS, QUANTITIES, Document, check_region
 
 _ACCEPT: Final = -1
 _REJECT: Final = -2

@@ -11,33 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
-from workers.vertices.options import Options, number_options
 from workers.vertices.region import Region
-from workers.vertices.sources import OnSweep, Run, SweepSource
+from workers.vertices.sweep_source import OnSweep, Run, SweepSource
 from workers.vertices.vertex import Rejection, Vertex
-
-STRICT_OPTIONS = number_options(
-    min_ring_span=("integer", 3, 1, 127, "highest minus lowest ring that has points in the region"),
-)
-STRICT_REASONS = {
-    "no_points": "no point of the sweep lies in the region",
-    "ring_span_too_small": "the rings in the region span too few to be a person with a board",
-    "top_ring_not_single": "more than one point on the highest ring",
-}
-TOLERANT_OPTIONS = number_options(
-    min_points=("integer", 10, 1, 100_000, "points in the region"),
-    max_top_points=("integer", 3, 1, 1000, "points on the highest ring"),
-    max_spread_m=("number", 0.05, 0.0, 10.0, "largest distance between points on the highest ring"),
-    min_points_two_below=("integer", 3, 0, 1000, "points two rings below the highest"),
-)
-TOLERANT_REASONS = {
-    "no_points": "no point of the sweep lies in the region",
-    "too_few_points": "too few points of the sweep lie in the region",
-    "top_ring_too_wide": "too many points on the highest ring",
-    "top_points_apart": "the points on the highest ring are too far apart",
-    "too_few_points_two_rings_below": "too few points two rings below the highest",
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from workers.geometry.errors import InputError
 from workers.vertices.footprint import area_around, area_m2, clusters
 from workers.vertices.occupancy import Occupancy
 from workers.vertices.region import Region
-from workers.vertices.sources import SweepSource
+from workers.vertices.sweep_source import SweepSource
 
 Floats = NDArray[np.float64]
 Document = dict[str, Any]

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 MARGIN_SWEEPS: Final = 10
 _SLOTS: Final = 15  # vertices nearest in time that are used; farther ones hardly count
 # Spectral density of the acceleration, m^2/s^3, from a board held still to a jerk; the vertices weigh them. Along
-# azimuth, elevation and range: who walks bobs at every step, even where the vertices are too coarse to show it.
+# azimuth, elevation and range: a walker bobs at every step, even where the vertices are too coarse to show it.
 _GRID: Final = np.array([0.001, 0.01, 0.1, 1.0, 10.0])
 _WANDER: Final = np.stack([_GRID, np.maximum(_GRID, 0.1), _GRID])
 _BRISK: Final = 2  # the density under which a vertex is told to be off the track

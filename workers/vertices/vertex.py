@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
-Quality = Literal["fine", "usable"]
+from apexcal.documents.detectors import Quality
+
 Covariance = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
-
-FLAGS: Mapping[str, str] = {
-    "head_above": "something stands above the apex and behind the board, a head perhaps: look whether the vertex "
-    "is the board's",
-    "second_board": "another object in the region looks nearly as much like the board",
-    "occluded": "something stands in front of a part of the board's edges",
-    "track_jump": "the vertex lies off the path of the sweeps before and after",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +23,7 @@ class Vertex:
         covariance: of (azimuth rad, elevation rad, range m) of the apex in the LiDAR frame; None where the detector
             states none. Azimuth is atan2(y, x), elevation atan2(z, hypot(x, y)), range the Euclidean distance.
         quality: ``fine`` or ``usable``; None where the detector does not grade.
-        flags: names in :data:`FLAGS`, for the person who confirms.
+        flags: names in :data:`apexcal.documents.detectors.FLAGS`, for the person who confirms.
     """
 
     xyz: tuple[float, float, float]

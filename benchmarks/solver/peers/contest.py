@@ -2,16 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from workers.geometry.models import MODEL_ID
-from workers.solver.fitness import evaluate_population
+from workers.geometry.models import ModelName
+from workers.geometry.projections.single_precision import Box, Targets
+from workers.geometry.projections.table import PROJECTIONS
+from workers.solver.fitness import Fitness, fitness_of, loss_px
 from workers.solver.problem import FitProblem
-from workers.solver.slot import loss_px, pack_pairs, scales_of
 
 Floats = NDArray[np.float64]
 POPULATION, GENERATIONS = 800, 30
@@ -53,17 +55,23 @@ class Contest:
 
     problem: FitProblem
     seed: int
-    pack: NDArray[np.float32] = field(init=False)
+    fitness: Fitness = field(init=False)
     numbers: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         problem = self.problem
         assert len(problem.free) == len(problem.names), "the peers' contest knows no locks"
-        head = [float(MODEL_ID[problem.model]), *scales_of(problem)]
-        object.__setattr__(self, "pack", pack_pairs(problem))
-        object.__setattr__(
-            self, "numbers", np.concatenate([head, problem.lower, problem.upper - problem.lower]).astype(np.float64)
-        )
+        assert problem.loss == "mean", "the peers' contest knows no saturation"
+        fitness = fitness_of(problem, problem.lower, problem.upper)
+        data = fitness.data
+        head = [data.targets.diagonal_px, data.per_weight]
+        object.__setattr__(self, "fitness", fitness)
+        object.__setattr__(self, "numbers", np.concatenate([head, data.box.lower, data.box.width]))
+
+    @property
+    def pack(self) -> NDArray[np.float32]:
+        """The pairs as the kernels have them."""
+        return self.fitness.data.targets.pack
 
     @property
     def genes(self) -> int:
@@ -73,12 +81,12 @@ class Contest:
         """Losses (P,) of individuals (P, F), all in one compiled call."""
         columns = np.ascontiguousarray(np.asarray(individuals, dtype=np.float32).T)
         out = np.empty(columns.shape[1], dtype=np.float32)
-        _losses(columns, self.pack, self.numbers, out)
+        _losses_of(self.problem.model)(columns, self.pack, self.numbers, out)
         return out.astype(np.float64)
 
     def loss(self, individual: Floats) -> float:
         """Loss of one individual (F,), for peers that ask for one at a time."""
-        return _loss(individual, self.pack, self.numbers)
+        return _loss_of(self.problem.model)(individual, self.pack, self.numbers)
 
     def parameters(self, individual: Floats) -> Floats:
         """Parameters (F,) of an individual, in the order of `problem.names`."""
@@ -90,19 +98,33 @@ class Contest:
         return loss_px(self.problem, self.parameters(finish.best))
 
 
-@njit(nogil=True, error_model="numpy", cache=True)
-def _losses(columns: Any, pack: Any, numbers: Any, out: Any) -> None:
-    genes = columns.shape[0]
-    lower, width = numbers[5 : 5 + genes], numbers[5 + genes :]
-    evaluate_population(
-        int(numbers[0]), 0, pack, numbers[1:5], lower, np.arange(genes), lower, width, np.zeros((2, genes)), columns,
-        out, 0, np.zeros(1, dtype=np.uint8),
-    )  # fmt: skip
+@cache
+def _losses_of(model: ModelName) -> Callable[[Any, Any, Any, Any], None]:
+    # A peer that asks for one individual at a time pays for every argument: so few, and the model's kernel called
+    # directly.
+    total_distances_into = PROJECTIONS[model].total_distances_into
+
+    @njit(nogil=True, error_model="numpy")
+    def losses(columns: Any, pack: Any, numbers: Any, out: Any) -> None:
+        genes = columns.shape[0]
+        box = Box(np.zeros(genes), np.arange(genes), numbers[2 : 2 + genes], numbers[2 + genes :])
+        targets = Targets(0, pack, np.float32(numbers[0]), np.float32(0.0))
+        total_distances_into(box, targets, columns, out, 0, np.zeros(1, dtype=np.uint8))
+        for n in range(columns.shape[1]):
+            out[n] *= numbers[1]
+
+    return losses
 
 
-@njit(nogil=True, error_model="numpy", cache=True)
-def _loss(individual: Any, pack: Any, numbers: Any) -> float:
-    column, out = np.empty((individual.shape[0], 1), dtype=np.float32), np.empty(1, dtype=np.float32)
-    column[:, 0] = individual
-    _losses(column, pack, numbers, out)
-    return float(out[0])
+@cache
+def _loss_of(model: ModelName) -> Callable[[Any, Any, Any], float]:
+    losses = _losses_of(model)
+
+    @njit(nogil=True, error_model="numpy")
+    def loss(individual: Any, pack: Any, numbers: Any) -> float:
+        column, out = np.empty((individual.shape[0], 1), dtype=np.float32), np.empty(1, dtype=np.float32)
+        column[:, 0] = individual
+        losses(column, pack, numbers, out)
+        return float(out[0])
+
+    return loss

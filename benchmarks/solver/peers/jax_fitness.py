@@ -10,8 +10,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from workers.geometry.camera_kernels import NEAREST_DEPTH_M
 from workers.geometry.models import ModelName
+from workers.geometry.projections.perspective import NEAREST_DEPTH_M
 
 jax.config.update("jax_platforms", "cpu")
 
@@ -22,13 +22,13 @@ def losses_of(model: ModelName) -> Callable[[Any, Any, Any], Any]:
 
     def losses(individuals: Any, pack: Any, numbers: Any) -> Any:
         genes = individuals.shape[1]
-        p = (numbers[5 : 5 + genes] + numbers[5 + genes :] * individuals).T[:, :, None]
+        p = (numbers[2 : 2 + genes] + numbers[2 + genes :] * individuals).T[:, :, None]
         points = pack[None, :3, :]
         x, y, z = _turned(p[:3], points)
         u, v, violation = camera(p[6:], x + p[3], y + p[4], z + p[5])
         d = jnp.hypot(u - pack[3], v - pack[4])
-        d = jnp.where(violation > 0.0, numbers[1] * (1.0 + violation), d)
-        return jnp.nan_to_num(d @ pack[5] * numbers[3], nan=3e38)
+        d = jnp.where(violation > 0.0, numbers[0] * (1.0 + violation), d)
+        return jnp.nan_to_num(d @ pack[5] * numbers[1], nan=3e38)
 
     return losses
 

@@ -1,6 +1,7 @@
 /** Something that a person starts: busy while it runs, and its refusal kept to be shown where it was started. */
 
 import { asProblem, type ApiProblem } from "./api/http.ts";
+import { renew } from "./cache.svelte.ts";
 
 export class Action {
   busy = $state(false);
@@ -19,5 +20,12 @@ export class Action {
     } finally {
       this.busy = false;
     }
+  }
+
+  /** Runs `work` that changes something, and has all readings renewed: also after a refusal, which may tell of a change. */
+  async change<T>(work: () => Promise<T>): Promise<T | undefined> {
+    const made = await this.run(work);
+    await renew();
+    return made;
   }
 }

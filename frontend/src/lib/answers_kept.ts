@@ -1,8 +1,7 @@
 /** The answers that this browser keeps until the service has them: one IndexedDB for all tabs and all people. */
 
 import { openDB, type DBSchema, type IDBPDatabase } from "idb";
-import type { ProblemDocument } from "./api/http.ts";
-import type { NewAnswer } from "./api/types/annotations.ts";
+import type { NewAnswer, ProblemDocument } from "./api/types.ts";
 
 /** An answer with what is needed to send it, and to tell its person which one it is. */
 export interface KeptAnswer extends NewAnswer {

@@ -4,7 +4,7 @@
  */
 
 import { randomKey } from "./api/http.ts";
-import type { MarkingTask } from "./api/types/annotations.ts";
+import type { MarkingTask } from "./api/types.ts";
 import type { Pixel } from "./pixels.ts";
 
 const PREFIX = "apexcal.draft.";

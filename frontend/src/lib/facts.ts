@@ -54,7 +54,9 @@ export function factsOf(found: Record<string, unknown> | null | undefined): Fact
 }
 
 function isEmpty(value: unknown): boolean {
-  return value === null || value === undefined || value === "" || value === 0 || (Array.isArray(value) && value.length === 0);
+  return (
+    value === null || value === undefined || value === "" || value === 0 || (Array.isArray(value) && value.length === 0)
+  );
 }
 
 function linesOf(name: string, value: unknown): string[] {
@@ -63,9 +65,10 @@ function linesOf(name: string, value: unknown): string[] {
   if (typeof value === "number") return [measured(name, value)];
   if (name === "camera_info") return intrinsics(value as Record<string, unknown>);
   const parts = typeof value === "object" && value !== null ? (value as Record<string, unknown>) : {};
-  if (name === "sizes") return [`${parts["width"]} × ${parts["height"]} (${compact(parts["count"])} frames)`];
-  if (typeof parts["after_ns"] === "number" && typeof parts["duration_ns"] === "number") {
-    return [`${(parts["duration_ns"] / 1e9).toFixed(3)} s after ${utc(parts["after_ns"])}`];
+  if (name === "sizes")
+    return [`${sentence(parts.width)} × ${sentence(parts.height)} (${compact(parts.count)} frames)`];
+  if (typeof parts.after_ns === "number" && typeof parts.duration_ns === "number") {
+    return [`${(parts.duration_ns / 1e9).toFixed(3)} s after ${utc(parts.after_ns)}`];
   }
   return [name === "notes" || name === "format" ? sentence(value) : words(sentence(value))];
 }
@@ -80,9 +83,9 @@ function measured(name: string, value: number): string {
 
 /** Model, focal lengths and centre; the matrix is row-major. */
 function intrinsics(info: Record<string, unknown>): string[] {
-  const K = Array.isArray(info["K"]) ? (info["K"] as number[]) : [];
-  const D = Array.isArray(info["D"]) ? (info["D"] as number[]) : [];
+  const K = Array.isArray(info.K) ? (info.K as number[]) : [];
+  const D = Array.isArray(info.D) ? (info.D as number[]) : [];
   const matrix = `f ${compact(K[0])}, ${compact(K[4])}; centre ${compact(K[2])}, ${compact(K[5])} pixels`;
   const lens = D.length > 0 ? [`distortion ${D.map(compact).join(", ")}`] : [];
-  return [`${sentence(info["model"])}, ${info["width"]} × ${info["height"]}`, matrix, ...lens];
+  return [`${sentence(info.model)}, ${sentence(info.width)} × ${sentence(info.height)}`, matrix, ...lens];
 }

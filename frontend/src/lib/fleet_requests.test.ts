@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { ApiProblem } from "./api/http.ts";
-import type { Counts, DryRun } from "./api/types/fleet_requests.ts";
+import type { Counts, DryRun } from "./api/types.ts";
 import {
   countsInWords,
   dryRunInWords,
@@ -60,7 +60,10 @@ test("a dry run in a sentence", () => {
     dryRunInWords(found({ matched: 1, calibrations: 1, runs: 1, processor_seconds: 2 })),
     /in 1 run \(at most 1 processor minute\)\.$/,
   );
-  assert.equal(dryRunInWords(found({ matched: 1, skipped: 1 })), "1 vehicle matches: 0 would be calibrated; 1 would be skipped.");
+  assert.equal(
+    dryRunInWords(found({ matched: 1, skipped: 1 })),
+    "1 vehicle matches: 0 would be calibrated; 1 would be skipped.",
+  );
   assert.match(dryRunInWords(found({})), /^No vehicle is due/);
 });
 

@@ -8,7 +8,7 @@ import {
   type DryRun,
   type FleetRequest,
   type VehicleFilter,
-} from "./api/types/fleet_requests.ts";
+} from "./api/types.ts";
 import { compact, counted, fixed, moment } from "./format.ts";
 
 export interface FilterDraft {
@@ -49,7 +49,9 @@ export function filterInWords(asked: FleetRequest["asked"]["vehicles"]): string 
 
 /** "270 done, 6 failed, 24 skipped": the states that somebody is in. */
 export function countsInWords(counts: Counts): string {
-  const parts = VEHICLE_STATES.filter((state) => counts[state] > 0).map((state) => `${compact(counts[state])} ${state}`);
+  const parts = VEHICLE_STATES.filter((state) => counts[state] > 0).map(
+    (state) => `${compact(counts[state])} ${state}`,
+  );
   return parts.join(", ") || "no vehicle was due";
 }
 

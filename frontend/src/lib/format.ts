@@ -6,7 +6,8 @@ export function fixed(value: number | null | undefined, digits = 2): string {
 
 /** A number with as many digits as help at its size. */
 export function compact(value: unknown): string {
-  if (typeof value !== "number") return String(value ?? "–");
+  if (typeof value === "string" || typeof value === "boolean") return String(value);
+  if (typeof value !== "number") return "–";
   if (!Number.isFinite(value)) return "–";
   if (Number.isInteger(value)) return value.toLocaleString("en");
   const size = Math.abs(value);
@@ -63,7 +64,7 @@ export function percent(fraction: number): string {
 
 /** A fact, warning or alarm of any shape as one line. */
 export function sentence(value: unknown): string {
-  if (typeof value === "string") return value;
+  if (typeof value === "string" || typeof value === "boolean") return String(value);
   if (typeof value !== "object" || value === null) return compact(value);
   if (Array.isArray(value)) return value.map(sentence).join(", ");
   const parts = value as Record<string, unknown>;

@@ -5,7 +5,10 @@ import { histogram } from "./histogram.ts";
 test("every value is counted once, outliers in the last bin", () => {
   const values = [...Array.from({ length: 99 }, (_, i) => i / 99), 1000];
   const { counts, width } = histogram(values, 10);
-  assert.equal(counts.reduce((sum, count) => sum + count, 0), 100);
+  assert.equal(
+    counts.reduce((sum, count) => sum + count, 0),
+    100,
+  );
   assert.ok(width < 0.2);
   assert.ok((counts.at(-1) ?? 0) >= 1);
 });
@@ -17,7 +20,10 @@ test("outliers that are named do not set the scale", () => {
   const { counts, width } = histogram(values, 10, good);
   assert.ok(width < 0.1);
   assert.ok((counts.at(-1) ?? 0) >= 10);
-  assert.equal(counts.reduce((sum, count) => sum + count, 0), 100);
+  assert.equal(
+    counts.reduce((sum, count) => sum + count, 0),
+    100,
+  );
 });
 
 test("no values and equal values do no harm", () => {

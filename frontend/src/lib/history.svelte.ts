@@ -1,7 +1,7 @@
 /** What was answered in this tab, so that it can be taken back; also after a reload. */
 
 import { randomKey } from "./api/http.ts";
-import type { VerdictName } from "./api/types/annotations.ts";
+import type { VerdictName } from "./api/types.ts";
 import type { KeptAnswer } from "./answers_kept.ts";
 import type { Pixel } from "./pixels.ts";
 

@@ -5,9 +5,8 @@ import { vertices } from "./api/detections.ts";
 import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
 import * as people from "./api/people.ts";
 import { frameUrl } from "./api/recordings.ts";
-import type { MarkingProgress, MarkingTask, VerdictName } from "./api/types/annotations.ts";
-import type { Me } from "./api/types/people.ts";
-import type { Vertex } from "./api/types/detections.ts";
+import type { MarkingProgress, MarkingTask, Me, VerdictName, Vertex } from "./api/types.ts";
+import { cache } from "./cache.svelte.ts";
 import { keepDraft, shownMark } from "./drafts.ts";
 import type { KeptAnswer } from "./answers_kept.ts";
 import { History } from "./history.svelte.ts";
@@ -75,7 +74,7 @@ export class Marking {
     });
     void this.count();
     try {
-      this.order = await vertices(this.detectionId, this.camera);
+      this.order = await cache.query(vertices(this.detectionId, this.camera));
       this.preloadAfter(this.task);
     } catch {
       // Without the order nothing is fetched ahead; marking works all the same.
@@ -139,7 +138,10 @@ export class Marking {
   async undo(at: number): Promise<void> {
     if (this.waiting) return this.withdraw();
     if (this.task && !this.takes(at)) return;
-    if (this.mark && this.task) return this.place(null, at);
+    if (this.mark && this.task) {
+      this.place(null, at);
+      return;
+    }
     const last = this.history.last;
     if (!last) {
       this.advice = "Nothing was answered on this page yet.";
@@ -169,7 +171,8 @@ export class Marking {
   private takes(at: number): boolean {
     if (this.waiting) this.advice = "The service does not have your answer to this vertex yet. Z takes it back.";
     else if (this.busy) this.advice = "Your last key or click came while your answer was on its way. It was not used.";
-    else if (at < this.seenFrom) this.advice = "Your last key or click came as the frame changed. It was not used: do it again.";
+    else if (at < this.seenFrom)
+      this.advice = "Your last key or click came as the frame changed. It was not used: do it again.";
     else return true;
     return false;
   }
@@ -214,7 +217,8 @@ export class Marking {
 
   /** Progress costs only the number shown, so nobody waits for it. */
   private async count(): Promise<void> {
-    this.progress = await annotations.progress(this.detectionId, this.camera).catch(() => this.progress);
+    const asked = { ...annotations.progress(this.detectionId, this.camera), staleTime: 0 };
+    this.progress = await cache.query(asked).catch(() => this.progress);
   }
 
   private async advance(skip: string | null): Promise<void> {
@@ -265,7 +269,7 @@ export class Marking {
     const at = this.order.findIndex((vertex) => vertex.id === task?.vertex.id);
     if (at < 0) return;
     for (const vertex of this.order.slice(at + 1, at + 1 + AHEAD)) {
-      const frame = vertex.frames?.[this.camera];
+      const frame = vertex.frames[this.camera];
       if (frame) preload(frameUrl(this.recordingId, this.camera, frame.index));
     }
   }

@@ -9,7 +9,7 @@ import type { KeptAnswer } from "./answers_kept.ts";
 import * as annotations from "./api/annotations.ts";
 import { ApiProblem } from "./api/http.ts";
 import * as people from "./api/people.ts";
-import type { OwnAnswer } from "./api/types/annotations.ts";
+import type { OwnAnswer } from "./api/types.ts";
 import { session } from "./session.svelte.ts";
 
 /** So many are kept at most: hours of work without a network. */
@@ -89,10 +89,17 @@ class Outbox {
     } catch (error) {
       throw new ApiProblem(0, {
         code: "not_kept",
-        detail: `This browser cannot keep your answer, so it was not given (${error instanceof Error ? error.message : error}).`,
+        detail: `This browser cannot keep your answer, so it was not given (${error instanceof Error ? error.message : String(error)}).`,
         hint: "Allow this site to store data, or leave the private window; then press Go on and answer again.",
       });
     }
+  }
+
+  private sendLater(): void {
+    if (this.timer !== undefined) return;
+    const pause = Math.min(LONGEST_PAUSE_MS, FIRST_PAUSE_MS * 2 ** (this.attempts - 1));
+    // Browsers that lost the same service do not come back in the same moment.
+    this.timer = setTimeout(() => void this.send(), pause * (0.5 + 0.5 * Math.random()));
   }
 
   /** Sends what waits, in order. Ends when all is sent or refused, or when the service cannot be reached. */
@@ -105,11 +112,7 @@ class Outbox {
     await this.read();
     this.late = failed;
     this.attempts = failed ? this.attempts + 1 : 0;
-    if (failed && this.timer === undefined) {
-      const pause = Math.min(LONGEST_PAUSE_MS, FIRST_PAUSE_MS * 2 ** (this.attempts - 1));
-      // Browsers that lost the same service do not come back in the same moment.
-      this.timer = setTimeout(() => void this.send(), pause * (0.5 + 0.5 * Math.random()));
-    }
+    if (failed) this.sendLater();
   }
 
   /**
@@ -191,5 +194,5 @@ export const outbox = new Outbox();
 
 /** The person's own answer that stands in the way of a refused one, where that is the reason. */
 export function standing(answer: KeptAnswer): OwnAnswer | null {
-  return answer.refused?.code === "answer_changed" ? (answer.refused["own"] as OwnAnswer) : null;
+  return answer.refused?.code === "answer_changed" ? (answer.refused.own as OwnAnswer) : null;
 }

@@ -1,10 +1,13 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import type { ModelSummary } from "./api/types.ts";
 import { caution, errorOf, mergedNotes, outcomesOf } from "./outcomes.ts";
 
+const MODEL: ModelSummary = { result_id: "1", status: "ok", message: "", polished: null };
+
 test("an outcome says whether the error is of held-out pairs", () => {
-  assert.equal(errorOf({ result_id: "1", heldout_mean_px: 1.5 }), "1.50 px held out");
-  const fitted = { result_id: "1", heldout_mean_px: null, polished: { mean_px: 2, rms_px: 3 } };
+  assert.equal(errorOf({ ...MODEL, heldout_mean_px: 1.5 }), "1.50 px held out");
+  const fitted = { ...MODEL, heldout_mean_px: null, polished: { mean_px: 2, rms_px: 3 } };
   assert.equal(errorOf(fitted), "2.00 px on fitted pairs, none held out");
   const cameras = {
     front: { recommended: "pinhole", why: "", models: { pinhole: fitted } },
@@ -16,7 +19,7 @@ test("an outcome says whether the error is of held-out pairs", () => {
 });
 
 test("an outcome that is not ok says so, however small its error", () => {
-  const poor = { result_id: "1", heldout_mean_px: 0, status: "not_determined", alarms: ["a", "b"] };
+  const poor: ModelSummary = { ...MODEL, heldout_mean_px: 0, status: "not_determined", alarms: ["a", "b"] };
   const cameras = { front: { recommended: "pinhole", why: "", models: { pinhole: poor } } };
   assert.deepEqual(outcomesOf({ cameras }), [
     { said: "front: pinhole 0.00 px held out", caution: "not determined, 2 warnings", doubtful: true },

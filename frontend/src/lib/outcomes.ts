@@ -1,6 +1,6 @@
 /** What a calibration came to, in a line. */
 
-import type { CalibrationSummary, CameraSummary, ModelSummary } from "./api/types/calibrations.ts";
+import type { CalibrationSummary, CameraSummary, ModelSummary } from "./api/types.ts";
 import { counted, fixed, words } from "./format.ts";
 
 export interface Outcome {
@@ -23,12 +23,15 @@ export function outcomesOf(summary: CalibrationSummary | null): Outcome[] {
   });
 }
 
-/** However small its errors are, such a result is no good. */
+/** Whether the status is not `ok`; its errors then say little, however small. */
 export const isDoubtful = (status: string | null | undefined): boolean => (status ?? "ok") !== "ok";
 
 /** A status other than `ok`, and how many warnings there are: "not determined, 3 warnings". */
 export function caution(status: string | null | undefined, warnings: number): string {
-  const parts = [...(isDoubtful(status) ? [words(status ?? "")] : []), ...(warnings > 0 ? [counted(warnings, "warning")] : [])];
+  const parts = [
+    ...(isDoubtful(status) ? [words(status ?? "")] : []),
+    ...(warnings > 0 ? [counted(warnings, "warning")] : []),
+  ];
   return parts.join(", ");
 }
 

@@ -88,7 +88,11 @@ export function nudge(pixel: Pixel, du: number, dv: number, image: Size): Pixel 
 }
 
 /** The source rectangle, in the units of drawImage, that a square loupe of `size` CSS pixels shows about a pixel. */
-export function loupeSource(centre: Pixel, size: number, magnification: number): { x: number; y: number; side: number } {
+export function loupeSource(
+  centre: Pixel,
+  size: number,
+  magnification: number,
+): { x: number; y: number; side: number } {
   const side = size / magnification;
   return { x: centre.u + 0.5 - side / 2, y: centre.v + 0.5 - side / 2, side };
 }

@@ -14,7 +14,14 @@ test("a region with an alternative is no list of rows", () => {
 
 const SHAPES = {
   and: [
-    { polygon: [[2, -3], [30, -6], [30, 6]], z: [-1.6, 0.8] },
+    {
+      polygon: [
+        [2, -3],
+        [30, -6],
+        [30, 6],
+      ],
+      z: [-1.6, 0.8],
+    },
     { box: { min: [1, 2, 3], max: [4, 5, 6], yaw_deg: 20 } },
     { quantity: "range", divided_by: null, op: "<", value: 28 },
   ],

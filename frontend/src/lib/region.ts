@@ -3,15 +3,15 @@
  * ground, combined by and / or / not. The service checks every number; here only the form is checked.
  */
 
-export const QUANTITIES = ["x", "y", "z", "range", "azimuth_deg", "elevation_deg"] as const;
-export const OPERATORS = ["<", "<=", ">", ">="] as const;
+import { every, type Operator, type Quantity } from "./api/types.ts";
 
-export type Quantity = (typeof QUANTITIES)[number];
-export type Operator = (typeof OPERATORS)[number];
+export const QUANTITIES = every<Quantity>({ x: 0, y: 0, z: 0, range: 0, azimuth_deg: 0, elevation_deg: 0 });
+export const OPERATORS = every<Operator>({ "<": 0, "<=": 0, ">": 0, ">=": 0 });
 
 export interface Inequality {
   quantity: Quantity;
-  divided_by: Quantity | null;
+  /** The service leaves null out. */
+  divided_by?: Quantity | null;
   op: Operator;
   value: number;
 }
@@ -60,11 +60,11 @@ export function describe(region: unknown): string {
       return children.map((child) => (isLeaf(child) ? describe(child) : `(${describe(child)})`)).join(` ${word} `);
     }
   }
-  if ("not" in node) return `not (${describe(node["not"])})`;
+  if ("not" in node) return `not (${describe(node.not)})`;
   if ("box" in node) return describeBox((node as unknown as Box).box);
   if ("polygon" in node) return describePolygon(node as unknown as Polygon);
-  const divided = node["divided_by"] ? ` / ${String(node["divided_by"])}` : "";
-  return `${String(node["quantity"])}${divided} ${String(node["op"])} ${String(node["value"])}`;
+  const { quantity, divided_by, op, value } = node as unknown as Inequality;
+  return `${quantity}${divided_by ? ` / ${divided_by}` : ""} ${op} ${value}`;
 }
 
 function describeBox(box: Box["box"]): string {
@@ -88,14 +88,16 @@ export function parseRegion(text: string): Region {
   try {
     value = JSON.parse(text);
   } catch (error) {
-    throw new Error(`This is not JSON: ${(error as Error).message}`);
+    throw new Error(`This is not JSON: ${(error as Error).message}`, { cause: error });
   }
   return checked(value, "region");
 }
 
 function checked(value: unknown, path: string): Region {
   if (typeof value !== "object" || value === null || Array.isArray(value)) {
-    throw new Error(`${path}: expected {"and": [...]}, {"or": [...]}, {"not": ...}, a box, a polygon or an inequality.`);
+    throw new Error(
+      `${path}: expected {"and": [...]}, {"or": [...]}, {"not": ...}, a box, a polygon or an inequality.`,
+    );
   }
   const node = value as Record<string, unknown>;
   for (const word of ["and", "or"] as const) {
@@ -105,8 +107,8 @@ function checked(value: unknown, path: string): Region {
     const list = children.map((child, index) => checked(child, `${path}.${word}[${index}]`));
     return word === "and" ? { and: list } : { or: list };
   }
-  if ("not" in node) return { not: checked(node["not"], `${path}.not`) };
-  if ("box" in node) return { box: box(node["box"], `${path}.box`) };
+  if ("not" in node) return { not: checked(node.not, `${path}.not`) };
+  if ("box" in node) return { box: box(node.box, `${path}.box`) };
   if ("polygon" in node) return polygon(node, path);
   return inequality(node, path);
 }
@@ -116,22 +118,22 @@ function box(value: unknown, path: string): Box["box"] {
     throw new Error(`${path}: expected {"min": [x, y, z], "max": [x, y, z]}, perhaps with "yaw_deg".`);
   }
   const given = value as Record<string, unknown>;
-  const min = numbers(given["min"], 3, `${path}.min`) as Point;
-  const max = numbers(given["max"], 3, `${path}.max`) as Point;
-  const wrong = ["x", "y", "z"].find((_, i) => !(min[i]! < max[i]!));
+  const min = numbers(given.min, 3, `${path}.min`) as Point;
+  const max = numbers(given.max, 3, `${path}.max`) as Point;
+  const wrong = ["x", "y", "z"].find((_, i) => !((min[i] ?? NaN) < (max[i] ?? NaN)));
   if (wrong) throw new Error(`${path}: min is not below max in ${wrong}.`);
-  const yaw = given["yaw_deg"] ?? 0;
+  const yaw = given.yaw_deg ?? 0;
   if (typeof yaw !== "number") throw new Error(`${path}.yaw_deg: expected a number.`);
   return yaw ? { min, max, yaw_deg: yaw } : { min, max };
 }
 
 function polygon(node: Record<string, unknown>, path: string): Polygon {
-  const given = node["polygon"];
+  const given = node.polygon;
   if (!Array.isArray(given) || given.length < 3 || given.length > MAX_CORNERS) {
     throw new Error(`${path}.polygon: expected a list of 3 to ${String(MAX_CORNERS)} corners [x, y].`);
   }
   const corners = given.map((corner, i) => numbers(corner, 2, `${path}.polygon[${i}]`) as [number, number]);
-  const heights = node["z"] ?? null;
+  const heights = node.z ?? null;
   if (heights === null) return { polygon: corners };
   const z = numbers(heights, 2, `${path}.z`) as [number, number];
   if (!(z[0] < z[1])) throw new Error(`${path}.z: low is not below high.`);
@@ -147,13 +149,13 @@ function numbers(value: unknown, count: number, path: string): number[] {
 }
 
 function inequality(node: Record<string, unknown>, path: string): Inequality {
-  const quantity = QUANTITIES.find((name) => name === node["quantity"]);
+  const quantity = QUANTITIES.find((name) => name === node.quantity);
   if (!quantity) throw new Error(`${path}.quantity: expected one of ${QUANTITIES.join(", ")}.`);
-  const divisor = node["divided_by"] ?? null;
+  const divisor = node.divided_by ?? null;
   const dividedBy = QUANTITIES.find((name) => name === divisor) ?? null;
   if (divisor !== null && !dividedBy) throw new Error(`${path}.divided_by: expected null or ${QUANTITIES.join(", ")}.`);
-  const op = OPERATORS.find((name) => name === node["op"]);
+  const op = OPERATORS.find((name) => name === node.op);
   if (!op) throw new Error(`${path}.op: expected one of ${OPERATORS.join(" ")}.`);
-  if (typeof node["value"] !== "number") throw new Error(`${path}.value: expected a number.`);
-  return { quantity, divided_by: dividedBy, op, value: node["value"] };
+  if (typeof node.value !== "number") throw new Error(`${path}.value: expected a number.`);
+  return { quantity, divided_by: dividedBy, op, value: node.value };
 }

@@ -7,8 +7,9 @@ test("a drafted rig names both frames of every mount", () => {
   const rig = rigRequest(draft);
   assert.equal(rig.name, "roof");
   assert.equal(rig.lidar.topic, null);
-  assert.equal(rig.cameras[0]?.nominal.from_frame, "velodyne");
-  assert.equal(rig.cameras[0]?.nominal.to_frame, rig.cameras[0]?.frame);
+  const camera = rig.cameras[0];
+  assert.equal(camera?.nominal.from_frame, "velodyne");
+  assert.equal(camera.nominal.to_frame, camera.frame);
 });
 
 test("a rig file goes to the service as it is, with a name where it has none", () => {

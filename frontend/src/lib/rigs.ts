@@ -1,6 +1,6 @@
 /** A rig as it is typed into the form, and the document that the service takes. */
 
-import type { RigRequest } from "./api/types/fleets.ts";
+import type { RigRequest } from "./api/types.ts";
 
 export interface CameraDraft {
   name: string;
@@ -56,7 +56,7 @@ export function rigRequest(draft: RigDraft): RigRequest {
  */
 export function rigFromFile(text: string, name: string): RigRequest {
   const file = record(JSON.parse(text), "the top");
-  if (!("lidar" in file) || !Array.isArray(file["cameras"])) throw new Error("A rig file has a lidar and cameras.");
+  if (!("lidar" in file) || !Array.isArray(file.cameras)) throw new Error("A rig file has a lidar and cameras.");
   return { name, ...file } as unknown as RigRequest;
 }
 

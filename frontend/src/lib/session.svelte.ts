@@ -2,7 +2,8 @@
 
 import { ApiProblem, asProblem, onSignedOut } from "./api/http.ts";
 import * as people from "./api/people.ts";
-import { type Me, type Role, ROLES } from "./api/types/people.ts";
+import { cache } from "./cache.svelte.ts";
+import { ROLES, type Me, type Role } from "./api/types.ts";
 
 class Session {
   me = $state.raw<Me | null>(null);
@@ -11,8 +12,7 @@ class Session {
 
   constructor() {
     onSignedOut(() => {
-      this.me = null;
-      this.state = "out";
+      this.end();
     });
   }
 
@@ -26,6 +26,8 @@ class Session {
   }
 
   enter(me: Me): void {
+    // Somebody else may see other things.
+    if (this.me && this.me.id !== me.id) void cache.resetQueries();
     this.me = me;
     this.state = "in";
     this.problem = null;
@@ -33,8 +35,13 @@ class Session {
 
   async leave(): Promise<void> {
     await people.signOut();
+    this.end();
+  }
+
+  private end(): void {
     this.me = null;
     this.state = "out";
+    cache.clear();
   }
 
   role(fleetId: string | undefined): Role | null {

@@ -1,9 +1,18 @@
 /** What a calibration is asked to fit: as a form begins, and as people read it. */
 
-import { MODELS, type CalibrationTemplate } from "./api/types/calibrations.ts";
+import { MODELS, type CalibrationTemplate, type ModelName } from "./api/types.ts";
 import { counted, words } from "./format.ts";
 
-export const newTemplate = (): CalibrationTemplate => ({
+/** The options that the form has. */
+export type TemplateDraft = { models: ModelName[] } & Required<
+  Pick<
+    CalibrationTemplate,
+    | ("preset" | "search" | "loss" | "outliers" | "bounds_preset")
+    | ("intrinsics_from" | "folds" | "farm" | "seed" | "publish")
+  >
+>;
+
+export const newTemplate = (): TemplateDraft => ({
   models: [...MODELS],
   preset: "default",
   search: null,
@@ -18,7 +27,7 @@ export const newTemplate = (): CalibrationTemplate => ({
 });
 
 /** The models, and every option that is not the usual one. */
-export function templateInWords(asked: Partial<CalibrationTemplate>): string {
+export function templateInWords(asked: CalibrationTemplate): string {
   const usual = newTemplate();
   const parts = [(asked.models ?? usual.models).join(", ")];
   if (asked.preset && asked.preset !== usual.preset) parts.push(`preset ${asked.preset}`);

@@ -3,7 +3,9 @@ import { test } from "node:test";
 import { eulerZyx, matrixOf } from "./transforms.ts";
 
 function near(actual: readonly number[], expected: readonly number[]): void {
-  actual.forEach((value, i) => assert.ok(Math.abs(value - (expected[i] ?? NaN)) < 1e-9, `${actual} is not ${expected}`));
+  actual.forEach((value, i) =>
+    assert.ok(Math.abs(value - (expected[i] ?? NaN)) < 1e-9, `${actual.join()} is not ${expected.join()}`),
+  );
 }
 
 test("the centre of Table I's box turns LiDAR axes into optical axes", () => {
@@ -23,7 +25,7 @@ test("at the singular point the matrix is kept, whatever the angles", () => {
 
 test("the two orders differ, and a quaternion is read x y z w", () => {
   const eq2 = matrixOf({ euler_order: "xyz_eq2", angles_deg: [20, -30, 40] });
-  assert.ok(Math.abs((eq2[0]?.[0] ?? 0) - Math.cos(-Math.PI / 6) * Math.cos((40 * Math.PI) / 180)) < 1e-12);
+  assert.ok(Math.abs(eq2[0][0] - Math.cos(-Math.PI / 6) * Math.cos((40 * Math.PI) / 180)) < 1e-12);
   const half = Math.SQRT1_2;
   near(matrixOf({ quaternion_xyzw: [0, 0, half, half] }).flat(), [0, -1, 0, 1, 0, 0, 0, 0, 1]);
 });

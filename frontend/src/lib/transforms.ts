@@ -1,24 +1,42 @@
 /** Rotations of transform documents, shown to people as Euler angles R = Rz(alpha) Ry(beta) Rx(gamma). */
 
-import type { Rotation } from "./api/types/fleets.ts";
+import type { Rotation } from "./api/types.ts";
 
-export type Matrix = number[][];
+type Vector = [number, number, number];
+/** Three rows. */
+export type Matrix = [Vector, Vector, Vector];
 
 const RAD = Math.PI / 180;
 
 function product(a: Matrix, b: Matrix): Matrix {
-  return a.map((row) => [0, 1, 2].map((j) => row.reduce((sum, value, k) => sum + value * (b[k]?.[j] ?? NaN), 0)));
+  const of = ([x, y, z]: Vector, j: 0 | 1 | 2): number => x * b[0][j] + y * b[1][j] + z * b[2][j];
+  const times = (row: Vector): Vector => [of(row, 0), of(row, 1), of(row, 2)];
+  return [times(a[0]), times(a[1]), times(a[2])];
 }
 
 function about(axis: 0 | 1 | 2, degrees: number): Matrix {
   const c = Math.cos(degrees * RAD);
   const s = Math.sin(degrees * RAD);
-  if (axis === 0) return [[1, 0, 0], [0, c, -s], [0, s, c]];
-  if (axis === 1) return [[c, 0, s], [0, 1, 0], [-s, 0, c]];
-  return [[c, -s, 0], [s, c, 0], [0, 0, 1]];
+  if (axis === 0)
+    return [
+      [1, 0, 0],
+      [0, c, -s],
+      [0, s, c],
+    ];
+  if (axis === 1)
+    return [
+      [c, 0, s],
+      [0, 1, 0],
+      [-s, 0, c],
+    ];
+  return [
+    [c, -s, 0],
+    [s, c, 0],
+    [0, 0, 1],
+  ];
 }
 
-function ofQuaternion([x = 0, y = 0, z = 0, w = 1]: number[]): Matrix {
+function ofQuaternion([x, y, z, w]: [number, number, number, number]): Matrix {
   return [
     [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
@@ -28,9 +46,9 @@ function ofQuaternion([x = 0, y = 0, z = 0, w = 1]: number[]): Matrix {
 
 /** The 3 x 3 matrix of a rotation document. */
 export function matrixOf(rotation: Rotation): Matrix {
-  if ("matrix" in rotation) return rotation.matrix;
+  if ("matrix" in rotation) return rotation.matrix as Matrix;
   if ("quaternion_xyzw" in rotation) return ofQuaternion(rotation.quaternion_xyzw);
-  const [alpha = NaN, beta = NaN, gamma = NaN] = rotation.angles_deg;
+  const [alpha, beta, gamma] = rotation.angles_deg;
   if (rotation.euler_order === "xyz_eq2") return product(product(about(0, alpha), about(1, beta)), about(2, gamma));
   return product(product(about(2, alpha), about(1, beta)), about(0, gamma));
 }
@@ -40,19 +58,16 @@ export function matrixOf(rotation: Rotation): Matrix {
  * less, as the service gives it: a camera tilted 15 degrees down reads (90, -105, 0). At beta = +-90 only
  * alpha -+ gamma is determined; gamma is 0 there.
  */
-export function eulerZyx(rotation: Rotation): [number, number, number] {
+export function eulerZyx(rotation: Rotation): Vector {
   const m = matrixOf(rotation);
-  const at = (i: number, j: number): number => m[i]?.[j] ?? NaN;
-  const beta = Math.asin(Math.max(-1, Math.min(1, -at(2, 0))));
-  if (Math.hypot(at(0, 0), at(1, 0)) < 1e-9) {
-    return [Math.atan2(-at(0, 1), at(1, 1)) / RAD, beta / RAD, 0];
+  const beta = Math.asin(Math.max(-1, Math.min(1, -m[2][0])));
+  if (Math.hypot(m[0][0], m[1][0]) < 1e-9) {
+    return [Math.atan2(-m[0][1], m[1][1]) / RAD, beta / RAD, 0];
   }
-  const first: Angles = [Math.atan2(at(1, 0), at(0, 0)) / RAD, beta / RAD, Math.atan2(at(2, 1), at(2, 2)) / RAD];
-  const second: Angles = [wrapped(first[0] + 180), wrapped(180 - first[1]), wrapped(first[2] + 180)];
+  const first: Vector = [Math.atan2(m[1][0], m[0][0]) / RAD, beta / RAD, Math.atan2(m[2][1], m[2][2]) / RAD];
+  const second: Vector = [wrapped(first[0] + 180), wrapped(180 - first[1]), wrapped(first[2] + 180)];
   return size(second) < size(first) - 1e-7 ? second : first;
 }
 
-type Angles = [number, number, number];
-
 const wrapped = (degrees: number): number => (degrees > 180 ? degrees - 360 : degrees);
-const size = (angles: Angles): number => angles.reduce((sum, angle) => sum + Math.abs(angle), 0);
+const size = (angles: Vector): number => angles.reduce((sum, angle) => sum + Math.abs(angle), 0);

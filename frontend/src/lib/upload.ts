@@ -3,7 +3,7 @@
 import { completeUpload, putPart, uploadedParts } from "./api/recordings.ts";
 import { putIntoStore } from "./api/blobs.ts";
 import { ApiProblem } from "./api/http.ts";
-import { base64, hex, sha256 } from "./sha256.ts";
+import { base64, hex, sha256 } from "./digests.ts";
 
 export interface Part {
   number: number;
@@ -35,10 +35,17 @@ export async function uploadFile(
   const known = new Map(items.map((part) => [part.number, part]));
   const size = known.get(1)?.size ?? upload.part_bytes;
   const parts = partsOf(file.size, known.size > 1 ? size : upload.part_bytes);
+  const bytesOf = ({ start, end }: Part): Blob => file.slice(start, end);
   let sent = 0;
+  let ahead: Promise<Uint8Array> | undefined;
   for (const part of parts) {
-    const bytes = await file.slice(part.start, part.end).arrayBuffer();
-    const digest = await sha256(bytes);
+    const bytes = bytesOf(part);
+    const digest = await (ahead ?? sha256(bytes));
+    // Parts count from 1: the next one is hashed while this one is sent.
+    const next = parts[part.number];
+    ahead = next && sha256(bytesOf(next));
+    // It is awaited in the next turn, where there is one.
+    ahead?.catch(() => undefined);
     if (known.get(part.number)?.sha256 !== hex(digest)) {
       await withRetry(signal, () =>
         upload.parts === "presigned"
@@ -46,7 +53,7 @@ export async function uploadFile(
           : putPart(recordingId, part.number, bytes, base64(digest), signal),
       );
     }
-    sent += bytes.byteLength;
+    sent += bytes.size;
     onProgress(sent);
   }
   await completeUpload(recordingId, parts.length, file.size);
@@ -58,7 +65,8 @@ async function withRetry(signal: AbortSignal, put: () => Promise<unknown>): Prom
       await put();
       return;
     } catch (error) {
-      const passing = error instanceof ApiProblem && (error.status === 0 || error.status >= 500) && error.status !== 507;
+      const passing =
+        error instanceof ApiProblem && (error.status === 0 || error.status >= 500) && error.status !== 507;
       if (!passing || attempt >= 5 || signal.aborted) throw error;
       await new Promise((resolve) => setTimeout(resolve, 500 * 2 ** attempt));
     }

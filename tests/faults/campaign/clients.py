@@ -11,6 +11,8 @@ from uuid import UUID
 
 import httpx
 
+from apexcal.documents.marking import MarkView
+from apexcal.documents.recordings import RecordingSummary
 from apexcal.errors import ApiError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import Detections
@@ -71,25 +73,25 @@ class Engineer:
         self._until = until
         self._pairs = pairs()
         self._numbers = count()
-        self.fleets = [Fleets(self._http).create(f"fleet {number}")["id"] for number in range(3)]
+        self.fleets = [Fleets(self._http).create(f"fleet {number}").id for number in range(3)]
 
     def calibrate(self, kind: str) -> UUID:
         """Ask for one calibration of a new vehicle, from nothing."""
         vehicle, rig = self._rig(LEVEL_RIG)
         made = CorrespondenceSets(self._http).import_pairs(rig, "front", self._pairs)
         with self._ledger.lock:
-            self._ledger.sets.add(UUID(made["id"]))
-        asked = Calibrations(self._http).create(vehicle, [made["id"]], **CALIBRATIONS[kind])
+            self._ledger.sets.add(made.id)
+        asked = Calibrations(self._http).create(vehicle, [made.id], **CALIBRATIONS[kind])
         with self._ledger.lock:
-            self._ledger.calibrations[UUID(asked["id"])] = kind
-        return UUID(asked["id"])
+            self._ledger.calibrations[asked.id] = kind
+        return asked.id
 
     def upload(self, name: str, walk: Walk) -> UUID:
         """Upload a recording, wait until it is ready, and have its vertices detected."""
         vehicle, rig = self._rig(walk.rig)
         recordings = Recordings(self._http)
-        row = recordings.create(vehicle, rig, name, walk.bag.name)
-        recording_id = UUID(row["id"])
+        row: RecordingSummary = recordings.create(vehicle, rig, name, walk.bag.name)
+        recording_id = row.id
         with self._ledger.lock:
             self._ledger.recordings[recording_id] = name
         while True:
@@ -101,30 +103,30 @@ class Engineer:
                 time.sleep(_PAUSE_S)
         with self._ledger.lock:
             self._ledger.completed[recording_id] = _sha256(walk.bag)
-        while row["state"] not in ("ready", "failed"):
+        while row.state not in ("ready", "failed"):
             if time.monotonic() > self._until:
-                raise GaveUpError(f"recording {recording_id} is {row['state']}")
+                raise GaveUpError(f"recording {recording_id} is {row.state}")
             time.sleep(_PAUSE_S)
-            row = recordings.get(row["id"])
-        if row["state"] == "ready":
-            found = Detections(self._http).create(row["id"], REGION_OF_WALKS, detector="tolerant")
+            row = recordings.get(row.id)
+        if row.state == "ready":
+            found = Detections(self._http).create(row.id, REGION_OF_WALKS, detector="tolerant")
             with self._ledger.lock:
-                self._ledger.detections[UUID(found["id"])] = name
+                self._ledger.detections[found.id] = name
         return recording_id
 
     def frames(self, recording_id: UUID) -> int:
         """How many frames a recording's camera has."""
         return len(list(Recordings(self._http).frames(recording_id, "front")))
 
-    def _rig(self, rig: Document) -> tuple[str, str]:
+    def _rig(self, rig: Document) -> tuple[UUID, UUID]:
         number = next(self._numbers)
         vehicle = Vehicles(self._http).create(self.fleets[number % len(self.fleets)], f"vehicle {number}")
         with self._ledger.lock:
-            self._ledger.vehicles.add(UUID(vehicle["id"]))
-        made = Vehicles(self._http).create_rig(vehicle["id"], rig)
+            self._ledger.vehicles.add(vehicle.id)
+        made = Vehicles(self._http).create_rig(vehicle.id, rig)
         with self._ledger.lock:
-            self._ledger.rigs.add(UUID(made["id"]))
-        return vehicle["id"], made["id"]
+            self._ledger.rigs.add(made.id)
+        return vehicle.id, made.id
 
 
 class Annotator:
@@ -140,12 +142,12 @@ class Annotator:
         said = self._marking.put_mark(recording_id, "front", frame, u, v)
         self._note(recording_id, frame, said)
         if corrected:
-            said = self._marking.put_mark(recording_id, "front", frame, u + 0.5, v, version=said["version"])
+            said = self._marking.put_mark(recording_id, "front", frame, u + 0.5, v, version=said.version)
             self._note(recording_id, frame, said)
 
-    def _note(self, recording_id: UUID, frame: int, said: Document) -> None:
+    def _note(self, recording_id: UUID, frame: int, said: MarkView) -> None:
         with self._ledger.lock:
-            self._ledger.marks[self._person_id, recording_id, frame] = (said["u"], said["v"], said["version"])
+            self._ledger.marks[self._person_id, recording_id, frame] = (said.u, said.v, said.version)
 
 
 def _sha256(path: Path) -> str:

@@ -5,7 +5,7 @@ import re
 import pytest
 from sqlalchemy import func, select
 
-from service.auth.roles import ROLES
+from apexcal.documents.roles import ROLES
 from service.db.clock import utc_now
 from service.db.ids import new_id
 from service.db.models import (
@@ -45,6 +45,7 @@ OF_ANYBODY = {
     ("post", "/v1/fleets"),
     ("get", "/v1/recordings"),
     ("get", "/v1/jobs"),
+    ("get", "/v1/export-formats"),
 }
 WORTHLESS = "00000000-0000-7000-8000-000000000000"
 # Bodies that cannot be made from their schema alone, by the end of the path.
@@ -123,9 +124,18 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     """What detection, marking and calibration leave of a recording."""
     owned = {"fleet_id": recording.fleet_id, "recording_id": recording.id}
     detection = Detection(
-        id=new_id(), **owned, region={}, detector="strict", options={}, pairing={}, content_hash="0", state="done"
+        id=new_id(),
+        **owned,
+        region={"quantity": "x", "op": ">", "value": 0.0},
+        detector="strict",
+        options={},
+        pairing={},
+        content_hash="0",
+        state="done",
     )
-    preview = Study(id=new_id(), **owned, kind="preview", asked={"region": {}})
+    preview = Study(
+        id=new_id(), **owned, kind="preview", asked={"region": {"quantity": "x", "op": ">", "value": 0.0}}
+    )
     suggestion = Study(id=new_id(), **owned, kind="suggestion", asked={})
     offset = Study(id=new_id(), **owned, kind="clock_offset", detection_id=detection.id)
     offset.asked = {"camera": "front", "marks": {"stamp_ns": [], "u": [], "v": []}}

@@ -129,3 +129,18 @@ def test_a_repeated_invitation_shows_its_link_again_without_storing_it(api: Api)
     elsewhere = type(engineer)(engineer.person_id, other, api.client)
     refused = elsewhere.post(f"/fleets/{fleet}/invitations", **ask)
     assert (refused.status_code, refused.json()["code"]) == (422, "idempotency_key_reused")
+
+
+@pytest.mark.parametrize("stored", [{"sealed": "AAAA"}, {"sealed": "q83vASNFZ4mrze8BI0VniavN7wEjRWeJq83vASNFZ4k="}])
+def test_an_answer_that_does_not_open_is_not_given_and_nothing_is_made_twice(api: Api, stored: dict) -> None:
+    """A version before sealed with a cipher of its own; a changed row does not open either."""
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    ask = {"json": {"name": "Bo", "role": "viewer"}, "headers": {"Idempotency-Key": "once"}}
+    assert engineer.post(f"/fleets/{fleet}/invitations", **ask).status_code == 201
+    members = len(engineer.get(f"/fleets/{fleet}/members").json()["items"])
+    with api.database.writing() as session:
+        session.execute(update(IdempotencyKey).values(body=stored))
+    again = engineer.post(f"/fleets/{fleet}/invitations", **ask)
+    assert (again.status_code, again.json()["code"]) == (409, "answer_not_kept")
+    assert len(engineer.get(f"/fleets/{fleet}/members").json()["items"]) == members

@@ -148,7 +148,7 @@ def test_a_person_who_waits_for_the_end_of_a_calibration_is_asked_about_its_resu
     assert answer.json()["objections"] == ["Held-out pairs lie 3.00 px off; of the vehicle's current result 0.90."]
     current = engineer.get(current_address(rig)).json()
     assert (current["calibration_id"], current["override"]) == (str(calibration), None)
-    assert current["reason"] == "It was recommended, and nothing spoke against it."
+    assert current["reason"] == "It was recommended and had no objections."
 
 
 def test_the_end_of_a_calibration_that_waits_for_a_person_sees_what_they_published(api, rig, engineer):

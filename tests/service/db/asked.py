@@ -9,6 +9,7 @@ from uuid import UUID
 
 from sqlalchemy.orm import Session
 
+from apexcal.documents.fleet_requests import VehicleFilter
 from service.annotations.task_actions import next_task
 from service.auth.access import Access, Identity
 from service.auth.retention import remove_ended
@@ -21,7 +22,6 @@ from service.db.clock import utc_now
 from service.db.models import Detection, Person, Sensor
 from service.db.session import Database
 from service.fleet_requests.routes import list_request_vehicles
-from service.fleet_requests.schemas import VehicleFilter
 from service.fleet_requests.vehicle_queries import choose
 from service.fleets.routes import get_vehicles
 from service.http.pages import Window

@@ -10,10 +10,12 @@ from pathlib import Path
 from uuid import uuid4
 
 import pytest
+from alembic.script import ScriptDirectory
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError, OperationalError
 
-from service.db.migrate import is_older, newest, revisions, upgrade
+from service.db.migrate import config, upgrade
+from service.db.revisions import is_older, known, newest
 from service.db.session import Database
 from tests.support.postgres import Postgres
 
@@ -160,5 +162,9 @@ def test_an_index_that_a_broken_migration_left_unfinished_is_made_anew(first_ver
 
 
 def test_which_schema_is_older() -> None:
-    assert revisions()[-1] == "0001" and is_older("0001")
+    assert known()[-1] == "0001" and is_older("0001")
     assert not is_older(newest()) and not is_older("of another age")
+
+
+def test_the_names_of_the_files_are_the_revisions() -> None:
+    assert known() == tuple(script.revision for script in ScriptDirectory.from_config(config("")).walk_revisions())

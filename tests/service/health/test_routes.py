@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from anyio.to_thread import current_default_thread_limiter
 
-from service.db import migrate
+from service.db import revisions
 from service.db.clock import now
 from service.db.jobs import Heartbeat, Worker
 from service.db.session import Database
@@ -26,7 +26,7 @@ THREADS = 3
 @pytest.fixture
 def always_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every question makes the service look again at what does not work, and at most of what does."""
-    monkeypatch.setattr(health_parts, "FRESH_S", 0.0)
+    monkeypatch.setattr(health_parts, "AGAIN_S", 0.0)
     monkeypatch.setattr(health_parts.Part.__init__, "__defaults__", (0.0,))
 
 
@@ -77,12 +77,12 @@ def test_the_supervisors_children_are_shown(make_api, tmp_path) -> None:
 def test_an_older_schema_is_not_ready_and_a_newer_one_is(api: Api, monkeypatch) -> None:
     """A newer one is there while an upgrade rolls: what this version needs is still in it."""
     beat(api)
-    present = migrate.newest()
-    monkeypatch.setattr(migrate, "revisions", lambda: ("9999", present))
+    present = revisions.newest()
+    monkeypatch.setattr(revisions, "known", lambda: ("9999", present))
     answer = api.client.get("/readyz")
     assert answer.status_code == 503
     assert "python -m service.db.migrate" in answer.json()["parts"]["database"]["detail"]
-    monkeypatch.setattr(migrate, "revisions", lambda: ("0001",))
+    monkeypatch.setattr(revisions, "known", lambda: ("0001",))
     answer = api.client.get("/readyz")
     assert answer.status_code == 200 and "newer" in answer.json()["parts"]["database"]["detail"]
 

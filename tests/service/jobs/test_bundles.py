@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from service.jobs.bundles import BUNDLE_S, RUN_S, TRIP_MS, TRIPS_PER_BUNDLE, cut, plan, shards
+from apexcal.documents.schedules import PRESETS, Schedule
+from service.jobs.bundles import BUNDLE_S, RUN_S, TRIP_MS, TRIPS_PER_BUNDLE, choose_farming, cut, shards
 from service.jobs.costs import RunCost, run_cost
 
-SMALL = run_cost("pinhole", 222, 5, 800, 30, 60)
-LARGE = run_cost("brown_conrady", 2000, 20, 2000, 50, 1)
+SMALL = run_cost("pinhole", 222, PRESETS["paper"])
+LARGE = run_cost("brown_conrady", 2000, PRESETS["toolbox"])
 
 
 def test_a_request_may_force_either_form():
-    assert plan("slots", slots=5, cost=SMALL, waiting_runs=9, workers=2) == ("slots", 1)
-    assert plan("runs", slots=20, cost=LARGE, waiting_runs=1, workers=8) == ("runs", 20)
+    assert choose_farming("slots", slots=5, cost=SMALL, waiting_runs=9, workers=2) == ("slots", 1)
+    assert choose_farming("runs", slots=20, cost=LARGE, waiting_runs=1, workers=8) == ("runs", 20)
 
 
 def test_small_slots_ride_in_one_job():
-    assert plan("auto", slots=5, cost=SMALL, waiting_runs=1, workers=8).farm == "runs"
+    assert choose_farming("auto", slots=5, cost=SMALL, waiting_runs=1, workers=8).farm == "runs"
 
 
 def test_large_slots_are_farmed_while_workers_idle_and_not_otherwise():
-    farmed = plan("auto", slots=20, cost=LARGE, waiting_runs=1, workers=4)
+    farmed = choose_farming("auto", slots=20, cost=LARGE, waiting_runs=1, workers=4)
     assert farmed.farm == "slots"
     assert farmed.bundle * LARGE.slot_s >= 1e-3 * TRIPS_PER_BUNDLE * TRIP_MS
-    assert plan("auto", slots=20, cost=LARGE, waiting_runs=4, workers=4).farm == "runs"
+    assert choose_farming("auto", slots=20, cost=LARGE, waiting_runs=4, workers=4).farm == "runs"
 
 
 def test_no_job_is_longer_than_a_few_seconds_and_a_slot():
@@ -31,16 +32,16 @@ def test_no_job_is_longer_than_a_few_seconds_and_a_slot():
             cost = RunCost(slot_s, slots * iterations, 0.1)
             for farm in ("auto", "runs"):
                 for waiting in (1, 100):
-                    found = plan(farm, slots=slots, cost=cost, waiting_runs=waiting, workers=8)
+                    found = choose_farming(farm, slots=slots, cost=cost, waiting_runs=waiting, workers=8)
                     longest = cost.seconds if found.farm == "runs" else found.bundle * slot_s
                     assert longest <= (RUN_S if found.farm == "runs" else max(BUNDLE_S, slot_s)), (cost, found)
                     assert 1 <= found.bundle <= slots
 
 
 def test_a_run_of_very_many_small_slots_is_not_written_in_one_transaction():
-    cost = run_cost("pinhole", 6, 1000, 64, 1, 100)
+    cost = run_cost("pinhole", 6, Schedule(slots=1000, population=64, generations=1, max_iterations=100))
     assert cost.seconds < RUN_S
-    assert plan("auto", slots=1000, cost=cost, waiting_runs=9, workers=2).farm == "slots"
+    assert choose_farming("auto", slots=1000, cost=cost, waiting_runs=9, workers=2).farm == "slots"
 
 
 def test_cuts_cover_everything_once():

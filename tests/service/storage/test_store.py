@@ -10,12 +10,11 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.settings import MIB, Settings
+from service.settings import MIB, S3Options, Settings
 from service.storage.errors import MissingBlobError, StoreFullError, StoreUnavailableError
 from service.storage.marker import MARKER
 from service.storage.prepare import prepare
 from service.storage.store import Store
-from service.storage.urls import S3Options
 from tests.support.folders import folder_store
 from tests.support.s3 import S3Server, free_port
 

@@ -1,6 +1,6 @@
 import pytest
 
-from workers.geometry.errors import GeometryError
+from apexcal.documents.errors import DocumentError
 from workers.geometry.models import INTRINSICS, MODELS, SEARCH_FORMS, parameter_names, parse_model
 
 
@@ -10,16 +10,16 @@ def test_models_are_read(name):
 
 
 def test_fisheye_is_answered_with_both_models_that_people_mean():
-    with pytest.raises(GeometryError) as caught:
+    with pytest.raises(DocumentError) as caught:
         parse_model("fisheye")
-    assert caught.value.code == "ambiguous_model"
+    assert caught.value.code == "unknown_model"
     assert "kannala_brandt" in caught.value.hint
     assert "brown_conrady" in caught.value.hint
 
 
 @pytest.mark.parametrize("name", ["", "Pinhole", None, 3, ["pinhole"]])
 def test_other_names_are_refused(name):
-    with pytest.raises(GeometryError) as caught:
+    with pytest.raises(DocumentError) as caught:
         parse_model(name)
     assert caught.value.code == "unknown_model"
 

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from numba import njit
 
-from workers.geometry.camera_kernels import brown_conrady_point, kannala_brandt_point, pinhole_point
-from workers.geometry.fold_radius import brown_conrady_fold, kannala_brandt_fold
-from workers.geometry.models import INTRINSICS, MODEL_ID, MODELS
+from workers.geometry.models import INTRINSICS, MODELS
 from workers.geometry.projection import project
+from workers.geometry.projections.brown_conrady import brown_conrady_fold, brown_conrady_point
+from workers.geometry.projections.kannala_brandt import kannala_brandt_fold, kannala_brandt_point
+from workers.geometry.projections.pinhole import pinhole_point
 
 SIZE = np.array([1920.0, 1208.0])
 LENSES, POINTS = 200, 60
@@ -28,7 +29,7 @@ def draw(model, rng):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_double_precision_is_opencvs_over_the_whole_bounds(model):
-    rng = np.random.default_rng(MODEL_ID[model])
+    rng = np.random.default_rng(MODELS.index(model))
     none, compared = np.zeros(3), 0
     for _ in range(LENSES):
         lens, points = draw(model, rng)
@@ -62,7 +63,7 @@ def _single(model_id, points, k, fold, out):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_single_precision_is_within_a_hundredth_of_a_pixel_inside_the_image(model):
-    rng = np.random.default_rng(10 + MODEL_ID[model])
+    rng = np.random.default_rng(10 + MODELS.index(model))
     out, compared = np.empty((POINTS, 3), dtype=np.float32), 0
     for _ in range(LENSES):
         lens, points = draw(model, rng)
@@ -72,7 +73,7 @@ def test_single_precision_is_within_a_hundredth_of_a_pixel_inside_the_image(mode
         elif model == "kannala_brandt":
             fold = kannala_brandt_fold(*lens[4:])
         pixels, violation = project(model, lens, points)
-        _single(MODEL_ID[model], points.astype(np.float32), lens.astype(np.float32), np.float32(fold), out)
+        _single(MODELS.index(model), points.astype(np.float32), lens.astype(np.float32), np.float32(fold), out)
         # On the fold's very edge either may call it past.
         inside = (violation == 0.0) & (out[:, 2] == 0.0) & ((pixels >= 0.0) & (pixels <= SIZE - 1.0)).all(axis=1)
         compared += int(inside.sum())

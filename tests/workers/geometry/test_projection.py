@@ -5,15 +5,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from workers.geometry.camera_kernels import (
-    brown_conrady_point,
-    kannala_brandt_point,
-    pinhole_point,
-    polar_angle,
-)
 from workers.geometry.errors import GeometryError
-from workers.geometry.fold_radius import brown_conrady_fold, kannala_brandt_fold
 from workers.geometry.models import INTRINSICS, MODELS
+from workers.geometry.polar_angle import polar_angle
 from workers.geometry.projection import (
     distances_px,
     fold_angle,
@@ -21,6 +15,9 @@ from workers.geometry.projection import (
     project,
     violation_cost_px,
 )
+from workers.geometry.projections.brown_conrady import brown_conrady_fold, brown_conrady_point
+from workers.geometry.projections.kannala_brandt import kannala_brandt_fold, kannala_brandt_point
+from workers.geometry.projections.pinhole import pinhole_point
 
 K = {"f_x": 700.0, "f_y": 710.0, "c_x": 640.0, "c_y": 360.0}
 NO_TURN = np.zeros(3)

@@ -3,8 +3,7 @@ import pytest
 
 from workers.geometry.errors import GeometryError
 from workers.geometry.models import INTRINSICS, MODELS
-from workers.geometry.projection import fold_angle, project
-from workers.geometry.unprojection import unproject
+from workers.geometry.projection import fold_angle, project, unproject
 
 
 def random_lens(model, rng, narrow=1.0):

@@ -28,7 +28,7 @@ def test_no_other_fleet_waits_while_damaged_files_are_read(tmp_path):
     served = start(tmp_path / "data")
     try:
         with Client(served.url, served.token) as owner:
-            assert owner.wait(ask(owner, "Warm", schedule=QUICK), timeout_s=90)["state"] == "done"
+            assert owner.wait(ask(owner, "Warm", schedule=QUICK), timeout_s=90).state == "done"
             vehicle, rig = new_rig(owner, LEVEL_RIG, "Hostile")
             uploaded = []
 
@@ -39,18 +39,18 @@ def test_no_other_fleet_waits_while_damaged_files_are_read(tmp_path):
                         (tmp_path / "upload").write_bytes(data)
                         name = f"damaged {number}"
                         path = tmp_path / "upload"
-                        uploaded.append(hostile.recordings.upload(path, vehicle["id"], rig["id"], name=name)["id"])
+                        uploaded.append(hostile.recordings.upload(path, vehicle.id, rig.id, name=name).id)
 
             uploading = threading.Thread(target=upload_all)
             uploading.start()
             waits, ended = [], {}
             while uploading.is_alive() or len(ended) < UPLOADS:
                 began = time.monotonic()
-                assert owner.wait(ask(owner, f"Other {len(waits)}", schedule=QUICK), timeout_s=60)["state"] == "done"
+                assert owner.wait(ask(owner, f"Other {len(waits)}", schedule=QUICK), timeout_s=60).state == "done"
                 waits.append(time.monotonic() - began)
                 for one in [one for one in uploaded if one not in ended]:
                     found = owner.recordings.get(one)
-                    if found["state"] in ("ready", "failed"):
+                    if found.state in ("ready", "failed"):
                         ended[one] = found
             uploading.join()
     finally:
@@ -59,4 +59,4 @@ def test_no_other_fleet_waits_while_damaged_files_are_read(tmp_path):
     assert len(ended) == UPLOADS
     assert max(waits) < LONGEST_WAIT_S
     for found in ended.values():
-        assert found["state"] == "ready" or (found["problem"]["code"] and found["problem"]["hint"]), found
+        assert found.state == "ready" or (found.problem.code and found.problem.hint), found

@@ -8,7 +8,7 @@ from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import pair
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 
 
 def cv2_pixels(model, intrinsics, T_camera_lidar, points):

@@ -8,6 +8,7 @@ from workers.geometry.errors import InputError
 from workers.geometry.rotations import rotation_from_euler
 from workers.geometry.transforms import RigidTransform, to_document
 from workers.simulation.camera import CAMERA_FRAME, LIDAR_FRAME, make_camera, nominal_mount
+from workers.solver import offset_fit
 from workers.solver.clock_offset import estimate_offset
 from workers.solver.errors import SolveError
 from workers.vertices.pairing import pair
@@ -135,3 +136,11 @@ def test_the_estimate_survives_json():
     document = json.loads(json.dumps(found.to_document()))
     assert document["offset_ns"] == found.offset_ns
     assert f"{abs(found.offset_ns) / 1e6:.1f} ms" in document["message"]
+
+
+def test_a_fit_that_does_not_converge_is_refused(monkeypatch):
+    track, stamps, pixels, request = marked(4, 25 * MS)
+    monkeypatch.setattr(offset_fit, "_MOST_STEPS", 1)
+    monkeypatch.setattr(offset_fit, "_TOLERANCE", 0.0)
+    with pytest.raises(InputError, match="did not converge: The steps ran out"):
+        estimate_offset(track, stamps[::8], pixels[::8], request)

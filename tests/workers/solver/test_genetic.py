@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from tests.workers.solver.rigs import simulated
+from workers.solver.fitness import loss_px
 from workers.solver.genetic import cholesky_of_parents, gather_parents, rank_weights, recombine, weigh_by_rank
-from workers.solver.slot import loss_px, run_slot
+from workers.solver.slot import run_slot
 
 RNG = np.random.default_rng(0)
 

@@ -49,7 +49,7 @@ def test_the_transform_is_what_is_projected():
 def test_polish_is_stationary_and_below_the_truth(model):
     problem, truth = simulated(model, 6)
     fit = polish(problem, truth)
-    assert fit.converged
+    assert fit.outcome.converged
     assert fit.rms_px <= mean_and_rms(problem, truth)[1]
     residuals, J = weighted_residuals(problem, np.array(fit.parameters))
     cosines = np.abs(J.T @ residuals) / (np.linalg.norm(J, axis=0) * np.linalg.norm(residuals))
@@ -95,7 +95,7 @@ def test_with_most_marks_wrong_a_right_start_is_kept_and_the_wrong_are_named(mod
         near = np.delete(distances(spoiled, fit.parameters), bad)
         assert np.sqrt(np.mean(near**2)) < 1.1 * right.rms_px
         assert fit.scale_px <= spoiled.saturation_px
-    named = {one.index for one in judge(spoiled, truth)}
+    named = {one.index for one in judge(spoiled, truth).outliers}
     assert len(set(bad.tolist()) - named) <= 2
     assert len(named - set(bad.tolist())) <= 1
 

@@ -20,7 +20,7 @@ def refusal(document=None, points=POINTS, pixels=PIXELS, weights=None):
 @pytest.mark.parametrize(
     ("document", "code"),
     [
-        ({"model": "fisheye"}, "ambiguous_model"),
+        ({"model": "fisheye"}, "unknown_model"),
         ({"model": "omni"}, "unknown_model"),
         ({"search": "quaternion"}, "unknown_search_form"),
         ({"bounds": {"f_x": [900, 300]}}, "bounds_inside_out"),

@@ -24,15 +24,16 @@ def test_pairs_are_told_by_their_values_and_not_by_their_order_of_columns():
 
 
 def test_an_edited_source_has_another_digest(tmp_path, monkeypatch):
-    for room in ("geometry", "solver"):
-        (tmp_path / room).mkdir()
-        (tmp_path / room / "one.py").write_text("x = 1\n")
-    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "solver" / "provenance.py"))
+    files = ("workers/geometry/one.py", "workers/solver/one.py", "apexcal/documents/bounds.py")
+    for file in files:
+        (tmp_path / file).parent.mkdir(parents=True)
+        (tmp_path / file).write_text("x = 1\n")
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "workers" / "solver" / "provenance.py"))
     digests = set()
-    for edit in (None, ("geometry", "x = 2\n"), ("solver", "x = 1\n\n")):
+    for edit in (None, *zip(files, ("x = 2\n", "x = 1\n\n", "x = 3\n"), strict=True)):
         if edit:
-            (tmp_path / edit[0] / "one.py").write_text(edit[1])
+            (tmp_path / edit[0]).write_text(edit[1])
         sources_sha256.cache_clear()
         digests.add(sources_sha256())
     sources_sha256.cache_clear()
-    assert len(digests) == 3
+    assert len(digests) == 4

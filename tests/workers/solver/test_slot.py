@@ -8,15 +8,11 @@ import pytest
 
 from tests.workers.solver.rigs import simulated
 from workers.geometry.models import MODELS, SEARCH_FORMS
-from workers.solver.fitness import evaluate_population
+from workers.solver.fitness import evaluate_population, fitness_of, loss_px
 from workers.solver.genetic import select_best
 from workers.solver.slot import (
     SlotOutcome,
-    loss_px,
-    pack_pairs,
-    prior_rows,
     run_slot,
-    scales_of,
     warm_up,
 )
 from workers.solver.stopping import NEVER, flag_of
@@ -62,10 +58,8 @@ def test_single_precision_fitness_is_the_double_precision_loss(model, search):
             near = ((truth - low) / width)[:, None] + rng.normal(size=(len(free), 20)) * 0.01
             population[:, :20] = np.clip(near, 0, 1).astype(np.float32)
         losses = np.empty(40, dtype=np.float32)
-        evaluate_population(
-            MODELS.index(model), SEARCH_FORMS.index(search), pack_pairs(problem), scales_of(problem), low.copy(),
-            free, low, width, prior_rows(problem), population, losses, 0, GO_ON,
-        )  # fmt: skip
+        fitness = fitness_of(problem, low, problem.upper)
+        evaluate_population(fitness.total_distances, fitness.data, population, losses, 0, GO_ON)
         expected = [loss_px(problem, low + width * population[:, i].astype(float)) for i in range(40)]
         # One point on the other side of a fold's edge may move a mean by a pair's share of the diagonal.
         close = np.isclose(losses, expected, rtol=1e-4)
@@ -96,16 +90,14 @@ def test_everything_locked_is_just_evaluated():
 def test_padding_counts_for_nothing():
     for pairs in (31, 32, 33):
         problem, truth = simulated("pinhole", 1, pairs=pairs)
-        pack = pack_pairs(problem)
+        fitness = fitness_of(problem, problem.lower, problem.upper)
+        pack = fitness.data.targets.pack
         assert pack.shape[1] % 32 == 0
         assert pack[5].sum() == pairs
         losses = np.empty(1, dtype=np.float32)
         width = problem.upper - problem.lower
         individual = ((truth - problem.lower) / width).astype(np.float32)[:, None]
-        evaluate_population(
-            0, 0, pack, scales_of(problem), problem.lower.copy(), problem.free, problem.lower, width,
-            prior_rows(problem), individual, losses, 0, GO_ON,
-        )  # fmt: skip
+        evaluate_population(fitness.total_distances, fitness.data, individual, losses, 0, GO_ON)
         assert losses[0] == pytest.approx(loss_px(problem, truth), rel=1e-3)
 
 

@@ -10,12 +10,13 @@ from workers.geometry.models import MODELS
 from workers.geometry.spherical import axes
 from workers.solver.covariances import SIGMAS, Covariances, covariances_of
 from workers.solver.errors import SolveError
+from workers.solver.fitness import fitness_of, loss_px, pack_pairs
 from workers.solver.outliers import judge
 from workers.solver.polish import polish, weighted_residuals
 from workers.solver.problem_document import problem_from_document
 from workers.solver.residuals import predict
 from workers.solver.schedule import run_schedule
-from workers.solver.slot import loss_px, pack_pairs, run_slot, scales_of
+from workers.solver.slot import run_slot
 from workers.solver.solution import solve_finish
 from workers.solver.uncertainty import plan_uncertainty, uncertainty
 from workers.solver.weighting import search_weights, whitened
@@ -99,7 +100,7 @@ def test_the_search_weighs_by_the_vertices_angles_whatever_the_mount():
     assert np.corrcoef(np.log(weights), np.log(true_sigma))[0, 1] < -0.97
     assert typical == pytest.approx(here.mark_sigma_px, rel=0.6)
     np.testing.assert_allclose(pack_pairs(problem)[5, :222], weights, rtol=1e-6)
-    assert scales_of(problem)[2] == pytest.approx(1.0 / weights.sum())
+    assert fitness_of(problem, problem.lower, problem.upper).data.per_weight == pytest.approx(1.0 / weights.sum())
     low, high = problem.lower.tolist(), problem.upper.tolist()
     found = run_slot(problem, low, high, 0, 0)
     assert found == run_slot(problem, low, high, 0, 0)
@@ -109,13 +110,13 @@ def test_the_search_weighs_by_the_vertices_angles_whatever_the_mount():
 def test_a_poor_vertex_is_no_outlier_and_a_good_one_is():
     problem, truth, _ = unequal("pinhole", 8)
     sigma = np.sqrt(problem.covariances.points.trace(axis1=1, axis2=2)) / np.linalg.norm(problem.points, axis=1)
-    assert judge(problem, truth) == []
+    assert judge(problem, truth).outliers == []
     good = int(np.argmin(sigma))
     marks = problem.pixels.copy()
     marks[good, 0] += 7.0
-    assert [one.index for one in judge(replace(problem, pixels=marks), truth)] == [good]
+    assert [one.index for one in judge(replace(problem, pixels=marks), truth).outliers] == [good]
     # Equal weights name a poor vertex, and overlook the mark that is far off for a good one.
-    assert [one.index for one in judge(replace(problem, covariances=None), truth)] == [146]
+    assert [one.index for one in judge(replace(problem, covariances=None), truth).outliers] == [146]
     assert sigma[146] > 2.5 * np.median(sigma)
 
 

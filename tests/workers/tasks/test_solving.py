@@ -7,11 +7,11 @@ from uuid import uuid4
 import numpy as np
 import pytest
 
+from apexcal.documents.schedules import Schedule
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from workers.geometry.transforms import RigidTransform
 from workers.solver.bounds import preset_bounds
 from workers.solver.errors import SolveError
-from workers.solver.presets import Schedule
 from workers.solver.problem import FitProblem
 from workers.solver.slot import SlotOutcome, run_slot
 from workers.tasks.solving import _slot_row

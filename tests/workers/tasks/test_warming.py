@@ -4,7 +4,7 @@ from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
 from workers.vertices.detectors import detect_range
 from workers.vertices.refined import corner, planes, rays, window
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 
 KERNELS = (
     corner.integrate,

@@ -9,7 +9,7 @@ from workers.simulation.lidar import BOARD, SENSORS, Lidar, with_rings
 from workers.simulation.scene import WALKER_REGION, scene_with
 from workers.simulation.walker import BOARD_EDGES_M, Walk
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
+from workers.vertices.sweep_source import Listed
 
 REGION = Region.from_document(WALKER_REGION)
 SIZE = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}

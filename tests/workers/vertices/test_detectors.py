@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
+from apexcal.documents.detectors import DETECTORS, resolve_options
+from apexcal.documents.errors import DocumentError
 from tests.workers.vertices.sweeps import EVERYTHING, IN_FRONT, row, sweep
-from workers.vertices.detectors import DETECTORS, detect_range, resolve_options
-from workers.vertices.options import DetectorError
-from workers.vertices.sources import Listed
+from workers.vertices.detectors import detect_range
+from workers.vertices.sweep_source import Listed
 from workers.vertices.vertex import Rejection, Vertex
 
 
@@ -131,31 +132,31 @@ def test_a_range_that_the_source_does_not_have_is_refused(indices):
 
 
 def test_an_unknown_detector_is_answered_with_the_known_ones():
-    with pytest.raises(DetectorError) as caught:
+    with pytest.raises(DocumentError) as caught:
         detect_range(Listed([]), EVERYTHING, "lenient", indices=range(0))
-    assert caught.value.code == "detector_unknown"
+    assert caught.value.code == "unknown_detector"
     assert "strict, tolerant" in caught.value.hint
 
 
 @pytest.mark.parametrize(
     ("name", "options", "code"),
     [
-        ("strict", {"min_points": 3}, "detector_option_unknown"),
-        ("tolerant", {"max_spread_m": -0.1}, "detector_option_invalid"),
-        ("tolerant", {"max_spread_m": float("nan")}, "detector_option_invalid"),
-        ("tolerant", {"max_spread_m": "wide"}, "detector_option_invalid"),
-        ("tolerant", {"min_points": 2.5}, "detector_option_invalid"),
-        ("tolerant", {"min_points": True}, "detector_option_invalid"),
+        ("strict", {"min_points": 3}, "invalid_options"),
+        ("tolerant", {"max_spread_m": -0.1}, "invalid_options"),
+        ("tolerant", {"max_spread_m": float("nan")}, "invalid_options"),
+        ("tolerant", {"max_spread_m": "wide"}, "invalid_options"),
+        ("tolerant", {"min_points": 2.5}, "invalid_options"),
+        ("tolerant", {"min_points": True}, "invalid_options"),
     ],
 )
 def test_bad_options_are_refused(name, options, code):
-    with pytest.raises(DetectorError) as caught:
-        resolve_options(DETECTORS[name], options)
+    with pytest.raises(DocumentError) as caught:
+        resolve_options(name, options)
     assert caught.value.code == code
 
 
 def test_the_defaults_are_those_of_the_papers_toolbox():
-    assert resolve_options(DETECTORS["tolerant"], None) == {
+    assert resolve_options("tolerant") == {
         "min_points": 10,
         "max_top_points": 3,
         "max_spread_m": 0.05,

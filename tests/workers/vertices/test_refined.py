@@ -6,21 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from apexcal.documents.detectors import DETECTORS, FLAGS
 from tests.workers.vertices.refined_walks import REGION, SIZE, errors, walk
 from tests.workers.vertices.sweeps import EVERYTHING, row, sweep
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
 from workers.simulation.disturbances import Disturbances
-from workers.vertices.detectors import DETECTORS, detect_range
+from workers.vertices.detectors import detect_range
+from workers.vertices.refined.board_model import hang
 from workers.vertices.refined.learning import learn
-from workers.vertices.refined.model import hang
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
-from workers.vertices.vertex import FLAGS
+from workers.vertices.sweep_source import Listed
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board"
-KNOWN = DETECTORS["refined"].options_schema["properties"]
-DEFAULTS = {key: value["default"] for key, value in KNOWN.items()}
+KNOWN = DETECTORS["refined"].options
+DEFAULTS = {key: option.default for key, option in KNOWN.items()}
 
 
 def detected(recorded, options=SIZE, indices=None, **more):

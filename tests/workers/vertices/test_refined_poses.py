@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from apexcal.documents.detectors import DETECTORS
 from benchmarks.detection.real import DATA, RECORDINGS, judge, read, regions, run
 from tests.workers.vertices.refined_walks import REGION, SIZE, START_NS, Recorded, errors, walk
-from workers.vertices.detectors import DETECTORS, detect_range
+from workers.vertices.detectors import detect_range
 from workers.vertices.refined.learning import learn
 
-DEFAULTS = {key: value["default"] for key, value in DETECTORS["refined"].options_schema["properties"].items()}
+DEFAULTS = {key: option.default for key, option in DETECTORS["refined"].options.items()}
 
 
 def poses(count, seed=27, biased_m=0.0):

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from apexcal.documents.regions import MAX_DEPTH, MAX_NODES, OPERATORS, QUANTITIES, RegionError
 from workers.vertices.region import Region
-from workers.vertices.region_document import MAX_DEPTH, MAX_NODES, OPERATORS, QUANTITIES, RegionError
 
 _COMPARE = dict(zip(OPERATORS, (operator.lt, operator.le, operator.gt, operator.ge), strict=True))
 

@@ -14,8 +14,8 @@ from workers.simulation.scene import scene_with
 from workers.simulation.walker import Walk
 from workers.vertices.footprint import SIDES, area_around, area_m2, clusters
 from workers.vertices.region import Region
-from workers.vertices.sources import Listed
 from workers.vertices.suggestion import suggest
+from workers.vertices.sweep_source import Listed
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board"
 START_NS = 1_780_000_000_000_000_000

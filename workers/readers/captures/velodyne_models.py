@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any, Final
 
-from workers.readers.recording import LidarModel, ReadError
+from apexcal.documents.readings import LidarModel
+from workers.readers.recording import ReadError
 
 PACKET_BYTES: Final = 1206
 BLOCKS: Final = 12
@@ -25,7 +26,7 @@ _UPPER, _LOWER = 0xEEFF, 0xDDFF
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class VelodyneModel:
     """One kind of sensor.
 
     Attributes:
@@ -57,15 +58,15 @@ class Model:
 
 
 MODELS: Final = (
-    Model("VLP-16", "vlp16", "VLP16", 0x22, 16, 1, 110_592),
-    Model("Puck Hi-Res", None, "PuckHiRes", 0x24, 16, 1, 110_592),
-    Model("VLP-32C", "vlp32c", "VLP32C", 0x28, 32, 1, 55_296),
-    Model("HDL-32E", "hdl32e", "HDL32E", 0x21, 32, 1, 46_080),
-    Model(
+    VelodyneModel("VLP-16", "vlp16", "VLP16", 0x22, 16, 1, 110_592),
+    VelodyneModel("Puck Hi-Res", None, "PuckHiRes", 0x24, 16, 1, 110_592),
+    VelodyneModel("VLP-32C", "vlp32c", "VLP32C", 0x28, 32, 1, 55_296),
+    VelodyneModel("HDL-32E", "hdl32e", "HDL32E", 0x21, 32, 1, 46_080),
+    VelodyneModel(
         *("Alpha Prime", "alpha_prime", "VLS128", 0xA1, 128, 4, 53_333.2, 7_000),
         flags=frozenset({_UPPER, _LOWER, 0xCCFF, 0xBBFF}),
     ),
-    Model("HDL-64E", "hdl64e", "HDL64E_S3", None, 64, 2, 57_600, flags=frozenset({_UPPER, _LOWER})),
+    VelodyneModel("HDL-64E", "hdl64e", "HDL64E_S3", None, 64, 2, 57_600, flags=frozenset({_UPPER, _LOWER})),
 )
 _HDL64E: Final = MODELS[-1]
 _UNREAD: Final = {0x23: "VLP-32A or VLP-32B", 0x31: "Velarray"}
@@ -83,7 +84,7 @@ class Decoding:
         notes: sentences about what was found and assumed.
     """
 
-    model: Model
+    model: VelodyneModel
     config: Any  # the library has no types
     patch: bytes = b""
     notes: list[str] = field(default_factory=list[str])
@@ -157,7 +158,7 @@ def _unknown(product: int | None, where: str) -> ReadError:
     )
 
 
-def _config(model: Model, calibration: Any = None, library: str | None = None) -> Any:
+def _config(model: VelodyneModel, calibration: Any = None, library: str | None = None) -> Any:
     velodyne: Any = import_module("velodyne_decoder")
     return velodyne.Config(
         model=getattr(velodyne.Model, library or model.library),

@@ -36,7 +36,8 @@ _CLONE_NEWNET: Final = 0x40000000
 # FFmpeg converts a picture with as many threads as there are processors.
 _MOST_THREADS: Final = 256
 _CAPABILITY_VERSION: Final = 0x20080522
-_PACKAGE: Final = Path(__file__).parents[2]
+# Our own packages that reading imports.
+_PACKAGES: Final = tuple(Path(__file__).parents[3] / name for name in ("workers", "apexcal"))
 # Shared libraries and what they look at when they are loaded.
 _SYSTEM: Final = (
     *("/usr", "/lib", "/lib64", "/nix/store", "/etc/ld.so.cache", "/etc/localtime", "/dev/urandom", "/dev/zero"),
@@ -110,7 +111,7 @@ def _installation() -> Sequence[Path]:
     packages = [Path(entry) for entry in sys.path if Path(entry).name in ("site-packages", "dist-packages")]
     libraries = [Path(entry) for entry in os.environ.get("LD_LIBRARY_PATH", "").split(":") if entry]
     users = [Path(site.getusersitepackages())]
-    return [*prefixes, *packages, *users, *libraries, _PACKAGE, *map(Path, _SYSTEM)]
+    return [*prefixes, *packages, *users, *libraries, *_PACKAGES, *map(Path, _SYSTEM)]
 
 
 if __name__ == "__main__":

@@ -7,22 +7,9 @@ import posixpath
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from apexcal.documents.lenses import coefficients_of, model_stated
 from workers.readers.ros.topic_messages import CameraInfo
 
-# Names in sensor_msgs/CameraInfo and foxglove.CameraCalibration; some drivers write `fisheye` for OpenCV's.
-MODELS: Final = {
-    "plumb_bob": "brown_conrady",
-    "rational_polynomial": "brown_conrady",
-    "radtan": "brown_conrady",
-    "brown_conrady": "brown_conrady",
-    "": "brown_conrady",
-    "none": "brown_conrady",
-    "equidistant": "kannala_brandt",
-    "fisheye": "kannala_brandt",
-    "kannala_brandt": "kannala_brandt",
-    "kannala_brandt4": "kannala_brandt",
-}
-COEFFICIENTS: Final = {"brown_conrady": 5, "kannala_brandt": 4}
 _IMAGE_SUFFIXES: Final = ("/compressed", "/raw")
 
 
@@ -44,18 +31,12 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
         return None
     if info.k[0] <= 0 or info.k[4] <= 0:
         return None
-    model = MODELS.get(info.distortion_model.strip().lower())
-    d = list(info.d)
-    if model is not None:
-        size = COEFFICIENTS[model]
-        if any(d[size:]):
-            model = None
-        else:
-            d = (d + [0.0] * size)[:size]
+    model = model_stated(info.distortion_model)
+    D = coefficients_of(model, info.d) if model else None
     return {
-        "model": model,
+        "model": model if D is not None else None,
         "K": list(info.k),
-        "D": d,
+        "D": list(info.d) if D is None else D,
         "distortion_model": info.distortion_model[:64],
         "width": info.width,
         "height": info.height,

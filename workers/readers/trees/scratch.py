@@ -1,4 +1,4 @@
-"""A folder on disk for what lies packed in an archive and can only be read from a file of its own."""
+"""A scratch folder for members of archives that a library can only read as files."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from workers.readers.output import OutputLimitError, create
 from workers.readers.recording import ReadError
 
 MAX_UNPACKED_BYTES: Final = 256 * 1024**3
-# Recordings pack to a third or a tenth. What claims to grow more, and past a size that does no harm, is made to fill
-# disks; what is written of it is counted in workers.readers.output.
+# Recordings compress to a third or a tenth. An archive that claims far more, past a harmless size, is made to fill
+# disks. workers.readers.output counts what is written.
 MAX_RATIO: Final = 200
 HARMLESS_BYTES: Final = 256 * 1024**2
 _PIECE: Final = 1024 * 1024
@@ -30,12 +30,12 @@ def packing_of(head: bytes) -> str | None:
 
 
 def expands_too_far(packed: int, unpacked: int) -> bool:
-    """Whether so many bytes out of so few are refused."""
+    """Whether unpacking that many bytes from so few is refused."""
     return unpacked > MAX_UNPACKED_BYTES or unpacked > max(HARMLESS_BYTES, MAX_RATIO * packed)
 
 
 class Readable(Protocol):
-    """What bytes come out of."""
+    """A source of bytes."""
 
     def read(self, size: int = -1, /) -> bytes: ...
 

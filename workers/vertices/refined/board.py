@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
+from workers.vertices.refined.board_model import EDGE_M, TELLING_RINGS, BoardModel, Fix, Floats, Plane, Sighting, hang
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import integrate
-from workers.vertices.refined.model import EDGE_M, TELLING_RINGS, Fix, Floats, Model, Plane, Sighting, hang
 from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
 from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
 from workers.vertices.refined.window import Window, open_window
@@ -37,7 +37,7 @@ def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> l
     ]
 
 
-def find_planes(windows: Iterable[Window], model: Model, most: int) -> list[Sighting]:
+def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list[Sighting]:
     """Planes that could be the board's, at least two rings on each, the likeliest first."""
     found: list[tuple[float, Window, Floats, Floats, tuple[int, int, int]]] = []
     prior = np.array([*model.yaw, *model.tilt])
@@ -76,7 +76,7 @@ def _width(sighting: Sighting, step: float) -> float:
 
 
 def _with_rays(
-    score: float, window: Window, w: Floats, spread: Floats, seed: tuple[int, int, int], model: Model
+    score: float, window: Window, w: Floats, spread: Floats, seed: tuple[int, int, int], model: BoardModel
 ) -> Sighting | None:
     left, up, ratio = likelihood_ratios(
         window.azimuth, window.slope, window.distance, w, spread, model.sigma, model.lost
@@ -112,7 +112,7 @@ def _with_rays(
     return Sighting(plane, window, ends)
 
 
-def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
+def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | None:
     """The apex in a plane, over both ways to hold the board; None where no board explains the rays.
 
     Args:
@@ -150,13 +150,15 @@ def locate(plane: Plane, model: Model, *, coarse: bool = False) -> Fix | None:
     return Fix(plane, xyz, errors, sigma, float(mean[2]), roll_sigma, against, upper, best, expected, total, odds)
 
 
-def _edges(model: Model, swapped: bool) -> tuple[float, float]:
+def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
     """Lengths of the edges to the lower left and to the lower right."""
     one, other = model.edges
     return (other, one) if swapped else (one, other)
 
 
-def _against(plane: Plane, model: Model, edges: tuple[float, float], corner: Floats) -> tuple[int, tuple[int, int]]:
+def _against(
+    plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
+) -> tuple[int, tuple[int, int]]:
     """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
     p, q = _turn(float(corner[3])) @ np.array([plane.left - corner[1], plane.up - corner[2]])
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
@@ -182,7 +184,7 @@ def _matrix(corner: Floats) -> Floats:
     return np.array([[ll, lu, lr], [lu, uu, ur], [lr, ur, rr]])
 
 
-def _corner(plane: Plane, model: Model, edges: tuple[float, float], coarse: bool, floor: float) -> Floats | None:
+def _corner(plane: Plane, model: BoardModel, edges: tuple[float, float], coarse: bool, floor: float) -> Floats | None:
     """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
 
     None where no board explains the rays, or the first pass ends below ``floor``.
@@ -258,7 +260,9 @@ def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, 
     return np.array([x * c - y * s, x * s + y * c, z]), errors
 
 
-def look(sweep: Sweep, inside: NDArray[np.bool_], model: Model, most: int = 5) -> list[tuple[Sighting, Fix]]:
+def find_boards(
+    sweep: Sweep, inside: NDArray[np.bool_], model: BoardModel, most: int = 5
+) -> list[tuple[Sighting, Fix]]:
     """The apexes that the likeliest planes of a sweep tell: boards by all appearances first, then the likeliest."""
     sightings = find_planes(open_windows(sweep, inside, model.grid), model, most)
     found = [(sighting, fix) for sighting in sightings if (fix := locate(sighting.plane, model)) is not None]

@@ -13,15 +13,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from workers.vertices.options import Options
+from apexcal.documents.detectors import Options
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.model import EDGE_M, Floats, Model, Plane, Sighting
+from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting
 from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.track import FASTEST_M_S, LONGEST_S, TREMBLE_M
 from workers.vertices.refined.window import Window
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
-from workers.vertices.sources import SweepSource
+from workers.vertices.sweep_source import SweepSource
 
 _GRID_SWEEPS = 24
 _SWEEPS = 96
@@ -43,11 +43,11 @@ _GROWTH_SIGMA_RAD = 0.5e-3
 _GROWTH_RAD = (-0.25e-3, 10.0e-3)
 
 
-def learn(source: SweepSource, region: Region, options: Options, on_sweep: Callable[[], None]) -> Model:
+def learn(source: SweepSource, region: Region, options: Options, on_sweep: Callable[[], None]) -> BoardModel:
     """The model of a recording; defaults where its near sweeps tell nothing."""
     grid = learn_grid(source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
-    model = _given(Model(grid, sigma=_FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
+    model = _given(BoardModel(grid, sigma=_FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
     near: list[tuple[int, int, Window]] = []
     places: list[tuple[int, float, float]] = []
     for index in _spread(len(source), _SWEEPS):
@@ -64,7 +64,7 @@ def learn(source: SweepSource, region: Region, options: Options, on_sweep: Calla
         for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
     ]
     if len(windows) < _ENOUGH:
-        return replace(model, sigma=Model(grid).sigma)
+        return replace(model, sigma=BoardModel(grid).sigma)
     model, sightings = _learn_planes(windows, model)
     return _learn_board([sighting.plane for sighting in sightings], model, edges, float(options["edge_growth_mrad"]))
 
@@ -89,17 +89,17 @@ def _are_poses(places: Sequence[tuple[int, float, float]]) -> bool:
     return sum(pairs) > 0.5 * len(pairs)
 
 
-def _given(model: Model, edges: tuple[float, float], growth_mrad: float) -> Model:
+def _given(model: BoardModel, edges: tuple[float, float], growth_mrad: float) -> BoardModel:
     if all(edges):
         model = replace(model, edges=edges, slack=0.0)
     return replace(model, growth=max(growth_mrad, 0.0) * 1e-3)
 
 
-def _learn_planes(windows: Sequence[Window], model: Model) -> tuple[Model, list[Sighting]]:
+def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardModel, list[Sighting]]:
     """The noise of the distances, and how upright the board is held."""
     sightings = _best(windows, model)
     noise = _noise(sightings)
-    default = Model(model.grid)
+    default = BoardModel(model.grid)
     model = replace(model, sigma=_clip(noise), lost=_lost(sightings, default.lost))
     for _ in range(3):
         sightings = _best(windows, model)
@@ -120,7 +120,7 @@ def _learn_planes(windows: Sequence[Window], model: Model) -> tuple[Model, list[
     return model, _best(windows, model)
 
 
-def _upper_part(sighting: Sighting, model: Model) -> tuple[Floats, Floats]:
+def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats]:
     """w from the board's rings down to the widest and those below that are nearly as wide, and its residuals.
 
     Farther down a ring may have met the body, which stands only centimetres behind the board.
@@ -135,13 +135,13 @@ def _upper_part(sighting: Sighting, model: Model) -> tuple[Floats, Floats]:
         np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
     )
     azimuth, slope, distance = azimuth[distance > 0.0], slope[distance > 0.0], distance[distance > 0.0]
-    default = Model(model.grid)
+    default = BoardModel(model.grid)
     prior = np.array([*default.yaw, *default.tilt])
     w, _ = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
     return w, distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
 
 
-def _best(windows: Sequence[Window], model: Model) -> list[Sighting]:
+def _best(windows: Sequence[Window], model: BoardModel) -> list[Sighting]:
     sightings = [sighting for window in windows for sighting in find_planes([window], model, 1)]
     return [sighting for sighting in sightings if sighting.plane.rings >= _MIN_RINGS]
 
@@ -179,7 +179,9 @@ def _gathered(values: Floats, default: tuple[float, float], least: float) -> tup
     return weight * middle + (1.0 - weight) * default[0], max(math.sqrt(variance), least)
 
 
-def _learn_board(planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float) -> Model:
+def _learn_board(
+    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float
+) -> BoardModel:
     """The board's edges where they are not given, their growth, which edge is where, and the roll."""
     if len(planes) < _ENOUGH:
         return model
@@ -203,12 +205,12 @@ def _learn_board(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
     odds = np.array([fix.swapped for fix in fixes])
     return replace(
         model,
-        roll=_gathered(roll, Model(model.grid).roll, _LEAST_ROLL),
+        roll=_gathered(roll, BoardModel(model.grid).roll, _LEAST_ROLL),
         swapped=float((np.sum(1.0 / (1.0 + np.exp(-np.clip(odds, -30, 30)))) + 1.0) / (odds.size + 2.0)),
     )
 
 
-def _first_edges(planes: Sequence[Plane], model: Model, edges: tuple[float, float]) -> Model:
+def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:
     """Of a coarse table of lengths those that explain the best seen boards best."""
     known = max(edges)
     lengths = [known] if known > 0.0 else _LENGTHS_M
@@ -222,30 +224,30 @@ def _first_edges(planes: Sequence[Plane], model: Model, edges: tuple[float, floa
     return replace(best, slack=0.0)
 
 
-def _first_growth(planes: Sequence[Plane], model: Model) -> Model:
+def _first_growth(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """Of a coarse table of growths and widths of the step at an edge those that explain the best seen boards best."""
     tried = [replace(model, growth=growth, soft=math.radians(deg)) for growth in _GROWTHS_RAD for deg in _SOFT_DEG]
     return max(tried, key=lambda candidate: _evidence(planes[:_FIRST], candidate))
 
 
-def _learn_blur(planes: Sequence[Plane], model: Model) -> Model:
+def _learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """How gradually the hits end at an edge: what explains the near sweeps best."""
     widths = [replace(model, soft=math.radians(width)) for width in _SOFT_DEG]
     return max(widths, key=lambda tried: _evidence(planes, tried))
 
 
-def _learn_wrong(planes: Sequence[Plane], model: Model) -> Model:
+def _learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """Share of the returns at the upper edges on their wrong side; a hundred imagined ones at the default count too.
 
     At the lower edges the body and the hands answer.
     """
     fixes = [fix for plane in planes if (fix := locate(plane, model, coarse=True)) is not None and fix.explained]
     against, rays = (sum(fix.upper[k] for fix in fixes) for k in (0, 1))
-    default = Model(model.grid).wrong
+    default = BoardModel(model.grid).wrong
     return replace(model, wrong=max((against + 100.0 * default) / (rays + 100.0), default))
 
 
-def _evidence(planes: Sequence[Plane], model: Model) -> float:
+def _evidence(planes: Sequence[Plane], model: BoardModel) -> float:
     """Log evidence of a model over three quarters of the sweeps: those that it explains worst may be no boards."""
     found = [locate(plane, model, coarse=True) for plane in planes]
     told = sorted(fix.evidence if fix is not None else _HOPELESS for fix in found)
@@ -253,8 +255,8 @@ def _evidence(planes: Sequence[Plane], model: Model) -> float:
 
 
 def _refine(
-    planes: Sequence[Plane], model: Model, edges: tuple[float, float], growth_mrad: float, step: float
-) -> Model:
+    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float, step: float
+) -> BoardModel:
     """Whatever is open of edge lengths and growth, by the evidence of the near sweeps, one after the other.
 
     A growth makes a board larger by twice the growth times its distance; so the lengths are varied as they appear at
@@ -266,7 +268,7 @@ def _refine(
     state = np.array([*model.edges, model.growth])
     state[free] += 2.0 * reach * state[2]
 
-    def modelled(x: Floats) -> Model:
+    def modelled(x: Floats) -> BoardModel:
         lengths = [float(x[i] - 2.0 * reach * x[2] * (i in free)) for i in (0, 1)]
         return replace(model, edges=(lengths[0], lengths[1]), growth=float(x[2]))
 

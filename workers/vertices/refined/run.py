@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from apexcal.documents.detectors import Options, Quality
 from workers.readers.recording import Sweep
-from workers.vertices.options import Options
-from workers.vertices.refined.board import locate, look
+from workers.vertices.refined.board import find_boards, locate
+from workers.vertices.refined.board_model import BoardModel, Fix, Sighting
 from workers.vertices.refined.learning import learn
-from workers.vertices.refined.model import Fix, Model, Sighting
 from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
 from workers.vertices.refined.track import REACH, Seen, off_path, roll_prior, trustworthy
 from workers.vertices.region import Region
-from workers.vertices.sources import OnSweep, SweepSource
-from workers.vertices.vertex import Covariance, Quality, Rejection, Vertex
+from workers.vertices.sweep_source import OnSweep, SweepSource
+from workers.vertices.vertex import Covariance, Rejection, Vertex
 
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do.
 _LEAST_SCORE, _LEAST_POINTS = 8.0, 6
@@ -29,7 +29,7 @@ _FINE_AZIMUTH, _FINE_ELEVATION = math.radians(0.055), math.radians(0.043)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Look:
+class _Findings:
     """What a sweep tells by itself: candidates, the likeliest first, or the reason why there are none."""
 
     candidates: tuple[Seen, ...]
@@ -44,23 +44,23 @@ def run(
     model = learn(source, region, options, lambda: on_sweep(indices.start))
     reach = REACH if options["track"] and not model.poses else 0
     wider = range(max(0, indices.start - reach), min(len(source), indices.stop + reach))
-    looks: dict[int, _Look] = {}
+    found_in: dict[int, _Findings] = {}
     for index in wider:
-        looks[index] = _look(source.sweep(index), region, model)
+        found_in[index] = _find(source.sweep(index), region, model)
         on_sweep(index)
-    return [_settle(index, looks, model, options, reach) for index in indices]
+    return [_settle(index, found_in, model, options, reach) for index in indices]
 
 
-def _look(sweep: Sweep, region: Region, model: Model) -> _Look:
+def _find(sweep: Sweep, region: Region, model: BoardModel) -> _Findings:
     inside = region.mask(sweep.xyz)
     if not inside.any():
-        return _Look((), (), "no_points")
-    found = [pair for pair in look(sweep, inside, model) if not overtopped(*pair, model)]
+        return _Findings((), (), "no_points")
+    found = [pair for pair in find_boards(sweep, inside, model) if not overtopped(*pair, model)]
     if not found:
-        return _Look((), (), "too_few_rings")
+        return _Findings((), (), "too_few_rings")
     seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]
     flags = [_flags(sighting, fix, found) for sighting, fix in found]
-    return _Look(tuple(seen), tuple(flags), "")
+    return _Findings(tuple(seen), tuple(flags), "")
 
 
 def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]]) -> tuple[str, ...]:
@@ -75,13 +75,17 @@ def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]]) 
     return (*flags_of(sighting, fix), *(["second_board"] if rivals else []))
 
 
-def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options, reach: int) -> Vertex | Rejection:
-    own = looks[index]
+def _settle(
+    index: int, found_in: dict[int, _Findings], model: BoardModel, options: Options, reach: int
+) -> Vertex | Rejection:
+    own = found_in[index]
     if not own.candidates:
         return Rejection(own.reason)
-    around = [i for i in range(index - reach, index + reach + 1) if i != index and i in looks]
+    around = [i for i in range(index - reach, index + reach + 1) if i != index and i in found_in]
     others = [
-        looks[i].candidates[0] for i in around if looks[i].candidates and trustworthy(looks[i].candidates[0].fix)
+        found_in[i].candidates[0]
+        for i in around
+        if found_in[i].candidates and trustworthy(found_in[i].candidates[0].fix)
     ]
     beside = [off_path(seen, others) for seen in own.candidates]
     chosen = next(
@@ -103,7 +107,7 @@ def _settle(index: int, looks: dict[int, _Look], model: Model, options: Options,
     return _vertex(index, seen.time_ns, fix, flags)
 
 
-def _is_board(fix: Fix, model: Model) -> bool:
+def _is_board(fix: Fix, model: BoardModel) -> bool:
     w, (mean, spread) = fix.plane.w, model.tilt
     upright = fix.plane.telling or abs(-w[2] / w[0] - mean) < _LEAN * spread
     enough = fix.plane.score >= _LEAST_SCORE and fix.plane.points >= _LEAST_POINTS

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from workers.readers.recording import Sweep
-from workers.vertices.refined.model import Fix, Floats, Model, Sighting
+from workers.vertices.refined.board_model import BoardModel, Fix, Floats, Sighting
 
 _HEAD_BESIDE_M = 0.35
 _HEAD_BEHIND_M = (-0.15, 0.7)
@@ -51,7 +51,7 @@ def flags_of(sighting: Sighting, fix: Fix) -> tuple[str, ...]:
     return (*(["head_above"] if head else []), *(["occluded"] if occluded else []))
 
 
-def overtopped(sighting: Sighting, fix: Fix, model: Model) -> bool:
+def overtopped(sighting: Sighting, fix: Fix, model: BoardModel) -> bool:
     """Whether something stands above the apex and before the plane: then the plane is the body's, below a board."""
     behind, left, up = _around_apex(sighting, fix)
     over = (sighting.window.distance > 0.0) & sighting.window.inside & (np.abs(left) < _BOARD_BESIDE_M)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workers.vertices.refined.model import Fix, Floats, Model
+from workers.vertices.refined.board_model import BoardModel, Fix, Floats
 
 REACH = 10  # sweeps to either side
 LONGEST_S = 1.5
@@ -34,7 +34,7 @@ def trustworthy(fix: Fix) -> bool:
     return fix.explained and fix.sigma < math.radians(0.3)
 
 
-def roll_prior(own: Seen, others: Sequence[Seen], model: Model) -> tuple[float, float]:
+def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[float, float]:
     """Mean and standard deviation of the roll, from the neighbours that the walker can have come from or gone to.
 
     Gaussian-process regression; each neighbour's roll counts as its posterior without the prior.

@@ -1,26 +1,31 @@
 /** Marking: tasks one after the other, answers, and taking one back. */
 
-import { get, post, query, request } from "./http.ts";
-import type { MarkingProgress, MarkingTally, MarkingTask, NewAnswer } from "./types/annotations.ts";
+import { bodyOf, client } from "./http.ts";
+import { read, type Read } from "./reads.ts";
+import type { MarkingProgress, MarkingTally, MarkingTask, NewAnswer } from "./types.ts";
 
 /** The next task for this person, the one that they hold, or null when nothing is left. */
-export async function nextTask(detectionId: string, camera: string, skip: string | null): Promise<MarkingTask | null> {
-  const body = skip ? { camera, skip } : { camera };
-  const answer = await request<MarkingTask>("POST", `/detections/${detectionId}/tasks/next`, { body });
-  return answer.status === 204 ? null : answer.data;
-}
+export const nextTask = async (id: string, camera: string, skip: string | null): Promise<MarkingTask | null> =>
+  (await bodyOf(
+    client.POST("/v1/detections/{detection_id}/tasks/next", {
+      params: { path: { detection_id: id } },
+      body: { camera, skip },
+    }),
+  )) ?? null;
 
 /** The same answer sent again is the same: its id says so. */
-export async function answerTask(taskId: string, answer: NewAnswer, signal: AbortSignal): Promise<void> {
-  await request("POST", `/tasks/${taskId}/answer`, { body: answer, signal });
-}
+export const answerTask = (id: string, answer: NewAnswer, signal: AbortSignal): Promise<unknown> =>
+  client.POST("/v1/tasks/{task_id}/answer", { params: { path: { task_id: id } }, body: answer, signal });
 
 /** Takes the answer of this version back. The task is this person's again; the same id twice does it once. */
 export const undoAnswer = (taskId: string, id: string, version: number): Promise<MarkingTask> =>
-  post<MarkingTask>(`/tasks/${taskId}/undo`, { id, version });
+  bodyOf(client.POST("/v1/tasks/{task_id}/undo", { params: { path: { task_id: taskId } }, body: { id, version } }));
 
-export const progress = (detectionId: string, camera: string): Promise<MarkingProgress> =>
-  get<MarkingProgress>(`/detections/${detectionId}/progress${query({ camera })}`);
+export const progress = (id: string, camera: string): Read<MarkingProgress> =>
+  read("/v1/detections/{detection_id}/progress", { detection_id: id }, { camera });
 
-export const tally = (detectionId: string, camera: string): Promise<MarkingTally> =>
-  get<MarkingTally>(`/detections/${detectionId}/tally${query({ camera })}`);
+/** Read when somebody asks for it: from then on their answers count as reviewed. */
+export const tally = (id: string, camera: string): Promise<MarkingTally> =>
+  bodyOf(
+    client.GET("/v1/detections/{detection_id}/tally", { params: { path: { detection_id: id }, query: { camera } } }),
+  );

@@ -1,45 +1,28 @@
 /** Bytes straight to and from the service's blob store, at addresses that the service hands out. */
 
-import { ApiProblem, get, request } from "./http.ts";
-import type { UploadedPart } from "./types/recordings.ts";
+import { ApiProblem, bodyOf, client, send } from "./http.ts";
+import type { BlobAddress } from "./types.ts";
 
-/** How a recording's parts go: to the service itself, or to an address of the store that is asked for. */
-export interface UploadWay {
-  part_bytes: number;
-  parts: "api" | "presigned";
-}
-
-interface PartAddress {
-  /** The part, where the service holds these bytes already. */
-  part: UploadedPart | null;
-  url: string | null;
-  reservation: string | null;
-}
-
-interface FrameAddress {
-  /** Null where frames go through the service. */
-  url: string | null;
-  offset: number;
-  length: number;
-  media_type: string;
-}
-
-/** Puts one part into the store and says so; `digest` is its SHA-256 in hexadecimal. */
+/** Puts one part into the store and says so; `sha256` is its digest in hexadecimal. */
 export async function putIntoStore(
   id: string,
   number: number,
-  bytes: ArrayBuffer,
-  digest: string,
+  bytes: Blob,
+  sha256: string,
   signal: AbortSignal,
 ): Promise<void> {
-  const path = `/recordings/${id}/parts/${number}`;
-  const asked = { size: bytes.byteLength, sha256: digest };
-  const { data: address } = await request<PartAddress>("POST", `${path}/address`, { body: asked, signal });
-  if (!address.url) return;
+  const params = { path: { id, number } };
+  const asked = { size: bytes.size, sha256 };
+  const address = await bodyOf(
+    client.POST("/v1/recordings/{id}/parts/{number}/address", { params, body: asked, signal }),
+  );
+  // Without an address the service has these bytes already.
+  if (!address.url || !address.reservation) return;
   // The address is all that the store asks for; it must never see this site's cookies.
   const put = await fetchFromStore(address.url, { method: "PUT", body: bytes, signal });
   if (!put.ok) throw refused(put.status);
-  await request("POST", `${path}/arrival`, { body: { reservation: address.reservation }, signal });
+  const body = { reservation: address.reservation };
+  await client.POST("/v1/recordings/{id}/parts/{number}/arrival", { params, body, signal });
 }
 
 let throughService = false;
@@ -47,12 +30,13 @@ let throughService = false;
 /** A frame's image straight from the store; null where frames go through the service. */
 export async function frameFromStore(frameUrl: string): Promise<Blob | null> {
   if (throughService) return null;
-  const address = await get<FrameAddress>(`${frameUrl.replace(/^\/v1/, "")}/address`);
+  const address = (await (await send(new Request(`${frameUrl}/address`))).json()) as BlobAddress;
   if (!address.url) {
     throughService = true;
     return null;
   }
-  const range = `bytes=${address.offset}-${address.offset + address.length - 1}`;
+  const from = address.offset ?? 0;
+  const range = `bytes=${from}-${from + address.length - 1}`;
   const answer = await fetchFromStore(address.url, { headers: { Range: range } });
   if (answer.status !== 206) throw refused(answer.status);
   return new Blob([await answer.arrayBuffer()], { type: address.media_type });

@@ -1,54 +1,74 @@
 /** Correspondence sets, calibrations, results and what a vehicle's camera is given. */
 
-import { all, create, get, post, query, request, type Page } from "./http.ts";
-import type { Calibration, CalibrationRequest, CorrespondenceSet } from "./types/calibrations.ts";
-import type { CurrentCalibration, Publication, Result } from "./types/results.ts";
+import { bodyOf, client, once, send, type Page } from "./http.ts";
+import { read, readAll, type Read } from "./reads.ts";
+import {
+  isUnderWay,
+  type Calibration,
+  type CalibrationRequest,
+  type CorrespondenceSet,
+  type CurrentCalibration,
+  type Publication,
+  type Result,
+} from "./types.ts";
 
-export const buildSet = (detectionId: string, camera: string, excludeFlagged: boolean): Promise<CorrespondenceSet> =>
-  create<CorrespondenceSet>(`/detections/${detectionId}/correspondence-sets`, {
-    camera,
-    exclude_flagged: excludeFlagged,
-  });
+export const buildSet = (detection_id: string, camera: string, exclude_flagged: boolean): Promise<CorrespondenceSet> =>
+  bodyOf(
+    client.POST("/v1/detections/{detection_id}/correspondence-sets", {
+      params: { path: { detection_id } },
+      body: { camera, exclude_flagged },
+      ...once(),
+    }),
+  );
 
-export const importSet = async (rigId: string, camera: string, file: File): Promise<CorrespondenceSet> =>
-  (
-    await request<CorrespondenceSet>("POST", `/rigs/${rigId}/correspondence-sets${query({ camera })}`, {
-      body: await file.text(),
-      creates: true,
-      headers: { "Content-Type": file.name.toLowerCase().endsWith(".json") ? "application/json" : "text/csv" },
-    })
-  ).data;
+export const importSet = async (rigId: string, camera: string, file: File): Promise<unknown> => {
+  const type = file.name.toLowerCase().endsWith(".json") ? "application/json" : "text/csv";
+  const address = `/v1/rigs/${rigId}/correspondence-sets?camera=${encodeURIComponent(camera)}`;
+  const headers = { "Content-Type": type, ...once().headers };
+  return send(new Request(address, { method: "POST", body: await file.text(), headers }));
+};
 
-export const correspondenceSets = (rigId: string): Promise<CorrespondenceSet[]> =>
-  all<CorrespondenceSet>(`/rigs/${rigId}/correspondence-sets`);
+export const correspondenceSets = (rig_id: string): Read<CorrespondenceSet[]> =>
+  readAll("/v1/rigs/{rig_id}/correspondence-sets", { rig_id });
 
-export const createCalibration = (vehicleId: string, body: CalibrationRequest): Promise<Calibration> =>
-  create<Calibration>(`/vehicles/${vehicleId}/calibrations`, body);
+export const createCalibration = (vehicle_id: string, body: CalibrationRequest): Promise<{ id: string }> =>
+  bodyOf(client.POST("/v1/vehicles/{vehicle_id}/calibrations", { params: { path: { vehicle_id } }, body, ...once() }));
 
-export const calibrations = (vehicleId: string): Promise<Calibration[]> =>
-  all<Calibration>(`/vehicles/${vehicleId}/calibrations`, 200);
+export const calibrations = (vehicle_id: string): Read<Calibration[]> =>
+  readAll("/v1/vehicles/{vehicle_id}/calibrations", { vehicle_id }, {}, undefined, 200);
 
-export const calibration = (id: string): Promise<Calibration> => get<Calibration>(`/calibrations/${id}`);
+export const calibration = (calibration_id: string): Read<Calibration> =>
+  read("/v1/calibrations/{calibration_id}", { calibration_id }, {}, isUnderWay);
 
-export const cancelCalibration = (id: string): Promise<unknown> => post(`/calibrations/${id}/cancel`);
+export const cancelCalibration = (calibration_id: string): Promise<unknown> =>
+  client.POST("/v1/calibrations/{calibration_id}/cancel", { params: { path: { calibration_id } } });
 
-export const result = (id: string): Promise<Result> => get<Result>(`/results/${id}`);
+export const result = (result_id: string): Read<Result> => read("/v1/results/{result_id}", { result_id });
 
 export const resultUrl = (id: string): string => `/v1/results/${id}`;
 
 /** Gives a result to its camera. `reason` also overrides the service's objections where `against` them. */
-export const publish = (resultId: string, reason?: string, against = false): Promise<unknown> =>
-  create(`/results/${resultId}/publication`, against ? { override: { reason } } : reason ? { reason } : {});
+export const publish = (result_id: string, reason?: string, against = false): Promise<unknown> =>
+  client.POST("/v1/results/{result_id}/publication", {
+    params: { path: { result_id } },
+    body: against && reason ? { override: { reason } } : reason ? { reason } : {},
+    ...once(),
+  });
 
 export const PUBLICATIONS_PER_PAGE = 10;
 
-export const publications = (vehicleId: string, camera: string, after: string | null): Promise<Page<Publication>> =>
-  get<Page<Publication>>(
-    `/vehicles/${vehicleId}/cameras/${encodeURIComponent(camera)}/publications${query({ after, limit: PUBLICATIONS_PER_PAGE })}`,
+export const publications = (vehicle_id: string, camera: string, after: string | undefined): Read<Page<Publication>> =>
+  read(
+    "/v1/vehicles/{vehicle_id}/cameras/{camera}/publications",
+    { vehicle_id, camera },
+    { after, limit: PUBLICATIONS_PER_PAGE },
   );
 
 export const currentUrl = (vehicleId: string, camera: string): string =>
   `/v1/vehicles/${vehicleId}/cameras/${encodeURIComponent(camera)}/calibration`;
 
-export const current = (vehicleId: string, camera: string): Promise<CurrentCalibration> =>
-  get<CurrentCalibration>(`/vehicles/${vehicleId}/cameras/${encodeURIComponent(camera)}/calibration`);
+export const current = (vehicle_id: string, camera: string): Read<CurrentCalibration> =>
+  read("/v1/vehicles/{vehicle_id}/cameras/{camera}/calibration", {
+    vehicle_id,
+    camera,
+  });

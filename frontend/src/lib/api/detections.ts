@@ -1,59 +1,85 @@
 /** Regions of interest, detection runs and their vertices, and the offset between the clocks. */
 
-import { all, create, get, post, query } from "./http.ts";
-import type { Region } from "../region.ts";
-import type { Detection, Pairing, Vertex } from "./types/detections.ts";
-import type { Study } from "./types/jobs.ts";
-import type { ClockOffset, RegionPreview, RegionSuggestion } from "./types/studies.ts";
-
-export const createPreview = (recordingId: string, region: Region): Promise<RegionPreview> =>
-  create<RegionPreview>(`/recordings/${recordingId}/region-previews`, { region });
-
-export const preview = (id: string): Promise<RegionPreview> => get<RegionPreview>(`/region-previews/${id}`);
-
-export const createSuggestion = (recordingId: string): Promise<RegionSuggestion> =>
-  create<RegionSuggestion>(`/recordings/${recordingId}/region-suggestions`, {});
-
-export const suggestion = (id: string): Promise<RegionSuggestion> => get<RegionSuggestion>(`/region-suggestions/${id}`);
-
-export const createOffset = (recordingId: string, detectionId: string, camera: string): Promise<ClockOffset> =>
-  create<ClockOffset>(`/recordings/${recordingId}/clock-offsets`, { detection_id: detectionId, camera });
-
-export const offset = (id: string): Promise<ClockOffset> => get<ClockOffset>(`/clock-offsets/${id}`);
+import { bodyOf, client, once } from "./http.ts";
+import { read, readAll, type Read } from "./reads.ts";
+import {
+  isUnderWay,
+  type ClockOffset,
+  type Detection,
+  type DetectionRequest,
+  type RegionNode,
+  type RegionPreview,
+  type RegionSuggestion,
+  type Vertex,
+} from "./types.ts";
 
 const POLL_MS = 400;
 
+export const createPreview = (recording_id: string, region: RegionNode): Promise<RegionPreview> =>
+  bodyOf(
+    client.POST("/v1/recordings/{recording_id}/region-previews", {
+      params: { path: { recording_id } },
+      body: { region },
+      ...once(),
+    }),
+  );
+
+export const preview = (id: string): Promise<RegionPreview> =>
+  bodyOf(client.GET("/v1/region-previews/{preview_id}", { params: { path: { preview_id: id } } }));
+
+export const createSuggestion = (recording_id: string): Promise<RegionSuggestion> =>
+  bodyOf(
+    client.POST("/v1/recordings/{recording_id}/region-suggestions", {
+      params: { path: { recording_id } },
+      body: {},
+      ...once(),
+    }),
+  );
+
+export const suggestion = (id: string): Promise<RegionSuggestion> =>
+  bodyOf(client.GET("/v1/region-suggestions/{suggestion_id}", { params: { path: { suggestion_id: id } } }));
+
+export const createOffset = (recording_id: string, detection_id: string, camera: string): Promise<ClockOffset> =>
+  bodyOf(
+    client.POST("/v1/recordings/{recording_id}/clock-offsets", {
+      params: { path: { recording_id } },
+      body: { detection_id, camera },
+      ...once(),
+    }),
+  );
+
+export const offset = (id: string): Promise<ClockOffset> =>
+  bodyOf(client.GET("/v1/clock-offsets/{offset_id}", { params: { path: { offset_id: id } } }));
+
 /** Reads a study until it has ended, and tells of each reading. */
-export async function follow<S extends Study<unknown>>(
+export async function untilEnded<S extends { id: string; state: string }>(
   asked: S,
   read: (id: string) => Promise<S>,
   tell: (study: S) => void,
 ): Promise<S> {
-  let study = asked;
-  for (;;) {
+  for (let study = asked; ; study = await read(study.id)) {
     tell(study);
-    if (study.state !== "queued" && study.state !== "running") return study;
+    if (!isUnderWay(study)) return study;
     await new Promise((resolve) => setTimeout(resolve, POLL_MS));
-    study = await read(study.id);
   }
 }
 
-export interface DetectionRequest {
-  region: Region;
-  detector: string;
-  options: Record<string, unknown>;
-  pairing: Pairing;
-}
+export const createDetection = (recording_id: string, body: DetectionRequest): Promise<unknown> =>
+  client.POST("/v1/recordings/{recording_id}/detections", {
+    params: { path: { recording_id } },
+    body,
+    ...once(),
+  });
 
-export const createDetection = (recordingId: string, body: DetectionRequest): Promise<Detection> =>
-  create<Detection>(`/recordings/${recordingId}/detections`, body);
+/** The detections of a recording that is ready. */
+export const detections = (recording_id: string | undefined): Read<Detection[]> =>
+  readAll("/v1/recordings/{recording_id}/detections", { recording_id }, {}, (found) => found.some(isUnderWay));
 
-export const detections = (recordingId: string): Promise<Detection[]> =>
-  all<Detection>(`/recordings/${recordingId}/detections`);
+export const detection = (detection_id: string): Read<Detection> =>
+  read("/v1/detections/{detection_id}", { detection_id });
 
-export const detection = (id: string): Promise<Detection> => get<Detection>(`/detections/${id}`);
+export const cancelDetection = (detection_id: string): Promise<unknown> =>
+  client.POST("/v1/detections/{detection_id}/cancel", { params: { path: { detection_id } } });
 
-export const cancelDetection = (id: string): Promise<unknown> => post(`/detections/${id}/cancel`);
-
-export const vertices = (id: string, camera: string): Promise<Vertex[]> =>
-  all<Vertex>(`/detections/${id}/vertices${query({ camera })}`, 5000);
+export const vertices = (detection_id: string, camera: string): Read<Vertex[]> =>
+  readAll("/v1/detections/{detection_id}/vertices", { detection_id }, { camera }, undefined, 5000);

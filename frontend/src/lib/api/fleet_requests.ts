@@ -1,31 +1,58 @@
 /** Fleet requests: calibrations of all vehicles that a filter names, in one call. */
 
-import { create, get, post, query, type Page } from "./http.ts";
-import type { DryRun, FleetRequest, FleetRequestBody, RequestVehicle, VehicleState } from "./types/fleet_requests.ts";
+import { bodyOf, client, once, type Page } from "./http.ts";
+import { read, type Read } from "./reads.ts";
+import {
+  isUnderWay,
+  type DryRun,
+  type FleetRequest,
+  type FleetRequestBody,
+  type RequestVehicle,
+  type VehicleState,
+} from "./types.ts";
 
 export const REQUESTS_PER_PAGE = 50;
 export const VEHICLES_PER_PAGE = 100;
 
-export const createFleetRequest = (fleetId: string, body: FleetRequestBody): Promise<FleetRequest> =>
-  create<FleetRequest>(`/fleets/${fleetId}/fleet-requests`, body);
+const of = (fleet_request_id: string) => ({ params: { path: { fleet_request_id } } });
+
+export const createFleetRequest = (fleetId: string, body: FleetRequestBody): Promise<{ id: string }> =>
+  bodyOf(
+    client.POST("/v1/fleets/{id}/fleet-requests", { params: { path: { id: fleetId } }, body, ...once() }),
+  ) as Promise<{ id: string }>;
 
 /** What the request would come to; nothing is made. */
 export const dryRun = (fleetId: string, body: FleetRequestBody): Promise<DryRun> =>
-  post<DryRun>(`/fleets/${fleetId}/fleet-requests`, { ...body, dry_run: true });
+  bodyOf(
+    client.POST("/v1/fleets/{id}/fleet-requests", {
+      params: { path: { id: fleetId } },
+      body: { ...body, dry_run: true },
+    }),
+  ) as Promise<DryRun>;
 
 /** Newest first. */
-export const fleetRequests = (fleetId: string, after: string | null): Promise<Page<FleetRequest>> =>
-  get<Page<FleetRequest>>(`/fleets/${fleetId}/fleet-requests${query({ after, limit: REQUESTS_PER_PAGE })}`);
+export const fleetRequests = (fleetId: string, after: string | undefined): Read<Page<FleetRequest>> =>
+  read("/v1/fleets/{id}/fleet-requests", { id: fleetId }, { after, limit: REQUESTS_PER_PAGE }, ({ items }) =>
+    items.some(isUnderWay),
+  );
 
-export const fleetRequest = (id: string): Promise<FleetRequest> => get<FleetRequest>(`/fleet-requests/${id}`);
+export const fleetRequest = (fleet_request_id: string): Read<FleetRequest> =>
+  read("/v1/fleet-requests/{fleet_request_id}", { fleet_request_id }, {}, isUnderWay);
 
 /** By name; of one state, or of all. */
 export const requestVehicles = (
-  id: string,
-  state: VehicleState | null,
-  after: string | null,
-): Promise<Page<RequestVehicle>> => get<Page<RequestVehicle>>(`/fleet-requests/${id}/vehicles${query({ state, after, limit: VEHICLES_PER_PAGE })}`);
+  fleet_request_id: string,
+  state: VehicleState | undefined,
+  after: string | undefined,
+): Read<Page<RequestVehicle>> =>
+  read(
+    "/v1/fleet-requests/{fleet_request_id}/vehicles",
+    { fleet_request_id },
+    { state, after, limit: VEHICLES_PER_PAGE },
+  );
 
-export const cancelFleetRequest = (id: string): Promise<unknown> => post(`/fleet-requests/${id}/cancel`);
+export const cancelFleetRequest = (id: string): Promise<unknown> =>
+  client.POST("/v1/fleet-requests/{fleet_request_id}/cancel", of(id));
 
-export const retryFleetRequest = (id: string): Promise<unknown> => post(`/fleet-requests/${id}/retry`);
+export const retryFleetRequest = (id: string): Promise<unknown> =>
+  client.POST("/v1/fleet-requests/{fleet_request_id}/retry", of(id));

@@ -1,13 +1,8 @@
-/** One way to the service: JSON in, JSON out, and every refusal as an `ApiProblem` that says what to do. */
+/** One way to the service: typed by its own description, and every refusal an `ApiProblem` that says what to do. */
 
-/** An RFC 9457 problem document as a job, a recording or an answer carries it. */
-export interface ProblemDocument {
-  title?: string;
-  detail?: string;
-  code?: string;
-  hint?: string | null;
-  [extra: string]: unknown;
-}
+import createClient from "openapi-fetch";
+import type { paths } from "./schema.ts";
+import type { ProblemDocument } from "./types.ts";
 
 export class ApiProblem extends Error {
   readonly status: number;
@@ -17,34 +12,18 @@ export class ApiProblem extends Error {
 
   /** What is wrong with each field of an invalid request. */
   get fields(): { field: string; message: string }[] {
-    const errors = this.document["errors"];
-    return Array.isArray(errors) ? errors : [];
+    const errors = this.document.errors;
+    return Array.isArray(errors) ? (errors as { field: string; message: string }[]) : [];
   }
 
   constructor(status: number, document: ProblemDocument) {
-    super(document.detail ?? document.title ?? `The service answered ${status}.`);
+    super(document.detail ?? `The service answered ${status}.`);
     this.status = status;
     this.code = document.code ?? "unknown";
     this.hint = document.hint ?? "";
     this.document = document;
   }
 }
-
-export interface Answer<T> {
-  status: number;
-  etag: string | null;
-  data: T;
-}
-
-export interface RequestOptions {
-  body?: unknown;
-  headers?: Record<string, string>;
-  /** A POST that creates carries a key, so that repeating it creates nothing twice. */
-  creates?: boolean;
-  signal?: AbortSignal;
-}
-
-type Method = "GET" | "POST" | "PUT" | "PATCH" | "DELETE";
 
 const signedOutListeners = new Set<() => void>();
 
@@ -58,35 +37,36 @@ export function randomKey(): string {
   return Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-export async function request<T>(method: Method, path: string, options: RequestOptions = {}): Promise<Answer<T>> {
-  const headers: Record<string, string> = { Accept: "application/json", ...options.headers };
-  const init: RequestInit = { method, headers, credentials: "same-origin" };
-  if (options.signal) init.signal = options.signal;
-  if (options.body instanceof Blob || options.body instanceof ArrayBuffer || typeof options.body === "string") {
-    init.body = options.body;
-    headers["Content-Type"] ??= "application/octet-stream";
-  } else if (options.body !== undefined) {
-    init.body = JSON.stringify(options.body);
-    headers["Content-Type"] = "application/json";
-  }
-  if (options.creates) headers["Idempotency-Key"] = randomKey();
-  const response = await send(`/v1${path}`, init, options.creates || method === "GET" || method === "PUT");
-  if (!response.ok && response.status !== 304) throw await problemOf(response);
-  const data = response.status === 204 ? undefined : await response.json();
-  return { status: response.status, etag: response.headers.get("ETag"), data: data as T };
-}
+/** The header of a POST that creates: repeating the request creates nothing twice. */
+export const once = (): { headers: Record<string, string> } => ({ headers: { "Idempotency-Key": randomKey() } });
 
-/** Sends once more where the connection broke and a repetition does no harm. */
-async function send(url: string, init: RequestInit, repeatable: boolean): Promise<Response> {
+const PAUSE_MS = 300;
+const REPETITIONS = 2;
+
+/**
+ * Fetches, and fetches again where the connection broke and a repetition does no harm. Throws an `ApiProblem` for
+ * every refusal.
+ */
+export async function send(request: Request): Promise<Response> {
+  const isRepeatable = ["GET", "PUT"].includes(request.method) || request.headers.has("Idempotency-Key");
   for (let attempt = 0; ; attempt += 1) {
     try {
-      return await fetch(url, init);
+      const response = await fetch(request.clone());
+      if (!response.ok) throw await problemOf(response);
+      return response;
     } catch (error) {
-      if (init.signal?.aborted) throw error;
-      if (!repeatable || attempt >= 2) throw unreachable();
-      await new Promise((resolve) => setTimeout(resolve, 300 * 2 ** attempt));
+      if (error instanceof ApiProblem || request.signal.aborted) throw error;
+      if (!isRepeatable || attempt >= REPETITIONS) throw unreachable();
+      await new Promise((resolve) => setTimeout(resolve, PAUSE_MS * 2 ** attempt));
     }
   }
+}
+
+export const client = createClient<paths>({ fetch: send });
+
+/** The body of an answer; undefined of one without. */
+export async function bodyOf<T>(answer: Promise<{ data?: T }>): Promise<T> {
+  return (await answer).data as T;
 }
 
 function unreachable(): ApiProblem {
@@ -98,52 +78,18 @@ function unreachable(): ApiProblem {
 }
 
 async function problemOf(response: Response): Promise<ApiProblem> {
-  let document: ProblemDocument = {};
-  try {
-    document = (await response.json()) as ProblemDocument;
-  } catch {
-    document = { detail: `The service answered ${response.status} without saying why.`, hint: "Try again in a moment." };
-  }
-  const problem = new ApiProblem(response.status, document);
+  const unexplained = `The service answered ${response.status} without saying why.`;
+  const document = await (response.json() as Promise<ProblemDocument>).catch(() => ({
+    detail: unexplained,
+    hint: "Try again in a moment.",
+  }));
   if (response.status === 401) for (const listener of signedOutListeners) listener();
-  return problem;
-}
-
-export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
-  return (await request<T>("GET", path, signal ? { signal } : {})).data;
-}
-
-export async function post<T>(path: string, body?: unknown): Promise<T> {
-  return (await request<T>("POST", path, { body: body ?? {} })).data;
-}
-
-export async function create<T>(path: string, body: unknown): Promise<T> {
-  return (await request<T>("POST", path, { body, creates: true })).data;
+  return new ApiProblem(response.status, document);
 }
 
 export interface Page<T> {
   items: T[];
-  next: string | null;
-}
-
-/** `?a=1&b=2` of the parameters that are given. */
-export function query(parameters: Record<string, string | number | null | undefined>): string {
-  const given = Object.entries(parameters).filter(([, value]) => value !== null && value !== undefined && value !== "");
-  const text = new URLSearchParams(given.map(([name, value]) => [name, String(value)])).toString();
-  return text ? `?${text}` : "";
-}
-
-/** All items of a paged listing, up to `most`. */
-export async function all<T>(path: string, most = 1000): Promise<T[]> {
-  const items: T[] = [];
-  let cursor: string | null = null;
-  do {
-    const joint: string = path.includes("?") ? "&" : "?";
-    const page: Page<T> = await get<Page<T>>(cursor ? `${path}${joint}after=${encodeURIComponent(cursor)}` : path);
-    items.push(...page.items);
-    cursor = page.next;
-  } while (cursor && items.length < most);
-  return items;
+  next?: string | null;
 }
 
 /** Whatever was thrown, as a problem that can be shown. */

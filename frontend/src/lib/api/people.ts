@@ -1,23 +1,30 @@
 /** Signing in, members and invitations. */
 
-import { create, get, post, request, type Page } from "./http.ts";
-import type { ChangedMember, Invitation, Me, Member, Role } from "./types/people.ts";
+import { bodyOf, client, once } from "./http.ts";
+import { readAll, type Read } from "./reads.ts";
+import type { ChangedMember, Invitation, Me, Member, Role } from "./types.ts";
 
-export const signIn = (secret: string): Promise<Me> => post<Me>("/sign-in", { link: secret });
+export const signIn = (secret: string): Promise<Me> => bodyOf(client.POST("/v1/sign-in", { body: { link: secret } }));
 
-export const signOut = (): Promise<unknown> => post("/sign-out");
+export const signOut = (): Promise<unknown> => client.POST("/v1/sign-out");
 
-export const me = (): Promise<Me> => get<Me>("/me");
+export const me = (): Promise<Me> => bodyOf(client.GET("/v1/me"));
 
-export const members = (fleetId: string): Promise<Page<Member>> => get<Page<Member>>(`/fleets/${fleetId}/members`);
+export const members = (fleetId: string): Read<Member[]> => readAll("/v1/fleets/{id}/members", { id: fleetId });
 
-/** Invites somebody; with `personId`, makes a new link for somebody who is a member already. */
-export const invite = (fleetId: string, name: string, role: Role, personId?: string): Promise<Invitation> =>
-  create<Invitation>(`/fleets/${fleetId}/invitations`, personId ? { name, role, person_id: personId } : { name, role });
+/** Invites somebody; with `person_id`, makes a new link for somebody who is a member already. */
+export const invite = (fleetId: string, name: string, role: Role, person_id?: string): Promise<Invitation> =>
+  bodyOf(
+    client.POST("/v1/fleets/{id}/invitations", {
+      params: { path: { id: fleetId } },
+      body: { name, role, ...(person_id ? { person_id } : {}) },
+      ...once(),
+    }),
+  );
 
 /** Gives a member another role; a higher one ends what let them in. */
-export const changeRole = async (fleetId: string, personId: string, role: Role): Promise<ChangedMember> =>
-  (await request<ChangedMember>("PATCH", `/fleets/${fleetId}/members/${personId}`, { body: { role } })).data;
+export const changeRole = (id: string, person_id: string, role: Role): Promise<ChangedMember> =>
+  bodyOf(client.PATCH("/v1/fleets/{id}/members/{person_id}", { params: { path: { id, person_id } }, body: { role } }));
 
-export const removeMember = (fleetId: string, personId: string): Promise<unknown> =>
-  request("DELETE", `/fleets/${fleetId}/members/${personId}`);
+export const removeMember = (id: string, person_id: string): Promise<unknown> =>
+  client.DELETE("/v1/fleets/{id}/members/{person_id}", { params: { path: { id, person_id } } });

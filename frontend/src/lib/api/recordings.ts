@@ -1,63 +1,57 @@
 /** Recordings, their upload in parts, and their camera frames. */
 
-import type { UploadWay } from "./blobs.ts";
-import { all, create, get, post, query, request, type Page } from "./http.ts";
-import type { Frame, Reading, Recording, UploadedPart } from "./types/recordings.ts";
+import { bodyOf, client, once, send } from "./http.ts";
+import { read, readAll, type Read } from "./reads.ts";
+import {
+  isUnderWay,
+  type NewRecording,
+  type Recording,
+  type RecordingChange,
+  type RecordingSummary,
+  type UploadedParts,
+} from "./types.ts";
 
-export const recordings = (filter: { fleet_id?: string; vehicle_id?: string }): Promise<Recording[]> =>
-  all<Recording>(`/recordings${query(filter)}`);
+const of = (id: string) => ({ params: { path: { id } } });
 
-export const recording = (id: string): Promise<Recording> => get<Recording>(`/recordings/${id}`);
+export const recordings = (of: { fleet_id?: string | undefined; vehicle_id?: string }): Read<RecordingSummary[]> => ({
+  ...readAll("/v1/recordings", undefined, of, (found) => found.some(isUnderWay)),
+  enabled: Object.values(of).every((id) => id !== undefined),
+});
 
-export interface NewRecording {
-  rig_id: string;
-  name: string;
-  file_name: string;
-  size: number;
-  marks_per_vertex: number;
-}
+export const recording = (id: string | undefined): Read<Recording> =>
+  read("/v1/recordings/{id}", { id }, {}, isUnderWay);
 
-export const createRecording = (vehicleId: string, body: NewRecording): Promise<Recording> =>
-  create<Recording>(`/vehicles/${vehicleId}/recordings`, body);
+export const createRecording = (vehicleId: string, body: NewRecording): Promise<{ id: string }> =>
+  bodyOf(client.POST("/v1/vehicles/{id}/recordings", { ...of(vehicleId), body, ...once() }));
 
 /** Which parts the service holds, and how the others go. */
-export const uploadedParts = (id: string): Promise<{ items: UploadedPart[]; upload: UploadWay }> =>
-  get(`/recordings/${id}/parts`);
+export const uploadedParts = (id: string): Promise<UploadedParts> =>
+  bodyOf(client.GET("/v1/recordings/{id}/parts", of(id)));
 
 /** Puts one part; `digest` is its SHA-256 in base64. */
-export const putPart = (id: string, number: number, bytes: ArrayBuffer, digest: string, signal: AbortSignal) =>
-  request<UploadedPart>("PUT", `/recordings/${id}/parts/${number}`, {
-    body: bytes,
-    headers: { "Content-Digest": `sha-256=:${digest}:` },
-    signal,
-  });
+export const putPart = (
+  id: string,
+  number: number,
+  body: Blob,
+  digest: string,
+  signal: AbortSignal,
+): Promise<unknown> => {
+  const headers = { "Content-Type": "application/octet-stream", "Content-Digest": `sha-256=:${digest}:` };
+  return send(new Request(`/v1/recordings/${id}/parts/${number}`, { method: "PUT", body, headers, signal }));
+};
 
 export const completeUpload = (id: string, parts: number, size: number): Promise<unknown> =>
-  create(`/recordings/${id}/complete`, { parts, size, sha256: null });
+  client.POST("/v1/recordings/{id}/complete", { ...of(id), body: { parts, size }, ...once() });
 
-export const retryRecording = (id: string): Promise<unknown> => post(`/recordings/${id}/retry`);
+export const retryRecording = (id: string): Promise<unknown> => client.POST("/v1/recordings/{id}/retry", of(id));
 
-export interface RecordingChange {
-  name?: string;
-  marks_per_vertex?: number;
-  reading?: Reading;
-}
+export const changeRecording = ({ id, version }: Recording, body: RecordingChange): Promise<unknown> =>
+  client.PATCH("/v1/recordings/{id}", { ...of(id), body, headers: { "If-Match": `"v${version}"` } });
 
-export const changeRecording = async (recording: Recording, change: RecordingChange) =>
-  (
-    await request<Recording>("PATCH", `/recordings/${recording.id}`, {
-      body: change,
-      headers: { "If-Match": `"v${recording.version}"` },
-    })
-  ).data;
-
-export const deleteRecording = (id: string, withPublished: boolean): Promise<unknown> =>
-  request("DELETE", `/recordings/${id}${withPublished ? "?with_published=true" : ""}`);
+export const deleteRecording = (id: string, with_published: boolean): Promise<unknown> =>
+  client.DELETE("/v1/recordings/{id}", { params: { path: { id }, query: { with_published } } });
 
 export const originalUrl = (id: string): string => `/v1/recordings/${id}/original`;
-
-export const frames = (id: string, camera: string, after: number | null): Promise<Page<Frame>> =>
-  get<Page<Frame>>(`/recordings/${id}/cameras/${encodeURIComponent(camera)}/frames${query({ after, limit: 1000 })}`);
 
 export const frameUrl = (id: string, camera: string, index: number): string =>
   `/v1/recordings/${id}/cameras/${encodeURIComponent(camera)}/frames/${index}`;

@@ -1,0 +1,53 @@
+"""Where an export's files go: one file, the terminal, or a folder for what comes as several."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path, PurePosixPath
+
+from apexcal.commands.common import check_target, complain, console, usage
+from apexcal.resources.exports import Exported
+
+
+def write_exported(made: Exported, output: Path | None, force: bool) -> None:
+    """Write what the service made. Several files go below ``output``, or into one where that ends with ``.zip``."""
+    if not made.name.endswith(".zip") or (output is not None and output.suffix == ".zip"):
+        _write_one(made.content, output, force)
+        return
+    if output is None:
+        usage("this format is several files", "Name a folder for them with --output, or a file that ends with .zip")
+    with zipfile.ZipFile(io.BytesIO(made.content)) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    _write_below(files, output, force)
+
+
+def _write_one(content: bytes, output: Path | None, force: bool) -> None:
+    if output is None:
+        print(content.decode(), end="")
+        return
+    check_target(output, force)
+    _write(output, content)
+    console(errors=True).print(f"Wrote {output}.", soft_wrap=True)
+
+
+def _write_below(files: dict[str, bytes], folder: Path, force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        usage(f"{folder} is a file", "Name a folder")
+    for name in files:
+        steps = PurePosixPath(name)
+        if steps.is_absolute() or ".." in steps.parts or "\\" in name:
+            complain(f"the service names a file {name!r}, which is outside of the folder")
+        if (folder / name).exists() and not force:
+            usage(f"{folder / name} exists already", "Name another folder, or say --force")
+    for name, content in files.items():
+        _write(folder / name, content)
+    console(errors=True).print(f"Wrote {', '.join(files)} below {folder}.", soft_wrap=True)
+
+
+def _write(file: Path, content: bytes) -> None:
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content)
+    except OSError as error:
+        complain(f"cannot write {file}: {(error.strerror or '').lower()}")

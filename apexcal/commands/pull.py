@@ -1,0 +1,72 @@
+"""``apexcal pull``: what a vehicle is given, kept in a file. For start-up scripts.
+
+Exit codes: 0 the file is what the vehicle is given now, replaced or not; 1 the service refused, or the file could
+not be written; 2 wrong usage; 3 no answer. After 1 and 3 the file still is the last that was pulled. 4: as 1 or 3,
+and there is no file that was pulled whole.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from apexcal.cli import FAILED, UNREACHABLE
+from apexcal.commands.common import DataOption, TokenOption, UrlOption, complain, console, usage
+from apexcal.commands.connect import connected, find_vehicle
+from apexcal.commands.publications import FleetOption, VehicleOption
+from apexcal.embedded.folder import DEFAULT
+from apexcal.kept_file import KeptFile
+
+NOTHING_KEPT = 4
+
+
+def pull(
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to keep.")],
+    vehicle: VehicleOption = "",
+    fleet: FleetOption = "",
+    camera: Annotated[list[str] | None, typer.Option(help="Only this camera; may be given several times.")] = None,
+    format: Annotated[str, typer.Option("--format", help="json, or a format of `apexcal export`.")] = "json",
+    as_of: Annotated[str, typer.Option(help="What it was given at this moment: 2026-03-01T12:00:00Z.")] = "",
+    timeout: Annotated[float, typer.Option(help="Seconds to wait for each answer.", min=0.1, max=600.0)] = 10.0,
+    url: UrlOption = "",
+    token: TokenOption = "",
+    data: DataOption = DEFAULT,
+) -> None:
+    """Keep what a vehicle is given now (all its cameras) in a file. It is replaced whole, or not at all.
+
+    Exit codes: 0 the file is what the vehicle is given now; 1 the service refused, or the file cannot be written;
+    2 wrong usage; 3 no answer. After 1 and 3 the last good file stays. 4: the same without any good file.
+    """
+    if output.is_dir() or not output.parent.is_dir():
+        usage(f"{output} is no place for a file", "Name a file in a folder that exists")
+    kept = KeptFile(output)
+    try:
+        with connected(url, token, data, timeout_s=timeout) as client:
+            vehicle_id = str(find_vehicle(client, fleet, vehicle).id)
+            query = {"camera": camera or None, "as_of": as_of or None, "format": format}
+            asked = json.dumps([client.base_url, vehicle_id, query])
+            new = client.calibrations.vehicle_if_changed(vehicle_id, kept.etag(asked), **query)
+            if new is not None:
+                _replace(kept, *new, asked)
+    except typer.Exit as left:
+        if left.exit_code in (FAILED, UNREACHABLE):
+            _say_what_is_kept(kept)
+        raise
+    state = "has not changed" if new is None else "was replaced"
+    console(errors=True).print(f"{output} {state}.", soft_wrap=True)
+
+
+def _replace(kept: KeptFile, content: bytes, etag: str, asked: str) -> None:
+    try:
+        kept.replace(content, etag, asked)
+    except OSError as error:
+        complain(f"cannot write {kept.path}: {(error.strerror or str(error)).lower()}")
+
+
+def _say_what_is_kept(kept: KeptFile) -> None:
+    if not kept.is_whole():
+        complain(f"there is no {kept.path} that was pulled before", code=NOTHING_KEPT)
+    console(errors=True).print(f"{kept.path} is as it was pulled last.", soft_wrap=True)

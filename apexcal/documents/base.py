@@ -1,0 +1,128 @@
+"""What all request and answer bodies share."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Mapping
+from typing import Annotated, Any, Generic, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    StringConstraints,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
+
+T = TypeVar("T")
+
+# Control, format (directions, zero widths), surrogate and private characters; separators of lines and paragraphs.
+_UNSEEN = frozenset(("Cc", "Cf", "Cs", "Co", "Zl", "Zp"))
+# Between letters they choose their form: Persian, the languages of India and emoji need them.
+_JOINERS = frozenset("\u200c\u200d")
+# Letters by their category that show nothing: combining joiner, Hangul fillers, Braille blank.
+_BLANK = frozenset("\u034f\u115f\u1160\u2800\u3164\uffa0")
+
+
+def _composed(given: Any) -> Any:
+    # One spelling of each letter, or two names that look the same would be two.
+    return unicodedata.normalize("NFC", given) if isinstance(given, str) else given
+
+
+def seen(text: str) -> str:
+    """The text, where it can be told from another by looking. Raises ValueError."""
+    for one in text:
+        if unicodedata.category(one) in _UNSEEN and one not in _JOINERS:
+            raise ValueError(
+                f"holds U+{ord(one):04X}; line breaks, control characters, and characters that cannot be seen or "
+                "change the direction of text are not allowed"
+            )
+    if all(one in _BLANK or one in _JOINERS or one.isspace() for one in text):
+        raise ValueError("holds nothing that can be seen")
+    return text
+
+
+Name = Annotated[
+    str,
+    BeforeValidator(_composed),
+    StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
+    AfterValidator(seen),
+]
+# Letter by letter as the recording has it.
+Topic = Annotated[str, StringConstraints(min_length=1, max_length=300), AfterValidator(seen)]
+# What is only looked for: a NUL is in no stored text, and PostgreSQL refuses it.
+Sought = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^\x00]*$")]
+# Pixels, metres, radians, degrees and coefficients are all far below; a square of more may be infinite.
+Magnitude = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+
+
+def check_texts(given: Any) -> None:
+    """Raises ValueError for a text or key, however deep, that no database keeps: with NUL, or half a surrogate pair.
+
+    JSON can spell both (``\\u0000``, ``\\ud800``).
+    """
+    left = [given]
+    while left:
+        one = left.pop()
+        if isinstance(one, str):
+            if not one.isascii() and any("\ud800" <= letter <= "\udfff" for letter in one):
+                raise ValueError("holds half of a surrogate pair, which is no character")
+            if "\0" in one:
+                raise ValueError("holds U+0000, a control character that no text has")
+        elif isinstance(one, Mapping):
+            left.extend(one)
+            left.extend(one.values())
+        elif isinstance(one, list):
+            left.extend(one)
+
+
+class Received(BaseModel):
+    """A request's body: unknown fields are refused, so that a misspelt one is not silently ignored."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_text(cls, given: Any) -> Any:
+        check_texts(given)
+        return given
+
+
+class Sent(BaseModel):
+    """An answer's body, read from a row's attributes where it is given one."""
+
+    # Built with the first answer: for all at once that takes a tenth of the start.
+    model_config = ConfigDict(from_attributes=True, defer_build=True)
+
+
+class Page(BaseModel, Generic[T]):
+    """One page; ``next`` is given as ``after`` to get the following one, and is null on the last."""
+
+    items: list[T]
+    next: str | None = None
+
+
+class Document(BaseModel):
+    """A document that is kept as JSON. Of another version it may have further members, which stay."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+def _as_stored(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    return handler(value) if info.mode == "json" else value
+
+
+Stored = Annotated[T, WrapValidator(_as_stored), PlainSerializer(lambda value: value)]
+"""A row's JSON: the service hands it out as it lies in the database, whatever version wrote it; who reads an answer
+gets it as its type."""
+
+
+def stored(document: Any) -> Any:
+    """A row's JSON where an answer has a :data:`Stored` member; it is not looked at."""
+    return document

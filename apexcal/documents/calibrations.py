@@ -1,0 +1,154 @@
+"""What requests and answers about calibrations, results and publications look like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+from uuid import UUID
+
+from pydantic import ConfigDict, Field
+
+from apexcal.documents.base import Magnitude, Received, Sent, Stored
+from apexcal.documents.bounds import BoundsPreset
+from apexcal.documents.camera_models import MODELS, SearchForm
+from apexcal.documents.jobs import ProblemView
+from apexcal.documents.results import Summary
+from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
+from apexcal.documents.schedules import LIMITS, PresetName
+
+# What a browser's numbers hold exactly.
+_LARGEST_SEED = 2**53 - 1
+
+
+class Prior(Received):
+    """A Gaussian prior on a parameter."""
+
+    mean: Magnitude
+    sigma: Annotated[float, Field(ge=1e-9, le=1e6, allow_inf_nan=False)]
+
+
+class GivenLens(Received):
+    """A camera's intrinsics as a CameraInfo says them: ``K`` by rows, ``D`` in the order of its distortion model."""
+
+    width: Annotated[int, Field(ge=1, le=32768)]
+    height: Annotated[int, Field(ge=1, le=32768)]
+    distortion_model: Annotated[str, Field(max_length=64)]
+    K: Annotated[list[Magnitude], Field(min_length=9, max_length=9)]
+    D: Annotated[list[Magnitude], Field(max_length=14)]
+
+
+class ScheduleOverrides(Received):
+    """Single numbers of the preset's schedule, replaced."""
+
+    slots: Annotated[int, Field(**LIMITS["slots"])] | None = None
+    population: Annotated[int, Field(**LIMITS["population"])] | None = None
+    generations: Annotated[int, Field(**LIMITS["generations"])] | None = None
+    scale: Annotated[float, Field(**LIMITS["scale"])] | None = None
+    max_iterations: Annotated[int, Field(**LIMITS["max_iterations"])] | None = None
+    patience: Annotated[int, Field(**LIMITS["patience"])] | None = None
+    tolerance: Annotated[float, Field(**LIMITS["tolerance"])] | None = None
+    goal_px: Annotated[float, Field(**LIMITS["goal_px"])] | None = None
+
+
+class CalibrationTemplate(Received):
+    """Fit every model to every camera's pairs. Bounds, locks and priors go by parameter name.
+
+    Angles are in radians, or in degrees with ``_deg`` behind the name. ``search`` and ``bounds_preset`` default to
+    what the preset means: ``paper`` to the Euler form and Table I, the others to the rotation vector and the image
+    size. ``intrinsics`` gives lenses by camera, ``intrinsics_from: recording`` takes those that the recording states
+    (CameraInfo) for the other cameras. ``intrinsics_as``: ``bounds`` looks for focal lengths and principal point near
+    them, where neither rig nor request bounds them; ``prior`` and ``locked`` take the distortion too, for the models
+    that can be that lens. ``seed`` defaults to one derived from the request and the pairs: the same request gives the
+    same bits.
+    """
+
+    models: Annotated[list[str], Field(default_factory=lambda: list(MODELS), min_length=1, max_length=8)]
+    preset: PresetName = "default"
+    schedule: ScheduleOverrides = ScheduleOverrides()
+    search: SearchForm | None = None
+    rotation_range_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
+    bounds_preset: BoundsPreset | None = None
+    intrinsics_from: Literal["bounds", "recording"] = "bounds"
+    intrinsics: Annotated[dict[str, GivenLens], Field(default_factory=dict, max_length=16)]
+    intrinsics_as: LensUse = "bounds"
+    bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
+    locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
+    priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]
+    loss: Loss = "mean"
+    outliers: Annotated[OutlierRule, Field(description="whether outliers stay in the polished fit")] = "keep"
+    weights: Annotated[
+        WeightRule,
+        Field(description="auto: by the standard deviations of vertices and marks where all pairs state them"),
+    ] = "auto"
+    seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
+    folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5
+    farm: Farm = "auto"
+    publish: Literal["recommended", "none"] = "none"
+
+
+class CalibrationRequest(CalibrationTemplate):
+    """A calibration of these pairs: one set for each camera, all of one rig."""
+
+    correspondence_set_ids: Annotated[list[UUID], Field(min_length=1, max_length=16)]
+
+
+class AskedCalibration(CalibrationTemplate):
+    """What was asked, with everything filled in that the preset means. ``correspondence_set_ids`` are in the order in
+    which they were given.
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    correspondence_set_ids: list[UUID] = []
+
+
+class RunView(Sent):
+    """One fit: a model on a camera's pairs, all of them (fold -1) or without a held-out block."""
+
+    camera: str
+    model: str
+    fold: int
+    state: str
+    iteration: int
+    best_loss: float | None
+    failure: Stored[ProblemView | None]
+
+
+class ProgressView(Sent):
+    """How far a calibration is."""
+
+    fraction: float
+    message: str
+
+
+class CalibrationView(Sent):
+    """A calibration: what was asked, how far it is, and when it is done what it found."""
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    rig_id: UUID
+    state: str
+    request: Stored[AskedCalibration]
+    notes: list[str]
+    problem: Stored[ProblemView | None]
+    progress: ProgressView
+    runs: list[RunView]
+    summary: Stored[Summary | None]
+    created_at: datetime
+    finished_at: datetime | None
+
+
+class SlotView(Sent):
+    """The best individual of one GA slot."""
+
+    camera: str
+    model: str
+    fold: int
+    iteration: int
+    slot: int
+    loss: float
+    parameters: list[float]
+    evaluations: int
+    seconds: float
+    worker: str

@@ -1,0 +1,65 @@
+"""What requests and answers about correspondence sets look like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+from uuid import UUID
+
+from pydantic import Field
+
+from apexcal.documents.base import Document, Received, Sent
+
+
+class BuildRequest(Received):
+    """Make pairs of what people marked; ``exclude_flagged`` leaves out vertices whose verdicts are tied."""
+
+    camera: Annotated[str, Field(max_length=200)]
+    exclude_flagged: bool = False
+
+
+class SetView(Sent):
+    """A correspondence set without its pairs."""
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    rig_id: UUID
+    recording_id: UUID | None
+    detection_id: UUID | None
+    camera: str
+    source: Literal["annotations", "import"]
+    count: int
+    content_hash: str
+    notes: list[str]
+    flagged: int
+    created_at: datetime
+
+
+class PairView(Document):
+    """A pair: a vertex (metres, LiDAR frame), its mark (pixels), and what else is known of them."""
+
+    x: float
+    y: float
+    z: float
+    u: float
+    v: float
+    stamp_ns: int | None = None
+    gap_ns: int | None = None
+    sweep_index: int | None = None
+    frame_index: int | None = None
+    group: int | float | str | None = None
+    marks: int | None = None
+    spread_px: float | None = None
+    flagged: bool | None = None
+    reviewed: int | None = None
+    sigma_azimuth_rad: float | None = None
+    sigma_elevation_rad: float | None = None
+    sigma_range_m: float | None = None
+    sigma_px: float | None = None
+
+
+class SetWithPairs(SetView):
+    """A correspondence set with its pairs."""
+
+    pairs: list[PairView]

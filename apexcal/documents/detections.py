@@ -1,0 +1,129 @@
+"""What requests and answers about detections and vertices look like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any
+from uuid import UUID
+
+from pydantic import Field, model_validator
+
+from apexcal.documents.base import Document, Received, Sent, Stored
+from apexcal.documents.detectors import FLAGS, PairingMode, Quality
+from apexcal.documents.jobs import JobView, ProblemView
+from apexcal.documents.region_fields import KeptRegion, Region
+from apexcal.documents.states import WorkState
+
+Covariance = list[list[float]]
+
+_ANY_CLOCK_NS = 2**62  # a camera that counts from its start is off by all of Unix time: 1.8e18 ns
+_MINUTE_NS = 60 * 10**9
+
+
+class Pairing(Received):
+    """How a vertex finds its camera frame: the nearest to its time plus ``offset_ns``, within ``max_gap_ns``.
+
+    ``mode: interpolate`` moves the vertex along its track to the frame's own time; the gap is zero then, and the
+    interpolation's error is in the covariance.
+    """
+
+    mode: PairingMode = "nearest"
+    offset_ns: Annotated[int, Field(ge=-_ANY_CLOCK_NS, le=_ANY_CLOCK_NS, description="camera minus LiDAR clock")] = 0
+    max_gap_ns: Annotated[int, Field(ge=0, le=_MINUTE_NS, description="farther frames are no pair")] = 50_000_000
+
+
+class DetectionRequest(Received):
+    """Ask for the vertices that a detector finds inside a region."""
+
+    region: Region
+    detector: Annotated[str, Field(max_length=50)] = "refined"
+    options: Annotated[
+        dict[str, Any], Field(default_factory=dict, description="numbers that differ from the defaults")
+    ]
+    pairing: Pairing = Pairing()
+
+
+class DetectionCounts(Document):
+    """Sweeps, and the vertices accepted in them; sweeps rejected by reason, vertices by quality and by flag.
+
+    ``paired`` vertices have a frame of some camera; ``frame_taken`` lost theirs to a vertex nearer to it in time.
+    """
+
+    sweeps: int = 0
+    accepted: int = 0
+    rejected: dict[str, int] = {}
+    quality: dict[str, int] = {}
+    flags: dict[str, int] = {}
+    paired: int | None = None
+    frame_taken: int | None = None
+
+
+class DetectionView(Sent):
+    """A detection. ``counts`` grows while it runs, and says how many are paired when it is done."""
+
+    id: UUID
+    fleet_id: UUID
+    recording_id: UUID
+    region: KeptRegion
+    detector: str
+    options: Stored[dict[str, int | float]]
+    pairing: Stored[Pairing]
+    state: WorkState
+    counts: Stored[DetectionCounts]
+    problem: Stored[ProblemView | None]
+    job: JobView | None
+    created_at: datetime
+    finished_at: datetime | None
+
+
+class Moved(Sent):
+    """A vertex at another moment; metres in the LiDAR frame, covariance as of a vertex."""
+
+    x: float
+    y: float
+    z: float
+    covariance: Covariance
+
+
+class FrameOfVertex(Sent):
+    """The camera frame that a vertex is paired with; ``gap_ns`` is frame time minus vertex time.
+
+    ``moved`` is where the vertex was at the frame's time, where the pairing interpolates: x, y, z and covariance.
+    """
+
+    index: int
+    gap_ns: int
+    moved: Moved | None = None
+
+
+class Flag(Sent):
+    """What the person who confirms a vertex should look at; rows hold the name alone."""
+
+    name: str
+    sentence: str
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, value: Any) -> Any:
+        return {"name": value, "sentence": FLAGS.get(value, value)} if isinstance(value, str) else value
+
+
+class VertexView(Sent):
+    """A vertex in metres in the LiDAR frame, with its frame in each camera that has one.
+
+    ``covariance`` is 3 x 3 over azimuth (rad), elevation (rad) and range (m); it and ``quality`` are null where the
+    detector states none.
+    """
+
+    id: UUID
+    sweep_index: int
+    time_ns: int
+    x: float
+    y: float
+    z: float
+    ring: int
+    points: int
+    quality: Quality | None
+    flags: list[Flag]
+    covariance: Covariance | None
+    frames: dict[str, FrameOfVertex]

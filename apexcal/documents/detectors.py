@@ -1,0 +1,143 @@
+"""The detectors of the board's apex as they are offered: their options, reasons and flags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final, Literal, NamedTuple
+
+from apexcal.documents.errors import DocumentError
+
+DetectorName = Literal["strict", "tolerant", "refined"]
+Quality = Literal["fine", "usable"]
+PairingMode = Literal["nearest", "interpolate"]
+Options = Mapping[str, float]
+
+
+class NumberOption(NamedTuple):
+    """A number that steers a detector; a whole one where ``default`` is."""
+
+    default: float
+    minimum: float
+    maximum: float
+    description: str
+
+
+class DetectorWords(NamedTuple):
+    """A detector in words: what it does, its options, and why it finds no vertex in a sweep (name -> sentence)."""
+
+    summary: str
+    options: Mapping[str, NumberOption]
+    reasons: Mapping[str, str]
+
+
+_NO_POINTS = "no point of the sweep lies in the region"
+
+DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
+    "strict": DetectorWords(
+        "Exactly one point on the highest ring (Algorithm 1 of the paper).",
+        {"min_ring_span": NumberOption(3, 1, 127, "highest minus lowest ring that has points in the region")},
+        {
+            "no_points": _NO_POINTS,
+            "ring_span_too_small": "the rings in the region span too few to be a person with a board",
+            "top_ring_not_single": "more than one point on the highest ring",
+        },
+    ),
+    "tolerant": DetectorWords(
+        "One to three points close together on the highest ring; their mean (the authors' toolbox).",
+        {
+            "min_points": NumberOption(10, 1, 100_000, "points in the region"),
+            "max_top_points": NumberOption(3, 1, 1000, "points on the highest ring"),
+            "max_spread_m": NumberOption(0.05, 0.0, 10.0, "largest distance between points on the highest ring"),
+            "min_points_two_below": NumberOption(3, 0, 1000, "points two rings below the highest"),
+        },
+        {
+            "no_points": _NO_POINTS,
+            "too_few_points": "too few points of the sweep lie in the region",
+            "top_ring_too_wide": "too many points on the highest ring",
+            "top_points_apart": "the points on the highest ring are too far apart",
+            "too_few_points_two_rings_below": "too few points two rings below the highest",
+        },
+    ),
+    "refined": DetectorWords(
+        "The board's plane and right-angled corner, fitted to every ray that meets or misses it, and its covariance.",
+        {
+            "board_width_m": NumberOption(
+                0.0, 0.0, 3.0, "one edge of the board in metres; 0: estimated from near sweeps"
+            ),
+            "board_height_m": NumberOption(0.0, 0.0, 3.0, "the other edge in metres; 0: estimated from near sweeps"),
+            "edge_growth_mrad": NumberOption(
+                -1.0,
+                -1.0,
+                10.0,
+                "how far outside the board's edges a beam still returns from it, in milliradians (half the width of "
+                "the beam, or less); -1: estimated from near sweeps",
+            ),
+            "track": NumberOption(
+                1, 0, 1, "1: the sweeps before and after tell the board's roll and outliers; 0: each for itself"
+            ),
+            "max_sigma_deg": NumberOption(
+                0.15,
+                0.005,
+                2.0,
+                "largest standard deviation of an accepted vertex in degrees, azimuth and elevation together",
+            ),
+        },
+        {
+            "no_points": _NO_POINTS,
+            "too_few_rings": "fewer than two rings meet anything in the region that could be the board",
+            "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top",
+            "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough",
+            "off_the_track": "the vertex lies far off the path of the sweeps before and after",
+        },
+    ),
+}
+
+# What a person who confirms a vertex is told.
+FLAGS: Final[Mapping[str, str]] = {
+    "head_above": "something stands above the apex and behind the board, a head perhaps: check that the vertex is "
+    "the board's",
+    "second_board": "another object in the region looks nearly as much like the board",
+    "occluded": "something stands in front of a part of the board's edges",
+    "track_jump": "the vertex lies off the path of the sweeps before and after",
+}
+
+
+def parse_detector(name: str) -> DetectorName:
+    """The detector of that name. Raises DocumentError ``unknown_detector`` that lists the names there are."""
+    for known in DETECTORS:
+        if name == known:
+            return known
+    raise DocumentError(
+        "unknown_detector",
+        f"There is no detector {name!r}.",
+        f"The detectors are {', '.join(DETECTORS)}.",
+        detectors=list(DETECTORS),
+    )
+
+
+def resolve_options(detector: str, given: Mapping[str, Any] | None = None) -> dict[str, float]:
+    """All options of a detector: its defaults, overlaid with those given.
+
+    Raises:
+        DocumentError: ``unknown_detector``; ``invalid_options`` that names the option.
+    """
+    options = DETECTORS[parse_detector(detector)].options
+    resolved: dict[str, float] = {name: option.default for name, option in options.items()}
+    for name, value in (given or {}).items():
+        if name not in options:
+            raise DocumentError(
+                "invalid_options",
+                f"The detector {detector} has no option {name}.",
+                f"Its options are {', '.join(options)}.",
+            )
+        option = options[name]
+        whole = isinstance(option.default, int)
+        is_number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+        if not is_number or not option.minimum <= value <= option.maximum:
+            raise DocumentError(
+                "invalid_options",
+                f"The option {name} of the detector {detector} cannot be {value!r:.60}.",
+                f"Give {'an integer' if whole else 'a number'} from {option.minimum} to {option.maximum}.",
+            )
+        resolved[name] = value if whole else float(value)
+    return resolved

@@ -1,0 +1,131 @@
+"""What fleet requests and their answers look like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated
+from uuid import UUID
+
+from pydantic import AwareDatetime, Field
+
+from apexcal.documents.base import Document, Name, Received, Sent, Stored
+from apexcal.documents.calibrations import CalibrationTemplate, ProgressView
+from apexcal.documents.jobs import ProblemView
+from apexcal.documents.states import RequestState, VehicleState
+
+
+class VehicleFilter(Received):
+    """The vehicles of the fleet that meet every condition given here; without conditions, all.
+
+    ``name`` and ``rig`` are patterns in which ``*`` stands for any letters and ``?`` for one; ``rig`` also says
+    which rig of the vehicle is calibrated. ``not_calibrated_since`` leaves out vehicles calibrated since then.
+    ``new_pairs`` keeps only vehicles with a camera whose newest pairs are not those of its published calibration.
+    """
+
+    vehicle_ids: Annotated[list[UUID], Field(min_length=1, max_length=5000)] | None = None
+    name: Name | None = None
+    rig: Name | None = None
+    not_calibrated_since: AwareDatetime | None = None
+    new_pairs: bool = False
+
+
+class FleetRequestBody(Received):
+    """A calibration of many vehicles; ``dry_run`` only predicts it."""
+
+    vehicles: VehicleFilter
+    calibration: CalibrationTemplate = CalibrationTemplate.model_validate({})
+    dry_run: bool = False
+
+
+class AskedOfFleet(Document):
+    """What was asked: the filter, and the calibration of each vehicle."""
+
+    vehicles: VehicleFilter
+    calibration: CalibrationTemplate
+
+
+class Counts(Sent):
+    """How many vehicles the filter matched, and how many of them are in which state."""
+
+    matched: int
+    queued: int
+    running: int
+    done: int
+    failed: int
+    cancelled: int
+    skipped: int
+
+
+class FleetRequestView(Sent):
+    """A fleet request: what was asked and by whom, how far it is, and how many vehicles came to what.
+
+    ``asked_by`` is null where the person is no longer known. ``published`` counts vehicles that a result of it was
+    published for, by itself or by a person; null while it runs, and where no publication was asked for.
+    """
+
+    id: UUID
+    fleet_id: UUID
+    state: RequestState
+    asked: Stored[AskedOfFleet]
+    asked_by: str | None
+    counts: Counts
+    published: int | None
+    progress: ProgressView
+    seconds_left: int | None
+    cancel_requested: bool
+    created_at: datetime
+    finished_at: datetime | None
+
+
+class CameraOutcome(Sent):
+    """What a vehicle's calibration recommends for a camera, and its mean errors in pixels.
+
+    ``status`` is the result's: where it is not ``ok`` the errors say little, however small. ``warnings`` counts those
+    of the result, ``objections`` is what spoke against publishing it when the calibration ended. ``published`` says
+    whether it became the camera's current calibration, ``not_published`` why it did not; null and empty where nobody
+    asked for it.
+    """
+
+    model: str | None
+    mean_px: float | None
+    heldout_mean_px: float | None
+    status: str | None
+    warnings: int
+    objections: list[str]
+    published: bool | None
+    not_published: list[str]
+
+
+class RequestVehicleView(Sent):
+    """A vehicle of a fleet request. ``problem`` says why it failed, was skipped or was cancelled."""
+
+    vehicle_id: UUID
+    vehicle: str
+    state: VehicleState
+    calibration_id: UUID | None
+    problem: Stored[ProblemView | None]
+    cameras: dict[str, CameraOutcome]
+    finished_at: datetime | None
+
+
+class SkippedView(Sent):
+    """A vehicle that would be skipped, and why."""
+
+    vehicle_id: UUID
+    vehicle: str
+    problem: Stored[ProblemView]
+
+
+class DryRunView(Sent):
+    """The prediction for a fleet request; runs are fits of one model to one camera's pairs.
+
+    ``processor_seconds`` is what they are predicted to take at most, on one processor; most schedules end after a
+    third of it. ``skipped_vehicles`` names the first hundred.
+    """
+
+    matched: int
+    calibrations: int
+    runs: int
+    processor_seconds: int
+    skipped: int
+    skipped_vehicles: list[SkippedView]

@@ -1,0 +1,133 @@
+"""Bodies of the routes about fleets, vehicles and rigs."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Self
+from uuid import UUID
+
+from pydantic import Field, StringConstraints, field_validator, model_validator
+
+from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored, Topic
+from apexcal.documents.camera_models import ANGLES, EXTRINSICS, MODELS, all_names
+from apexcal.documents.roles import Role
+from apexcal.documents.transforms import Transform, check_frames
+
+# A camera's name stands in addresses.
+CameraName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+# A rig may serve every model and both forms of the search; angles are radians, or degrees with `_deg` behind.
+_BOUNDED = frozenset(name for form in EXTRINSICS for name in all_names(MODELS, form)) | {
+    f"{one}_deg" for one in ANGLES
+}
+Pixels = Annotated[int, Field(ge=16, le=32768)]
+
+
+class Named(Received):
+    """The name of something to make or change."""
+
+    name: Name
+
+
+class FleetOut(Sent):
+    """A fleet. Its recordings take ``taken_bytes`` of the ``quota_bytes`` that they may."""
+
+    id: UUID
+    name: str
+    role: Role | None
+    taken_bytes: int
+    quota_bytes: int
+    version: int
+    created_at: datetime
+
+
+class VehicleOut(Sent):
+    """A vehicle."""
+
+    id: UUID
+    fleet_id: UUID
+    name: str
+    version: int
+    created_at: datetime
+
+
+class Lidar(Received):
+    """The rig's LiDAR: its frame, and its topic where a recording has several."""
+
+    frame: Name
+    topic: Topic | None = None
+
+
+class Camera(Received):
+    """A camera: its optical frame, image size (width, height), nominal ``T_camera_lidar`` and bounds."""
+
+    name: CameraName
+    frame: Name
+    topic: Topic | None = None
+    image_size: tuple[Pixels, Pixels]
+    nominal: Transform
+    bounds: dict[str, tuple[Magnitude, Magnitude]] = Field(default_factory=dict, max_length=40)
+
+    @field_validator("bounds")
+    @classmethod
+    def _right_way_round(cls, bounds: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+        for name, (low, high) in bounds.items():
+            if name not in _BOUNDED:
+                raise ValueError(f"there is no parameter {name!r} to bound; there are {', '.join(sorted(_BOUNDED))}")
+            if not low < high:
+                raise ValueError(f"the bounds of {name} are inside out: {low:g} is not below {high:g}")
+        return bounds
+
+
+class CameraTransform(Received):
+    """``T_cameraA_cameraB`` as known otherwise, with the standard deviation of each axis."""
+
+    transform: Transform
+    std_deg: Annotated[float, Field(ge=1e-6, le=180, allow_inf_nan=False)]
+    std_mm: Annotated[float, Field(ge=1e-6, le=1e5, allow_inf_nan=False)]
+
+
+class NewRig(Received):
+    """A rig to make."""
+
+    name: Name
+    lidar: Lidar
+    T_vehicle_lidar: Transform | None = None
+    cameras: Annotated[list[Camera], Field(min_length=1, max_length=16)]
+    camera_transforms: Annotated[list[CameraTransform], Field(default_factory=list, max_length=240)]
+
+    @model_validator(mode="after")
+    def _frames_meet(self) -> Self:
+        names = [camera.name for camera in self.cameras]
+        frames = [camera.frame for camera in self.cameras]
+        if len(set(names)) < len(names) or len({*frames, self.lidar.frame}) < len(frames) + 1:
+            raise ValueError("every camera has its own name, and every sensor its own frame")
+        for camera in self.cameras:
+            check_frames(
+                camera.nominal, f"the nominal T_camera_lidar of {camera.name}", camera.frame, self.lidar.frame
+            )
+        if self.T_vehicle_lidar is not None:
+            vehicle = self.T_vehicle_lidar
+            check_frames(vehicle, "T_vehicle_lidar", vehicle.to_frame, self.lidar.frame)
+        for place, known in enumerate(self.camera_transforms):
+            named = known.transform
+            if named.to_frame == named.from_frame or not {named.to_frame, named.from_frame} <= set(frames):
+                raise ValueError(
+                    f"camera_transforms[{place}] leads from {named.from_frame!r} to {named.to_frame!r}; it takes the "
+                    f"frames of two of the rig's cameras: {', '.join(frames)}"
+                )
+        return self
+
+
+class RigOut(Sent):
+    """A rig."""
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    name: str
+    lidar: Stored[Lidar]
+    T_vehicle_lidar: Stored[Transform | None]
+    cameras: Stored[list[Camera]]
+    camera_transforms: Stored[list[CameraTransform]]
+    version: int
+    created_at: datetime

@@ -1,0 +1,43 @@
+"""Jobs, how far they are, and why they failed."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from apexcal.documents.base import Document, Sent, Stored
+from apexcal.documents.states import WorkState
+
+
+class ProblemView(Document):
+    """Why something failed or was refused: a stable ``code``, what is wrong, and what to do. Some say more."""
+
+    code: str = "unknown"
+    detail: str | None = None
+    hint: str | None = None
+
+
+class JobProgress(Document):
+    """How far a job is, as its worker says."""
+
+    fraction: float | None = None
+    message: str | None = None
+    seconds_left: float | None = None
+
+
+class JobView(Sent):
+    """A unit of work.
+
+    ``seconds_left`` is about how long a running job still takes, by how far it is since it started; null where that
+    is not known.
+    """
+
+    id: int
+    kind: str
+    state: WorkState
+    attempt: int
+    progress: Stored[JobProgress | None]
+    problem: Stored[ProblemView | None]
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    seconds_left: float | None = None

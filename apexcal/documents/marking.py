@@ -1,0 +1,168 @@
+"""What requests and answers about tasks, marks and verdicts look like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+from uuid import UUID
+
+from pydantic import Field, FiniteFloat
+
+from apexcal.documents.base import Received, Sent
+from apexcal.documents.detections import Flag, Quality
+
+VerdictName = Literal["confirmed", "rejected", "unsure"]
+Version = Annotated[int, Field(ge=0, le=2**31 - 1)]
+CameraName = Annotated[str, Field(max_length=200, description="a camera's name in the rig")]
+
+
+class Pixel(Received):
+    """A place in an image: u to the right, v down, (0, 0) is the centre of the top-left pixel."""
+
+    u: FiniteFloat
+    v: FiniteFloat
+
+
+class NextTask(Received):
+    """Ask for a vertex to judge; ``skip`` gives a held task back and moves on."""
+
+    camera: CameraName
+    skip: UUID | None = None
+
+
+class Answer(Received):
+    """A verdict, and with ``confirmed`` the place of the vertex. With another verdict a mark is not kept.
+
+    ``id`` is a random one of the client's: the same answer sent again is the same. ``version`` is that of the own
+    answer that this one replaces, as the task has it; 0 for a first.
+    """
+
+    id: UUID
+    version: Version
+    verdict: VerdictName
+    mark: Pixel | None = None
+
+
+class Undo(Received):
+    """Take the answer of this ``version`` back. ``id`` as for an answer."""
+
+    id: UUID
+    version: Version
+
+
+class MarkView(Sent):
+    """A person's own mark."""
+
+    u: float
+    v: float
+    version: int
+
+
+class TaskVertex(Sent):
+    """A vertex in metres in the LiDAR frame, and what its detector says that one should look at."""
+
+    id: UUID
+    sweep_index: int
+    time_ns: int
+    x: float
+    y: float
+    z: float
+    ring: int
+    points: int
+    quality: Quality | None
+    flags: list[Flag]
+
+
+class TaskFrame(Sent):
+    """The camera frame to look at."""
+
+    index: int
+    stamp_ns: int
+    width: int
+    height: int
+    url: str
+
+
+class Own(Sent):
+    """What this person said of the vertex before: its ``version``, or 0. Taken back, it has a mark and no verdict."""
+
+    version: int
+    mark: Pixel | None
+    verdict: VerdictName | None
+
+
+class TaskView(Sent):
+    """A vertex and its frame, leased to the person ``person_id`` until ``leased_until``."""
+
+    task_id: UUID
+    person_id: UUID
+    leased_until: datetime
+    vertex: TaskVertex
+    camera: str
+    frame: TaskFrame
+    gap_ns: int
+    predicted: Pixel | None
+    own: Own
+
+
+class Progress(Sent):
+    """How far the marking of a detection is, in one camera. It says nothing of what anybody answered.
+
+    ``vertices`` have a frame of the camera; ``answered`` of them have at least one answer, ``complete`` of them as
+    many as wanted (``marks_wanted`` people), ``mine`` of them the asker's.
+    """
+
+    vertices: int
+    marks_wanted: int
+    answered: int
+    mine: int
+    complete: int
+
+
+class PersonAnswers(Sent):
+    """How many of a detection's vertices somebody has answered."""
+
+    name: str
+    answers: int
+
+
+class Tally(Sent):
+    """What people said, in numbers: ``answers`` (people times vertices) and its parts; ``marks`` of the confirmed.
+
+    ``reviewed`` of the answers were given after something of others' answers had been told to their person.
+    """
+
+    answers: int
+    confirmed: int
+    rejected: int
+    unsure: int
+    marks: int
+    reviewed: int
+    people: list[PersonAnswers]
+
+
+class AnswerView(Sent):
+    """What was kept of an answer, and nothing of others'."""
+
+    id: UUID
+    version: int
+    verdict: VerdictName
+    mark: Pixel | None
+    reviewed: bool
+
+
+class GivenMark(Sent):
+    """An answer on a vertex, as far as the asker may see it.
+
+    ``told_at`` is when something of others' answers on the vertex was first told to this person. ``reviewed``: what
+    they say now they said after that, so it is no independent answer.
+    """
+
+    vertex_id: UUID
+    person: str
+    own: bool
+    verdict: VerdictName
+    frame_index: int
+    mark: MarkView | None
+    reviewed: bool
+    told_at: datetime | None

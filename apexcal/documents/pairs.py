@@ -1,0 +1,29 @@
+"""The columns of correspondences, and how pairs are held out together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+REQUIRED: Final = ("x", "y", "z", "u", "v")
+# Standard deviations of the vertex as the LiDAR sees it, and of the mark in pixels per coordinate.
+SIGMAS: Final = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
+MARK_SIGMA: Final = "sigma_px"
+
+
+def states_errors(pairs: Mapping[str, Any]) -> bool:
+    """Whether all pairs of these columns state their vertices' deviations, or their marks'."""
+    return all(name in pairs for name in SIGMAS) or MARK_SIGMA in pairs
+
+
+def held_together(pairs: Mapping[str, Any]) -> Sequence[Any]:
+    """A value for each pair, its pose, moment or own number; pairs of equal values are held out together."""
+    return pairs.get("group") or pairs.get("stamp_ns") or range(len(pairs["x"]))
+
+
+def most_blocks(different: int, pairs: int) -> int:
+    """Into how many blocks pairs with so many different values can be cut.
+
+    A block of single frames needs at least two of them, else a frame is held out beside its neighbours.
+    """
+    return different // 2 if different == pairs else different

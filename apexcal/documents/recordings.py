@@ -1,0 +1,292 @@
+"""Bodies of the routes about recordings."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+from uuid import UUID
+
+from pydantic import Field
+
+from apexcal.documents.base import Document, Name, Received, Sent, Stored, Topic
+from apexcal.documents.jobs import JobView, ProblemView
+from apexcal.documents.readings import LidarModel, PointTimes, StampConvention
+from apexcal.documents.states import RecordingState
+
+MAX_PARTS = 100_000
+
+MarksPerVertex = Annotated[int, Field(ge=1, le=100)]
+
+
+class Topics(Received):
+    """Which topic, folder or file of this recording is the LiDAR and which is each camera, by its name in the rig.
+
+    They take precedence over the rig's topics. A sensor that is not named keeps the rig's topic, or is found.
+    """
+
+    lidar: Topic | None = None
+    cameras: Annotated[dict[Name, Topic], Field(default_factory=dict, max_length=64)]
+
+
+class Reading(Received):
+    """What the owner knows of the recording and its file does not say.
+
+    ``topics`` says which is which; ``point_times: stamp_only`` leaves the points' own times out, as for still poses
+    whose stamps were made up; ``stamp_convention`` says what a sweep's stamp means; ``rate_hz`` how often the LiDAR
+    turns in a second; ``lidar_model`` which sensor sent captured packets; ``rings`` how many rings to compute where
+    the file has none; ``camera_start_ns`` when a video's first frame was taken, where nothing else says it.
+    """
+
+    topics: Topics = Topics(cameras={})
+    point_times: PointTimes = "auto"
+    stamp_convention: StampConvention | None = None
+    rate_hz: Annotated[float, Field(ge=0.5, le=1000)] | None = None
+    lidar_model: LidarModel | None = None
+    rings: Annotated[int, Field(ge=2, le=256)] | None = None
+    camera_start_ns: Annotated[int, Field(ge=0, lt=2**31 * 10**9)] | None = None
+
+
+class NewRecording(Received):
+    """A recording to upload: one file of a known format, or a folder packed as tar.
+
+    ``size`` is that of the file in bytes. With it the fleet's quota is checked once for all parts, without it
+    for each part.
+    """
+
+    rig_id: UUID
+    name: Name
+    file_name: Name
+    size: Annotated[int, Field(ge=1, lt=2**63)] | None = None
+    marks_per_vertex: MarksPerVertex = 1
+    retain_days: Annotated[int, Field(ge=1, le=36_500)] | None = None
+    reading: Reading = Reading()
+
+
+class RecordingEdit(Received):
+    """Changes of a recording; rig and reading only before it is ready, because the ingestion uses them.
+
+    ``reading`` replaces the whole of it.
+    """
+
+    rig_id: UUID | None = None
+    reading: Reading | None = None
+    name: Name | None = None
+    marks_per_vertex: MarksPerVertex | None = None
+
+
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class Upload(Sent):
+    """How to send the parts: with ``api`` each is put here, with ``presigned`` at an address that is asked for.
+
+    An upload that got no part until ``expires_at`` is removed.
+    """
+
+    part_bytes: int
+    max_part_bytes: int
+    parts: Literal["api", "presigned"]
+    expires_at: datetime | None
+
+
+class PartView(Sent):
+    """An acknowledged part."""
+
+    number: int
+    size: int
+    sha256: str
+
+
+class Parts(Sent):
+    """All acknowledged parts."""
+
+    items: list[PartView]
+    upload: Upload
+
+
+class NewPart(Received):
+    """A part that will be put straight into the store."""
+
+    size: Annotated[int, Field(ge=1)]
+    sha256: Sha256
+
+
+class PartAddress(Sent):
+    """Where to PUT a part's bytes until ``expires_at``; or ``part``, where these bytes are acknowledged already.
+
+    ``reservation`` is sent back once they are put.
+    """
+
+    part: PartView | None = None
+    url: str | None = None
+    expires_at: datetime | None = None
+    reservation: str | None = None
+
+
+class PutPart(Received):
+    """The bytes of this reservation have been put."""
+
+    reservation: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
+
+
+class BlobAddress(Sent):
+    """Where bytes are read straight from the store until ``expires_at``: the range of ``length`` from ``offset``.
+
+    ``url`` is null where they go through the API.
+    """
+
+    url: str | None = None
+    expires_at: datetime | None = None
+    offset: int = 0
+    length: int
+    media_type: str
+
+
+class OriginalPart(PartView):
+    """A part of the original; ``url`` is null where its bytes go through the API."""
+
+    url: str | None
+
+
+class Original(Sent):
+    """The uploaded file: its parts in order, one after the other, are its bytes."""
+
+    file_name: str
+    size: int
+    expires_at: datetime | None
+    parts: list[OriginalPart]
+
+
+class Completion(Received):
+    """What the parts make together; ``sha256`` (hexadecimal) is checked before ingestion."""
+
+    parts: Annotated[int, Field(ge=1, le=MAX_PARTS)]
+    size: Annotated[int, Field(ge=1, lt=2**63)]
+    sha256: Sha256 | None = None
+
+
+class Gap(Document):
+    """A pause after the stamp ``after_ns``; its duration is negative where the clock was set back."""
+
+    after_ns: int
+    duration_ns: int
+
+
+class StatedLens(Document):
+    """The intrinsics that a file states: ``K`` by rows, ``D`` in OpenCV's order. ``model`` is null where none is."""
+
+    model: str | None
+    K: list[float]
+    D: list[float]
+    distortion_model: str | None = None
+    width: int
+    height: int
+
+
+class ImageSize(Document):
+    """How many frames have this size."""
+
+    width: int
+    height: int
+    count: int
+
+
+class SensorFacts(Document):
+    """How a sensor was read, and what stands out in it; docs/engineers.md says what each means."""
+
+    rate_hz: float | None = None
+    gaps: list[Gap] = []
+    gap_count: int = 0
+    missing: int = 0
+    jumps: list[Gap] = []
+    backwards: int = 0
+    twins: int = 0
+    stamp_convention: StampConvention | None = None
+    time_source: str | None = None
+    ring_count: int | None = None
+    points: int | None = None
+    partial: list[str] = []
+    empty: int = 0
+    transcoded: bool | None = None
+    width: int | None = None
+    height: int | None = None
+    sizes: list[ImageSize] = []
+    overlap_s: float | None = None
+    overlap_share: float | None = None
+    camera_info: StatedLens | None = None
+    notes: list[str] = []
+
+
+class RecordingFacts(Document):
+    """What is true of a recording as a whole; ``together_s`` is how long all its sensors ran."""
+
+    format: str
+    first_ns: int
+    last_ns: int
+    seconds: float
+    together_s: float
+
+
+class SensorView(Sent):
+    """A normalised sensor of a recording."""
+
+    id: UUID
+    kind: str
+    name: str
+    topic: str
+    frame_id: str
+    count: int
+    first_ns: int
+    last_ns: int
+    facts: Stored[SensorFacts]
+
+
+class RecordingSummary(Sent):
+    """A recording as lists show it."""
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    rig_id: UUID
+    name: str
+    file_name: str
+    state: RecordingState
+    size: int
+    marks_per_vertex: int
+    reading: Stored[Reading]
+    facts: Stored[RecordingFacts | None]
+    warnings: Stored[list[str]]
+    problem: Stored[ProblemView | None]
+    retain_until: datetime | None
+    created_at: datetime
+    version: int
+    job: JobView | None = None
+
+
+class RecordingView(RecordingSummary):
+    """A recording with its sensors."""
+
+    sensors: list[SensorView]
+
+
+class CreatedRecording(RecordingView):
+    """A recording that waits for its parts."""
+
+    upload: Upload
+
+
+class AcceptedRecording(Sent):
+    """A recording on its way, and the job to follow."""
+
+    recording: RecordingView
+    job: JobView
+
+
+class FrameView(Sent):
+    """A camera frame; ``stamp_ns`` is UTC in nanoseconds."""
+
+    index: int
+    stamp_ns: int
+    media_type: str
+    width: int
+    height: int

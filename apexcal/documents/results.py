@@ -1,0 +1,356 @@
+"""What fits found: the result of a run, and the summary of a calibration.
+
+Members with a default are those that older versions, or some results, do not have.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Literal
+from uuid import UUID
+
+from apexcal.documents.base import Document, Sent, Stored
+from apexcal.documents.jobs import ProblemView
+from apexcal.documents.publications import OverrideView
+from apexcal.documents.transforms import SolvedTransform
+
+Status = Literal["ok", "unfinished", "not_converged", "not_determined", "not_explained"]
+Stopped = Literal["converged", "goal", "iterations"]
+# By parameter name; null where the pairs do not determine it.
+Deviations = dict[str, float | None]
+
+
+class Errors(Document):
+    """Mean and root mean square distance of marks from where their vertices project, pixels."""
+
+    mean_px: float
+    rms_px: float
+
+
+class Search(Errors):
+    """The best of the genetic algorithm: what it minimised, to what, and its parameters (radians, metres, pixels)."""
+
+    minimised: str
+    parameters: dict[str, float]
+    loss_px: float | None = None
+
+
+class LeastSquares(Errors):
+    """A least-squares fit: what it minimised, whether and how it ended, its parameters (radians, metres, pixels)."""
+
+    minimised: str
+    converged: bool
+    message: str
+    parameters: dict[str, float]
+
+
+class FittedPairs(Errors):
+    """Errors over the pairs that the polish was given."""
+
+    pairs: int
+
+
+class OutlierPair(Document):
+    """What the set knows of a pair: its moment, sweep, frame or pose, and the mark."""
+
+    stamp_ns: int | None = None
+    sweep_index: int | None = None
+    frame_index: int | None = None
+    group: int | float | str | None = None
+    u: float | None = None
+    v: float | None = None
+
+
+class Outlier(Document):
+    """A pair that the others speak against: its distance under their fit, that in standard deviations, and why."""
+
+    index: int
+    residual_px: float
+    score: float
+    reason: str
+    excluded: bool
+    pair: OutlierPair | None = None
+
+
+class HeldOut(Errors):
+    """Errors over the pairs of the held-out block; ``forbidden`` counts projections that are none."""
+
+    max_px: float | None = None
+    errors_px: list[float] | None = None
+    indices: list[int] | None = None
+    forbidden: int = 0
+
+
+class Intrinsics(Document):
+    """The lens; focal lengths and principal point in pixels, and those coefficients that the model has."""
+
+    model: str
+    f_x: float
+    f_y: float
+    c_x: float
+    c_y: float
+    skew: float | None = None
+    k1: float | None = None
+    k2: float | None = None
+    k3: float | None = None
+    k4: float | None = None
+    k5: float | None = None
+    image_size: list[int] | None = None
+
+
+class Covariance(Document):
+    """Of the free parameters, in degrees, metres and pixels; rotations are small turns about the camera's axes."""
+
+    names: list[str]
+    units: list[str]
+    matrix: list[list[float]]
+
+
+class WorstCorrelation(Document):
+    """The two parameters that can be told apart least."""
+
+    pair: list[str]
+    value: float
+
+
+class Provenance(Document):
+    """What a result was computed from and by. ``request`` is the solver's own document, angles in radians."""
+
+    request: dict[str, Any]
+    pairs_sha256: str
+    sources_sha256: str
+
+
+class RunResult(Document):
+    """What a run found, as the solver writes it.
+
+    ``intrinsics`` and ``transform`` (T_camera_lidar) are the polished ones. ``ga``, ``polished``, ``baseline`` (least
+    squares from the centre of the bounds) and ``linear_baseline`` (a linear start with RANSAC, then least squares)
+    stand side by side. ``parameters`` and ``std`` are in degrees, metres and pixels. ``noise_scale`` says how many
+    times larger the errors are than stated, where pairs weigh by what they state; ``sigma_px`` is the noise of a
+    typical pair.
+    """
+
+    model: str
+    status: Status
+    message: str
+    polished: LeastSquares
+    intrinsics: Intrinsics
+    transform: SolvedTransform
+    search: str | None = None
+    loss: str | None = None
+    weights: Literal["equal", "covariances"] | None = None
+    pairs: int | None = None
+    free_parameters: int | None = None
+    iterations: int | None = None
+    stopped: Stopped | None = None
+    evaluations: int | None = None
+    history: list[float] | None = None
+    ga: Search | None = None
+    baseline: LeastSquares | None = None
+    linear_baseline: LeastSquares | None = None
+    kept: FittedPairs | None = None
+    outliers: list[Outlier] = []
+    parameters: dict[str, float] | None = None
+    residuals_px: list[float] | None = None
+    at_bounds: list[str] = []
+    std: Deviations | None = None
+    interval95_half_width: Deviations | None = None
+    covariance: Covariance | None = None
+    correlation: list[list[float]] | None = None
+    worst_correlation: WorstCorrelation | None = None
+    sigma_px: float | None = None
+    noise_scale: float | None = None
+    rank: int | None = None
+    condition: float | None = None
+    undetermined: list[dict[str, float]] | None = None
+    alarms: list[str] = []
+    several_optima: list[str] = []
+    cpu: dict[str, str] | None = None
+    versions: dict[str, str] | None = None
+    heldout: HeldOut | None = None
+    provenance: Provenance | None = None
+    finish_seconds: float | None = None
+
+
+class ResultView(RunResult):
+    """A run's result, whose it is, and what speaks against publishing it.
+
+    ``objections`` is null of a fit that is not to all pairs. Of pairs that were marked here only reviewers see
+    ``residuals_px``, ``outliers`` and the errors of single held-out pairs.
+    """
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    rig_id: UUID
+    recording_id: UUID | None = None
+    detection_id: UUID | None = None
+    calibration_id: UUID
+    run_id: UUID
+    set_id: UUID
+    camera: str
+    fold: int
+    seed: int | None = None
+    objections: list[str] | None = None
+    created_at: datetime
+
+
+class Behind(Document):
+    """How much higher a model's held-out error is than the lowest one; standard errors are of the blocks."""
+
+    px: float
+    standard_error_px: float
+    percent: float
+    standard_error_percent: float
+    within_noise: bool
+
+
+class ModelSummary(Document):
+    """A model's fit to all pairs of a camera, and its errors on held-out ones.
+
+    ``objections`` is what speaks against publishing it, whatever its camera has; ``behind`` how far it is behind the
+    model with the lowest held-out error.
+    """
+
+    result_id: UUID
+    status: Status
+    message: str
+    polished: Errors | None
+    ga: Errors | None = None
+    baseline: Errors | None = None
+    linear_baseline: Errors | None = None
+    free_parameters: int | None = None
+    at_bounds: list[str] = []
+    several_optima: list[str] = []
+    pairs: int | None = None
+    iterations: int | None = None
+    stopped: Stopped | None = None
+    alarms: list[str] = []
+    heldout_mean_px: float | None = None
+    heldout_rms_px: float | None = None
+    heldout_pairs: int | None = None
+    seconds: float | None = None
+    workers: list[str] = []
+    objections: list[str] | None = None
+    behind: Behind | None = None
+
+    @property
+    def stages(self) -> dict[str, Errors]:
+        """The errors of search, polish and baseline, of those that there are."""
+        named = {"ga": self.ga, "polished": self.polished, "baseline": self.baseline}
+        return {name: errors for name, errors in named.items() if errors is not None}
+
+
+class CameraSummary(Document):
+    """The models of a camera side by side, which one to take and why; whether it was published, where asked for."""
+
+    recommended: str | None
+    why: str
+    models: dict[str, ModelSummary]
+    published: bool | None = None
+    not_published: list[str] = []
+
+
+class StatedDeviation(Document):
+    """How far the transform between two cameras lies from one that the rig states."""
+
+    source: Literal["nominal", "rig"]
+    std_deg: float
+    std_mm: float
+    rotation_deg: float
+    translation_mm: float
+    chi2: float
+    degrees_of_freedom: int
+    probability: float
+    sigmas: float
+
+
+class OddVertex(Document):
+    """A vertex whose marks in two cameras disagree: the pairs' indices in both."""
+
+    indices: list[int]
+    stamp_ns: int | None = None
+    distance_px: float
+    sigmas: float
+
+
+class SharedVertices(Document):
+    """How the marks of the vertices that both cameras saw agree."""
+
+    vertices: int
+    counted: int
+    mean_px: float
+    rms_px: float
+    expected_rms_px: float
+    offset_px: list[float]
+    offset_sigmas: float
+    odd: list[OddVertex] = []
+
+
+class CameraPair(Document):
+    """Two cameras of a rig held against each other; ``transform`` is T_a_b, null where a mount is not determined.
+
+    Deviations are of small turns about camera a's axes in degrees, and of t in millimetres.
+    """
+
+    cameras: list[str]
+    models: list[str]
+    name: str
+    transform: SolvedTransform | None
+    std: dict[str, float] | None = None
+    interval95_half_width: dict[str, float] | None = None
+    stated: list[StatedDeviation] = []
+    shared: SharedVertices | None = None
+    sentences: list[str] = []
+    alarms: list[str] = []
+
+
+class RigSummary(Document):
+    """Every two cameras of a rig compared; ``problem`` says why they could not be."""
+
+    pairs: list[CameraPair] = []
+    alarms: list[str] = []
+    left_out: list[str] = []
+    problem: ProblemView | None = None
+
+
+class Summary(Document):
+    """What a calibration found: for each camera its models, and the cameras of the rig compared."""
+
+    cameras: dict[str, CameraSummary]
+    rig: RigSummary | None = None
+
+
+class Quality(Document):
+    """How good a published calibration is."""
+
+    pairs: int | None = None
+    mean_px: float
+    rms_px: float
+    heldout_mean_px: float | None = None
+    heldout_rms_px: float | None = None
+    std: Deviations | None = None
+    alarms: list[str] = []
+
+
+class CurrentCalibration(Sent):
+    """What a vehicle's camera is given: intrinsics and transforms, both frames named, and how good they are.
+
+    ``T_vehicle_camera`` is there where the rig says where its LiDAR is.
+    """
+
+    vehicle_id: UUID
+    camera: str
+    published_at: datetime
+    published_by: str | None
+    reason: str | None
+    override: OverrideView | None
+    publication_id: UUID
+    result_id: UUID
+    calibration_id: UUID
+    model: str
+    intrinsics: Stored[Intrinsics]
+    T_camera_lidar: Stored[SolvedTransform]
+    quality: Quality
+    T_vehicle_camera: SolvedTransform | None = None

@@ -1,0 +1,48 @@
+"""The states of rows. Columns hold them as plain text, so that older and newer processes share a database."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class WorkState(StrEnum):
+    """Of a job, a study, a detection, a calibration and its runs."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+UNENDED = (WorkState.QUEUED, WorkState.RUNNING)
+
+
+class RecordingState(StrEnum):
+    """Of a recording: its upload, its ingestion, and what came of that."""
+
+    UPLOADING = "uploading"
+    QUEUED = "queued"
+    INGESTING = "ingesting"
+    READY = "ready"
+    FAILED = "failed"
+
+
+class RequestState(StrEnum):
+    """Of a fleet request."""
+
+    RUNNING = "running"
+    DONE = "done"
+    DONE_WITH_FAILURES = "done_with_failures"
+    CANCELLED = "cancelled"
+
+
+class VehicleState(StrEnum):
+    """Of a vehicle in a fleet request. ``running`` is never stored: the states of its jobs say it."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+    SKIPPED = "skipped"

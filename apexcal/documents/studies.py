@@ -1,0 +1,134 @@
+"""What requests and answers about region previews, region suggestions and clock offsets look like."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated
+from uuid import UUID
+
+from pydantic import Field
+
+from apexcal.documents.base import Document, Received, Sent, Stored
+from apexcal.documents.jobs import JobView, ProblemView
+from apexcal.documents.region_fields import KeptRegion, Region
+from apexcal.documents.states import WorkState
+
+
+class PreviewRequest(Received):
+    """Ask what a region keeps."""
+
+    region: Region
+
+
+class SuggestionRequest(Received):
+    """Ask for a region computed from what moves against the still background; there is nothing to say."""
+
+
+class OffsetRequest(Received):
+    """Ask how far the camera's clock is from the LiDAR's, by a detection's vertices and their marks."""
+
+    detection_id: UUID
+    camera: Annotated[str, Field(max_length=200)]
+    model: Annotated[str, Field(max_length=50, description="the camera model that is fitted with the offset")] = (
+        "brown_conrady"
+    )
+
+
+class StudyView(Sent):
+    """What all of these have: ``result`` is there when it is done, ``problem`` when it failed."""
+
+    id: UUID
+    recording_id: UUID
+    state: WorkState
+    problem: Stored[ProblemView | None]
+    job: JobView | None
+    created_at: datetime
+
+
+class RingCount(Document):
+    """How many points a ring has, and how many of them a region keeps."""
+
+    ring: int
+    points: int
+    points_kept: int
+
+
+class RegionPreview(Document):
+    """Counts over the sweeps; a sweep is kept where at least one of its points lies inside.
+
+    ``points_per_frame_median`` is over all sweeps, also empty ones. ``per_ring`` has the rings with any point, the
+    lowest first.
+    """
+
+    frames: int
+    frames_kept: int
+    points: int
+    points_kept: int
+    points_per_frame_median: float
+    per_ring: list[RingCount]
+
+
+class PreviewView(StudyView):
+    """What a region keeps."""
+
+    region: KeptRegion
+    result: Stored[RegionPreview | None]
+
+
+class SuggestionFacts(Document):
+    """What a suggestion rests on, for the person who decides.
+
+    ``sweeps_read``, and ``sweeps_moving`` of them in which something of a person's size moved; ``points_per_sweep``,
+    the median number of points that the region keeps in these; ``area_m2`` of the polygon; ``ground_z`` in its middle
+    and ``z_low``, ``z_high`` of the region, metres; ``posts``, how many things that stand still were cut out.
+    """
+
+    sweeps_read: int
+    sweeps_moving: int
+    points_per_sweep: float
+    area_m2: float
+    ground_z: float
+    z_low: float
+    z_high: float
+    posts: int
+    notes: list[str]
+
+
+class SuggestedRegion(Document):
+    """A region to detect with, and what led to it."""
+
+    region: KeptRegion
+    facts: SuggestionFacts
+
+
+class SuggestionView(StudyView):
+    """A suggested region."""
+
+    result: Stored[SuggestedRegion | None]
+
+
+class ClockOffset(Document):
+    """The camera's clock minus the LiDAR's, as ``pairing.offset_ns`` wants it, and its standard deviation.
+
+    ``rms_px`` is over the ``pairs`` marks that were used. ``blunders`` were left out because they lie far from all
+    others, ``unseen`` because no vertex is near their moment. ``speed_px_s``: how fast the apex moved in the image.
+    """
+
+    offset_ns: int
+    sigma_ns: int
+    rms_px: float
+    pairs: int
+    blunders: int
+    unseen: int
+    speed_px_s: float
+    message: str
+
+
+class OffsetView(StudyView):
+    """A clock offset; ``hint`` says how to use it."""
+
+    result: Stored[ClockOffset | None]
+    detection_id: UUID
+    camera: str
+    marks: int
+    hint: str | None

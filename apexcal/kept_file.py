@@ -1,0 +1,90 @@
+"""A file that is replaced whole or not at all, whenever its writer is killed.
+
+Content goes into a new file beside it, onto the disk, and takes the name in one step. A note beside the file
+(``.NAME.pulled``) says what the service calls its content (the ETag), and what was asked. It is written before the
+file and knows the one that lies there and the one that comes, each by its hash: whichever lies there is known. A file
+that was edited or damaged is neither, and is fetched again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import time
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+
+# No pull takes so long; what is older was left by one that was killed.
+_LEFT_BEHIND_S = 3600.0
+
+
+class KeptFile:
+    """A file and the note of what it is."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._note = path.with_name(f".{path.name}.pulled")
+
+    def etag(self, asked: str) -> str | None:
+        """What the service called the content that lies there; None where that is unknown, or was asked otherwise."""
+        note = self._read_note()
+        return note["etag"] if note is not None and note["asked"] == asked else None
+
+    def is_whole(self) -> bool:
+        """Whether the file is what was pulled last."""
+        return self._read_note() is not None
+
+    def replace(self, content: bytes, etag: str, asked: str) -> None:
+        """Raises OSError, and then the file is what it was."""
+        self._clear()
+        coming = {"etag": etag, "asked": asked, "sha256": sha256(content).hexdigest()}
+        known = [one for one in (self._read_note(), coming) if one is not None]
+        self._put(self._note, json.dumps(known).encode())
+        self._put(self.path, content)
+
+    def _read_note(self) -> dict[str, str] | None:
+        """What is known of the file that lies there."""
+        try:
+            digest = sha256(self.path.read_bytes()).hexdigest()
+            known = [one for one in json.loads(self._note.read_bytes()) if one["sha256"] == digest]
+            return {name: str(known[-1][name]) for name in ("etag", "asked", "sha256")} if known else None
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def _put(self, target: Path, content: bytes) -> None:
+        descriptor, name = tempfile.mkstemp(prefix=f".{self.path.name}.", suffix=".part", dir=self.path.parent)
+        part = Path(name)
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            # mkstemp's files are for their owner alone; other programs read this one.
+            part.chmod(0o644)
+            part.replace(target)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+        _keep_names(target.parent)
+
+    def _clear(self) -> None:
+        for left in self.path.parent.glob(f".{_literal(self.path.name)}.*.part"):
+            with suppress(OSError):
+                if time.time() - left.stat().st_mtime > _LEFT_BEHIND_S:
+                    left.unlink()
+
+
+def _literal(name: str) -> str:
+    return "".join(f"[{letter}]" if letter in "*?[" else letter for letter in name)
+
+
+def _keep_names(folder: Path) -> None:
+    """The folder's own entry of the new name onto the disk, where the system has that."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -1,0 +1,62 @@
+"""Calibrations in the formats of other programs."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+from uuid import UUID
+
+from apexcal.documents.exports import FormatView
+from apexcal.transport import Transport, at
+
+_FILE_NAME = re.compile(r'filename="([^"/\\]+)"')
+
+
+class Exported(NamedTuple):
+    """A file as the service names it; a format of several files comes as ``.zip``."""
+
+    name: str
+    content: bytes
+
+
+class Exports:
+    """``client.exports``: what a camera is given, or a result, as files for other programs."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._http = transport
+
+    def formats(self) -> list[FormatView]:
+        """The table of the formats: which way each one's transform leads, and what of a lens it carries."""
+        return [FormatView.model_validate(one) for one in self._http.send("GET", "/export-formats").json()]
+
+    def current(self, vehicle_id: UUID | str, camera: str, format: str) -> Exported:
+        """A camera's current calibration. ApiError ``format_cannot_carry`` names those that can in ``formats``."""
+        return self._file(_current(vehicle_id, camera), format)
+
+    def result(self, result_id: UUID | str, format: str) -> Exported:
+        """Any result. ApiError ``format_cannot_carry``."""
+        return self._file(at("results", result_id), format)
+
+    def urdf(self, vehicle_id: UUID | str, camera: str, urdf: str, joint: str, **links: str) -> str:
+        """A vehicle's own URDF with one joint as the camera's current calibration has it.
+
+        ``links``: ``camera_link`` and ``lidar_link``, where they are not named like their frames.
+        """
+        return self._patched(_current(vehicle_id, camera), urdf, joint, links)
+
+    def urdf_of_result(self, result_id: UUID | str, urdf: str, joint: str, **links: str) -> str:
+        """The same of any result."""
+        return self._patched(at("results", result_id), urdf, joint, links)
+
+    def _file(self, path: str, format: str) -> Exported:
+        answer = self._http.send("GET", path, params={"format": format})
+        named = _FILE_NAME.search(answer.headers.get("content-disposition", ""))
+        return Exported(named[1] if named else format, answer.content)
+
+    def _patched(self, path: str, urdf: str, joint: str, links: dict[str, str]) -> str:
+        body = {"urdf": urdf, "joint": joint, **links}
+        return self._http.send("POST", path + "/urdf", json=body).content.decode()
+
+
+def _current(vehicle_id: UUID | str, camera: str) -> str:
+    return at("vehicles", vehicle_id, "cameras", camera, "calibration")

@@ -1,0 +1,91 @@
+"""Jobs of calibrations: parts of runs, and the comparison of the cameras at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from uuid import UUID
+
+from sqlalchemy import delete, exists, select, update
+from sqlalchemy.orm import Session
+
+from apexcal.documents.states import UNENDED, WorkState
+from service.broker.hints import hint
+from service.calibration_runs.actions import end_calibration, end_run, start_runs
+from service.calibration_runs.conclusion import runs_of
+from service.calibration_runs.fleet_request_actions import count_missed
+from service.db.base import Json, written
+from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
+from service.db.fleet_requests import FleetRequestVehicle
+from service.db.jobs import Job
+from service.jobs.kinds import CannotRetryError, Kind
+
+_CANCELLED_RUNS = select(CalibrationRun.id).where(
+    CalibrationRun.cancel_requested, CalibrationRun.state.in_([written(state) for state in UNENDED])
+)
+
+
+def _end_part(session: Session, run_id: UUID, state: WorkState, problem: Json | None) -> None:
+    """A failed or cancelled job ends its run; a done one has said in its own transaction what comes next."""
+    run = session.get(CalibrationRun, run_id) if state != WorkState.DONE else None
+    if run:
+        end_run(session, run, state, problem)
+
+
+def _end_comparison(session: Session, calibration_id: UUID, state: WorkState, problem: Json | None) -> None:
+    """A comparison of cameras that failed or was cancelled ends its calibration; a done one has ended it already."""
+    calibration = session.get(Calibration, calibration_id) if state != WorkState.DONE else None
+    if calibration and calibration.state in UNENDED:
+        rig: Json = {"pairs": [], "alarms": [], "problem": problem}
+        cancelled = state == WorkState.CANCELLED
+        end_calibration(session, calibration, runs_of(session, calibration.id), rig=rig, cancelled=cancelled)
+
+
+def _retry_run(session: Session, job: Job) -> Sequence[Job]:
+    """The whole run again, from its first iteration; its calibration waits for it."""
+    run = session.get(CalibrationRun, job.subject_id, with_for_update=True)
+    if run is None or run.state != WorkState.FAILED:
+        raise CannotRetryError(f"its run is {run.state if run else 'deleted'}, no longer failed")
+    if session.scalar(select(exists().where(FleetRequestVehicle.calibration_id == run.calibration_id))):
+        raise CannotRetryError("it belongs to a fleet request; retry the failed vehicles there")
+    for table in (Slot, Result):
+        session.execute(delete(table).where(table.run_id == run.id).execution_options(synchronize_session=False))
+    run.state, run.failure, run.finished_at = WorkState.QUEUED, None, None
+    run.schedule, run.iteration, run.remaining = None, 0, 0
+    session.flush()
+    _reopen(session, run.calibration_id)
+    before = _newest_job(session, run.id)
+    start_runs(session, [run])
+    hint(session, run.fleet_id, "calibration", run.calibration_id)
+    return session.scalars(select(Job).where(Job.subject_id == run.id, Job.id > before).order_by(Job.id)).all()
+
+
+def _reopen(session: Session, calibration_id: UUID) -> None:
+    reopened = session.execute(
+        update(Calibration)
+        .where(Calibration.id == calibration_id, Calibration.state != WorkState.CANCELLED)
+        .values(
+            remaining=Calibration.remaining + 1,
+            state=WorkState.RUNNING,
+            finished_at=None,
+            summary=None,
+            problem=None,
+        )
+        .returning(Calibration.id)
+        .execution_options(synchronize_session=False)
+    ).one_or_none()
+    if reopened is None:
+        raise CannotRetryError("its calibration was cancelled; ask for a new one")
+    # The calibration is locked now, so none begins meanwhile: it would end the calibration without this run.
+    comparison = exists().where(Job.subject_id == calibration_id, Job.state.in_(UNENDED))
+    if session.scalar(select(comparison)):
+        raise CannotRetryError("the cameras of its calibration are being compared; wait for their end")
+
+
+def _newest_job(session: Session, subject_id: UUID) -> int:
+    return session.scalar(select(Job.id).where(Job.subject_id == subject_id).order_by(Job.id.desc()).limit(1)) or 0
+
+
+KINDS = (
+    Kind("solve", "solve", _end_part, _retry_run, cancelled=_CANCELLED_RUNS, tend=count_missed),
+    Kind("consistency", "report", _end_comparison),
+)

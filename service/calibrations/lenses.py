@@ -1,0 +1,202 @@
+"""What is known of a camera's lens before its calibration, as bounds, priors or locks of the solver's parameters.
+
+A stated lens is ``{"model", "K" (9 numbers, rows), "D", "width", "height"}`` with the model by our name: the form in
+which a recording's CameraInfo is kept. Coefficients have OpenCV's order, which is that of our parameters:
+``brown_conrady`` k1 k2 p1 p2 k3, ``kannala_brandt`` k1 k2 k3 k4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from apexcal.documents.bounds import LEAST_FOCAL_PX
+from apexcal.documents.camera_models import CAMERA_MODELS, FOCAL_AND_CENTRE, INTRINSICS, ModelName
+from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
+from apexcal.documents.rules import LensUse
+from service.db.base import Json
+from service.db.fleets import RigCamera
+from service.http.problems import Problem
+
+# How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
+_FOCAL_SHARE = 0.10
+_CENTRE_SHARE = 0.05
+# Standard deviations of a careful calibration that was made elsewhere: focal lengths and centre as shares, and of a
+# coefficient so much and a tenth of itself.
+_FOCAL_SIGMA = 0.005
+_CENTRE_SIGMA = 0.005
+_COEFFICIENT_SIGMA = 0.02
+_TANGENTIAL_SIGMA = 0.002
+
+
+@dataclass(frozen=True)
+class Known:
+    """The part of a solver's document that a stated lens gives one model, in pixels."""
+
+    bounds: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
+    priors: dict[str, Json] = field(default_factory=dict[str, Json])
+    locked: dict[str, float] = field(default_factory=dict[str, float])
+
+
+def as_stated(camera: str, given: Json) -> Json:
+    """A lens as people send it, under our model's name.
+
+    Raises:
+        Problem: 422 ``unknown_distortion_model``, ``distortion_without_equal``, ``invalid_intrinsics``.
+    """
+    name = str(given["distortion_model"])
+    model = model_stated(name)
+    if model is None:
+        raise Problem(
+            422,
+            "unknown_distortion_model",
+            f"The intrinsics of {camera} are of the distortion model {name!r}, which is none here.",
+            f"Known are {', '.join(sorted(one for one in MODEL_OF if one))}. Leave the intrinsics out, or give their "
+            "focal lengths and centre as bounds of the rig or the request.",
+        )
+    stated = [float(value) for value in given["D"]]
+    D = coefficients_of(model, stated)
+    if D is None:
+        raise Problem(
+            422,
+            "distortion_without_equal",
+            f"The intrinsics of {camera} have {len(stated)} coefficients ({name}), and {model} has "
+            f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero, and no model here has them.",
+            "Calibrate the lens as plumb_bob (k1 k2 p1 p2 k3) or equidistant (k1 k2 k3 k4), or give focal lengths "
+            "and centre as bounds of the rig or the request.",
+        )
+    K = [float(value) for value in given["K"]]
+    if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
+        raise Problem(
+            422,
+            "invalid_intrinsics",
+            f"K of {camera} is no camera matrix: it is [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows.",
+            "A CameraInfo without a calibration has zeros there.",
+        )
+    return {"model": model, "K": K, "D": D, "width": given["width"], "height": given["height"]}
+
+
+def check_size(stated: Json, camera: RigCamera, what: str) -> None:
+    """Refuse intrinsics of other images than the camera's: 422 ``intrinsics_of_another_size``."""
+    if (stated["width"], stated["height"]) != (camera.image_width, camera.image_height):
+        raise Problem(
+            422,
+            "intrinsics_of_another_size",
+            f"{what} for {stated['width']} x {stated['height']} pixels, "
+            f"and its images have {camera.image_width} x {camera.image_height}.",
+            "Leave them out, scale them to the images' size, or give bounds.",
+        )
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A stated lens, and what it says of the parameters of each model that can be it: ``known``, in their order."""
+
+    stated: Json
+    use_as: LensUse
+    known: Mapping[ModelName, Known]
+
+    def locks_besides(self, named: Collection[str]) -> dict[str, float]:
+        """Focal lengths and principal point (pixels) at which the lens holds them, where it locks any.
+
+        Those in ``named`` are the request's own. The distortion is not among them: any may be right that was
+        measured.
+        """
+        locked = next(iter(self.known.values())).locked
+        return {name: locked[name] for name in FOCAL_AND_CENTRE if name in locked and name not in named}
+
+
+def take_over(camera: str, stated: Json, models: Sequence[ModelName], use_as: LensUse) -> Lens:
+    """The lens as those of the models that can be it take it over.
+
+    Raises:
+        Problem: 422 ``intrinsics_of_another_model`` where none can.
+    """
+    known: dict[ModelName, Known] = {
+        model: found for model in models if (found := _known_of(stated, model, use_as)) is not None
+    }
+    if known:
+        return Lens(stated, use_as, known)
+    lens = stated["model"]
+    what = f"are of {lens}" if lens else f"({stated.get('distortion_model')}) are of a model that has no equal here"
+    raise Problem(
+        422,
+        "intrinsics_of_another_model",
+        f"The intrinsics of {camera} {what}, and {' and '.join(models)} cannot take them over.",
+        (f"Ask for {lens}, or take" if lens else "Take") + " focal lengths and centre alone "
+        "(intrinsics_as: bounds; --intrinsics-as bounds).",
+    )
+
+
+def lens_notes(lens: Lens, models: Sequence[ModelName], settled: Collection[str]) -> list[str]:
+    """What became of a lens. ``settled`` are the parameters that the request or the rig bounds or locks."""
+    if lens.use_as == "bounds":
+        return [_bounds_note(lens.stated, settled)]
+    notes = [f"the intrinsics are {'locked at' if lens.use_as == 'locked' else 'drawn to'} those stated."]
+    rest = [model for model in models if model not in lens.known]
+    if rest:
+        verb = "is" if len(rest) == 1 else "are"
+        notes.append(f"{' and '.join(rest)} {verb} left out, for the stated lens is {lens.stated['model']}.")
+    return notes
+
+
+def _bounds_note(stated: Json, settled: Collection[str]) -> str:
+    names = [name for name in _near_stated(stated) if name not in settled]
+    if not names:
+        return "the stated intrinsics bound nothing, because the rig or the request settles it all."
+    listed = " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+    return f"{listed} {'is' if len(names) == 1 else 'are'} looked for near what is stated."
+
+
+def _known_of(stated: Json, model: ModelName, use_as: LensUse) -> Known | None:
+    """What a stated lens says of a model's parameters; None where the model cannot be that lens.
+
+    As bounds only focal lengths and centre count, which every model has. As priors and locks the distortion counts
+    too: a lens without any is a pinhole's as well as ``brown_conrady``'s.
+    """
+    if use_as == "bounds":
+        return Known(bounds=_near_stated(stated))
+    values = _values(stated, model)
+    if values is None:
+        return None
+    if use_as == "locked":
+        return Known(locked=values)
+    priors: dict[str, Json] = {
+        name: {"mean": value, "sigma": _sigma(name, value, stated)} for name, value in values.items()
+    }
+    return Known(priors=priors)
+
+
+def _near_stated(stated: Json) -> dict[str, list[float]]:
+    """Bounds about the stated focal lengths and principal point, pixels."""
+    f_x, _, c_x, _, f_y, c_y = stated["K"][:6]
+    across, down = _CENTRE_SHARE * stated["width"], _CENTRE_SHARE * stated["height"]
+    return {
+        "f_x": [f_x * (1.0 - _FOCAL_SHARE), f_x * (1.0 + _FOCAL_SHARE)],
+        "f_y": [f_y * (1.0 - _FOCAL_SHARE), f_y * (1.0 + _FOCAL_SHARE)],
+        "c_x": [c_x - across, c_x + across],
+        "c_y": [c_y - down, c_y + down],
+    }
+
+
+def _values(stated: Json, model: ModelName) -> dict[str, float] | None:
+    """Every intrinsic parameter of a model as stated, or None where it has not that distortion."""
+    f_x, s, c_x, _, f_y, c_y = stated["K"][:6]
+    of: ModelName = stated["model"]
+    coefficients = dict(zip(CAMERA_MODELS[of].distortion, stated["D"], strict=True)) if of else {}
+    plain = model == "pinhole" and stated["model"] == "brown_conrady" and not any(stated["D"])
+    if not plain and model != stated["model"]:
+        return None
+    values: dict[str, float] = {"f_x": f_x, "f_y": f_y, "c_x": c_x, "c_y": c_y, "skew": s / f_x, **coefficients}
+    if s and "skew" not in INTRINSICS[model]:
+        return None
+    return {name: float(values[name]) for name in INTRINSICS[model]}
+
+
+def _sigma(name: str, value: float, stated: Json) -> float:
+    if name in ("f_x", "f_y"):
+        return _FOCAL_SIGMA * value
+    if name in ("c_x", "c_y"):
+        return _CENTRE_SIGMA * float(stated["width" if name == "c_x" else "height"])
+    small = name == "skew" or name in CAMERA_MODELS[stated["model"]].tangential
+    return (_TANGENTIAL_SIGMA if small else _COEFFICIENT_SIGMA) + 0.1 * abs(value)

@@ -1,0 +1,37 @@
+"""Correspondence sets without their pairs, as the answers show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from sqlalchemy import Select, select
+from sqlalchemy.orm import defer
+
+from apexcal.documents.correspondence_sets import SetView
+from service.db.calibrations import CorrespondenceSet
+
+
+def summaries() -> Select[*tuple[Any, ...]]:
+    """Sets without their pairs, which may be many."""
+    flagged = CorrespondenceSet.pairs["flagged"].label("flagged")
+    return select(CorrespondenceSet, flagged).options(defer(CorrespondenceSet.pairs))
+
+
+def set_view(row: CorrespondenceSet, flagged: Iterable[bool] | None) -> SetView:
+    """A set without its pairs."""
+    return SetView(
+        id=row.id,
+        fleet_id=row.fleet_id,
+        vehicle_id=row.vehicle_id,
+        rig_id=row.rig_id,
+        recording_id=row.recording_id,
+        detection_id=row.detection_id,
+        camera=row.camera,
+        source="import" if row.source == "import" else "annotations",
+        count=row.count,
+        content_hash=row.content_hash,
+        notes=row.notes,
+        flagged=sum(flagged or ()),
+        created_at=row.created_at,
+    )

@@ -1,0 +1,81 @@
+"""Which format a request asks for, and the answer in it.
+
+The formats are imported when one is asked for: they need NumPy, which takes a twentieth of the start.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from typing import TYPE_CHECKING, Annotated
+
+from fastapi import Depends, Query, Request
+from fastapi.responses import Response
+
+from service.http.etags import Conditions, content_etag
+
+if TYPE_CHECKING:
+    from service.exports.calibrated import Calibrated
+
+_TYPE = "application/vnd.apexcal."
+
+
+async def _wanted(
+    request: Request,
+    format: Annotated[
+        str | None, Query(max_length=40, description="A format of `/v1/export-formats`; by default JSON.")
+    ] = None,
+) -> str | None:
+    if format is not None:
+        return None if format == "json" else format
+    return _of_accept(request.headers.get("accept", ""))
+
+
+WantedFormat = Annotated[str | None, Depends(_wanted)]
+
+
+def _of_accept(header: str) -> str | None:
+    """The first that the header names by its own type; None, which is JSON, for all else."""
+    for one in header.split(","):
+        named = one.partition(";")[0].strip().lower()
+        if named.startswith(_TYPE):
+            return named.removeprefix(_TYPE).partition("+")[0]
+    return None
+
+
+def exported(wanted: str, calibrated: Calibrated, conditions: Conditions) -> Response:
+    """The answer with its ETag.
+
+    Raises what 304 is answered by, and :class:`Problem` 422 ``unknown_format``, 406 ``format_cannot_carry``.
+    """
+    from service.exports.formats import export, find_format
+
+    made = export(find_format(wanted), calibrated)
+    etag = content_etag(sha256(made.content).hexdigest())
+    conditions.offer(etag)
+    headers = {
+        "ETag": etag,
+        "Vary": "Accept",
+        "Content-Disposition": f'attachment; filename="{made.name}"',
+        "Cache-Control": "private, no-cache",
+    }
+    return Response(made.content, media_type=made.media_type, headers=headers)
+
+
+def table() -> list[dict[str, object]]:
+    """Every format and what it carries."""
+    from service.exports.formats import FORMATS
+
+    return [
+        {
+            "name": one.name,
+            "title": one.title,
+            "media_type": f"{_TYPE}{one.name}",
+            "direction": one.direction,
+            "lenses": sorted(one.lenses) if one.takes_lens else [],
+            "skew": one.skew and one.takes_lens,
+            "third_radial": one.third_radial and one.takes_lens,
+            "needs_T_vehicle_lidar": one.needs_vehicle,
+            "one_lidar": one.one_lidar,
+        }
+        for one in FORMATS.values()
+    ]

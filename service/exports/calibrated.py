@@ -1,0 +1,97 @@
+"""What is exported: the calibrated cameras of one vehicle, each with its lens and its mount."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+
+from service.exports.transform import Transform
+
+Lens = Literal["pinhole", "brown_conrady", "kannala_brandt"]
+# OpenCV's order, which is ours: k1 k2 p1 p2 k3, and k1 k2 k3 k4.
+_COEFFICIENTS = {"pinhole": 0, "brown_conrady": 5, "kannala_brandt": 4}
+
+
+@dataclass(frozen=True)
+class CalibratedCamera:
+    """A camera's lens and mount. ``intrinsics`` is a result's: pixels, and coefficients without a unit.
+
+    ``T_camera_lidar`` maps LiDAR points into the optical frame (x right, y down, z forward). ``source`` is the id of
+    the result.
+    """
+
+    name: str
+    topic: str | None
+    width: int
+    height: int
+    model: str
+    intrinsics: Mapping[str, float]
+    T_camera_lidar: Transform
+    T_vehicle_lidar: Transform | None
+    rig: str
+    source: str
+    at: datetime
+
+    @property
+    def skew(self) -> float:
+        """u = f_x (a_d + skew b_d) + c_x."""
+        return float(self.intrinsics.get("skew", 0.0))
+
+    @property
+    def coefficients(self) -> list[float]:
+        """The distortion: k1 k2 p1 p2 k3 of ``brown_conrady``, k1 k2 k3 k4 of ``kannala_brandt``."""
+        return [float(self.intrinsics[f"k{place}"]) for place in range(1, _COEFFICIENTS[self.model] + 1)]
+
+    @property
+    def lens(self) -> Lens:
+        """The model that a format must know: a ``brown_conrady`` without distortion is a pinhole's."""
+        if self.model == "kannala_brandt":
+            return "kannala_brandt"
+        return "brown_conrady" if any(self.coefficients) else "pinhole"
+
+    @property
+    def plumb_bob(self) -> list[float]:
+        """k1 k2 p1 p2 k3, zeros of a pinhole."""
+        return self.coefficients or [0.0] * 5
+
+    @property
+    def K(self) -> list[list[float]]:  # noqa: N802 - a matrix
+        """The camera matrix by rows, with f_x skew in its first."""
+        f_x, f_y, c_x, c_y = (float(self.intrinsics[name]) for name in ("f_x", "f_y", "c_x", "c_y"))
+        return [[f_x, f_x * self.skew, c_x], [0.0, f_y, c_y], [0.0, 0.0, 1.0]]
+
+    @property
+    def frame(self) -> str:
+        """The optical frame."""
+        return self.T_camera_lidar.to_frame
+
+    @property
+    def lidar_frame(self) -> str:
+        """The LiDAR's frame."""
+        return self.T_camera_lidar.from_frame
+
+    @property
+    def T_lidar_camera(self) -> Transform:  # noqa: N802 - a transform
+        """The camera's pose in the LiDAR's frame."""
+        return self.T_camera_lidar.inverse()
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """One vehicle's cameras, at least one, in the order of the rig."""
+
+    vehicle: str
+    cameras: Sequence[CalibratedCamera]
+
+    @property
+    def lidar_frames(self) -> list[str]:
+        """Each LiDAR's frame, once."""
+        return list(dict.fromkeys(camera.lidar_frame for camera in self.cameras))
+
+
+def file_name(name: str) -> str:
+    """A name that is one plain step of a path everywhere."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_") or "unnamed"

@@ -1,0 +1,92 @@
+"""What a format is, and how it refuses what it cannot carry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from service.exports.calibrated import Calibrated, CalibratedCamera, Lens
+
+# Name inside the export -> text.
+Files = dict[str, str]
+
+PLAIN: frozenset[Lens] = frozenset({"pinhole"})
+RADIAL_TANGENTIAL: frozenset[Lens] = frozenset({"pinhole", "brown_conrady"})
+EVERY_LENS: frozenset[Lens] = frozenset({"pinhole", "brown_conrady", "kannala_brandt"})
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format: what writes it, and what it can say.
+
+    ``direction`` says what its transform maps into what. ``skew``: whether its readers use the camera matrix whole.
+    ``third_radial``: whether it has OpenCV's k3. ``takes_lens``: mounts alone are the same for every lens.
+    ``one_tree``: whether all frames must hang together.
+    """
+
+    name: str
+    title: str
+    write: Callable[[Calibrated], Files]
+    kind: str
+    direction: str
+    lenses: frozenset[Lens] = EVERY_LENS
+    skew: bool = False
+    third_radial: bool = True
+    takes_lens: bool = True
+    needs_vehicle: bool = False
+    one_lidar: bool = False
+    one_tree: bool = False
+
+
+def obstacle(wanted: Format, calibrated: Calibrated) -> str | None:
+    """Why the format cannot carry this, as a sentence; None where it can."""
+    for camera in calibrated.cameras:
+        reason = (_of_lens(wanted, camera) if wanted.takes_lens else None) or _of_mount(wanted, camera)
+        if reason:
+            return reason
+    if wanted.one_lidar and len(calibrated.lidar_frames) > 1:
+        frames = " and ".join(calibrated.lidar_frames)
+        return f"{wanted.title} has one LiDAR, and the cameras are calibrated to {frames}."
+    if wanted.one_tree and _is_apart(calibrated):
+        frames = " and ".join(calibrated.lidar_frames)
+        return f"{wanted.title} is one tree, and nothing says how {frames} lie together."
+    return None
+
+
+def remedy(wanted: Format, calibrated: Calibrated) -> str:
+    """What to change, so that the format carries it."""
+    if wanted.one_lidar and len(calibrated.lidar_frames) > 1:
+        return "Ask for one camera."
+    if any(_of_mount(wanted, camera) for camera in calibrated.cameras) or (wanted.one_tree and _is_apart(calibrated)):
+        return "Say T_vehicle_lidar in the rig."
+    if any(camera.lens not in wanted.lenses for camera in calibrated.cameras):
+        return f"Calibrate as {' or '.join(sorted(wanted.lenses))}."
+    locks = ["skew"] if not wanted.skew and any(camera.skew for camera in calibrated.cameras) else []
+    if not wanted.third_radial and any(_third_radial(camera) for camera in calibrated.cameras):
+        locks.append("k5")
+    return f"Calibrate with {' and '.join(locks)} locked at 0 (`locked`)."
+
+
+def _is_apart(calibrated: Calibrated) -> bool:
+    roots = {(camera.T_vehicle_lidar or camera.T_lidar_camera).to_frame for camera in calibrated.cameras}
+    return len(roots) > 1
+
+
+def _of_lens(wanted: Format, camera: CalibratedCamera) -> str | None:
+    if camera.lens not in wanted.lenses:
+        return f"{wanted.title} has no lens model for {camera.name}'s {camera.lens} distortion."
+    if camera.skew and not wanted.skew:
+        return f"The lens of {camera.name} has a skew of {camera.skew:.3g}, which readers of {wanted.title} ignore."
+    if _third_radial(camera) and not wanted.third_radial:
+        return f"The lens of {camera.name} has a third radial coefficient (k5), {wanted.title} has two."
+    return None
+
+
+def _third_radial(camera: CalibratedCamera) -> bool:
+    return camera.lens == "brown_conrady" and bool(camera.coefficients[4])
+
+
+def _of_mount(wanted: Format, camera: CalibratedCamera) -> str | None:
+    if wanted.needs_vehicle and camera.T_vehicle_lidar is None:
+        return f"{wanted.title} starts at the vehicle's frame, and the rig {camera.rig} does not say where that is."
+    return None

@@ -1,0 +1,81 @@
+"""The table of all formats, and an export as the bytes of one file: a format of several files is a ZIP."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from typing import NamedTuple
+
+from service.exports import autoware, camera_info, kalibr, kitti, nuscenes, opencv, openlabel, ros2, urdf
+from service.exports.calibrated import Calibrated, file_name
+from service.exports.format import Files, Format, obstacle, remedy
+from service.http.problems import Problem
+
+FORMATS: dict[str, Format] = {
+    one.FORMAT.name: one.FORMAT
+    for one in (camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel)
+}
+# What ZIP writes where it knows no time: the same export has the same bytes.
+_NO_TIME = (1980, 1, 1, 0, 0, 0)
+
+
+class Exported(NamedTuple):
+    """One file to hand out."""
+
+    name: str
+    media_type: str
+    content: bytes
+
+
+def media_type(wanted: Format, kind: str) -> str:
+    """The type of a format's one file, or of the ZIP of its files."""
+    return f"application/vnd.apexcal.{wanted.name}+{kind}"
+
+
+def find_format(name: str) -> Format:
+    """Raises :class:`Problem` 422 ``unknown_format``."""
+    if name not in FORMATS:
+        known = ["json", *FORMATS]
+        raise Problem(
+            422,
+            "unknown_format",
+            f"There is no format {name!r}.",
+            f"The formats are {', '.join(known)}.",
+            formats=known,
+        )
+    return FORMATS[name]
+
+
+def export(wanted: Format, calibrated: Calibrated) -> Exported:
+    """Raises :class:`Problem` 406 ``format_cannot_carry``, which names the formats that can."""
+    reason = obstacle(wanted, calibrated)
+    if reason is not None:
+        able = ["json", *(name for name, one in FORMATS.items() if obstacle(one, calibrated) is None)]
+        raise Problem(
+            406,
+            "format_cannot_carry",
+            reason,
+            f"{remedy(wanted, calibrated)} Or take one of {', '.join(able)}.",
+            format=wanted.name,
+            formats=able,
+        )
+    files = wanted.write(calibrated)
+    name = "-".join([*(file_name(part) for part in _named(calibrated)), wanted.name])
+    if len(files) == 1 and wanted.kind != "zip":
+        (inside, text), *_ = files.items()
+        suffix = inside.partition(".")[2]
+        return Exported(f"{name}.{suffix}", media_type(wanted, wanted.kind), text.encode())
+    return Exported(f"{name}.zip", media_type(wanted, "zip"), _zipped(files))
+
+
+def _named(calibrated: Calibrated) -> list[str]:
+    names = [calibrated.vehicle]
+    return names if len(calibrated.cameras) > 1 else [*names, calibrated.cameras[0].name]
+
+
+def _zipped(files: Files) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in sorted(files.items()):
+            archive.writestr(zipfile.ZipInfo(name, _NO_TIME), text, zipfile.ZIP_DEFLATED)
+    return packed.getvalue()

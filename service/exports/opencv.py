@@ -1,0 +1,48 @@
+"""OpenCV's FileStorage (YAML), one file for each camera: for ``cv2.projectPoints`` or ``cv2.fisheye``."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
+from service.exports.format import Files, Format
+from service.exports.transform import Floats, numbers
+
+
+def _matrix(name: str, values: Floats) -> list[str]:
+    rows, columns = values.shape
+    head = [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d"]
+    # The parser knows lines of a few thousand letters at most.
+    return [*head, "   data: [ " + ",\n       ".join(map(repr, numbers(values))) + " ]"]
+
+
+def _camera(camera: CalibratedCamera) -> str:
+    fisheye = camera.lens == "kannala_brandt"
+    lines = [
+        "%YAML:1.0",
+        "---",
+        f"image_width: {camera.width}",
+        f"image_height: {camera.height}",
+        f"fisheye_model: {int(fisheye)}",
+        *_matrix("camera_matrix", np.array(camera.K)),
+        *_matrix("distortion_coefficients", np.array([camera.coefficients if fisheye else camera.plumb_bob]).T),
+        f"camera_frame: {json.dumps(camera.frame)}",
+        f"lidar_frame: {json.dumps(camera.lidar_frame)}",
+        *_matrix("T_camera_lidar", camera.T_camera_lidar.matrix),
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _files(calibrated: Calibrated) -> Files:
+    return {f"{file_name(camera.name)}.yaml": _camera(camera) for camera in calibrated.cameras}
+
+
+FORMAT = Format(
+    name="opencv",
+    title="OpenCV",
+    write=_files,
+    kind="yaml",
+    direction="T_camera_lidar maps LiDAR points into the camera",
+)

@@ -1,0 +1,63 @@
+"""ROS 2: camera_info, the arguments of ``static_transform_publisher``, and a launch file of the mounts."""
+
+from __future__ import annotations
+
+from xml.sax.saxutils import quoteattr
+
+from service.exports.calibrated import Calibrated, file_name
+from service.exports.camera_info import camera_info
+from service.exports.format import Files, Format
+from service.exports.transform import Transform
+
+
+def poses(calibrated: Calibrated) -> list[Transform]:
+    """Each sensor's pose in its parent, once: cameras in the LiDAR, the LiDAR in the vehicle where that is known."""
+    found: dict[str, Transform] = {}
+    for camera in calibrated.cameras:
+        vehicle = camera.T_vehicle_lidar
+        if vehicle is not None:
+            found[vehicle.from_frame] = vehicle
+        found[camera.frame] = camera.T_lidar_camera
+    return list(found.values())
+
+
+def arguments(pose: Transform) -> list[tuple[str, str]]:
+    """Names and values: the child frame's pose in the frame."""
+    values = [*(float(part) for part in pose.t), *pose.quaternion_xyzw]
+    named = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), map(_decimal, values), strict=True)
+    return [*named, ("frame-id", pose.to_frame), ("child-frame-id", pose.from_frame)]
+
+
+def _decimal(value: float) -> str:
+    # Some versions of the program take no exponents.
+    text = f"{value:.17f}".rstrip("0")
+    return text + "0" if text.endswith(".") else text
+
+
+def _launch(calibrated: Calibrated) -> str:
+    nodes: list[str] = []
+    for pose in poses(calibrated):
+        name = f"{file_name(pose.to_frame)}_to_{file_name(pose.from_frame)}"
+        said = " ".join(f"--{option} {value}" for option, value in arguments(pose))
+        nodes.append(
+            f'  <node pkg="tf2_ros" exec="static_transform_publisher" name={quoteattr(name)} args={quoteattr(said)}/>'
+        )
+    return "\n".join(['<?xml version="1.0"?>', "<launch>", *nodes, "</launch>", ""])
+
+
+def _files(calibrated: Calibrated) -> Files:
+    said = [" ".join(f"--{option} {value}" for option, value in arguments(pose)) for pose in poses(calibrated)]
+    return {
+        **{f"{file_name(camera.name)}/camera_info.yaml": camera_info(camera) for camera in calibrated.cameras},
+        "static_transform_publisher.txt": "\n".join(said) + "\n",
+        "static_transforms.launch.xml": _launch(calibrated),
+    }
+
+
+FORMAT = Format(
+    name="ros2",
+    title="ROS 2",
+    write=_files,
+    kind="zip",
+    direction="the child frame's pose in its parent: T_lidar_camera, T_vehicle_lidar",
+)

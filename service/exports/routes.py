@@ -1,0 +1,62 @@
+"""The table of export formats, and a vehicle's own URDF with one joint as calibrated."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+from uuid import UUID
+
+from fastapi import APIRouter
+from fastapi.responses import Response
+
+from apexcal.documents.base import Sought
+from apexcal.documents.exports import FormatView, UrdfRequest
+from service.auth.access import CurrentIdentity, ReadAccess
+from service.db.calibrations import Result
+from service.db.fleets import Vehicle
+from service.exports.answers import table
+from service.exports.queries import of_publication, of_result
+from service.http.bodies import DOCUMENT
+
+if TYPE_CHECKING:
+    from service.exports.calibrated import Calibrated
+
+router = APIRouter(tags=["exports"])
+
+_XML: dict[int | str, dict[str, Any]] = {200: {"content": {"application/xml": {"schema": {"type": "string"}}}}}
+
+
+@router.get("/export-formats", response_model=list[FormatView])
+def list_formats(identity: CurrentIdentity) -> list[dict[str, object]]:
+    """The formats in which calibrations are answered (``?format=NAME``), and what each of them carries."""
+    return table()
+
+
+@router.post(
+    "/vehicles/{vehicle_id}/cameras/{camera}/calibration/urdf",
+    max_body_size=DOCUMENT,
+    response_class=Response,
+    responses=_XML,
+)
+def patch_urdf(vehicle_id: UUID, camera: Sought, body: UrdfRequest, access: ReadAccess) -> Response:
+    """The sent URDF with one joint's origin as the camera's current calibration has it; all other bytes stay.
+
+    Nothing is stored.
+    """
+    return _patched(body, of_publication(access.session, access.find(Vehicle, vehicle_id).id, camera))
+
+
+@router.post("/results/{result_id}/urdf", max_body_size=DOCUMENT, response_class=Response, responses=_XML)
+def patch_urdf_of_result(result_id: UUID, body: UrdfRequest, access: ReadAccess) -> Response:
+    """The sent URDF with one joint's origin as a result has it; all other bytes stay. Nothing is stored."""
+    return _patched(body, of_result(access.session, access.find(Result, result_id).id))
+
+
+def _patched(body: UrdfRequest, calibrated: Calibrated) -> Response:
+    # Here, for it needs NumPy, which takes a twentieth of the start.
+    from service.exports.urdf_patch import patched
+
+    mount = calibrated.cameras[0].T_camera_lidar
+    mount = mount._replace(
+        to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame
+    )
+    return Response(patched(body.urdf.encode(), body.joint, mount), media_type="application/xml")

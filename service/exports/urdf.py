@@ -1,0 +1,43 @@
+"""URDF: links and fixed joints. A joint's origin is the child's pose in its parent."""
+
+from __future__ import annotations
+
+from xml.sax.saxutils import quoteattr
+
+from service.exports.calibrated import Calibrated, file_name
+from service.exports.format import Files, Format
+from service.exports.ros2 import poses
+from service.exports.transform import Transform, numbers
+
+
+def origin(pose: Transform) -> str:
+    """The element of a pose: metres, and radians about the fixed axes x, y, z of the parent."""
+    xyz, rpy = (" ".join(map(repr, numbers(values))) for values in (pose.t, pose.roll_pitch_yaw))
+    return f'<origin xyz="{xyz}" rpy="{rpy}"/>'
+
+
+def _files(calibrated: Calibrated) -> Files:
+    joints = poses(calibrated)
+    links = dict.fromkeys([*(pose.to_frame for pose in joints), *(pose.from_frame for pose in joints)])
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(file_name(calibrated.vehicle))}>"]
+    lines += [f"  <link name={quoteattr(link)}/>" for link in links]
+    for pose in joints:
+        lines += [
+            f'  <joint name={quoteattr(f"{pose.to_frame}_to_{pose.from_frame}")} type="fixed">',
+            f"    <parent link={quoteattr(pose.to_frame)}/>",
+            f"    <child link={quoteattr(pose.from_frame)}/>",
+            f"    {origin(pose)}",
+            "  </joint>",
+        ]
+    return {f"{file_name(calibrated.vehicle)}.urdf": "\n".join([*lines, "</robot>", ""])}
+
+
+FORMAT = Format(
+    name="urdf",
+    title="URDF",
+    write=_files,
+    kind="xml",
+    direction="the child link's pose in its parent: T_lidar_camera, T_vehicle_lidar",
+    takes_lens=False,
+    one_tree=True,
+)

@@ -1,0 +1,76 @@
+"""A vehicle's own URDF with one joint's origin replaced, so that camera and LiDAR lie as they were calibrated.
+
+The joint stands somewhere between the two. What lies on its child's side moves with it; all other joints keep what
+they say, and every byte outside of the one origin stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from service.exports.transform import Transform
+from service.exports.urdf import origin
+from service.exports.urdf_tree import Joint, read_joints, refused
+
+
+def patched(document: bytes, joint_name: str, T_camera_lidar: Transform) -> bytes:
+    """The file with the joint's new origin. The transform's frames are the names of links.
+
+    Raises:
+        Problem: 422 ``urdf_not_read``, where the file cannot be used or the joint is not between the two links.
+    """
+    joints = read_joints(document)
+    joint = joints.get(joint_name)
+    if joint is None:
+        raise refused(f"There is no joint {joint_name!r}.", f"The joints are {', '.join(joints)[:500] or 'none'}.")
+    if joint.kind != "fixed":
+        raise refused(f"The joint {joint_name!r} is {joint.kind}.", "A calibration is of a fixed joint.")
+    others = {name: one for name, one in joints.items() if name != joint_name}
+    T_parent_child = _solved(joint, others, T_camera_lidar)
+    element = origin(T_parent_child).encode()
+    if joint.origin is not None:
+        return document[: joint.origin.begin] + element + document[joint.origin.end :]
+    if document[joint.inside - 2 : joint.inside] == b"/>":
+        raise refused(f"The joint {joint_name!r} has no parent and child.", "Complete it.")
+    return document[: joint.inside] + element + document[joint.inside :]
+
+
+def _solved(joint: Joint, others: Mapping[str, Joint], T_camera_lidar: Transform) -> Transform:
+    """``T_parent_child`` of the joint: the calibration between two chains of the other joints."""
+    camera, lidar = T_camera_lidar.to_frame, T_camera_lidar.from_frame
+    below = _poses_from(joint.child, others)
+    above = _poses_from(joint.parent, others)
+    for link in (camera, lidar):
+        if link not in below and link not in above:
+            raise refused(
+                f"No fixed joints lead from {joint.name!r} to a link {link!r}.",
+                "Name the links of camera and LiDAR (camera_link, lidar_link) as the file does.",
+            )
+    if camera in below and lidar in above:
+        return above[lidar].after(T_camera_lidar.inverse()).after(below[camera].inverse())
+    if lidar in below and camera in above:
+        return above[camera].after(T_camera_lidar).after(below[lidar].inverse())
+    raise refused(
+        f"The joint {joint.name!r} is not between {camera!r} and {lidar!r}: replacing it moves both.",
+        "Name a joint on the way from one to the other.",
+    )
+
+
+def _poses_from(link: str, joints: Mapping[str, Joint]) -> dict[str, Transform]:
+    """``T_link_other`` of every link that fixed joints lead to."""
+    beside: dict[str, list[Transform]] = {}
+    for joint in joints.values():
+        if joint.kind == "fixed":
+            beside.setdefault(joint.parent, []).append(joint.T_parent_child)
+            beside.setdefault(joint.child, []).append(joint.T_parent_child.inverse())
+    poses = {link: Transform(link, link, np.eye(3), np.zeros(3))}
+    waiting = [link]
+    while waiting:
+        here = waiting.pop()
+        for step in beside.get(here, []):
+            if step.from_frame not in poses:
+                poses[step.from_frame] = poses[here].after(step)
+                waiting.append(step.from_frame)
+    return poses

@@ -1,0 +1,17 @@
+"""The table of all kinds of jobs. Who makes, does or sweeps jobs imports it."""
+
+from __future__ import annotations
+
+from service.calibration_runs import jobs as calibration_runs
+from service.detections import jobs as detections
+from service.jobs.kinds import register
+from service.recordings import jobs as recordings
+from service.studies import jobs as studies
+
+KINDS = (
+    *recordings.KINDS,
+    *studies.KINDS,
+    *detections.KINDS,
+    *calibration_runs.KINDS,
+)
+register(*KINDS)

@@ -1,0 +1,61 @@
+"""Jobs that ingest an upload. Here, and where an upload expires, a recording's state changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from uuid import UUID
+
+from sqlalchemy import update
+from sqlalchemy.orm import Session
+
+from apexcal.documents.states import RecordingState, WorkState
+from service.broker.hints import hint
+from service.db.base import Json
+from service.db.jobs import Job
+from service.db.recordings import Recording
+from service.jobs.kinds import CannotRetryError, Kind
+from service.jobs.queue import enqueue
+
+_CANCELLED: Json = {
+    "code": "cancelled",
+    "detail": "The work was cancelled.",
+    "hint": "Ask for it again when you want it.",
+}
+
+
+def queue_ingestion(session: Session, row: Recording) -> Job:
+    """Queue a recording's ingestion, in the transaction that says so."""
+    job = enqueue(session, kind="ingest", fleet_id=row.fleet_id, subject_id=row.id)
+    row.state, row.problem, row.job_id = RecordingState.QUEUED, None, job.id
+    row.version += 1
+    hint(session, row.fleet_id, "recording", row.id)
+    return job
+
+
+def begin_ingestion(session: Session, recording_id: UUID) -> None:
+    """Say that a worker reads the upload."""
+    begun = update(Recording).where(Recording.id == recording_id).values(state=RecordingState.INGESTING)
+    session.execute(begun)
+
+
+def _end(session: Session, recording_id: UUID, state: WorkState, problem: Json | None) -> None:
+    row = session.get(Recording, recording_id)
+    if row is None:
+        return
+    done = state == WorkState.DONE
+    row.state = RecordingState.READY if done else RecordingState.FAILED
+    row.problem = problem or (_CANCELLED if state == WorkState.CANCELLED else None)
+    if not done:
+        row.taken_bytes = row.size
+    row.version += 1
+    hint(session, row.fleet_id, "recording", row.id)
+
+
+def _retry(session: Session, job: Job) -> Sequence[Job]:
+    row = session.get(Recording, job.subject_id, with_for_update=True)
+    if row is None or row.state != RecordingState.FAILED:
+        raise CannotRetryError(f"its recording is {row.state if row else 'deleted'}, no longer failed")
+    return [queue_ingestion(session, row)]
+
+
+KINDS = (Kind("ingest", "ingest", _end, _retry, shown_by=Recording.job_id),)

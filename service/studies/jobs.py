@@ -1,0 +1,46 @@
+"""Jobs that answer a study: one for each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from uuid import UUID
+
+from sqlalchemy.orm import Session
+
+from apexcal.documents.states import WorkState
+from service.broker.hints import hint
+from service.db.base import Json
+from service.db.jobs import Job
+from service.db.studies import Study
+from service.jobs.kinds import CannotRetryError, Kind
+from service.jobs.queue import enqueue
+
+
+def queue_study(session: Session, row: Study) -> Job:
+    """Queue the one job of a study whose row is there."""
+    job = enqueue(session, kind=row.kind, fleet_id=row.fleet_id, subject_id=row.id)
+    row.state, row.problem, row.job_id = WorkState.QUEUED, None, job.id
+    return job
+
+
+def _end(session: Session, study_id: UUID, state: WorkState, problem: Json | None) -> None:
+    row = session.get(Study, study_id)
+    if row is None:
+        return
+    row.state, row.problem = state, problem
+    hint(session, row.fleet_id, "recording", row.recording_id)
+
+
+def _retry(session: Session, job: Job) -> Sequence[Job]:
+    row = session.get(Study, job.subject_id, with_for_update=True)
+    if row is None or row.state != WorkState.FAILED:
+        raise CannotRetryError(f"its study is {row.state if row else 'deleted'}, no longer failed")
+    fresh = queue_study(session, row)
+    hint(session, row.fleet_id, "recording", row.recording_id)
+    return [fresh]
+
+
+KINDS = tuple(
+    Kind(name, queue, _end, _retry, shown_by=Study.job_id)
+    for name, queue in (("preview", "detect"), ("suggestion", "detect"), ("clock_offset", "solve"))
+)

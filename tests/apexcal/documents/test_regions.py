@@ -1,0 +1,133 @@
+"""A region is checked by one function; its field takes what that takes, and the API describes it so."""
+
+import json
+from typing import get_args
+
+import jsonschema
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
+
+from apexcal.documents import region_fields, regions
+
+REGION = TypeAdapter(region_fields.Region)
+SCHEMA = jsonschema.Draft202012Validator(REGION.json_schema())
+LEAF = {"quantity": "x", "op": ">", "value": 0}
+
+
+def says(document):
+    """(canonical document, None) or (None, what is wrong)."""
+    try:
+        return regions.check_region(document), None
+    except regions.RegionError as error:
+        return None, str(error)
+
+
+def test_the_description_names_every_quantity_and_operator():
+    assert get_args(region_fields.Quantity) == regions.QUANTITIES
+    assert get_args(region_fields.Operator) == regions.OPERATORS
+
+
+value = st.one_of(st.floats(), st.integers(-(10**400), 10**400), st.booleans(), st.none(), st.text(max_size=3))
+quantity = st.sampled_from([*regions.QUANTITIES, "X", "r", "", None, 3])
+bad_leaf = st.fixed_dictionaries(
+    {"quantity": quantity, "op": st.sampled_from([*regions.OPERATORS, "==", None]), "value": value},
+    optional={"divided_by": st.sampled_from(["x", "range", "w", None]), "extra": st.just(1)},
+)
+metres = st.floats(-99, 99)
+good_leaf = st.fixed_dictionaries(
+    {"quantity": st.sampled_from(regions.QUANTITIES), "op": st.just(">"), "value": metres},
+    optional={"divided_by": st.sampled_from([*regions.QUANTITIES, None])},
+)
+some_metres = st.one_of(metres, metres, metres, value)
+box = st.fixed_dictionaries(
+    {
+        "min": st.lists(some_metres, min_size=2, max_size=4),
+        "max": st.lists(st.floats(100, 199), min_size=3, max_size=3),
+    },
+    optional={"yaw_deg": some_metres, "extra": st.just(1)},
+).map(lambda members: {"box": members})
+polygon = st.fixed_dictionaries(
+    {"polygon": st.lists(st.tuples(metres, some_metres).map(list), min_size=2, max_size=6)},
+    optional={"z": st.one_of(st.none(), st.lists(metres, min_size=2, max_size=3)), "extra": st.just(1)},
+)
+tree = st.recursive(
+    st.one_of(good_leaf, good_leaf, good_leaf, bad_leaf, box, polygon),
+    lambda node: st.one_of(
+        st.lists(node, max_size=4).map(lambda nodes: {"and": nodes}),
+        st.lists(node, max_size=4).map(lambda nodes: {"or": nodes}),
+        node.map(lambda child: {"not": child}),
+    ),
+    max_leaves=12,
+)
+
+
+@settings(max_examples=400, deadline=None)
+@given(tree)
+def test_what_is_taken_is_as_the_api_describes_it_and_stays_the_same(document):
+    taken, wrong = says(document)
+    if taken is None:
+        with pytest.raises(ValidationError) as refused:
+            REGION.validate_python(document)
+        (error,) = refused.value.errors(include_url=False)
+        assert wrong in error["msg"]
+        return
+    assert REGION.validate_python(document) == taken
+    again = json.loads(json.dumps(taken))
+    SCHEMA.validate(again)
+    assert says(again) == (taken, None)
+    assert REGION.dump_python(taken, mode="json") == taken
+
+
+@pytest.mark.parametrize("depth", [1, 15, 16, 17, 40])
+def test_a_region_has_sixteen_levels_at_most(depth):
+    document = LEAF
+    for level in range(depth - 1):
+        document = {"not": document} if level % 2 else {"and": [document]}
+    assert (says(document)[1] is None) == (depth <= 16)
+
+
+@pytest.mark.parametrize("leaves", [254, 255, 256, 300])
+def test_a_region_has_256_nodes_at_most(leaves):
+    assert (says({"or": [LEAF] * leaves})[1] is None) == (leaves <= 255)
+
+
+@pytest.mark.parametrize("corners", [2, 3, 64, 65])
+def test_a_polygon_has_3_to_64_corners(corners):
+    assert (says({"polygon": [[i, i * i] for i in range(corners)]})[1] is None) == (3 <= corners <= 64)
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        {"and": {"quantity": "x"}},
+        {"and": "abc"},
+        {"and": [], "or": []},
+        {"quantity": "x"},
+        {},
+        {"not": []},
+        {"not": {"quantity": "x", "op": ">", "value": 0}, "op": ">"},
+        {"box": [1, 2]},
+        {"box": {"min": [0, 0, 0]}},
+        {"box": {"min": [0, 0, 2e6], "max": [1, 1, 3e6]}},
+        {"box": {"min": [0, 0, 0], "max": [1, 0, 1]}},
+        {"polygon": [[0, 0], [1, 0], [1, 1]], "z": [1, 0]},
+        {"polygon": [[0, 0], [1, 0], {"x": 1}]},
+        [],
+        "x > 0",
+        None,
+        7,
+    ],
+)
+def test_what_is_no_region_is_refused_with_its_place(document):
+    taken, wrong = says(document)
+    assert taken is None and wrong.startswith("region node $")
+
+
+def test_a_very_deep_region_is_refused_without_recursion():
+    document = LEAF
+    for _ in range(20_000):
+        document = {"and": [document]}
+    with pytest.raises(ValidationError, match="deeper than 16 levels"):
+        REGION.validate_python(document)

@@ -1,0 +1,150 @@
+"""`apexcal pull`: what comes of each kind of trouble, its exit code, and what then lies in the file."""
+
+from __future__ import annotations
+
+import json
+import socketserver
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler
+from urllib.request import Request, urlopen
+
+import pytest
+from typer.testing import CliRunner
+
+from apexcal.cli import app
+from service.db.calibrations import Result
+from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, seed_results
+from tests.service.detections.seeding import seed_rig
+from tests.support.databases import one_database
+from tests.support.people import Actor
+
+pytestmark = one_database
+
+
+class Car:
+    """A served vehicle with a published calibration, and a file to keep it in."""
+
+    def __init__(self, served, folder) -> None:
+        self.api, self.url = served
+        fleet = self.api.fleet()
+        self.rig = seed_rig(self.api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
+        self.reviewer: Actor = self.api.member(fleet, "reviewer")
+        self.viewer: Actor = self.api.member(fleet, "viewer")
+        self.file = folder / "calibration.json"
+        self.publish()
+
+    def publish(self) -> str:
+        _, (result, _) = seed_results(self.api, self.rig)
+        assert self.reviewer.post(f"/results/{result}/publication").status_code == 201
+        return str(result)
+
+    def pull(self, *more: str, url: str | None = None):
+        words = ["pull", "-o", str(self.file), "--token", self.viewer.token, "--url", url or self.url, *more]
+        return CliRunner().invoke(app, words)
+
+    def kept(self) -> str:
+        return json.loads(self.file.read_text())["cameras"]["front"]["result_id"]
+
+
+@pytest.fixture
+def car(served, tmp_path) -> Car:
+    return Car(served, tmp_path)
+
+
+def test_it_is_replaced_when_something_is_published_and_only_then(car):
+    assert car.pull().exit_code == 0
+    first, at = car.kept(), car.file.stat().st_mtime_ns
+    again = car.pull()
+    assert again.exit_code == 0 and "has not changed" in again.stderr
+    assert car.file.stat().st_mtime_ns == at, "nothing was written"
+    second = car.publish()
+    assert car.pull().exit_code == 0 and car.kept() == second != first
+    whole = json.loads(car.file.read_text())
+    assert whole["vehicle"] == "car" and whole["without"] == [] and whole["as_of"] is None
+    assert whole["cameras"]["front"]["T_vehicle_camera"]["from_frame"] == "camera_front_optical"
+    # A moment before the second: what it was given then.
+    history = car.viewer.get(f"/vehicles/{car.rig.vehicle_id}/cameras/front/publications").json()["items"]
+    assert car.pull("--as-of", history[1]["published_at"]).exit_code == 0
+    assert car.kept() == first
+
+
+def test_an_edited_file_is_fetched_again(car):
+    assert car.pull().exit_code == 0
+    good = car.file.read_text()
+    car.file.write_text(good[:100])
+    assert car.pull().exit_code == 0 and car.file.read_text() == good
+
+
+def test_without_an_answer_the_last_file_stays(car):
+    nobody = "http://127.0.0.1:9"
+    assert car.pull(url=nobody).exit_code == 4 and not car.file.exists()
+    assert car.pull().exit_code == 0
+    good = car.file.read_bytes()
+    gone = car.pull(url=nobody)
+    assert gone.exit_code == 3 and "as it was pulled last" in gone.stderr and car.file.read_bytes() == good
+    car.file.write_text("damaged")
+    assert car.pull(url=nobody).exit_code == 4
+
+
+def test_a_refusal_keeps_the_last_file_too(car):
+    assert car.pull("--camera", "rear").exit_code == 4
+    assert car.pull("--camera", "front").exit_code == 0
+    good = car.file.read_bytes()
+    refused = car.pull("--camera", "rear")
+    assert refused.exit_code == 1 and "rear" in refused.stderr and car.file.read_bytes() == good
+    assert car.pull("--token", "apx_wrong").exit_code == 1 and car.file.read_bytes() == good
+    assert car.pull("-o", str(car.file.parent / "nowhere" / "x.json")).exit_code == 2
+
+
+def test_another_programs_format(car):
+    assert car.pull("--format", "openlabel").exit_code == 0
+    systems = json.loads(car.file.read_text())["openlabel"]["coordinate_systems"]
+    assert set(systems) == {"base_link", "velodyne", "camera_front_optical"}
+    assert "has not changed" in car.pull("--format", "openlabel").stderr
+    assert car.pull().exit_code == 0 and car.kept()
+    with car.api.database.writing() as session:
+        for row in session.query(Result).all():
+            row.model = "kannala_brandt"
+            row.document = row.document | {
+                "intrinsics": row.document["intrinsics"] | {f"k{n}": 0.1 for n in range(1, 5)}
+            }
+    good = car.file.read_bytes()
+    refused = car.pull("--format", "kitti")
+    assert refused.exit_code == 1 and "kannala_brandt" in refused.stderr and car.file.read_bytes() == good
+
+
+@contextmanager
+def cut_off(url: str) -> Iterator[str]:
+    """A way to the service on which a calibration's answer breaks off in its middle."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            headers = {name: self.headers[name] for name in ("Authorization", "Accept")}
+            with urlopen(Request(url + self.path, headers=headers)) as answer:
+                content = answer.read()
+                self.send_response(200)
+                for name in ("Content-Type", "ETag"):
+                    if answer.headers[name]:
+                        self.send_header(name, answer.headers[name])
+                self.send_header("Content-Length", str(len(content)))
+                self.end_headers()
+            self.wfile.write(content[: len(content) // 2] if "/calibration" in self.path else content)
+
+        def log_message(self, *said):
+            pass
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}"
+        server.shutdown()
+
+
+def test_half_an_answer_is_none(car):
+    with cut_off(car.url) as url:
+        assert car.pull("--timeout", "2", url=url).exit_code == 4 and not car.file.exists()
+        assert car.pull().exit_code == 0
+        good = car.file.read_bytes()
+        car.publish()
+        assert car.pull("--timeout", "2", url=url).exit_code == 3 and car.file.read_bytes() == good

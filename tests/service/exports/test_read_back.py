@@ -1,0 +1,109 @@
+"""Every export, read back by other programs' rules, puts every point where we put it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.exports.formats import FORMATS, export
+from service.http.problems import Problem
+from tests.service.exports.readers import READERS, files_of
+from tests.service.exports.rigs import LENSES, ours, rig_of, seen
+
+LIMIT_PX = 1e-4
+CARRIED = [
+    (name, model)
+    for name in FORMATS
+    for model in LENSES
+    if not FORMATS[name].takes_lens or model in FORMATS[name].lenses
+]
+
+
+def test_every_format_has_a_reader():
+    assert READERS.keys() == FORMATS.keys()
+
+
+@pytest.mark.parametrize("rig", [0, 1])
+@pytest.mark.parametrize(("name", "model"), CARRIED)
+def test_points_fall_where_ours_do(name, model, rig):
+    calibrated = rig_of(model, rig, **({"k5": 0.0} if name == "kalibr" and model == "brown_conrady" else {}))
+    projections = READERS[name](calibrated)
+    assert len(projections) == 3
+    for camera, projection in zip(calibrated.cameras, projections, strict=True):
+        assert np.abs(projection(seen(camera)) - ours(camera)).max() < LIMIT_PX
+
+
+@pytest.mark.parametrize("name", ["openlabel", "nuscenes"])
+def test_a_skew_is_carried_where_the_matrix_is_used_whole(name):
+    flat = dict.fromkeys(("k1", "k2", "k3", "k4", "k5"), 0.0) if name == "nuscenes" else {}
+    calibrated = rig_of("brown_conrady", 1, skew=0.013, **flat)
+    for camera, projection in zip(calibrated.cameras, READERS[name](calibrated), strict=True):
+        assert np.abs(projection(seen(camera)) - ours(camera)).max() < LIMIT_PX
+
+
+def test_a_reader_that_takes_the_direction_for_the_other_is_far_off():
+    """What these tests are worth: the same file read the wrong way round."""
+    calibrated = rig_of("pinhole", 0)
+    (camera, *_), (projection, *_) = calibrated.cameras, READERS["opencv"](calibrated)
+    T = camera.T_camera_lidar
+    wrong = (seen(camera) - T.t) @ T.R
+    assert np.abs(projection(wrong) - ours(camera)).max() > 100
+
+
+def refusal(name, calibrated) -> Problem:
+    with pytest.raises(Problem) as found:
+        export(FORMATS[name], calibrated)
+    assert (found.value.status, found.value.code) == (406, "format_cannot_carry")
+    return found.value
+
+
+@pytest.mark.parametrize("name", ["camera_info", "ros2", "autoware", "kitti", "kalibr", "opencv"])
+def test_a_skew_is_refused_where_readers_ignore_it(name):
+    problem = refusal(name, rig_of("brown_conrady", 0, skew=1e-3, k5=0.0))
+    assert "skew of 0.001" in problem.detail and "skew locked at 0" in problem.hint
+    assert problem.fields["formats"] == ["json", "urdf", "openlabel"]
+
+
+def test_a_lens_that_readers_do_not_know_is_refused():
+    for name in ("kitti", "openlabel", "nuscenes"):
+        problem = refusal(name, rig_of("kannala_brandt", 0))
+        assert "kannala_brandt" in problem.detail
+        assert problem.fields["formats"] == ["json", "camera_info", "ros2", "urdf", "autoware", "kalibr", "opencv"]
+    assert "brown_conrady distortion" in refusal("nuscenes", rig_of("brown_conrady", 0)).detail
+    problem = refusal("kalibr", rig_of("brown_conrady", 0))
+    assert "third radial" in problem.detail and "k5 locked at 0" in problem.hint
+
+
+def test_what_starts_at_the_vehicle_needs_to_know_where_it_is():
+    for name in ("autoware", "nuscenes"):
+        problem = refusal(name, rig_of("pinhole", 0, on_vehicle=False))
+        assert "T_vehicle_lidar" in problem.hint and name not in problem.fields["formats"]
+
+
+def test_an_export_has_the_same_bytes_each_time():
+    for name in FORMATS:
+        first, second = (export(FORMATS[name], rig_of("pinhole", 0)) for _ in range(2))
+        assert first == second
+
+
+def test_names_inside_of_a_zip_lead_nowhere_else():
+    calibrated = rig_of("pinhole", 0)
+    strange = type(calibrated)(
+        "../../etc", [type(one)(**{**vars(one), "rig": "/a\\b"}) for one in calibrated.cameras]
+    )
+    for name in FORMATS:
+        for inside in files_of(name, strange):
+            assert not inside.startswith("/") and ".." not in inside.split("/") and "\\" not in inside
+
+
+def test_the_page_about_exports_has_every_format_in_its_table():
+    page = (Path(__file__).parents[3] / "docs" / "exports.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1]: line for line in page.splitlines() if line.startswith("| `") and line.count("|") == 5}
+    assert list(rows) == ["json", *FORMATS]
+    for name, one in FORMATS.items():
+        said = rows[name].split("|")[4]
+        assert ("skew" in said and "no skew" not in said) == (one.skew and one.lenses != {"pinhole"})
+        assert ("k5" in said) != one.third_radial
+        assert ("none" in said) != one.takes_lens and (("all" in said) == (len(one.lenses) == 3 and one.takes_lens))

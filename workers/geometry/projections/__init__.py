@@ -1,0 +1,1 @@
+"""The camera models as mathematics: one file each, and the table of all."""

@@ -1,0 +1,39 @@
+"""Where detectors read sweeps from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from apexcal.documents.detectors import Options
+from workers.readers.recording import Sweep
+from workers.vertices.region import Region
+from workers.vertices.vertex import Rejection, Vertex
+
+OnSweep = Callable[[int], None]
+
+
+class SweepSource(Protocol):
+    """A recording's sweeps by number, 0 to len - 1; ``readers.normalised.LidarFile`` is one."""
+
+    def __len__(self) -> int: ...
+
+    def sweep(self, index: int) -> Sweep: ...
+
+
+class Listed:
+    """Sweeps that are in memory, as a source."""
+
+    def __init__(self, sweeps: Sequence[Sweep]) -> None:
+        self._sweeps = sweeps
+
+    def __len__(self) -> int:
+        return len(self._sweeps)
+
+    def sweep(self, index: int) -> Sweep:
+        """The sweep of that number."""
+        return self._sweeps[index]
+
+
+# Looks for the apex in each sweep of a range; answers in the range's order.
+Run = Callable[[SweepSource, Region, Options, range, OnSweep], Sequence[Vertex | Rejection]]
