@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.readers.clouds.elevations import elevations, find_focus, find_levels, nearest_level
+from workers.readers.clouds.elevations import elevations, find_focus, find_levels, nearest_level, sample
 from workers.readers.clouds.ring_runs import RunOrder, learn_runs
 from workers.readers.recording import ReadError
 
@@ -166,7 +166,7 @@ def learn_missing_rings(
             ``rings_unexpected`` where they fall into more than ``expected``.
     """
     xyz = np.concatenate([np.zeros((0, 3), np.float32), *clouds])
-    xyz = xyz[:: 1 + len(xyz) // _MANY]
+    xyz = sample(xyz, _MANY)
     focus_m, levels = 0.0, find_levels(elevations(xyz))
     if len(xyz):
         # Rings may separate although near points already stray; then they are sharper as seen from the focus.

@@ -1,4 +1,4 @@
-"""One sweep's board: the planes that could be it, and the apex that the rays give for the best of them."""
+"""One sweep's board: the planes that could be it, and the apex that the rays tell for the best of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
-from workers.vertices.refined.board_model import BoardModel, Fix, Floats, Plane, Sighting
+from workers.vertices.refined.board_model import EDGE_M, TELLING_RINGS, BoardModel, Fix, Floats, Plane, Sighting, hang
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import integrate
 from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
@@ -22,6 +22,7 @@ _NARROWEST_M = 0.26
 _PAIRS = 8
 _ON_BOARD = 2.0  # likelihood ratio from which a point counts as the board's
 _CONFIDENT = 5.0
+_UNLIKELY = 0.05
 _HOPELESS = 12.0  # log odds from which the other way to hold the board is not followed further
 _COARSE, _FINE = 24, 36  # cells along either side of the grid
 _ROLLS = 9
@@ -91,6 +92,8 @@ def _with_rays(
         for r, (first, last) in enumerate(ends.tolist())
         if first >= 0
     )
+    # Rings so far apart that a board holds fewer of them have met a body too.
+    apart = float(np.median(np.diff(window.slope[on_board, 0])) / np.median(u))
     plane = Plane(
         centre=window.centre,
         w=w,
@@ -103,6 +106,8 @@ def _with_rays(
         rings=int(on_board.size),
         top_ring=int(on_board[-1]),
         points=points,
+        returned=window.distance[at] > 0.0,
+        telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
     return Sighting(plane, window, ends)
 
@@ -113,12 +118,10 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     Args:
         coarse: for comparing models: quicker, and good enough for the evidence.
     """
-    one, other = model.edges
-    ways = [(1.0 - model.swapped, False, (one, other)), (model.swapped, True, (other, one))]
     found: list[tuple[float, bool, Floats]] = []
-    for share, swapped, edges in sorted(ways, reverse=True):
+    for share, swapped in sorted([(1.0 - model.swapped, False), (model.swapped, True)], reverse=True):
         floor = found[0][0] - math.log(share) - _HOPELESS if found else -math.inf
-        corner = _corner(plane, model, edges, coarse, floor)
+        corner = _corner(plane, model, _edges(model, swapped), coarse, floor)
         if corner is not None:
             found.append((math.log(share) + float(corner[0]), swapped, corner))
     if not found:
@@ -126,19 +129,54 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     evidence = np.array([item[0] for item in found])
     total = float(np.logaddexp.reduce(evidence))
     weight = np.exp(evidence - total)
-    means = np.array([corner[1:4] for _, _, corner in found])
+    means = np.array([[*corner[1:3], corner[3] - hang(_edges(model, swapped))] for _, swapped, corner in found])
     mean: Floats = weight @ means
     covariance = np.zeros((3, 3))
     for x, m, (_, _, corner) in zip(weight, means, found, strict=True):
         covariance += x * (_matrix(corner) + np.outer(m - mean, m - mean))
+    told = _to_angles(plane, mean, covariance)[1]
+    covariance[[0, 1], [0, 1]] += EDGE_M**2
     xyz, errors = _to_angles(plane, mean, covariance)
+    errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
     lead = found[0][0] - found[1][0] if len(found) == 2 else _HOPELESS
     odds = lead if found[0][1] else -lead
-    best = max(corner[10] for _, _, corner in found)
-    return Fix(
-        plane, xyz, errors, float(mean[2]), math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(best), total, odds
-    )
+    first = int(np.argmax(weight))
+    against, upper = _against(plane, model, _edges(model, found[first][1]), found[first][2])
+    expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
+    best = max(float(corner[10]) for _, _, corner in found)
+    roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
+    sigma = math.sqrt(told[0, 0] + told[1, 1])
+    return Fix(plane, xyz, errors, sigma, float(mean[2]), roll_sigma, against, upper, best, expected, total, odds)
+
+
+def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
+    """Lengths of the edges to the lower left and to the lower right."""
+    one, other = model.edges
+    return (other, one) if swapped else (one, other)
+
+
+def _against(
+    plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
+) -> tuple[int, tuple[int, int]]:
+    """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
+    p, q = _turn(float(corner[3])) @ np.array([plane.left - corner[1], plane.up - corner[2]])
+    grow, soft = plane.reach * model.growth, plane.reach * model.soft
+    far = np.hypot(soft, model.slack)
+    on_board = np.ones(p.size)
+    for along, edge in ((p, edges[0]), (q, edges[1])):
+        on_board *= _smooth((along + grow) / soft) * _smooth((edge + grow - along) / far)
+    hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
+    # Near a soft edge either answer is as expected.
+    wrong = (missed & (on_board > 1.0 - _UNLIKELY)) | (hit & (on_board < _UNLIKELY))
+    side = corner[2] - min(edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3]))
+    above = plane.returned & (plane.up > side)
+    return int(np.count_nonzero(wrong)), (int(np.count_nonzero(wrong & above)), int(np.count_nonzero(above)))
+
+
+def _smooth(x: Floats) -> Floats:
+    t = np.clip(0.5 * x + 0.5, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
 
 
 def _matrix(corner: Floats) -> Floats:
@@ -154,7 +192,9 @@ def _corner(plane: Plane, model: BoardModel, edges: tuple[float, float], coarse:
     hits = plane.ratio > _CONFIDENT
     if not hits.any():
         return None
-    mean, sigma = model.roll
+    mean, sigma = hang(edges) + model.roll[0], model.roll[1]
+    right, wrong = 1.0 - model.wrong, model.wrong
+    ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
     rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, _ROLLS)
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
     along = _turn(mean) @ np.array([plane.left, plane.up])[:, hits]
@@ -168,7 +208,7 @@ def _corner(plane: Plane, model: BoardModel, edges: tuple[float, float], coarse:
             (rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi)
         )
         out = integrate(
-            plane.left - origin[0], plane.up - origin[1], grow, soft, plane.ratio,
+            plane.left - origin[0], plane.up - origin[1], grow, soft, ratio,
             edges[0], edges[1], model.slack, rolls, prior, centre, lean, half, cells,
         )  # fmt: skip
         if out[0] < max(floor if number == 0 else -math.inf, -1e299):
@@ -226,4 +266,4 @@ def find_boards(
     """The apexes that the likeliest planes of a sweep tell: boards by all appearances first, then the likeliest."""
     sightings = find_planes(open_windows(sweep, inside, model.grid), model, most)
     found = [(sighting, fix) for sighting in sightings if (fix := locate(sighting.plane, model)) is not None]
-    return sorted(found, key=lambda pair: (not pair[1].explained(model), -pair[1].support))
+    return sorted(found, key=lambda pair: (not pair[1].explained, -pair[1].support))

@@ -1,4 +1,4 @@
-"""What the detector assumes known, and its result for one sweep."""
+"""What the detector takes as known, and what it says of one sweep."""
 
 from __future__ import annotations
 
@@ -13,6 +13,14 @@ from workers.vertices.sensor_grid import SensorGrid
 
 Floats = NDArray[np.float64]
 _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
+# A board contradicts a ray that it has nothing to do with one time in two, a board's own rays hardly ever; half way.
+_CONTRADICTED = 0.25
+# Plywood panels are cut to 3.5 mm (EN 315), and what bends a board, or a hand at its edge, moves an edge as much.
+EDGE_M = 0.0035
+# A board and a leg, or a head, can lie in one plane on two or three rings; hardly on more.
+TELLING_RINGS = 4
+# Boards are held rolled by up to 20 degrees, and the roll's grid reaches 2.8 deviations to either side.
+_ROLL_SIGMA = math.radians(20.0) / 2.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,18 +28,20 @@ class BoardModel:
     """Sensor, board and person; pairs are mean and standard deviation.
 
     Attributes:
-        grid: where the sensor looks.
+        grid: where the sensor found_in.
         sigma: metres, standard deviation of a distance.
         edges: metres, lengths of the board's edges.
         slack: metres, half width of what is not known of these lengths.
         growth: radians by which the edges seem to lie farther out, because a beam has a width; growth_sigma: its
             standard deviation.
         soft: radians, half width of the step from hits to misses at an edge.
-        roll: radians; 45 degrees where both edges fall alike to the left and to the right.
+        roll: radians from how the board hangs (`hang`), counter-clockwise as the sensor sees it.
         yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
         swapped: share of sweeps in which the second edge is the one to the lower left.
         lost: share of the rays on the board that bring no return.
-        wrong: share of the rays at the board's edges that answer as if they were on the other side.
+        bias: metres, standard deviation of what the rings' distances are off by, each for itself.
+        poses: whether the sweeps show poses, between which nobody walks within the time that their stamps leave.
+        wrong: share of the returns at the board's edges that answer as if their rays were on the other side.
     """
 
     grid: SensorGrid
@@ -41,12 +51,22 @@ class BoardModel:
     growth: float = 0.0
     growth_sigma: float = 0.0
     soft: float = math.radians(0.02)
-    roll: tuple[float, float] = (math.radians(45.0), math.radians(5.0))
+    roll: tuple[float, float] = (0.0, _ROLL_SIGMA)
     yaw: tuple[float, float] = (0.0, 0.6)
     tilt: tuple[float, float] = (0.0, 0.10)
     swapped: float = 0.5
     lost: float = 0.004
     wrong: float = 0.002
+    bias: float = 0.0
+    poses: bool = False
+
+
+def hang(edges: tuple[float, float]) -> float:
+    """Radians by which the edge to the lower left falls where a board hangs from its tip.
+
+    Half way between an upright diagonal, at atan(first / second), and edges that fall alike, at 45 degrees.
+    """
+    return 0.5 * (math.atan2(edges[0], edges[1]) + math.radians(45.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +82,8 @@ class Plane:
         ratio: (N,) likelihood of what the ray met with the board over that without.
         rings: how many rings meet the board; top_ring: the highest of them.
         points: how many points lie on it.
+        returned: (N,) whether the ray brought a return.
+        telling: whether so many rings meet it that a board and a leg, or a head, do not lie in it by chance.
     """
 
     centre: float
@@ -75,6 +97,8 @@ class Plane:
     rings: int
     top_ring: int
     points: int
+    returned: NDArray[np.bool_]
+    telling: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,8 +117,12 @@ class Fix:
     Attributes:
         xyz: (3,) metres, LiDAR frame.
         covariance: (3, 3) of azimuth, elevation (rad) and range (m).
-        roll, roll_sigma: radians.
+        sigma: radians, azimuth and elevation together, from the sweep's own rays: without what all sweeps share.
+        roll, roll_sigma: radians, from how the board hangs.
+        against: how many returns contradict the board: hits outside of it, and returns off its plane inside of it.
+        upper: how many of them lie above the board's side corners, and how many returns do.
         best: log likelihood of the rays for the likeliest board, 0 where every ray is as expected.
+        expected: that log likelihood where the board is there and the sensor does what was learned of it.
         evidence: log of the rays' likelihood, averaged over the prior.
         swapped: log odds that the second edge is the one to the lower left.
     """
@@ -102,16 +130,26 @@ class Fix:
     plane: Plane
     xyz: Floats
     covariance: Floats
+    sigma: float
     roll: float
     roll_sigma: float
+    against: int
+    upper: tuple[int, int]
     best: float
+    expected: float
     evidence: float
     swapped: float
 
-    def explained(self, model: BoardModel) -> bool:
-        """Whether not many more rays contradict the board than the sensor lets expect."""
-        expected = model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost)
-        return self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.plane.ratio.size * expected
+    @property
+    def explained(self) -> bool:
+        """Whether the returns agree with a board rather than with none.
+
+        On few rings every ray counts, and noise alone decides how likely they are. On more of them a real board is
+        never as likely as its noise lets expect, for what bends or holds it; there, contradictions are counted.
+        """
+        if not self.plane.telling and self.best < _LEAST_LIKELY + _TIMES_EXPECTED * self.expected:
+            return False
+        return self.against < _CONTRADICTED * (self.plane.points + self.against)
 
     @property
     def support(self) -> float:

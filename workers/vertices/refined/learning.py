@@ -1,4 +1,4 @@
-"""Learns noise, lean, roll and edges of a recording's sensor and board from its near sweeps.
+"""What a recording's near sweeps tell of its sensor, its board and the person who carries it.
 
 Everything comes from a fixed selection of sweeps spread over the whole recording, so that it is the same however the
 recording is cut into shards.
@@ -9,13 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from apexcal.documents.detectors import Options
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.board_model import BoardModel, Floats, Plane, Sighting
+from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting
 from workers.vertices.refined.planes import fit_plane
+from workers.vertices.refined.track import FASTEST_M_S, LONGEST_S, TREMBLE_M
 from workers.vertices.refined.window import Window
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
@@ -35,9 +37,10 @@ _LEAST_ROLL = math.radians(2.0)
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _FIRST, _SOME = 5, 10
 _HOPELESS = -300.0
-_SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16)
-_GROWTH_PRIOR = (0.15e-3, 0.5e-3)
-_GROWTH_RAD = (-0.25e-3, 4.0e-3)
+_SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
+_GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
+_GROWTH_SIGMA_RAD = 0.5e-3
+_GROWTH_RAD = (-0.25e-3, 10.0e-3)
 
 
 def learn(source: SweepSource, region: Region, options: Options, on_sweep: Callable[[], None]) -> BoardModel:
@@ -46,14 +49,16 @@ def learn(source: SweepSource, region: Region, options: Options, on_sweep: Calla
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
     model = _given(BoardModel(grid, sigma=_FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
     near: list[tuple[int, int, Window]] = []
+    places: list[tuple[int, float, float]] = []
     for index in _spread(len(source), _SWEEPS):
         sweep = source.sweep(index)
         on_sweep()
-        near += [
-            (sighting.plane.points, index, sighting.window)
-            for sighting in find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1)
-            if sighting.plane.rings >= _MIN_RINGS and sighting.plane.points >= _MIN_POINTS
-        ]
+        for sighting in find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1):
+            plane = sighting.plane
+            if plane.rings >= _MIN_RINGS and plane.points >= _MIN_POINTS:
+                near.append((plane.points, index, sighting.window))
+                places.append((sweep.stamp_ns, *_place(plane)))
+    model = replace(model, poses=_are_poses(places))
     windows = [
         window
         for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
@@ -67,6 +72,21 @@ def learn(source: SweepSource, region: Region, options: Options, on_sweep: Calla
 def _spread(count: int, most: int) -> list[int]:
     """At most ``most`` of the numbers 0 to count - 1, evenly spread."""
     return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()}) if count else []
+
+
+def _place(plane: Plane) -> tuple[float, float]:
+    """Where the plane stands, x and y in metres."""
+    return math.cos(plane.centre) / float(plane.w[0]), math.sin(plane.centre) / float(plane.w[0])
+
+
+def _are_poses(places: Sequence[tuple[int, float, float]]) -> bool:
+    """Whether boards (stamp in ns, x, y) are farther apart than somebody walks, as often as not."""
+    pairs = [
+        math.hypot(after[1] - before[1], after[2] - before[2]) > TREMBLE_M + FASTEST_M_S * apart_s
+        for before, after in pairwise(places)
+        if (apart_s := abs(after[0] - before[0]) * 1e-9) < LONGEST_S
+    ]
+    return sum(pairs) > 0.5 * len(pairs)
 
 
 def _given(model: BoardModel, edges: tuple[float, float], growth_mrad: float) -> BoardModel:
@@ -87,12 +107,13 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
         beyond = np.concatenate([part[1] for part in upper])
-        # Rings differ by some millimetres; more than that is clothes behind the board.
+        # Rings differ: the spread about the plane holds that, the second differences do not.
         across = 1.05 * 1.4826 * float(np.median(np.abs(beyond)))
         slopes = np.array([-part[0][1:] / part[0][0] for part in upper])
         model = replace(
             model,
-            sigma=_clip(min(max(across, noise), 1.2 * noise + 0.005)),
+            sigma=_clip(max(across, noise)),
+            bias=math.sqrt(max(across**2 - noise**2, 0.0)),
             tilt=_gathered(slopes[:, 1], default.tilt, _LEAST_TILT),
             yaw=(0.0, max(2.0 * _gathered(slopes[:, 0], default.yaw, 0.0)[1], 0.2)),
         )
@@ -164,13 +185,21 @@ def _learn_board(
     """The board's edges where they are not given, their growth, which edge is where, and the roll."""
     if len(planes) < _ENOUGH:
         return model
+    solid = [plane for plane in planes if plane.telling]
+    told = len(solid) >= _ENOUGH
+    if told:
+        planes = solid
     if not all(edges):
         model = _first_edges(planes, model, edges)
+    elif told and growth_mrad < 0.0:
+        model = _first_growth(planes, model)
     for step in (1.0, 0.4):
         model = _refine(planes, model, edges, growth_mrad, step)
-        model = _learn_blur(planes[:_SOME], model)
-    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained(model)]
-    if len(fixes) < _ENOUGH:
+        if told:
+            model = _learn_blur(planes[:_SOME], model)
+            model = _learn_wrong(planes[:_SOME], model)
+    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained]
+    if len(fixes) < _ENOUGH or not told:
         return model
     roll = np.array([fix.roll for fix in fixes])
     odds = np.array([fix.swapped for fix in fixes])
@@ -195,10 +224,27 @@ def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float,
     return replace(best, slack=0.0)
 
 
+def _first_growth(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
+    """Of a coarse table of growths and widths of the step at an edge those that explain the best seen boards best."""
+    tried = [replace(model, growth=growth, soft=math.radians(deg)) for growth in _GROWTHS_RAD for deg in _SOFT_DEG]
+    return max(tried, key=lambda candidate: _evidence(planes[:_FIRST], candidate))
+
+
 def _learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """How gradually the hits end at an edge: what explains the near sweeps best."""
     widths = [replace(model, soft=math.radians(width)) for width in _SOFT_DEG]
     return max(widths, key=lambda tried: _evidence(planes, tried))
+
+
+def _learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
+    """Share of the returns at the upper edges on their wrong side; a hundred imagined ones at the default count too.
+
+    At the lower edges the body and the hands answer.
+    """
+    fixes = [fix for plane in planes if (fix := locate(plane, model, coarse=True)) is not None and fix.explained]
+    against, rays = (sum(fix.upper[k] for fix in fixes) for k in (0, 1))
+    default = BoardModel(model.grid).wrong
+    return replace(model, wrong=max((against + 100.0 * default) / (rays + 100.0), default))
 
 
 def _evidence(planes: Sequence[Plane], model: BoardModel) -> float:
@@ -214,7 +260,8 @@ def _refine(
     """Whatever is open of edge lengths and growth, by the evidence of the near sweeps, one after the other.
 
     A growth makes a board larger by twice the growth times its distance; so the lengths are varied as they appear at
-    the planes' mean distance, which hardly depends on the growth.
+    the planes' mean distance, which hardly depends on the growth. With the lengths open, only boards at several
+    distances tell the growth, and each of them no better than to `EDGE_M`.
     """
     reach = float(np.mean([np.median(plane.reach) for plane in planes]))
     free = [index for index in (0, 1) if not all(edges) and model.edges[index] not in edges]
@@ -226,16 +273,31 @@ def _refine(
         return replace(model, edges=(lengths[0], lengths[1]), growth=float(x[2]))
 
     def evidence(x: Floats) -> float:
-        return _evidence(planes, modelled(x)) - 0.5 * ((x[2] - _GROWTH_PRIOR[0]) / _GROWTH_PRIOR[1]) ** 2
+        return _evidence(planes, modelled(x))
 
     open_growth = growth_mrad < 0.0
     sigmas = np.zeros(3)
     steps = [0.02, 0.02, 0.5e-3]
     for index in [*free, *([2] if open_growth else [])]:
         state, sigmas[index] = _climb(evidence, state, index, steps[index] * step)
-    state[2] = min(max(state[2], _GROWTH_RAD[0]), _GROWTH_RAD[1])
+    if open_growth:
+        reaches = np.array([np.median(plane.reach) for plane in planes])
+        lever = float(np.std(reaches) if free else np.mean(reaches)) * math.sqrt(len(planes))
+        state[2], sigmas[2] = _likely_growth(state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3)), model.soft)
     slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
     return replace(modelled(state), slack=slack, growth_sigma=float(sigmas[2]))
+
+
+def _likely_growth(told: float, sigma: float, soft: float) -> tuple[float, float]:
+    """Growth and its standard deviation: what the boards tell, and what the step at the edges does.
+
+    A beam whose middle is on the board lies on it for the most part. So the step from hits to misses begins at the
+    edge or outside of it, and its middle lies as far out as half of its width, or farther.
+    """
+    spread = math.hypot(_GROWTH_SIGMA_RAD, 0.5 * soft)
+    weight = spread**2 / (spread**2 + sigma**2)
+    growth = weight * told + (1.0 - weight) * soft
+    return min(max(growth, _GROWTH_RAD[0]), _GROWTH_RAD[1]), spread * math.sqrt(1.0 - weight)
 
 
 def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float) -> tuple[Floats, float]:

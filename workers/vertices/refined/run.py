@@ -42,7 +42,7 @@ def run(
 ) -> Sequence[Vertex | Rejection]:
     """See :func:`workers.vertices.detectors.detect_range`."""
     model = learn(source, region, options, lambda: on_sweep(indices.start))
-    reach = REACH if options["track"] else 0
+    reach = REACH if options["track"] and not model.poses else 0
     wider = range(max(0, indices.start - reach), min(len(source), indices.stop + reach))
     found_in: dict[int, _Findings] = {}
     for index in wider:
@@ -55,22 +55,22 @@ def _find(sweep: Sweep, region: Region, model: BoardModel) -> _Findings:
     inside = region.mask(sweep.xyz)
     if not inside.any():
         return _Findings((), (), "no_points")
-    found = [pair for pair in find_boards(sweep, inside, model) if not overtopped(*pair, model.sigma)]
+    found = [pair for pair in find_boards(sweep, inside, model) if not overtopped(*pair, model)]
     if not found:
         return _Findings((), (), "too_few_rings")
     seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]
-    flags = [_flags(sighting, fix, found, model) for sighting, fix in found]
+    flags = [_flags(sighting, fix, found) for sighting, fix in found]
     return _Findings(tuple(seen), tuple(flags), "")
 
 
-def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]], model: BoardModel) -> tuple[str, ...]:
+def _flags(sighting: Sighting, fix: Fix, found: Sequence[tuple[Sighting, Fix]]) -> tuple[str, ...]:
     rivals = [
         other
         for _, other in found
         if other is not fix
         and float(np.linalg.norm(other.xyz - fix.xyz)) > _RIVAL_M
         and other.support > fix.support - _RIVAL
-        and other.explained(model)
+        and other.explained
     ]
     return (*flags_of(sighting, fix), *(["second_board"] if rivals else []))
 
@@ -85,7 +85,7 @@ def _settle(
     others = [
         found_in[i].candidates[0]
         for i in around
-        if found_in[i].candidates and trustworthy(found_in[i].candidates[0].fix, model)
+        if found_in[i].candidates and trustworthy(found_in[i].candidates[0].fix)
     ]
     beside = [off_path(seen, others) for seen in own.candidates]
     chosen = next(
@@ -98,7 +98,7 @@ def _settle(
         fix = locate(fix.plane, replace(model, roll=roll_prior(seen, others, model))) or fix
     if not _is_board(fix, model):
         return Rejection("not_a_board")
-    if math.hypot(fix.sigma_azimuth, fix.sigma_elevation) > math.radians(options["max_sigma_deg"]):
+    if fix.sigma > math.radians(options["max_sigma_deg"]):
         return Rejection("too_uncertain")
     if beside[chosen] >= _FAR_OFF_PATH:
         return Rejection("off_the_track")
@@ -109,9 +109,9 @@ def _settle(
 
 def _is_board(fix: Fix, model: BoardModel) -> bool:
     w, (mean, spread) = fix.plane.w, model.tilt
-    upright = abs(-w[2] / w[0] - mean) < _LEAN * spread
+    upright = fix.plane.telling or abs(-w[2] / w[0] - mean) < _LEAN * spread
     enough = fix.plane.score >= _LEAST_SCORE and fix.plane.points >= _LEAST_POINTS
-    return upright and enough and fix.explained(model)
+    return upright and enough and fix.explained
 
 
 def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...]) -> Vertex:

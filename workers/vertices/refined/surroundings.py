@@ -7,13 +7,16 @@ import math
 import numpy as np
 
 from workers.readers.recording import Sweep
-from workers.vertices.refined.board_model import Fix, Floats, Sighting
+from workers.vertices.refined.board_model import BoardModel, Fix, Floats, Sighting
 
 _HEAD_BESIDE_M = 0.35
 _HEAD_BEHIND_M = (-0.15, 0.7)
 _IN_FRONT_M = 0.15
 _BOARD_BESIDE_M, _BOARD_ABOVE_M, _BOARD_BEFORE_M, _BOARD_POINTS = 0.5, 1.5, -0.8, 2
 _OCCLUDED_RINGS = 0.25
+# Spinning sensors' data sheets state ranges to 0.03 m, and to 0.1 m where a return is unusually strong or weak.
+_ACCURACY_M = 0.1
+_EDGES = 2.0
 
 
 def apex_time(sweep: Sweep, sighting: Sighting, fix: Fix) -> int:
@@ -48,11 +51,14 @@ def flags_of(sighting: Sighting, fix: Fix) -> tuple[str, ...]:
     return (*(["head_above"] if head else []), *(["occluded"] if occluded else []))
 
 
-def overtopped(sighting: Sighting, fix: Fix, sigma: float) -> bool:
+def overtopped(sighting: Sighting, fix: Fix, model: BoardModel) -> bool:
     """Whether something stands above the apex and before the plane: then the plane is the body's, below a board."""
     behind, left, up = _around_apex(sighting, fix)
     over = (sighting.window.distance > 0.0) & sighting.window.inside & (np.abs(left) < _BOARD_BESIDE_M)
-    over &= (up > 0.0) & (up < _BOARD_ABOVE_M) & (behind > _BOARD_BEFORE_M) & (behind < -4.0 * sigma)
+    # The beams that graze the board's own edges return from above its apex, and from before its plane.
+    beside = _EDGES * (model.growth + model.soft) * sighting.plane.reach.mean()
+    over &= (up > beside) & (up < _BOARD_ABOVE_M)
+    over &= (behind > _BOARD_BEFORE_M) & (behind < -_ACCURACY_M - 4.0 * model.sigma)
     return int(np.count_nonzero(over)) >= _BOARD_POINTS
 
 

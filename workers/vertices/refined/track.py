@@ -1,4 +1,4 @@
-"""Uses the sweeps before and after a vertex: a prior of the board's roll, and rejection of vertices off the path."""
+"""What the sweeps before and after tell of a vertex: the board's roll, and whether the vertex lies on the path."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from workers.vertices.refined.board_model import BoardModel, Fix, Floats
 
 REACH = 10  # sweeps to either side
-_LONGEST_S = 1.5
-_FASTEST_M_S = 3.0
-_TREMBLE_M = 0.2
+LONGEST_S = 1.5
+FASTEST_M_S = 3.0
+TREMBLE_M = 0.2
 _ROLL_LENGTH_S = 0.45  # how long a held board keeps its roll
 _ROLL_FLOOR = math.radians(0.6)
 _ROLL_INFLATION = 1.5  # posteriors of single sweeps are no Gaussians
@@ -29,9 +29,9 @@ class Seen:
     fix: Fix
 
 
-def trustworthy(fix: Fix, model: BoardModel) -> bool:
+def trustworthy(fix: Fix) -> bool:
     """Whether the neighbours of a sweep may learn from its apex."""
-    return fix.explained(model) and math.hypot(fix.sigma_azimuth, fix.sigma_elevation) < math.radians(0.3)
+    return fix.explained and fix.sigma < math.radians(0.3)
 
 
 def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[float, float]:
@@ -44,8 +44,8 @@ def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[fl
     apart = np.array([np.linalg.norm(other.fix.xyz - own.fix.xyz) for other in others])
     roll = np.array([other.fix.roll for other in others])
     precision = np.array([other.fix.roll_sigma for other in others]) ** -2.0 - spread**-2.0
-    told = (apart < _TREMBLE_M + _FASTEST_M_S * np.abs(after)) & (precision > 0.1 * spread**-2.0)
-    told &= np.abs(after) < _LONGEST_S
+    told = (apart < TREMBLE_M + FASTEST_M_S * np.abs(after)) & (precision > 0.1 * spread**-2.0)
+    told &= np.abs(after) < LONGEST_S
     if not told.any():
         return mean, spread
     after, roll, precision = after[told], roll[told], precision[told]
@@ -59,7 +59,7 @@ def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[fl
 
 def off_path(own: Seen, others: Sequence[Seen]) -> float:
     """How many standard deviations the apex lies beside the smooth path of its neighbours; 0 where there is none."""
-    near = [other for other in others if abs(other.time_ns - own.time_ns) < _LONGEST_S * 1e9]
+    near = [other for other in others if abs(other.time_ns - own.time_ns) < LONGEST_S * 1e9]
     if len(near) < _FEWEST:
         return 0.0
     x, y, z = own.fix.xyz.tolist()

@@ -194,3 +194,17 @@ def test_the_rings_of_a_real_64_line_sensor():
     rings = learn_missing_rings([xyz[::7]], "lidar")
     assert rings.count == 64
     np.testing.assert_array_equal(rings.number(xyz), columns["ring"])
+
+
+@pytest.mark.parametrize("expected", [None, 16])
+def test_a_file_that_lists_firing_after_firing_gives_every_ring(expected):
+    """Every second point of it would be of every second ring."""
+    elevation, azimuth = np.meshgrid(np.radians(np.arange(-15.0, 16.0, 2.0)), np.radians(np.arange(-50, 50, 0.2)))
+    direction = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
+    ).reshape(-1, 3)
+    random = np.random.default_rng(1)
+    clouds = [(direction * random.uniform(4.0, 30.0, (len(direction), 1))).astype(np.float32) for _ in range(30)]
+    rings = learn_missing_rings(clouds, "topic /points", expected)
+    assert rings.count == 16
+    np.testing.assert_array_equal(rings.number(clouds[0]), np.tile(np.arange(16), len(direction) // 16))

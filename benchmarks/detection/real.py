@@ -1,0 +1,159 @@
+"""`python -m benchmarks.detection.real`: the refined detector on the recordings in ../shared/data.
+
+Each recording is looked at with the suggested region and with one written by hand, with the board's size given and
+open, with the track and without. Distances are to the judge's apex: a published board fit (VLP-16) or a square of the
+known size fitted to the plane's points by others (OS1-64, good to about 1 cm). Nothing of the detector was chosen by
+these figures.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.geometry.errors import InputError
+from workers.readers.detect import open_recording
+from workers.readers.recording import ReadOptions
+from workers.vertices.detectors import detect_range
+from workers.vertices.region import Region
+from workers.vertices.suggestion import suggest
+from workers.vertices.sweep_source import Listed
+from workers.vertices.vertex import Vertex
+
+DATA: Final = Path(__file__).parents[3] / "shared" / "data"
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """A recording of still poses.
+
+    Attributes:
+        path: of the recording, below the data's folder.
+        region: written by hand.
+        width_m, height_m: the board's edges.
+    """
+
+    path: str
+    region: Mapping[str, Any]
+    width_m: float
+    height_m: float
+
+
+RECORDINGS: Final = {
+    "os1-64-board": Poses(
+        "os1-64-board/clouds",
+        {"box": {"min": [1.5, -1.6, -1.0], "max": [4.2, 1.6, 1.5]}},
+        1.016,
+        1.016,
+    ),
+    "vlp16-diamond-board": Poses(
+        "vlp16-diamond-board/recording.bag",
+        {"box": {"min": [1.0, -1.9, -1.0], "max": [3.6, 1.5, 2.0]}},
+        0.61,
+        0.85,
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What came out of one run: vertices by sweep, reasons to refuse, distance (m) and scaled squared error of each.
+
+    Attributes:
+        chi: squared distance to the judge's apex over the stated covariance, 3 numbers each; the judge's own error
+            is not allowed for.
+    """
+
+    vertices: Mapping[int, Vertex]
+    rejected: Mapping[str, int]
+    off_m: Mapping[int, float]
+    chi: Mapping[int, float]
+
+
+def read(name: str) -> Listed:
+    """The sweeps of a recording, in the order of its poses."""
+    recording = open_recording(DATA / RECORDINGS[name].path, ReadOptions(point_times="stamp_only"))
+    try:
+        (lidar,) = (sensor for sensor in recording.sensors if sensor.kind == "lidar")
+        return Listed(list(recording.sweeps(lidar)))
+    finally:
+        recording.close()
+
+
+def judge(name: str) -> list[Floats]:
+    """The apex of each pose, metres, LiDAR frame."""
+    if name == "os1-64-board":
+        with (DATA / name / "square_fit.csv").open() as file:
+            return [np.array([float(row[f"top_{axis}"]) for axis in "xyz"]) for row in csv.DictReader(file)]
+    with (DATA / name / "correspondences.csv").open() as file:
+        return [
+            np.array([float(row[axis]) for axis in "xyz"]) for row in csv.DictReader(file) if row["is_top"] == "1"
+        ]
+
+
+def regions(name: str, source: Listed) -> dict[str, Region]:
+    """By hand, and as suggested where there is a suggestion."""
+    found = {"by hand": Region.from_document(RECORDINGS[name].region)}
+    try:
+        found["suggested"] = Region.from_document(suggest(source).document)
+    except InputError as error:
+        print(f"{name}: no suggestion: {error}")
+    return found
+
+
+def run(source: Listed, region: Region, options: Mapping[str, float], top: list[Floats]) -> Judged:
+    """Look at every pose, and compare."""
+    found = detect_range(source, region, "refined", options, indices=range(len(source)))
+    vertices = {vertex.sweep_index: vertex for vertex in found.vertices}
+    off = {k: float(np.linalg.norm(np.array(v.xyz) - top[k])) for k, v in vertices.items()}
+    return Judged(vertices, found.rejected, off, {k: _chi(v, top[k]) for k, v in vertices.items()})
+
+
+def _chi(vertex: Vertex, top: Floats) -> float:
+    difference = _angles(np.array(vertex.xyz)) - _angles(top)
+    return float(difference @ np.linalg.solve(np.array(vertex.covariance), difference)) / 3.0
+
+
+def _angles(xyz: Floats) -> Floats:
+    x, y, z = xyz.tolist()
+    flat = float(np.hypot(x, y))
+    return np.array([np.arctan2(y, x), np.arctan2(z, flat), np.hypot(flat, z)])
+
+
+def main() -> None:
+    for name, poses in RECORDINGS.items():
+        if not (DATA / name).exists():
+            print(f"{name} is absent: it is looked for in ../shared/data")
+            continue
+        source, top = read(name), judge(name)
+        for region_name, region in regions(name, source).items():
+            for size_name, size in (
+                ("known", {"board_width_m": poses.width_m, "board_height_m": poses.height_m}),
+                ("open", {}),
+            ):
+                for track in (1, 0):
+                    result = run(source, region, {**size, "track": track}, top)
+                    _say(f"{name}, region {region_name}, size {size_name}, track {track}", result, len(source))
+
+
+def _say(title: str, result: Judged, poses: int) -> None:
+    off = np.array([*result.off_m.values()]) * 1e3
+    middle, worst = (float(np.median(off)), float(off.max())) if off.size else (np.nan, np.nan)
+    chi = float(np.mean([*result.chi.values()])) if result.chi else np.nan
+    print(f"{title}: {off.size} of {poses}, median {middle:.0f} mm, worst {worst:.0f} mm, chi-square {chi:.2f}")
+    if result.rejected:
+        print("   refused: " + ", ".join(f"{count} {reason}" for reason, count in result.rejected.items()))
+    if "-v" in sys.argv:
+        print("   mm: " + " ".join(f"{k}:{off_m * 1e3:.0f}" for k, off_m in result.off_m.items()))
+
+
+if __name__ == "__main__":
+    main()
