@@ -147,7 +147,7 @@ class Campaign:
                 session.flush()
                 session.add(ApiToken(secret_hash=secret_hash(secret), name="campaign", person_id=person.id))
                 for fleet in engineer.fleets:
-                    session.add(Membership(person_id=person.id, fleet_id=UUID(fleet), role="annotator"))
+                    session.add(Membership(person_id=person.id, fleet_id=fleet, role="annotator"))
             made.append(Annotator(person.id, self._plant.url, secret, self._ledger, until))
         return made
 

@@ -5,12 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from service.calibrations.weight_rules import states_errors
-from service.correspondence_sets import pair_files as service_pairs
 from service.db.calibrations import CalibrationRun
 from tests.service.calibrations.test_routes import add_set, ask, documents
 from tests.service.detections.seeding import seed_rig
-from workers.solver import covariances
 from workers.tasks.solving import read_run
 
 pytestmark = pytest.mark.usefixtures("broker")
@@ -64,10 +61,3 @@ def test_the_run_solves_by_the_covariances_of_the_pairs_that_it_fits(api):
     distance = np.linalg.norm(whole.points[0])
     flat = np.hypot(*whole.points[0, :2])
     assert spread == pytest.approx(math.sqrt((1e-3 * flat) ** 2 + (2e-3 * distance) ** 2 + 0.01**2))
-
-
-def test_both_sides_know_the_same_columns():
-    assert service_pairs.SIGMAS == covariances.SIGMAS
-    assert service_pairs.MARK_SIGMA == covariances.MARK_SIGMA
-    for columns in ({}, SIGMAS, {"sigma_px": 1.0}, {"sigma_range_m": 0.1}, SIGMAS | {"sigma_px": 1.0}):
-        assert states_errors(columns) == covariances.states_covariances(columns)

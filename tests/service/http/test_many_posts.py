@@ -46,6 +46,7 @@ NATURAL = {
     "/tasks/next": "the vertex that one holds is handed out again",
     "/answer": "the id that its client made says whether it is the same answer",
     "/undo": "as /answer",
+    "/urdf": "nothing is kept: what was sent is answered with one joint changed",
 }
 
 
