@@ -38,7 +38,10 @@ class ApiError(ClientError):
     @property
     def is_about_the_input(self) -> bool:
         """Whether the values of the request are wrong by themselves, whatever the service holds."""
-        return self.code in ("invalid_request", "invalid_options", "unknown_detector", "unknown_model")
+        return self.code in (
+            *("invalid_request", "invalid_options"),
+            *("unknown_detector", "unknown_model", "unknown_format"),
+        )
 
     @property
     def refused_fields(self) -> list[str]:

@@ -105,7 +105,7 @@ class Transport:
         response = self.send("GET", path, headers={"If-None-Match": etag} if etag else None)
         if response.status_code == httpx.codes.NOT_MODIFIED:
             return None
-        return read(response, kind), response.headers["ETag"]
+        return read(response, kind), _etag(response)
 
     def get_bytes_if_changed(self, path: str, etag: str | None, **query: Any) -> tuple[bytes, str] | None:
         """GET what is no JSON with its ETag, or None where it still is what ``etag`` names."""
@@ -113,7 +113,7 @@ class Transport:
         response = self.send("GET", path, params=_given(query), headers=headers)
         if response.status_code == httpx.codes.NOT_MODIFIED:
             return None
-        return response.content, response.headers["ETag"]
+        return response.content, _etag(response)
 
     def delete(self, path: str, **query: Any) -> None:
         """DELETE; nothing is answered."""
@@ -228,6 +228,14 @@ def _not_finite(document: Any, at: str = "") -> str | None:
     steps = enumerate(document) if isinstance(document, list | tuple) else steps
     inside = (_not_finite(one, f"{at}.{step}" if at else str(step)) for step, one in steps)
     return next((found for found in inside if found is not None), None)
+
+
+def _etag(response: httpx.Response) -> str:
+    """The ETag of a whole answer. Raises ClientError for what only a program in between can have sent."""
+    etag = response.headers.get("ETag")
+    if response.status_code != httpx.codes.OK or not etag:
+        raise ClientError(f"{response.request.url} answered what is no document", "Is a proxy in between?")
+    return etag
 
 
 def _given(query: Mapping[str, Any]) -> dict[str, Any]:

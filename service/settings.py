@@ -80,7 +80,7 @@ class Settings(BaseSettings):
     resend_s: float = Field(default=10.0, description="first resend of an unclaimed job; doubles each time")
     sweep_s: float = Field(default=2.0, description="period of the sweep")
     stalled_s: float = Field(
-        default=90.0, gt=0, description="sweeper and beat end, to be started again, after so long without progress"
+        default=180.0, gt=0, description="sweeper and beat end, to be started again, after so long without progress"
     )
     max_lost_leases: int = Field(default=5, description="a job that loses this many leases fails")
     max_stumbles: int = Field(

@@ -40,7 +40,8 @@ def pull(
     Exit codes: 0 the file is what the vehicle is given now; 1 the service refused, or the file cannot be written;
     2 wrong usage; 3 no answer. After 1 and 3 the last good file stays. 4: the same without any good file.
     """
-    if output.is_dir() or not output.parent.is_dir():
+    output = output.resolve()  # a link stays, and what it leads to is replaced
+    if (output.exists() and not output.is_file()) or not output.parent.is_dir():
         usage(f"{output} is no place for a file", "Name a file in a folder that exists")
     kept = KeptFile(output)
     try:

@@ -55,7 +55,10 @@ def read_vehicle_calibration(
         )
     if wanted is not None:
         results = [UUID(one["result_id"]) for one in found.values()]
-        return exported(wanted, of_results(access.session, results), conditions)
+        calibrated = of_results(access.session, results)
+        if len(calibrated.cameras) < len(results):
+            raise Problem(409, "conflict", "One of the calibrations was deleted at this moment.", "Ask again.")
+        return exported(wanted, calibrated, conditions)
     rigs = select(RigCamera.name).join(Rig, Rig.id == RigCamera.rig_id).where(Rig.vehicle_id == vehicle.id)
     names = [] if asked else sorted(set(access.session.scalars(rigs)) - set(found))
     document = jsonable_encoder(

@@ -28,11 +28,11 @@ def _body(camera: CalibratedCamera) -> Transform:
 
 
 def _tree(parent: str, poses: list[Transform]) -> str:
-    lines = [f"{json.dumps(parent)}:"]
+    lines = [f"{json.dumps(parent, ensure_ascii=False)}:"]
     for pose in poses:
         named = zip(("x", "y", "z", "roll", "pitch", "yaw"), numbers([*pose.t, *pose.roll_pitch_yaw]), strict=True)
         lines += [
-            f"  {json.dumps(pose.from_frame)}:",
+            f"  {json.dumps(pose.from_frame, ensure_ascii=False)}:",
             *(f"    {name}: {yaml_number(value)}" for name, value in named),
         ]
     return "\n".join(lines) + "\n"

@@ -16,7 +16,7 @@ def camera_info(camera: CalibratedCamera) -> str:
     lines = [
         f"image_width: {camera.width}",
         f"image_height: {camera.height}",
-        f"camera_name: {file_name(camera.name)}",
+        f'camera_name: "{file_name(camera.name)}"',
         *_matrix("camera_matrix", 3, 3, [entry for row in camera.K for entry in row]),
         f"distortion_model: {model}",
         *_matrix("distortion_coefficients", 1, len(D), D),

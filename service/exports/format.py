@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from service.exports.calibrated import Calibrated, CalibratedCamera, Lens
+import numpy as np
+
+from service.exports.calibrated import Calibrated, CalibratedCamera, Lens, file_name
+from service.exports.transform import Transform
 
 # Name inside the export -> text.
 Files = dict[str, str]
 
 PLAIN: frozenset[Lens] = frozenset({"pinhole"})
+# What neither a shell, nor the substitutions of ROS 2's launch and of xacro, take for more than a name.
+_PLAIN_FRAME = re.compile(r"[A-Za-z0-9_/][A-Za-z0-9_./-]*")
 RADIAL_TANGENTIAL: frozenset[Lens] = frozenset({"pinhole", "brown_conrady"})
 EVERY_LENS: frozenset[Lens] = frozenset({"pinhole", "brown_conrady", "kannala_brandt"})
 
@@ -21,7 +27,8 @@ class Format:
 
     ``direction`` says what its transform maps into what. ``skew``: whether its readers use the camera matrix whole.
     ``third_radial``: whether it has OpenCV's k3. ``takes_lens``: mounts alone are the same for every lens.
-    ``one_tree``: whether all frames must hang together.
+    ``one_tree``: whether all frames must hang together. ``plain_frames``: whether its readers may take a frame's name
+    for arguments or commands.
     """
 
     name: str
@@ -36,6 +43,7 @@ class Format:
     needs_vehicle: bool = False
     one_lidar: bool = False
     one_tree: bool = False
+    plain_frames: bool = False
 
 
 def obstacle(wanted: Format, calibrated: Calibrated) -> str | None:
@@ -44,6 +52,8 @@ def obstacle(wanted: Format, calibrated: Calibrated) -> str | None:
         reason = (_of_lens(wanted, camera) if wanted.takes_lens else None) or _of_mount(wanted, camera)
         if reason:
             return reason
+    if reason := _clash(calibrated):
+        return reason
     if wanted.one_lidar and len(calibrated.lidar_frames) > 1:
         frames = " and ".join(calibrated.lidar_frames)
         return f"{wanted.title} has one LiDAR, and the cameras are calibrated to {frames}."
@@ -55,7 +65,9 @@ def obstacle(wanted: Format, calibrated: Calibrated) -> str | None:
 
 def remedy(wanted: Format, calibrated: Calibrated) -> str:
     """What to change, so that the format carries it."""
-    if wanted.one_lidar and len(calibrated.lidar_frames) > 1:
+    if wanted.plain_frames and any(_odd_frames(camera) for camera in calibrated.cameras):
+        return "Name the frame plainly in a new rig."
+    if _clash(calibrated) or (wanted.one_lidar and len(calibrated.lidar_frames) > 1):
         return "Ask for one camera."
     if any(_of_mount(wanted, camera) for camera in calibrated.cameras) or (wanted.one_tree and _is_apart(calibrated)):
         return "Say T_vehicle_lidar in the rig."
@@ -70,6 +82,27 @@ def remedy(wanted: Format, calibrated: Calibrated) -> str:
 def _is_apart(calibrated: Calibrated) -> bool:
     roots = {(camera.T_vehicle_lidar or camera.T_lidar_camera).to_frame for camera in calibrated.cameras}
     return len(roots) > 1
+
+
+def _clash(calibrated: Calibrated) -> str | None:
+    """What would be written over or contradict itself; None where nothing does."""
+    placed: dict[str, Transform] = {}
+    for camera in calibrated.cameras:
+        if camera.T_vehicle_lidar is None:
+            continue
+        known, own = placed.setdefault(camera.lidar_frame, camera.T_vehicle_lidar), camera.T_vehicle_lidar
+        if known.to_frame != own.to_frame or not np.allclose(known.matrix, own.matrix, rtol=0.0, atol=1e-9):
+            return f"Two rigs place {camera.lidar_frame} differently on the vehicle."
+    frames = [camera.frame for camera in calibrated.cameras]
+    names = [file_name(camera.name).upper() for camera in calibrated.cameras]
+    if len(set(frames)) < len(frames) or len(set(names)) < len(names):
+        return "Two cameras have frames or names that would be one in the files."
+    return None
+
+
+def _odd_frames(camera: CalibratedCamera) -> list[str]:
+    vehicle = [camera.T_vehicle_lidar.to_frame] if camera.T_vehicle_lidar else []
+    return [name for name in (camera.frame, camera.lidar_frame, *vehicle) if not _PLAIN_FRAME.fullmatch(name)]
 
 
 def _of_lens(wanted: Format, camera: CalibratedCamera) -> str | None:
@@ -89,4 +122,6 @@ def _third_radial(camera: CalibratedCamera) -> bool:
 def _of_mount(wanted: Format, camera: CalibratedCamera) -> str | None:
     if wanted.needs_vehicle and camera.T_vehicle_lidar is None:
         return f"{wanted.title} starts at the vehicle's frame, and the rig {camera.rig} does not say where that is."
+    if wanted.plain_frames and (odd := _odd_frames(camera)):
+        return f"{wanted.title} takes no frame named {odd[0]!r}, but letters, digits and _ . / - alone."
     return None

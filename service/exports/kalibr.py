@@ -19,7 +19,7 @@ def _camera(place: int, camera: CalibratedCamera, before: CalibratedCamera | Non
         f"  distortion_model: {'equidistant' if fisheye else 'radtan'}",
         f"  distortion_coeffs: {yaml_list(camera.coefficients if fisheye else camera.plumb_bob[:4])}",
         f"  resolution: [{camera.width}, {camera.height}]",
-        f"  rostopic: {json.dumps(camera.topic or f'/{camera.name}/image_raw')}",
+        f"  rostopic: {json.dumps(camera.topic or f'/{camera.name}/image_raw', ensure_ascii=False)}",
     ]
     if before is None:
         return lines

@@ -28,8 +28,8 @@ def _camera(camera: CalibratedCamera) -> str:
         f"fisheye_model: {int(fisheye)}",
         *_matrix("camera_matrix", np.array(camera.K)),
         *_matrix("distortion_coefficients", np.array([camera.coefficients if fisheye else camera.plumb_bob]).T),
-        f"camera_frame: {json.dumps(camera.frame)}",
-        f"lidar_frame: {json.dumps(camera.lidar_frame)}",
+        f"camera_frame: {json.dumps(camera.frame, ensure_ascii=False)}",
+        f"lidar_frame: {json.dumps(camera.lidar_frame, ensure_ascii=False)}",
         *_matrix("T_camera_lidar", camera.T_camera_lidar.matrix),
     ]
     return "\n".join([*lines, ""])

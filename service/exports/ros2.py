@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from xml.sax.saxutils import quoteattr
 
 from service.exports.calibrated import Calibrated, file_name
@@ -37,7 +38,8 @@ def _decimal(value: float) -> str:
 def _launch(calibrated: Calibrated) -> str:
     nodes: list[str] = []
     for pose in poses(calibrated):
-        name = f"{file_name(pose.to_frame)}_to_{file_name(pose.from_frame)}"
+        # A node's name has letters, digits and _ alone, and begins with no digit.
+        name = re.sub(r"[^A-Za-z0-9_]", "_", f"static_{pose.to_frame}_to_{pose.from_frame}")
         said = " ".join(f"--{option} {value}" for option, value in arguments(pose))
         nodes.append(
             f'  <node pkg="tf2_ros" exec="static_transform_publisher" name={quoteattr(name)} args={quoteattr(said)}/>'
@@ -60,4 +62,5 @@ FORMAT = Format(
     write=_files,
     kind="zip",
     direction="the child frame's pose in its parent: T_lidar_camera, T_vehicle_lidar",
+    plain_frames=True,
 )

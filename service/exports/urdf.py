@@ -40,4 +40,5 @@ FORMAT = Format(
     direction="the child link's pose in its parent: T_lidar_camera, T_vehicle_lidar",
     takes_lens=False,
     one_tree=True,
+    plain_frames=True,
 )

@@ -36,10 +36,11 @@ log = logging.getLogger(__name__)
 _BATCH = 200
 
 
-def sweep(database: Database, store: Store) -> None:
+def sweep(database: Database, store: Store, gets_on: Callable[[], None] = lambda: None) -> None:
     """One pass over everything that may need help. A step that fails keeps none of the others from being done.
 
-    Raises the first failure once all have been tried; at once where the database is away, as none of them can work.
+    ``gets_on`` is called before each step. Raises the first failure once all have been tried; at once where the
+    database is away, as none of them can work.
     """
     lost = (Job.state == written(WorkState.RUNNING)) & (Job.lease_until < now())
     cancelled = (Job.state == written(WorkState.QUEUED)) & Job.cancel_requested
@@ -58,6 +59,7 @@ def sweep(database: Database, store: Store) -> None:
     )
     failures: list[Exception] = []
     for step in steps:
+        gets_on()
         try:
             step()
         except Exception as error:
@@ -77,7 +79,9 @@ def _write(database: Database, step: Callable[[Session], None]) -> None:
 
 def swept_lately(database: Database) -> bool:
     """Whether a sweep began within half a period: the messages of two beats, or of an hour without a sweeper."""
-    recent = select(Heartbeat.at > now(-get_settings().sweep_s / 2)).where(Heartbeat.name == "sweep")
+    # One that the clock has not come to yet tells nothing: the clock was set back.
+    lately = Heartbeat.at.between(now(-get_settings().sweep_s / 2), now())
+    recent = select(lately).where(Heartbeat.name == "sweep")
     with database.reading() as session:
         return bool(session.scalar(recent))
 

@@ -6,18 +6,18 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from kombu import Connection, Consumer, Message, Queue
-from kombu.transport import TRANSPORT_ALIASES
 from redis import RedisError
 
 from tests.support.broker import Broker
+from workers.transport import Transport
 
 _SILENCE_S = 0.3
 
 
 @pytest.fixture
-def connection(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> Iterator[Connection]:
-    monkeypatch.setitem(TRANSPORT_ALIASES, "redis", "workers.transport:Transport")
+def connection(broker: Broker) -> Iterator[Connection]:
     with Connection(broker.url, transport_options={"socket_timeout": _SILENCE_S}) as made:
+        made.transport_cls = Transport
         yield made
 
 

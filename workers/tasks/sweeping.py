@@ -11,6 +11,7 @@ import service.job_kinds  # noqa: F401  # the sweep asks every kind what its sub
 from service.jobs.messages import SWEEP
 from service.jobs.sweep import sweep, swept_lately
 from service.storage.store import Store
+from workers.stalls import expect_progress
 from workers.sweeper import app
 from workers.tasks.context import get_context
 from workers.tasks.leftovers import remove_leftovers
@@ -31,7 +32,7 @@ def sweep_once() -> None:
     context = get_context()
     if swept_lately(context.database):
         return
-    sweep(context.database, _store())
+    sweep(context.database, _store(), expect_progress)
     remove_leftovers(context.settings.scratch)
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from service.exports.calibrated import Calibrated
 from service.exports.formats import FORMATS, export
 from service.http.problems import Problem
 from tests.service.exports.readers import READERS, files_of
-from tests.service.exports.rigs import LENSES, ours, rig_of, seen
+from tests.service.exports.rigs import LENSES, ours, rig_of, seen, vehicle_mount
 
 LIMIT_PX = 1e-4
 CARRIED = [
@@ -107,3 +109,22 @@ def test_the_page_about_exports_has_every_format_in_its_table():
         assert ("skew" in said and "no skew" not in said) == (one.skew and one.lenses != {"pinhole"})
         assert ("k5" in said) != one.third_radial
         assert ("none" in said) != one.takes_lens and (("all" in said) == (len(one.lenses) == 3 and one.takes_lens))
+
+
+def test_rigs_that_contradict_each_other_and_names_that_fall_together_are_refused():
+    """Nothing is written over, and no camera stands where another rig says."""
+    good = rig_of("pinhole", 0)
+    first, second, third = good.cameras
+    moved = replace(second, T_vehicle_lidar=vehicle_mount(1))
+    same_frame = replace(second, T_camera_lidar=second.T_camera_lidar._replace(to_frame=first.frame))
+    for clash in (moved, same_frame, replace(second, name="FRONT")):
+        problem = refusal("opencv", Calibrated("Truck", [first, clash, third]))
+        assert problem.hint.startswith("Ask for one camera.")
+
+
+@pytest.mark.parametrize("name", ["ros2", "urdf"])
+@pytest.mark.parametrize("frame", ["$(command 'touch /tmp/x')", "my lidar;reboot", "${x}", "caméra"])
+def test_a_frame_that_readers_may_take_for_a_command_is_refused(name, frame):
+    (camera, *_) = rig_of("pinhole", 0).cameras
+    named = replace(camera, T_camera_lidar=camera.T_camera_lidar._replace(to_frame=frame))
+    assert "plainly" in refusal(name, Calibrated("Truck", [named])).hint

@@ -325,3 +325,10 @@ def test_one_job_that_cannot_be_decided_does_not_stop_the_sweep(database, store,
     sweep(database, store)
     assert job(database, innocent).state == "queued"
     assert f"could not decide job {broken}" in caplog.text
+
+
+def test_a_clock_that_was_set_back_stops_no_sweep(database, store):
+    sweep(database, store)
+    with database.writing() as session:
+        session.get_one(Heartbeat, "sweep").at += timedelta(hours=1)
+    assert not swept_lately(database)
