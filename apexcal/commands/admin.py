@@ -12,7 +12,7 @@ from typer.core import TyperCommand
 
 
 class COMMAND(TyperCommand):
-    """Hands everything on, `--help` too: the service knows its commands."""
+    """Passes every argument on, `--help` too, because the service defines these commands."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         kwargs["context_settings"] = {"ignore_unknown_options": True, "allow_extra_args": True}
@@ -28,7 +28,7 @@ def admin(context: typer.Context) -> None:
 def folder_first(words: Sequence[str]) -> list[str]:
     """The words with ``--data FOLDER`` moved to the front, where the service's command line looks for it.
 
-    Every other command takes it at its end, so people write it there.
+    All other commands of apexcal take ``--data`` after their own name, so people write it there.
     """
     first: list[str] = []
     rest: list[str] = []

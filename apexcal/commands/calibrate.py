@@ -39,7 +39,8 @@ def calibrate(
     pairs: Annotated[
         list[str] | None,
         typer.Option(
-            help="CSV of pairs: x,y,z,u,v and stamp_ns or group; several times, as CAMERA=FILE.", metavar="FILE"
+            help="CSV of pairs: x,y,z,u,v and stamp_ns or group. For several cameras, repeat it as CAMERA=FILE.",
+            metavar="FILE",
         ),
     ] = None,
     vehicle: Annotated[str, typer.Option(help="Vehicle, by name or id (with --pairs).")] = "",
@@ -47,7 +48,7 @@ def calibrate(
     camera: Annotated[
         list[str] | None,
         typer.Option(
-            help="Camera; needed if the rig has several. Several times: calibrates these together and compares them.",
+            help="Camera; needed if the rig has several. Repeat it to calibrate several cameras and compare them.",
             metavar="NAME",
         ),
     ] = None,
@@ -58,7 +59,7 @@ def calibrate(
     rotation_range_deg: Annotated[
         float | None,
         typer.Option(
-            help="Degrees about each axis by which the mount may be off the rig's: above 0; 180 is any mount. "
+            help="How many degrees the mount may be off the rig's about each axis: above 0; 180 is any mount. "
             "Otherwise 30.",
             metavar="DEG",
             callback=_check_range,
@@ -80,15 +81,15 @@ def calibrate(
     ] = None,
     weights: Annotated[
         WeightRule | None,
-        typer.Option(help="Whether pairs weigh by the errors they state. Otherwise auto: if all pairs state them."),
+        typer.Option(help="Whether stated errors weight the pairs. Otherwise auto: if all pairs state them."),
     ] = None,
     outliers: Annotated[
-        OutlierRule | None, typer.Option(help="Whether outliers stay in the fit. Otherwise keep.")
+        OutlierRule | None, typer.Option(help="Whether outliers stay in the polish. Otherwise keep.")
     ] = None,
     folds: FoldsOption = None,
     seed: Annotated[int | None, typer.Option(help="Seed. Otherwise from the request's content.", min=0)] = None,
     farm: Annotated[
-        Farm | None, typer.Option(help="How the work is cut; the result is the same. Otherwise auto.")
+        Farm | None, typer.Option(help="How the work is split among workers; the result is the same. Otherwise auto.")
     ] = None,
     publish: Annotated[bool, typer.Option(help="Make the recommended result the camera's current one.")] = True,
     url: UrlOption = "",
@@ -114,7 +115,7 @@ def calibrate(
         )
     if intrinsics_as and not intrinsics and not stated:
         usage("--intrinsics-as needs intrinsics", "Add --intrinsics FILE, or --stated")
-    # What is not given is left to the service: a preset means more than its schedule.
+    # The service fills in what is not given, because a preset also sets the form of the search and its bounds.
     given: dict[str, object] = {
         "preset": preset,
         "search": search,
@@ -156,7 +157,7 @@ def calibrate(
 
 
 def _publications(client: Client, calibration: CalibrationView, *, wanted: bool) -> list[str]:
-    """For each camera, which result the vehicle is given now, or why it is none of this calibration."""
+    """For each camera, which result is now its current calibration, or why none of this calibration is."""
     vehicle = client.vehicles.get(calibration.vehicle_id).name
     sentences: list[str] = []
     for name, camera in (calibration.summary.cameras if calibration.summary else {}).items():

@@ -9,12 +9,12 @@ from apexcal.commands.common import console
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.results import CameraSummary, Errors, RigSummary, Summary
 
-# Held-out pairs this much worse than fitted ones mean that the model fits noise, or that there are too few pairs.
+# If the held-out error is more than this many times the fitted one, the model fits noise or has too few pairs.
 _OVERFITTED = 2.0
 
 
 def show(calibration: CalibrationView) -> None:
-    """Print a table for each camera and the sentences that go with it; the notes hold those of the pairs."""
+    """Print the notes on the pairs, then for each camera a table and its sentences, then the rig's."""
     out = console()
     summary = calibration.summary or Summary(cameras={})
     for note in calibration.notes:
@@ -36,7 +36,7 @@ def show(calibration: CalibrationView) -> None:
 
 
 def table_of(name: str, camera: CameraSummary) -> Table:
-    """The models side by side; fits into 80 columns, where a terminal's width is not known."""
+    """The models side by side. Fits into 80 columns, the width if a terminal states none."""
     table = Table(
         title=f"Camera {name}: mean / RMS reprojection error, pixels",
         box=box.SIMPLE_HEAD,
@@ -70,9 +70,9 @@ def warnings_of(camera: CameraSummary) -> list[str]:
 
 
 def objections_of(camera: CameraSummary) -> list[str]:
-    """What speaks against publishing the recommended result; none where the sentences of its publication say it."""
+    """Objections to publishing the recommended result; none if ``not_published`` states them already."""
     recommended = camera.models.get(camera.recommended or "")
-    # A calibration of an older version does not say it.
+    # A calibration by an older version has no objections field.
     return [] if camera.not_published or recommended is None else recommended.objections or []
 
 

@@ -32,9 +32,9 @@ def suggest(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Suggest a region: where somebody walked, off the ground, with a margin. The LiDAR must have stood still.
+    """Suggest a region: where somebody walked, above the ground, with a margin. The LiDAR must have stood still.
 
-    Look at what it keeps with `apexcal detect RECORDING --region region.json --preview`, and edit it as you like.
+    `apexcal detect RECORDING --region region.json --preview` shows what the region keeps. You may edit the file.
     """
     check_target(out, force)
     with connected(url, token, data) as client, bar("Looking for what moves", not as_json) as progress:

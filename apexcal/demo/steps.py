@@ -37,7 +37,7 @@ class Steps:
 
     @contextmanager
     def step(self, half: str, title: str) -> Iterator[Report]:
-        """One step; the yielded function takes a fraction and a message, the last of which stays to be read."""
+        """One step. The yielded function takes a fraction and a message; the last message stays visible."""
         name = f"{half:<9} {title:<26}"
         task = self._progress.add_task(escape(name), total=1.0, message="")
         began = time.monotonic()

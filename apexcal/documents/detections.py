@@ -16,15 +16,15 @@ from apexcal.documents.states import WorkState
 
 Covariance = list[list[float]]
 
-_ANY_CLOCK_NS = 2**62  # a camera that counts from its start is off by all of Unix time: 1.8e18 ns
+_ANY_CLOCK_NS = 2**62  # a camera whose clock starts at 0 is off by all of Unix time: 1.8e18 ns
 _MINUTE_NS = 60 * 10**9
 
 
 class Pairing(Received):
-    """How a vertex finds its camera frame: the nearest to its time plus ``offset_ns``, within ``max_gap_ns``.
+    """How vertices are paired with camera frames: each with the frame nearest to its time plus ``offset_ns``.
 
-    ``mode: interpolate`` moves the vertex along its track to the frame's own time; the gap is zero then, and the
-    interpolation's error is in the covariance.
+    A frame farther away than ``max_gap_ns`` is no pair. ``mode: interpolate`` moves the vertex along its track to the
+    frame's own time. The gap is zero then, and the covariance includes the interpolation's error.
     """
 
     mode: PairingMode = "nearest"
@@ -44,9 +44,10 @@ class DetectionRequest(Received):
 
 
 class DetectionCounts(Document):
-    """Sweeps, and the vertices accepted in them; sweeps rejected by reason, vertices by quality and by flag.
+    """How many sweeps were read and vertices accepted; rejected sweeps by reason, vertices by quality and by flag.
 
-    ``paired`` vertices have a frame of some camera; ``frame_taken`` lost theirs to a vertex nearer to it in time.
+    ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
+    another vertex is nearer to it in time.
     """
 
     sweeps: int = 0
@@ -59,7 +60,7 @@ class DetectionCounts(Document):
 
 
 class DetectionView(Sent):
-    """A detection. ``counts`` grows while it runs, and says how many are paired when it is done."""
+    """A detection. ``counts`` grows while it runs. When it is done, ``counts`` also has the paired vertices."""
 
     id: UUID
     fleet_id: UUID
@@ -77,7 +78,7 @@ class DetectionView(Sent):
 
 
 class Moved(Sent):
-    """A vertex at another moment; metres in the LiDAR frame, covariance as of a vertex."""
+    """A vertex at another moment: metres in the LiDAR frame, covariance as in ``VertexView``."""
 
     x: float
     y: float
@@ -86,9 +87,9 @@ class Moved(Sent):
 
 
 class FrameOfVertex(Sent):
-    """The camera frame that a vertex is paired with; ``gap_ns`` is frame time minus vertex time.
+    """The camera frame that a vertex is paired with. ``gap_ns`` is frame time minus vertex time.
 
-    ``moved`` is where the vertex was at the frame's time, where the pairing interpolates: x, y, z and covariance.
+    If the pairing interpolates, ``moved`` is where the vertex was at the frame's time.
     """
 
     index: int
@@ -97,7 +98,7 @@ class FrameOfVertex(Sent):
 
 
 class Flag(Sent):
-    """What the person who confirms a vertex should look at; rows hold the name alone."""
+    """What the person who confirms a vertex should look at. The database holds the name alone."""
 
     name: str
     sentence: str
@@ -111,8 +112,8 @@ class Flag(Sent):
 class VertexView(Sent):
     """A vertex in metres in the LiDAR frame, with its frame in each camera that has one.
 
-    ``covariance`` is 3 x 3 over azimuth (rad), elevation (rad) and range (m); it and ``quality`` are null where the
-    detector states none.
+    ``covariance`` is 3 x 3 over azimuth (rad), elevation (rad) and range (m). ``covariance`` and ``quality`` are null
+    if the detector states none.
     """
 
     id: UUID

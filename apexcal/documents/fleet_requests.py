@@ -15,10 +15,10 @@ from apexcal.documents.states import RequestState, VehicleState
 
 
 class VehicleFilter(Received):
-    """The vehicles of the fleet that meet every condition given here; without conditions, all.
+    """The vehicles of the fleet that meet every given condition. Without conditions, all vehicles.
 
-    ``name`` and ``rig`` are patterns in which ``*`` stands for any letters and ``?`` for one; ``rig`` also says
-    which rig of the vehicle is calibrated. ``not_calibrated_since`` leaves out vehicles calibrated since then.
+    ``name`` and ``rig`` are patterns: ``*`` stands for any characters, ``?`` for one. ``rig`` also decides which rig
+    of a vehicle is calibrated. ``not_calibrated_since`` leaves out vehicles calibrated since that moment.
     ``new_pairs`` keeps only vehicles with a camera whose newest pairs are not those of its published calibration.
     """
 
@@ -57,10 +57,10 @@ class Counts(Sent):
 
 
 class FleetRequestView(Sent):
-    """A fleet request: what was asked and by whom, how far it is, and how many vehicles came to what.
+    """A fleet request: what was asked and by whom, how far it is, and how many vehicles are in which state.
 
-    ``asked_by`` is null where the person is no longer known. ``published`` counts vehicles that a result of it was
-    published for, by itself or by a person; null while it runs, and where no publication was asked for.
+    ``asked_by`` is null if the person is no longer known. ``published`` counts the vehicles for which the service or
+    a person published a result of this request. It is null while the request runs, or if it asked for no publication.
     """
 
     id: UUID
@@ -80,10 +80,10 @@ class FleetRequestView(Sent):
 class CameraOutcome(Sent):
     """What a vehicle's calibration recommends for a camera, and its mean errors in pixels.
 
-    ``status`` is the result's: where it is not ``ok`` the errors say little, however small. ``warnings`` counts those
-    of the result, ``objections`` is what spoke against publishing it when the calibration ended. ``published`` says
-    whether it became the camera's current calibration, ``not_published`` why it did not; null and empty where nobody
-    asked for it.
+    ``status`` is the result's. If it is not ``ok``, the errors say little, however small. ``warnings`` counts the
+    result's warnings. ``objections`` is what spoke against publishing it when the calibration ended. ``published``
+    says whether it became the camera's current calibration, and ``not_published`` why it did not. They are null and
+    empty if nobody asked for a publication.
     """
 
     model: str | None
@@ -117,9 +117,9 @@ class SkippedView(Sent):
 
 
 class DryRunView(Sent):
-    """The prediction for a fleet request; runs are fits of one model to one camera's pairs.
+    """The prediction for a fleet request. A run is a fit of one model to one camera's pairs.
 
-    ``processor_seconds`` is what they are predicted to take at most, on one processor; most schedules end after a
+    ``processor_seconds`` is the longest time that the runs may take on one processor. Most schedules end after a
     third of it. ``skipped_vehicles`` names the first hundred.
     """
 

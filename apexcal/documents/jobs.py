@@ -9,7 +9,7 @@ from apexcal.documents.states import WorkState
 
 
 class ProblemView(Document):
-    """Why something failed or was refused: a stable ``code``, what is wrong, and what to do. Some say more."""
+    """Why something failed or was refused: a stable ``code``, what is wrong, what to do. Some have more fields."""
 
     code: str = "unknown"
     detail: str | None = None
@@ -17,7 +17,7 @@ class ProblemView(Document):
 
 
 class JobProgress(Document):
-    """How far a job is, as its worker says."""
+    """How far a job is, as its worker reports it."""
 
     fraction: float | None = None
     message: str | None = None
@@ -27,8 +27,8 @@ class JobProgress(Document):
 class JobView(Sent):
     """A unit of work.
 
-    ``seconds_left`` is about how long a running job still takes, by how far it is since it started; null where that
-    is not known.
+    ``seconds_left`` estimates how long a running job still takes, from the share done since it started. It is null if
+    that share is not known.
     """
 
     id: int

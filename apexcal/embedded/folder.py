@@ -30,7 +30,7 @@ class FolderInUseError(Exception):
 
 
 class OpenFolderError(Exception):
-    """Other users may read the folder, and closing it is not for this command."""
+    """Other users may read the folder, and this command must not close it."""
 
     def __init__(self, root: Path, reason: str) -> None:
         super().__init__(f"other users may read {root}, and it {reason}")
@@ -40,7 +40,7 @@ class OpenFolderError(Exception):
 
 @dataclass
 class DataFolder:
-    """Everything that an embedded service keeps. Readable by its owner only: recordings show people."""
+    """Everything that an embedded service keeps. Only its owner may read it, because recordings show people."""
 
     root: Path
     _lock: IO[str] | None = field(default=None, repr=False)
@@ -53,7 +53,7 @@ class DataFolder:
 
     @property
     def status(self) -> Path:
-        """What the supervisor says of its children, read by the API's ``/readyz``."""
+        """What the supervisor reports about its children. The API's ``/readyz`` reads it."""
         return self.root / "supervisor.json"
 
     @property
@@ -63,11 +63,11 @@ class DataFolder:
 
     @property
     def socket(self) -> Path:
-        """The broker's socket; in a short temporary folder where the data folder's path is too long for one."""
+        """The broker's socket. It is in a temporary folder if the data folder's path is too long for a socket."""
         return (self._short or self.root) / "broker.sock"
 
     def hold(self) -> bool:
-        """Make the folder and take it for this process; whether it had to be closed to others.
+        """Make the folder and lock it for this process. Returns whether it had to be closed to others.
 
         The lock ends with the process, however that ends. Raises :class:`FolderInUseError`, :class:`OpenFolderError`.
         """
@@ -79,7 +79,7 @@ class DataFolder:
             lock.close()
             raise FolderInUseError(self.root, read_status(self.root))
         self._lock = lock
-        # Left by one that was killed: its address may be somebody else's by now.
+        # A killed service left this; another program may have its address by now.
         self.status.unlink(missing_ok=True)
         if len(os.fsencode(self.root / "broker.sock")) > LONGEST_SOCKET:
             self._short = _short_folder(self.root)
@@ -96,14 +96,14 @@ class DataFolder:
 
 
 def _close(root: Path) -> bool:
-    """Close the folder to everybody but its owner; whether it was open. Raises :class:`OpenFolderError`."""
+    """Close the folder to everybody but its owner. Returns whether it was open. Raises :class:`OpenFolderError`."""
     state = root.stat()
     if not state.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         return False
     if state.st_uid != os.geteuid():
         raise OpenFolderError(root, "belongs to another user")
     names = {path.name for path in root.iterdir()}
-    # A folder of pages or somebody's home may be open for a reason.
+    # Somebody's home, or a folder of web pages, may be open for a reason.
     if names and not names & {"serve.lock", "apexcal.db"}:
         raise OpenFolderError(root, "holds other things than a service's data")
     root.chmod(0o700)
@@ -111,7 +111,7 @@ def _close(root: Path) -> bool:
 
 
 def _taken(lock: IO[str]) -> bool:
-    """Whether the lock is ours now. Who only looks (:func:`is_served`) has it for less than a pause."""
+    """Whether the lock is ours now. Tries again, because a process in :func:`is_served` holds it for a moment."""
     for pause in (0.01, 0.02, 0.05, 0.1, 0.0):
         with contextlib.suppress(BlockingIOError):
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -121,7 +121,7 @@ def _taken(lock: IO[str]) -> bool:
 
 
 def _short_folder(root: Path) -> Path:
-    """A private temporary folder with a short path, the same one each time: a killed service leaves one, not many."""
+    """A private temporary folder with a short path. Its name is fixed, so killed services leave one, not many."""
     digest = hashlib.sha256(os.fsencode(root)).hexdigest()[:16]
     folder = Path(tempfile.gettempdir()) / f"apexcal-{os.getuid()}-{digest}"
     with contextlib.suppress(FileExistsError):
@@ -129,12 +129,12 @@ def _short_folder(root: Path) -> Path:
     found = folder.lstat()
     if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and found.st_mode & 0o077 == 0:
         return folder
-    # Somebody else was there first.
+    # Another user made a folder of that name.
     return Path(tempfile.mkdtemp(prefix="apexcal-"))
 
 
 def read_status(root: Path) -> dict[str, Any]:
-    """What the supervisor of ``root`` last wrote; empty where there is none."""
+    """What the supervisor of ``root`` wrote last; empty if there is no such file."""
     try:
         status = json.loads((root / "supervisor.json").read_text())
     except (OSError, ValueError):

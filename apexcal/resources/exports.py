@@ -13,14 +13,14 @@ _FILE_NAME = re.compile(r'filename="([^"/\\]+)"')
 
 
 class Exported(NamedTuple):
-    """A file as the service names it; a format of several files comes as ``.zip``."""
+    """A file with the name that the service gives it. A format of several files comes as one ``.zip``."""
 
     name: str
     content: bytes
 
 
 class Exports:
-    """``client.exports``: what a camera is given, or a result, as files for other programs."""
+    """``client.exports``: a camera's current calibration, or any result, as files for other programs."""
 
     def __init__(self, transport: Transport) -> None:
         self._http = transport
@@ -30,22 +30,25 @@ class Exports:
         return [FormatView.model_validate(one) for one in self._http.send("GET", "/export-formats").json()]
 
     def current(self, vehicle_id: UUID | str, camera: str, format: str) -> Exported:
-        """A camera's current calibration. ApiError ``format_cannot_carry`` names those that can in ``formats``."""
+        """A camera's current calibration.
+
+        If the format cannot carry it, raises ApiError ``format_cannot_carry``; ``formats`` names those that can.
+        """
         return self._file(_current(vehicle_id, camera), format)
 
     def result(self, result_id: UUID | str, format: str) -> Exported:
-        """Any result. ApiError ``format_cannot_carry``."""
+        """Any result. Raises ApiError ``format_cannot_carry`` as :meth:`current` does."""
         return self._file(at("results", result_id), format)
 
     def urdf(self, vehicle_id: UUID | str, camera: str, urdf: str, joint: str, **links: str) -> str:
-        """A vehicle's own URDF with one joint as the camera's current calibration has it.
+        """The vehicle's own URDF, its ``joint`` set to the camera's current calibration.
 
-        ``links``: ``camera_link`` and ``lidar_link``, where they are not named like their frames.
+        ``links``: ``camera_link`` and ``lidar_link``, if the links are not named like the frames.
         """
         return self._patched(_current(vehicle_id, camera), urdf, joint, links)
 
     def urdf_of_result(self, result_id: UUID | str, urdf: str, joint: str, **links: str) -> str:
-        """The same of any result."""
+        """The same with any result."""
         return self._patched(at("results", result_id), urdf, joint, links)
 
     def _file(self, path: str, format: str) -> Exported:

@@ -14,7 +14,7 @@ from apexcal.transport import Transport, at
 
 
 class Fleets:
-    """``client.fleets``: who works with what."""
+    """``client.fleets``: fleets, their members and their tokens."""
 
     def __init__(self, transport: Transport) -> None:
         self._http = transport
@@ -96,9 +96,10 @@ class Vehicles:
         return self._http.post(at("vehicles", vehicle_id, "rigs"), RigOut, dict(rig))
 
     def check_rig(self, rig: Mapping[str, Any]) -> None:
-        """Ask whether a description would be accepted, and make nothing. Raises the refusal as :class:`ApiError`.
+        """Check whether the service would accept a rig, without making one. Raises :class:`ApiError` if it would not.
 
-        The service checks a description before it looks for the vehicle, and there is none with the nil id.
+        It asks for the nil vehicle id, which no vehicle has. The service checks the rig before it looks for the
+        vehicle, so ``not_found`` means that the rig is accepted.
         """
         try:
             self.create_rig(UUID(int=0), rig)

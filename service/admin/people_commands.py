@@ -1,4 +1,4 @@
-"""``apexcal admin users`` and ``tokens``: lists people and tokens, makes sign-in links, revokes."""
+"""``apexcal admin users`` and ``tokens``: lists people and tokens, makes sign-in links, revokes both."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def link(person: Annotated[str, typer.Argument(help="Name or id, as `users list`
     print(f"{name} signs in with this link, which works once until {until:%Y-%m-%d %H:%M} UTC:\n{made}")
     if not is_known:
         print(
-            f"No service runs on {service.settings.data_dir.resolve()} now: where it comes up at another address "
-            f"than {address}, put that one in its place.",
+            f"No service runs on {service.settings.data_dir.resolve()} now. If it starts at another address than "
+            f"{address}, replace that part of the link.",
             file=sys.stderr,
         )
 
@@ -118,17 +118,18 @@ def revoke_token(token: Annotated[str, typer.Argument(help="Id, as `tokens list`
     with opened() as service, service.database.writing() as session:
         ended = revoke(session, ApiToken.id == id)
         if not ended.tokens:
-            raise AdminError(f"there is no valid token {token}", f"{command('tokens list')} shows those that are.")
+            raise AdminError(f"there is no valid token {token}", f"{command('tokens list')} shows the valid ones.")
     print("It is revoked.")
     if ended.sessions or ended.links or ended.tokens > 1:
         made = f"{ended.sessions} sessions, {ended.links} links and {ended.tokens - 1} tokens"
-        print(f"With it ended what was made with it: {made}.")
+        print(f"What was made with it ended too: {made}.")
 
 
 def public_url(settings: Settings) -> tuple[str, bool]:
-    """Where browsers find the service, and whether that is known: stated by the environment, or by its own status.
+    """The address where browsers find the service, and whether it is certain.
 
-    An embedded service chooses its port as it starts, and writes it into its data folder.
+    It is certain if the environment states it. An embedded service chooses its port when it starts, so it is also
+    certain if the service runs and its data folder holds the port. Otherwise the address is the settings' default.
     """
     if settings.database_url or "public_url" in settings.model_fields_set:
         return settings.public_url, True
@@ -143,7 +144,7 @@ def _state(token: ApiToken, moment: Any) -> str:
 
 
 def find_person(session: Session, asked: str) -> Person:
-    """A person by id or by a name that only one has. Raises :class:`AdminError`."""
+    """The person with this id, or the only one with this name. Raises :class:`AdminError`."""
     found = session.scalars(select(Person).where((Person.name == asked) | (Person.id == _as_uuid(asked)))).all()
     if len(found) == 1:
         return found[0]
@@ -155,7 +156,7 @@ def find_person(session: Session, asked: str) -> Person:
 
 
 def _as_uuid(text: str) -> UUID:
-    """The id that a name may be; most are none, and name nobody by it."""
+    """The text as an id. If it is none, the nil id, which nobody has."""
     try:
         return UUID(text)
     except ValueError:

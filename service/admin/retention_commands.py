@@ -26,7 +26,7 @@ retention = typer.Typer(
 @retention.command("show")
 @spoken
 def show(as_json: JsonOption = False) -> None:
-    """Show for each fleet how many recordings have an end, how many are overdue, and what ended jobs would go."""
+    """Show how many recordings of each fleet have an end or are overdue, and how many ended jobs are overdue."""
     moment = utc_now()
     with opened() as service, service.database.reading() as session:
         rows: list[dict[str, Any]] = [
@@ -55,11 +55,11 @@ def show(as_json: JsonOption = False) -> None:
 @retention.command("set")
 @spoken
 def set_end(
-    recording: Annotated[str, typer.Argument(help="A recording's id, or the name of a fleet with --fleet.")],
+    recording: Annotated[str, typer.Argument(help="A recording's id; with --fleet, a fleet's name.")],
     days: Annotated[int, typer.Option(help="Days from now; 0 for no end.", min=0, max=36_500)],
     fleet: Annotated[bool, typer.Option("--fleet", help="All recordings of the fleet of this name.")] = False,
 ) -> None:
-    """Set when a recording is deleted, or all of a fleet. A vehicle's current calibration keeps its recording."""
+    """Set when a recording, or all of a fleet, is deleted. A vehicle's current calibration keeps its recording."""
     end = utc_now() + timedelta(days=days) if days else None
     if fleet:
         which = Recording.fleet_id.in_(select(Fleet.id).where(Fleet.name == recording))
@@ -82,7 +82,7 @@ def set_end(
 @retention.command("run")
 @spoken
 def run() -> None:
-    """Delete now what is overdue. The service does the same every ten minutes; the sweep removes the bytes."""
+    """Delete now what is overdue, as the service does every ten minutes. The sweep removes the bytes later."""
     with opened() as service:
         recordings = delete_overdue(service.database)
         uploads = expire_uploads(service.database)

@@ -1,4 +1,4 @@
-"""A person's mark in a frame without a task. Without a verdict it is no answer."""
+"""A person's own mark in a frame, set without a task. It has no verdict, so it is no answer."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FrameIndex = Annotated[int, Path(ge=0, le=2**31 - 1)]
 def read_mark(
     recording_id: UUID, camera: Sought, index: FrameIndex, access: ReadAccess, conditions: Conditional
 ) -> MarkView:
-    """One's own mark in a frame."""
+    """Your own mark in a frame."""
     sensor, frame = _frame(access, recording_id, camera, index, "viewer")
     mark = find_mark(access.session, access.person.id, sensor.id, frame.index)
     if mark is None:
@@ -49,9 +49,9 @@ def put_mark(
     conditions: Conditional,
     request: Request,
 ) -> MarkView:
-    """Set one's own mark: the first with If-None-Match: *, a correction with If-Match. [annotator]
+    """Set your own mark: the first with If-None-Match: *, a correction with If-Match. [annotator]
 
-    The mark of a vertex that one has answered changes with the answer, not here.
+    If you have answered the vertex's task, change the mark by answering again, not here.
     """
     sensor, frame = _frame(access, recording_id, camera, index, "annotator")
     session, me = access.session, access.person.id
@@ -99,7 +99,7 @@ def _check_no_answer(access: Access, camera: Sensor, frame: CameraFrame, mark: M
             409,
             "answered_too_often",
             f"You have moved this mark {MOST_ANSWERS} times; it stays where it is.",
-            "Where it is wrong, ask a reviewer to look at it.",
+            "If it is wrong, ask a reviewer to look at it.",
         )
 
 
@@ -109,7 +109,7 @@ def _check_edit(mark: Mark | None, pixel: Pixel, conditions: Conditions, request
             conditions.require('"none"')
         return
     if (mark.u, mark.v) == (pixel.u, pixel.v):
-        return  # the same request once more, after an answer that was lost: RFC 9110, 13.1.1
+        return  # the client repeats a request whose answer was lost: RFC 9110, 13.1.1
     if conditions.creates_only():
         raise Problem(
             412,

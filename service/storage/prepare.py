@@ -1,8 +1,8 @@
-"""Makes the bucket where it is missing, and tries that it can be written: ``python -m service.storage.prepare``.
+"""Makes the bucket if it is missing, and tests that it can be written: ``python -m service.storage.prepare``.
 
-Buckets with policies of their own are better made by their operator beforehand. A folder is marked as the store of
-the settings' database (``service.storage.adopting``), which the API does by itself as it starts; ``--anew`` marks one
-that lacks what the database names.
+If a bucket needs policies of its own, its operator should make it beforehand. A folder is marked as the store of the
+settings' database (``service.storage.adopting``); the API also does that as it starts. ``--anew`` also marks a folder
+that lacks the objects that the database names.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ _OF_AMAZON = "<CreateBucketConfiguration><LocationConstraint>{}</LocationConstra
 
 
 def prepare(url: str, options: S3Options) -> bool:
-    """Make the store behind ``url`` writable, and say whether its bucket had to be made.
+    """Make the bucket of ``url`` if it is missing, test that the store can be written, and say whether it was made.
 
-    Raises :class:`StoreUnavailableError` where it cannot be written even so.
+    Raises :class:`StoreUnavailableError` if the store still cannot be written.
     """
     parts = urlsplit(url)
     made = False
@@ -49,7 +49,7 @@ def _is_there(bucket: str, options: S3Options) -> bool:
     try:
         obstore.head(open_bucket_root(bucket, options), _PROBE)
     except FileNotFoundError:
-        # HEAD has no body to tell a missing bucket from a missing object, so the bucket is asked for itself.
+        # An answer to HEAD has no body that tells a missing bucket from a missing object, so ask for the bucket.
         return httpx.head(_address("HEAD", bucket, options), timeout=options.timeout_s).is_success
     except obstore.exceptions.BaseError as error:
         raise StoreUnavailableError from error
@@ -60,7 +60,7 @@ def _make(bucket: str, options: S3Options) -> bool:
     abroad = not options.endpoint and options.region != "us-east-1"
     body = _OF_AMAZON.format(options.region) if abroad else ""
     answer = httpx.put(_address("PUT", bucket, options), content=body.encode(), timeout=options.timeout_s)
-    # 409: somebody made it at the same moment; whether it is ours, the probe tells.
+    # 409: somebody made it at the same moment. The probe tells whether we may write to it.
     if not answer.is_success and answer.status_code != httpx.codes.CONFLICT:
         raise StoreUnavailableError
     return answer.is_success
@@ -71,7 +71,7 @@ def _address(method: Literal["HEAD", "PUT"], bucket: str, options: S3Options) ->
 
 
 def _mark(settings: Settings, *, anew: bool) -> None:
-    """Mark the settings' folder; a bucket has no marker."""
+    """Mark the folder of the settings. A bucket has no marker."""
     store = open_store(settings)
     if anew:
         store.prepare()
@@ -84,7 +84,7 @@ def _mark(settings: Settings, *, anew: bool) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """0 where the store can be written."""
+    """0 if the store can be written, otherwise 1."""
     parser = argparse.ArgumentParser(prog="python -m service.storage.prepare", description=__doc__)
     parser.add_argument("--anew", action="store_true", help="mark a folder that lacks what the database names")
     chosen = parser.parse_args(arguments)

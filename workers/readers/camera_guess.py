@@ -1,4 +1,4 @@
-"""Guesses which topic is which of the rig's cameras, by image size and by words in the names."""
+"""Guesses which topic belongs to which camera of the rig, by image size and by words in the names."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ Sizes = Mapping[str, tuple[int, int]]
 
 
 def guess_cameras(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes) -> dict[str, Sensor]:
-    """The topics of those cameras for which one is clear.
+    """The topics of those cameras for which exactly one fits.
 
-    A topic may be a camera's where its first frame has the size that the rig says (topics whose size is not known
-    stay in). Among these, the words of the camera's name are looked for in the topic's name, else in its frame_id:
-    the camera with the most words chooses first, and of several topics that hold them all the one with the fewest
-    other words is taken. What is left over is clear where it is one camera and one topic.
+    1. A topic fits a camera if its first frame has the size that the rig states, or if its size is not known.
+    2. All words of the camera's name must occur in the topic's name. Topics' frame_ids are searched after all names.
+    3. Cameras whose names have the most words choose first. If several topics hold all words, a camera chooses the
+       one with the fewest other words, or none if two have equally few. A topic that two choose goes to neither.
+    4. A camera and a topic that are left over belong together if they are the only ones, or the only ones of a size.
 
     Args:
         names: the cameras that have no topic yet.
@@ -61,7 +62,7 @@ def _match(wanted: frozenset[str], topics: Sequence[tuple[Sensor, frozenset[str]
 
 
 def _of_size(topics: Sequence[Sensor], size: tuple[int, int] | None) -> Sequence[Sensor]:
-    """Topics that may have frames of that size; all where none has, so that the size is what gets reported."""
+    """Topics that may have frames of that size. If none may, all: then the error names the size, not the topic."""
     if size is None:
         return topics
     return [t for t in topics if _size(t) in (None, size)] or topics
@@ -73,7 +74,7 @@ def _size(topic: Sensor) -> tuple[int, int] | None:
 
 
 def _leftovers(names: Sequence[str], topics: Sequence[Sensor], sizes: Sizes, found: dict[str, Sensor]) -> None:
-    """One camera and one topic left, or one topic of a size that one camera alone has."""
+    """Pair what is left: one camera and one topic, or the only camera and the only topic of a size."""
     while True:
         left = [name for name in names if name not in found]
         free = _not_in(topics, found)

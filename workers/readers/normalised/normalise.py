@@ -1,4 +1,4 @@
-"""Any recording into one MCAP file per sensor, with a manifest: validated, in one pass, in constant memory."""
+"""Turns any recording into one MCAP file per sensor and a manifest: validated, in one pass, in constant memory."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions,
 
 
 class _Lidar:
-    """The LiDAR's file while it is written, and what is noted on the way."""
+    """Writes the LiDAR's file, and collects what its manifest needs."""
 
     def __init__(self, out_dir: Path, sensor: Sensor, facts: LidarFacts) -> None:
         self.sensor = sensor
@@ -75,7 +75,7 @@ class _Lidar:
 
 
 class _Camera:
-    """A camera's file while it is written, and what is noted on the way."""
+    """Writes a camera's file, and collects what its manifest needs."""
 
     def __init__(self, out_dir: Path, name: str, sensor: Sensor) -> None:
         self.name = name
@@ -133,7 +133,7 @@ class _Camera:
 
 
 def _described(name: str, sensor: Sensor, file: str, frames: str, report: StampReport) -> SensorManifest:
-    """What is told of a LiDAR and of a camera alike."""
+    """The part of the manifest that a LiDAR and a camera have in common."""
     return SensorManifest(
         kind=sensor.kind,
         name=name,
@@ -193,11 +193,9 @@ def normalise(
 
     Args:
         path: the recording, a file or a folder.
-        out_dir: made if it is not there; files of the same names are overwritten. After an error what was written
-            is removed.
-        lidar: topic of the LiDAR; None: the only one.
-        cameras, sizes: the rig's camera names with their topics, and the size of their images; see
-            :func:`workers.readers.choose.choose_sensors`.
+        out_dir: made if it is not there. Files of the same names are overwritten. An error removes what was written.
+        lidar: topic of the LiDAR; None: :func:`workers.readers.choose.choose_sensors` finds it.
+        cameras, sizes: the rig's camera names with their topics, and the size of their images; see there.
         options: what the owner knows and the file does not say.
         on_progress: called about five times a second; what it raises ends the ingestion.
 

@@ -1,4 +1,4 @@
-"""ROS 1 bags and ROS 2 bags (db3, mcap), as the drivers of such a rig would record them."""
+"""Writes ROS 1 and ROS 2 bags (db3, mcap) with the topics and fields that a real rig's drivers use."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class RosWriter:
         path: a file for ``bag``, a folder that does not exist for ``db3`` and ``mcap``.
 
     Raises:
-        FileExistsError: it is there already.
+        FileExistsError: something is at ``path`` already.
     """
 
     def __init__(

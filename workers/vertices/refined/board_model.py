@@ -1,4 +1,4 @@
-"""What the detector takes as known, and what it says of one sweep."""
+"""What the detector assumes as known, and what it finds in one sweep."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from workers.vertices.sensor_grid import SensorGrid
 
 Floats = NDArray[np.float64]
 _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
-# A board contradicts a ray that it has nothing to do with one time in two, a board's own rays hardly ever; half way.
+# About half of the returns contradict a wrong board, hardly any the right one. The limit lies half way.
 _CONTRADICTED = 0.25
-# Plywood panels are cut to 3.5 mm (EN 315), and what bends a board, or a hand at its edge, moves an edge as much.
+# Plywood panels are cut to 3.5 mm (EN 315). Bending, or a hand at the edge, moves an edge as much.
 EDGE_M = 0.0035
-# A board and a leg, or a head, can lie in one plane on two or three rings; hardly on more.
+# By chance a board and a leg, or a head, can lie in one plane on two or three rings, but hardly on more.
 TELLING_RINGS = 4
-# Boards are held rolled by up to 20 degrees, and the roll's grid reaches 2.8 deviations to either side.
+# People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
 
 
@@ -28,20 +28,20 @@ class BoardModel:
     """Sensor, board and person; pairs are mean and standard deviation.
 
     Attributes:
-        grid: where the sensor found_in.
+        grid: the directions in which the sensor fires.
         sigma: metres, standard deviation of a distance.
         edges: metres, lengths of the board's edges.
-        slack: metres, half width of what is not known of these lengths.
-        growth: radians by which the edges seem to lie farther out, because a beam has a width; growth_sigma: its
-            standard deviation.
+        slack: metres, half width of the range in which each of these lengths may lie.
+        growth: radians by which the edges seem to lie farther out, because a beam has a width.
+        growth_sigma: radians, standard deviation of growth.
         soft: radians, half width of the step from hits to misses at an edge.
         roll: radians from how the board hangs (`hang`), counter-clockwise as the sensor sees it.
         yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
         swapped: share of sweeps in which the second edge is the one to the lower left.
         lost: share of the rays on the board that bring no return.
-        bias: metres, standard deviation of what the rings' distances are off by, each for itself.
-        poses: whether the sweeps show poses, between which nobody walks within the time that their stamps leave.
-        wrong: share of the returns at the board's edges that answer as if their rays were on the other side.
+        bias: metres, standard deviation of each ring's own constant error of distance.
+        poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
+        wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
     """
 
     grid: SensorGrid
@@ -62,28 +62,31 @@ class BoardModel:
 
 
 def hang(edges: tuple[float, float]) -> float:
-    """Radians by which the edge to the lower left falls where a board hangs from its tip.
+    """Radians by which the edge to the lower left falls, if the board hangs from its tip. Roll is counted from there.
 
-    Half way between an upright diagonal, at atan(first / second), and edges that fall alike, at 45 degrees.
+    It is the mean of two angles: atan(first / second), at which the diagonal is upright, and 45 degrees, at which
+    both edges fall alike.
     """
     return 0.5 * (math.atan2(edges[0], edges[1]) + math.radians(45.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """A plane w . X = 1 in a window's frame, and the rays that tell where the board in it ends.
+    """A plane w . X = 1 in a window's frame, and the rays that show where the board in this plane ends.
 
     Attributes:
         centre: radians, azimuth of the frame's x'.
-        w: (3,) and spread: (3, 3) its covariance.
+        w: (3,) 1/m, normal of the plane over its distance.
+        spread: (3, 3) covariance of w.
         score: log likelihood of the points in it, against clutter.
         left, up: (N,) metres, where each ray meets the plane, from the foot of the sensor's perpendicular.
-        reach: (N,) metres, distance to there.
-        ratio: (N,) likelihood of what the ray met with the board over that without.
-        rings: how many rings meet the board; top_ring: the highest of them.
-        points: how many points lie on it.
+        reach: (N,) metres, distance from the sensor to that place.
+        ratio: (N,) likelihood of the ray's return, or of none, with the board over that without the board.
+        rings: how many rings meet the board.
+        top_ring: the highest of these rings.
+        points: how many points lie on the board.
         returned: (N,) whether the ray brought a return.
-        telling: whether so many rings meet it that a board and a leg, or a head, do not lie in it by chance.
+        telling: whether so many rings meet the board that a leg or a head hardly lies in its plane by chance.
     """
 
     centre: float
@@ -103,7 +106,7 @@ class Plane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """A plane, the window in which it was found, and (R, 2) the board's first and last column there, -1 for none."""
+    """A plane, its window, and for each ring the board's first and last column there: (R, 2), -1 for none."""
 
     plane: Plane
     window: Window
@@ -112,17 +115,18 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fix:
-    """The apex that a plane's rays tell.
+    """The apex as a plane's rays determine it.
 
     Attributes:
         xyz: (3,) metres, LiDAR frame.
         covariance: (3, 3) of azimuth, elevation (rad) and range (m).
-        sigma: radians, azimuth and elevation together, from the sweep's own rays: without what all sweeps share.
-        roll, roll_sigma: radians, from how the board hangs.
-        against: how many returns contradict the board: hits outside of it, and returns off its plane inside of it.
-        upper: how many of them lie above the board's side corners, and how many returns do.
-        best: log likelihood of the rays for the likeliest board, 0 where every ray is as expected.
-        expected: that log likelihood where the board is there and the sensor does what was learned of it.
+        sigma: radians, standard deviation, azimuth and elevation together, from the sweep's own rays: without errors
+            that all sweeps share.
+        roll, roll_sigma: radians from `hang`, and its standard deviation.
+        against: how many returns contradict the board: in its plane but outside the board, or off its plane inside.
+        upper: above the board's side corners, how many returns contradict it and how many there are.
+        best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
+        expected: this log likelihood if the board is there and the sensor is as learned.
         evidence: log of the rays' likelihood, averaged over the prior.
         swapped: log odds that the second edge is the one to the lower left.
     """
@@ -144,8 +148,8 @@ class Fix:
     def explained(self) -> bool:
         """Whether the returns agree with a board rather than with none.
 
-        On few rings every ray counts, and noise alone decides how likely they are. On more of them a real board is
-        never as likely as its noise lets expect, for what bends or holds it; there, contradictions are counted.
+        On few rings the rays must also be nearly as likely as noise alone makes them. On more rings even a real
+        board's rays are less likely than that, because it bends and hands hold it: only contradictions count there.
         """
         if not self.plane.telling and self.best < _LEAST_LIKELY + _TIMES_EXPECTED * self.expected:
             return False
@@ -153,7 +157,7 @@ class Fix:
 
     @property
     def support(self) -> float:
-        """Log likelihood of points and rays together, to compare planes of one sweep."""
+        """Log likelihood of points and rays together, for comparing planes of one sweep."""
         return self.evidence + self.plane.score
 
     @property
