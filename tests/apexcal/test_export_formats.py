@@ -45,7 +45,7 @@ def test_one_file_or_several(car, tmp_path):
             one.name: one.read_bytes() for one in folder.iterdir()
         }
     unknown = export(car, "--format", "xyz")
-    assert unknown.exit_code == 1 and "openlabel" in unknown.stderr
+    assert unknown.exit_code == 2 and "openlabel" in unknown.stderr
 
 
 def test_of_one_result(car):
