@@ -109,11 +109,10 @@ class Flag(Sent):
         return {"name": value, "sentence": FLAGS.get(value, value)} if isinstance(value, str) else value
 
 
-class VertexView(Sent):
-    """A vertex in metres in the LiDAR frame, with its frame in each camera that has one.
+class VertexSummary(Sent):
+    """A vertex in metres in the LiDAR frame, and what its detector says that one should look at.
 
-    ``covariance`` is 3 x 3 over azimuth (rad), elevation (rad) and range (m). ``covariance`` and ``quality`` are null
-    if the detector states none.
+    ``quality`` is null if the detector states none.
     """
 
     id: UUID
@@ -126,5 +125,13 @@ class VertexView(Sent):
     points: int
     quality: Quality | None
     flags: list[Flag]
+
+
+class VertexView(VertexSummary):
+    """A vertex with its covariance and its frame in each camera that has one.
+
+    ``covariance`` is 3 x 3 over azimuth (rad), elevation (rad) and range (m), null if the detector states none.
+    """
+
     covariance: Covariance | None
     frames: dict[str, FrameOfVertex]

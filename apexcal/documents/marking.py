@@ -9,7 +9,7 @@ from uuid import UUID
 from pydantic import Field, FiniteFloat
 
 from apexcal.documents.base import Received, Sent
-from apexcal.documents.detections import Flag, Quality
+from apexcal.documents.detections import VertexSummary
 
 VerdictName = Literal["confirmed", "rejected", "unsure"]
 Version = Annotated[int, Field(ge=0, le=2**31 - 1)]
@@ -58,21 +58,6 @@ class MarkView(Sent):
     version: int
 
 
-class TaskVertex(Sent):
-    """A vertex in metres in the LiDAR frame, and what its detector says that one should look at."""
-
-    id: UUID
-    sweep_index: int
-    time_ns: int
-    x: float
-    y: float
-    z: float
-    ring: int
-    points: int
-    quality: Quality | None
-    flags: list[Flag]
-
-
 class TaskFrame(Sent):
     """The camera frame to look at."""
 
@@ -97,7 +82,7 @@ class TaskView(Sent):
     task_id: UUID
     person_id: UUID
     leased_until: datetime
-    vertex: TaskVertex
+    vertex: VertexSummary
     camera: str
     frame: TaskFrame
     gap_ns: int

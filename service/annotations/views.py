@@ -9,7 +9,8 @@ from uuid import UUID
 from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskVertex, TaskView
+from apexcal.documents.detections import VertexSummary
+from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskView
 from service.annotations.mark_actions import find_mark, find_verdict
 from service.auth.access import Access
 from service.db.annotations import Answer, Mark, MarkingTask
@@ -63,7 +64,7 @@ def task_view(session: Session, task: MarkingTask) -> TaskView:
         task_id=task.id,
         person_id=task.person_id,
         leased_until=task.leased_until,
-        vertex=TaskVertex.model_validate(vertex, from_attributes=True),
+        vertex=VertexSummary.model_validate(vertex, from_attributes=True),
         camera=camera.name,
         frame=TaskFrame(
             index=frame.index,

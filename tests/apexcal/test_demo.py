@@ -19,7 +19,8 @@ from apexcal.demo.real import find_data
 from apexcal.demo.truth import Truth, project
 from apexcal.documents.camera_models import MODELS
 from apexcal.documents.correspondence_sets import PairView
-from apexcal.documents.marking import TaskFrame, TaskVertex, TaskView
+from apexcal.documents.detections import VertexSummary
+from apexcal.documents.marking import TaskFrame, TaskView
 from apexcal.documents.transforms import SolvedRotation, SolvedTransform
 from workers.geometry.models import INTRINSICS
 from workers.geometry.projection import project as project_exactly
@@ -74,7 +75,7 @@ def test_errors_of_a_transform_are_its_angle_and_its_lever_arm(truth, degrees):
 def test_annotators_click_the_truth_with_noise_and_reject_what_is_elsewhere(truth):
     stamp = next(stamp for stamp in truth._frames if truth.apex(stamp)[1])
     xyz, pixel = truth.apex(stamp)
-    vertex = TaskVertex.model_construct(**dict(zip("xyz", xyz.tolist(), strict=True)))
+    vertex = VertexSummary.model_construct(**dict(zip("xyz", xyz.tolist(), strict=True)))
     frame = TaskFrame.model_construct(stamp_ns=stamp, width=960, height=600)
     task = TaskView.model_construct(frame=frame, vertex=vertex)
     clicks = np.array([_look(task, truth, np.random.default_rng([0, k])) for k in range(2000)])
