@@ -192,6 +192,7 @@ def _model_summary(full: Result, blocks: Blocks, work: Json) -> Json:
         "at_bounds": document["at_bounds"],
         # A worker of the version before does not say it.
         "several_optima": document.get("several_optima", []),
+        "stated_too_small": document.get("stated_too_small", []),
         "pairs": document["pairs"],
         "iterations": document["iterations"],
         "stopped": document["stopped"],

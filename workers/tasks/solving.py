@@ -19,10 +19,12 @@ from service.calibration_runs.actions import count_down, end_run, start_finish, 
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, Result, Slot
 from service.jobs.claims import CancelledError, Claim, Lease
+from workers.solver.blocks import blocks_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
 from workers.solver.errors import SolveError
 from workers.solver.folds import folds
+from workers.solver.motion import velocities_of
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
 from workers.solver.provenance import pairs_sha256, sources_sha256
@@ -93,8 +95,13 @@ def read_run(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> RunI
     if request.get("weights") == "covariances":
         known = {name: np.asarray(pairs[name])[fitted] for name in COVARIANCE_COLUMNS if name in pairs}
         covariances = covariances_of(known, points[fitted], float(request.get("mark_sigma_px") or 1.0))
-    problem = problem_from_document(request, points[fitted], pixels[fitted], covariances=covariances)
-    return RunInput(document, replace(problem, stop=stop), pairs, heldout, points, pixels)
+    blocks = blocks_of(pairs)
+    problem = problem_from_document(
+        request, points[fitted], pixels[fitted], covariances=covariances, blocks=blocks and blocks.taken(fitted)
+    )
+    velocities = velocities_of(points, pairs["stamp_ns"]) if "stamp_ns" in pairs else None
+    problem = replace(problem, stop=stop, velocities=None if velocities is None else velocities[fitted])
+    return RunInput(document, problem, pairs, heldout, points, pixels)
 
 
 def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
