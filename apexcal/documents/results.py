@@ -116,8 +116,8 @@ class WorstCorrelation(Document):
 class SharedErrors(Document):
     """What pairs of one block share: ``group`` as the pairs name it, or a stretch of a walk (``time``, ``order``).
 
-    ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch; ``noise_px``
-    is what each mark has besides.
+    ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch;
+    ``noise_px`` is what each mark has besides.
     ``evidence`` is twice the logarithm of the likelihood's ratio to independent errors, ``widening`` that of the
     pixels' deviations over the marks. The result's deviations count it where it is ``counted``.
     """
@@ -136,7 +136,7 @@ class Halves(Document):
 
     ``ratio`` is over the parameters, ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone
     (``turned_deg``), each against what the fit to all pairs states of such a difference. Beyond its limit it does not
-    hold: one in a hundred sound results does that.
+    hold: one in two hundred sound results does that.
     """
 
     split: Literal["alternating", "first_and_last"]
@@ -167,7 +167,8 @@ class PredictedPixel(Document):
 class Prediction(Document):
     """How well the result places points of the LiDAR in the image: one standard deviation, under the fitted model.
 
-    ``expected_over_stated`` is how many times more to expect, where halves of the pairs differ by more than is stated.
+    ``expected_over_stated`` is how many times more to expect, where halves of the pairs differ by more than
+    is stated.
     """
 
     distances_m: list[float]
@@ -191,8 +192,8 @@ class RunResult(Document):
     stand side by side. ``parameters`` and ``std`` are in degrees, metres and pixels. ``noise_scale`` says how many
     times larger the errors are than stated, where pairs weigh by what they state; ``sigma_px`` is the noise of a
     typical pair. ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
-    ``common_errors`` are the deviations stated for what all pairs share. ``stated_too_small`` says where halves of the
-    pairs differ by more than is stated.
+    ``common_errors`` are the deviations stated for what all pairs share. ``stated_too_small`` says where halves of
+    the pairs differ by more than is stated.
     """
 
     model: str

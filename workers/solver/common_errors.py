@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.rules import COMMON_ERRORS
 from workers.geometry.spherical import axes
-from workers.solver.error_model import counted
+from workers.solver.error_model import weighed
 from workers.solver.errors import SolveError
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import by_point
@@ -40,7 +40,7 @@ def parse_common_errors(given: object) -> dict[str, float]:
 
 def common_errors(problem: FitProblem, p: Floats) -> Floats:
     """(N, 2, m) how the residuals of a whitened problem move at p (D,), px by standard deviation of each error."""
-    columns = [counted(problem, _SHAPES[name](problem, p)[:, :, None] * sigma) for name, sigma in _stated(problem)]
+    columns = [weighed(problem, _SHAPES[name](problem, p)[:, :, None] * sigma) for name, sigma in _stated(problem)]
     return np.concatenate(columns, axis=2) if columns else np.zeros((len(problem.points), 2, 0))
 
 

@@ -8,7 +8,6 @@ pairs share (`common_errors`); the priors' errors e_p have the covariance P^-1.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +40,7 @@ class ErrorModel:
     def inverse(self, used: Used | None = None) -> Floats:
         """Q (F, F) of the pairs that are used (N,), in scaled parameters; priors count whole."""
         J = self._rows(used).reshape(-1, len(self.scale))
-        return np.linalg.pinv(J.T @ J / self.noise + self.fit.prior, rcond=1e-14, hermitian=True)
+        return np.linalg.pinv(J.T @ J / self.noise + self.fit.prior, rcond=1e-14, hermitian=True).astype(np.float64)
 
     def step(self, used: Used | None = None) -> Floats:
         """(F,) from the linearisation to the optimum of the pairs that are used and the priors: rad, m, px."""
@@ -73,29 +72,28 @@ class ErrorModel:
 
     def covariance(self) -> Floats:
         """(F, F) of the estimate from all pairs: rad, m, px."""
-        return self._of_difference(self.inverse(), None, 0.0, None)
+        return self._of_arms((self.inverse(), None))
 
     def difference(self, first: Used, second: Used) -> Floats:
-        """(F, F) of the estimate from the first pairs less that from the second ones, which have no pair in common."""
-        return self._of_difference(self.inverse(first), first, self.inverse(second), second)
+        """(F, F) of the estimate from the first pairs less that from the second, which have none in common."""
+        return self._of_arms((self.inverse(first), first), (-self.inverse(second), second))
 
     def independent(self) -> ErrorModel:
         """The same without anything shared or common, with the noise that then explains the residuals."""
         return replace(self, shared=None, variances=np.zeros(0), common=self.common[:, :, :0])
 
-    def _of_difference(self, Q: Floats, used: Used | None, other_Q: Floats | float, others: Used | None) -> Floats:
-        arms = [(Q, used)] if isinstance(other_Q, float) else [(Q, used), (-other_Q, others)]
-        total = np.zeros_like(Q)
-        by_common = np.zeros((len(Q), self.common.shape[2]))
+    def _of_arms(self, *arms: tuple[Floats, Used | None]) -> Floats:
+        size = len(self.scale)
+        total, by_common = np.zeros((size, size)), np.zeros((size, self.common.shape[2]))
         for inverse, rows in arms:
-            J = self._rows(rows).reshape(-1, len(Q))
+            J = self._rows(rows).reshape(-1, size)
             middle = J.T @ J / self.noise
             if self.shared is not None:
                 for k, variance in enumerate(self.variances.tolist()):
                     middle = middle + variance / self.noise**2 * self._of_component(rows, k)
             total += inverse @ middle @ inverse
-            by_common += inverse @ J.T @ self.common.reshape(len(J), -1 if self.common.size else 0) / self.noise
-        by_prior = sum(inverse for inverse, _ in arms)
+            by_common += inverse @ np.einsum("ncf,ncm->fm", self._rows(rows), self.common) / self.noise
+        by_prior = np.sum([inverse for inverse, _ in arms], axis=0)
         total += by_prior @ self.fit.prior @ by_prior + by_common @ by_common.T
         return self._in_units(total)
 
@@ -132,9 +130,7 @@ def linearised(problem: FitProblem, p: Floats) -> tuple[Linearised, Floats]:
     ), scale
 
 
-def counted(problem: FitProblem, values: Floats) -> Floats:
+def weighed(problem: FitProblem, values: Floats) -> Floats:
     """Derivatives (N, 2, q) of the pixels as they count in a whitened problem: weighted or whitened."""
     rows = values if problem.whitening is None else np.matmul(problem.whitening, values)
     return rows * np.sqrt(problem.weights)[:, None, None]
-
-

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from workers.geometry.rotations import vector_from_rotation
-from workers.solver.error_model import ErrorModel, counted
+from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.estimate import Estimate
 from workers.solver.polish import polish
 from workers.solver.problem import FitProblem
@@ -25,7 +25,7 @@ Used = NDArray[np.bool_]
 Split = Literal["alternating", "first_and_last"]
 # scipy publishes no types.
 _f_quantile: Callable[[float, float, float], float] = special.fdtri
-_FALSE_ALARMS: Final = 0.01
+_FALSE_ALARMS: Final = 0.005
 """Chance that sound pairs raise an alarm, of each of five: two splits by parameters and pixels, and the turn."""
 _MANY: Final = 1e6
 _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
@@ -36,7 +36,7 @@ class Halves:
     """How far the fits of two halves differ.
 
     pairs: of each. ratio: root of the Mahalanobis distance over the parameters, against what the full fit states of
-    such a difference: about 1 where it holds, beyond `limit` in one of a hundred sound runs. rotation_deg and
+    such a difference: about 1 where it holds, beyond `limit` in one of two hundred sound runs. rotation_deg and
     translation_mm: between the two mounts. field_px: root mean square over the pairs of the distance between the two
     projections, stated_px what is stated of that; field_ratio that distance in what is stated, pair by pair, with
     its own field_limit: it sees a shift of all marks that the parameters share out among themselves. turned_deg,
@@ -75,16 +75,16 @@ class Halves:
         """What is wrong, where it does not hold."""
         if self.turned and self.turned_deg is not None:
             return (
-                f"Between the first and the last half of the {blocks} the camera turned by {self.turned_deg:.2g} degrees, "
-                f"{self.turned_ratio:.1f} times what noise explains: the standard deviations are too small. Check "
-                "whether the mount moved or the clocks drifted, and calibrate from one half alone."
+                f"Between the first and the last half of the {blocks} the camera turned by {self.turned_deg:.2g} "
+                f"degrees, {self.turned_ratio:.1f} times what noise explains: the standard deviations are too small. "
+                "Check whether the mount moved or the clocks drifted, and calibrate from one half alone."
             )
         which = "every second" if self.split == "alternating" else "the first half"
         return (
             f"Fits of {which} of the {blocks} and of the others differ by {self.rotation_deg:.2f} degrees, "
             f"{self.translation_mm:.0f} mm and {self.field_px:.1f} px over the marks, {self.ratio:.1f} times what is "
-            f"stated over the parameters and {self.field_ratio:.1f} times over the marks: the standard deviations are "
-            "too small. Check the lens model, the clocks and the marks, and whether the mount moved."
+            f"stated over the parameters and {self.field_ratio:.1f} times over the marks: the standard deviations "
+            "are too small. Check the lens model, the clocks and the marks, and whether the mount moved."
         )
 
 
@@ -115,14 +115,14 @@ def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, se
     problem, p = found.holding, found.parameters
     one, two = (_fitted(problem, p, half) for half in (first, second))
     mounts = [transform_of(problem, q) for q in (one, two)]
-    apart = (predict(problem, one)[0] - predict(problem, two)[0])[first | second]
+    apart: Floats = (predict(problem, one)[0] - predict(problem, two)[0])[first | second]
     # Linear steps from the full fit: what the pairs hardly hold, like higher distortion terms, bends the fits' ends.
     step = errors.step(first) - errors.step(second)
     covariance = errors.difference(first, second)
     ratio, told = _root_mahalanobis(step / errors.scale, covariance / errors.scale[:, None] / errors.scale)
     J = residuals_and_jacobian(problem, p, turns_are_free(problem), walls=False)[1][:, problem.free]
-    rows = J.reshape(len(first), 2, -1)[first | second].reshape(-1, len(step))
-    stated = np.sum((rows @ covariance) * rows, axis=1)
+    rows: Floats = J.reshape(len(first), 2, -1)[first | second].reshape(-1, len(step))
+    stated: Floats = np.sum((rows @ covariance) * rows, axis=1)
     # The mean of moved^2 / stated is a sum of chi-squares; like one it has these degrees of freedom (Box 1954).
     shares = covariance @ (rows.T @ (rows / stated[:, None])) / len(rows)
     directions = 1.0 / float(np.sum(shares * shares.T))
@@ -151,19 +151,19 @@ def _fitted(problem: FitProblem, p: Floats, half: Used) -> Floats:
 def _turned(found: Estimate, errors: ErrorModel, first: Used) -> tuple[float, float]:
     """The turn of the mount between the halves, all else being the same, in degrees; and in what is stated of it.
 
-    A walk's own stretches might have taken the turn for an error that they share: there the pairs count as independent.
+    A walk's stretches might have taken the turn for an error that they share: there the pairs count as independent.
     """
     problem, p = whitened(found.holding, found.parameters), found.parameters
     turns = residuals_and_jacobian(problem, p, local=True)[1].reshape(len(first), 2, -1)[:, :, :3]
     kind = problem.blocks.kind if problem.blocks is not None else "order"
     model = errors if kind == "group" else errors.independent()
-    wider = model.with_columns(counted(problem, np.where(first, 0.5, -0.5)[:, None, None] * turns))
+    wider = model.with_columns(weighed(problem, np.where(first, 0.5, -0.5)[:, None, None] * turns))
     step, covariance = wider.step()[-3:], wider.covariance()[-3:, -3:]
     return float(np.degrees(np.linalg.norm(step))), _root_mahalanobis(step, covariance)[0]
 
 
 def _root_mahalanobis(step: Floats, covariance: Floats) -> tuple[float, float]:
-    """Root of the mean square of a step in standard deviations, over the directions that have one; and their number."""
+    """Root mean square of a step in standard deviations over the directions that have any; and their number."""
     values, vectors = np.linalg.eigh(covariance)
     told = values > 1e-12 * values[-1]
     along = vectors[:, told].T @ step

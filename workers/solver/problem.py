@@ -35,7 +35,8 @@ class FitProblem:
     `outliers`: whether the polish keeps the pairs that are judged not to belong, or leaves them out.
     `covariances`: of the pairs' errors, by which they then weigh (`weighting` makes `whitening` (N, 2, 2) of them and
     sets `mark_sigma_px` to the typical pair's); without them all pairs weigh as `weights` says.
-    `blocks`: the pairs that may share errors. `common_errors`: standard deviations of what all pairs share, by name. `velocities` (N, 3): how the apex moved at its moment, m/s in the LiDAR frame, where that is known.
+    `blocks`: the pairs that may share errors. `common_errors`: standard deviations of what all pairs share,
+    by name. `velocities` (N, 3): how the apex moved at its moment, m/s in the LiDAR frame, where that is known.
     `stop`: what may end the work on it; every long computation checks it within a second.
     Raises SolveError where the parts do not make a problem that can be fitted.
     """

@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.solver.blocks import BlockKind, Blocks
-from workers.solver.error_model import ErrorModel, counted
+from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import by_point
 from workers.solver.variance_components import Components, Variances, likelihood_ratio, variances_of
 
 Floats = NDArray[np.float64]
-_SURE: Final = {1: 2.706, 2: 4.231}
-"""Twice the logarithm of the likelihood's ratio that independent errors exceed in one of twenty cases, by the number
-of components: each is zero half of the time (Self and Liang 1987)."""
+_COUNTED: Final = 2.706
+_NAMED: Final = {1: 3.841, 2: 5.537}
+"""Twice the logarithm of the likelihood's ratio that independent errors exceed in one of twenty, and of forty cases,
+the latter by the number of components: each is zero half of the time (Self and Liang 1987)."""
 _WIDER: Final = 1.1
 """Ratio of the pixels' deviations over the marks from which shared errors are said."""
 _EXTENT_M: Final = 1e-3  # pairs of one pose nearer together than this tell nothing of its turn
@@ -40,11 +41,6 @@ class SharedErrors:
     widening: float
     variances: Variances
 
-    @property
-    def sure(self) -> bool:
-        """Whether independent errors explain the residuals in fewer than one of twenty cases."""
-        return self.evidence > _SURE[len(self.deviations)]
-
     def to_document(self) -> dict[str, Any]:
         """JSON form."""
         return {
@@ -59,23 +55,25 @@ class SharedErrors:
 
     def alarms(self) -> list[str]:
         """A sentence where independent errors do not explain the residuals, and deviations are much wider for it."""
-        if not self.sure or self.widening <= _WIDER:
+        if self.evidence <= _NAMED[len(self.deviations)] or self.widening <= _WIDER:
             return []
         sizes = " and ".join(
-            f"{1e3 * size:.2g} mm" if name == "offset_m" else f"{size:.2g} {'px' if name == 'shift_px' else 'degrees'}"
+            f"{1e3 * size:.2g} mm"
+            if name == "offset_m"
+            else f"{size:.2g} {'px' if name == 'shift_px' else 'degrees'}"
             for name, size in self.deviations.items()
             if size > 0.0
         )
         if self.kind == "group":
             return [
-                f"Pairs of one group err together, by {sizes} from group to group. The standard deviations count that: "
-                f"they are {self.widening:.1f} times those of independent errors. More groups (poses) help; more pairs "
-                "of the same do not."
+                f"Pairs of one group err together, by {sizes} from group to group. The standard deviations count "
+                f"that; they are {self.widening:.1f} times those of independent errors. More groups (poses) help, "
+                "more pairs of one do not."
             ]
         return [
             f"Pairs near in time err together, by {sizes} from one stretch of the walk to the next. The standard "
-            f"deviations count that: they are {self.widening:.1f} times those of independent errors. Check the clocks, "
-            "whether the camera moved, and the lens model."
+            f"deviations count that; they are {self.widening:.1f} times those of independent errors. Check the "
+            "clocks, whether the camera moved, and the lens model."
         ]
 
 
@@ -104,8 +102,8 @@ def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> tuple[Sh
         name: float(np.degrees(size) if name.endswith("_deg") else size)
         for name, size in zip(names, sizes.tolist(), strict=True)
     }
-    shared = SharedErrors(count, blocks.kind, deviations, evidence, False, _widening(model, wider), found)
-    return replace(shared, counted=blocks.kind == "group" or shared.sure), wider
+    counted = blocks.kind == "group" or evidence > _COUNTED
+    return SharedErrors(count, blocks.kind, deviations, evidence, counted, _widening(model, wider), found), wider
 
 
 def _components(
@@ -114,18 +112,20 @@ def _components(
     """A pose's offset (m) and turn (rad) about its middle; of a stretch of a walk a shift of its marks (px)."""
     n = len(labels)
     if blocks.kind != "group":
-        return Components(labels, counted(problem, np.tile(np.eye(2), (n, 1, 1))), np.zeros(2, np.int64)), ["shift_px"]
+        return Components(labels, weighed(problem, np.tile(np.eye(2), (n, 1, 1))), np.zeros(2, np.int64)), [
+            "shift_px"
+        ]
     moved = by_point(problem, p)
     total = np.zeros((int(labels.max()) + 1, 4))
     np.add.at(total, labels[used], np.column_stack([problem.points[used], np.ones(int(used.sum()))]))
     x, y, z = (problem.points - (total[:, :3] / total[:, 3:])[labels]).T
-    offset = counted(problem, moved)
+    offset = weighed(problem, moved)
     if max(float(np.abs(axis[used]).max()) for axis in (x, y, z)) < _EXTENT_M:
         return Components(labels, offset, np.zeros(3, np.int64)), ["offset_m"]
     nought = np.zeros(n)
     # Columns: how the point moves with a turn about x, y and z.
     turned = np.stack([nought, z, -y, -z, nought, x, y, -x, nought], axis=1).reshape(n, 3, 3)
-    both = np.concatenate([offset, counted(problem, moved @ turned)], axis=2)
+    both = np.concatenate([offset, weighed(problem, moved @ turned)], axis=2)
     return Components(labels, both, np.repeat([0, 1], 3)), ["offset_m", "turn_deg"]
 
 

@@ -51,8 +51,8 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the polish ran out),
     `not_determined` (the pairs leave a free parameter open) or `not_explained` (half of them lie far from
     where it projects them). Of a fit to all pairs `halves` compares the fits of disjoint halves of the pairs,
-    `stated_too_small` says in sentences where they differ by more than is stated, and `prediction` has deviations over
-    the image; `shared_errors` is what blocks of pairs share, and the deviations count it where it is `counted`.
+    `stated_too_small` says in sentences where they differ by more than is stated, and `prediction` has deviations
+    over the image; `shared_errors` is what blocks of pairs share, and the deviations count it where it is `counted`.
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:

@@ -24,7 +24,7 @@ class Linearised:
     """A fit at its end, linearised: N pairs, F parameters.
 
     residuals (N, 2) and jacobian (N, 2, F) as they count in the fit, px; weights of zero have rows of zero.
-    prior (F, F) the priors' inverse variances, pull (F,) that times how far the parameters lie from the priors' means.
+    prior (F, F) the priors' inverse variances, pull (F,) that times how far the parameters lie from their means.
     """
 
     residuals: Floats
@@ -46,8 +46,8 @@ class Components:
 
 @dataclass(frozen=True, eq=False)
 class Variances:
-    """variances (1 + K,): sigma^2, tau_1^2, ...; information (1 + K, 1 + K) about them, expected; free (1 + K,): which
-    of them are above zero.
+    """variances (1 + K,): sigma^2, tau_1^2, ...; information (1 + K, 1 + K): Fisher's; free (1 + K,): which of them
+    are above zero.
     """
 
     variances: Floats
@@ -80,7 +80,9 @@ def variances_of(fit: Linearised, shared: Components) -> Variances:
     theta = np.zeros(1 + count)
     theta[0] = sums.rr / max(sums.rows - taken, 1)
     # A third of the noise, shared out: any positive start will do.
-    mean_square = [np.trace(sums.S[:, shared.component == k][:, :, shared.component == k].sum(0)) for k in range(count)]
+    mean_square = [
+        np.trace(sums.S[:, shared.component == k][:, :, shared.component == k].sum(0)) for k in range(count)
+    ]
     theta[1:] = [0.3 * theta[0] * sums.rows / max(float(square), 1e-300) / count for square in mean_square]
     theta[0] *= 0.7
     here = _point(sums, fit, shared.component, theta)
@@ -138,69 +140,81 @@ def _sums(fit: Linearised, shared: Components) -> _Sums:
     )
 
 
+class _Solved(NamedTuple):
+    """The generalised least squares at some variances: V^-1 = (1 - U M U^T) / noise, C (F, F) their covariance, the
+    step h (F,) to their optimum, the residuals there by block (U^T r: left (G, q)) and in squares.
+    """
+
+    noise: float
+    inner: Floats
+    M: Floats
+    C: Floats
+    h: Floats
+    left: Floats
+    squares: float
+
+
+def _solved(sums: _Sums, fit: Linearised, component: Indices, theta: Floats) -> _Solved:
+    noise = float(theta[0])
+    root = np.sqrt(theta[1:][component] / noise)
+    inner = np.eye(len(component)) + root[:, None] * sums.S * root
+    M: Floats = root[:, None] * np.asarray(np.linalg.inv(inner), np.float64) * root
+    normal = _within(sums.H, sums.T, M) / noise + fit.prior
+    C = np.linalg.pinv(normal, rcond=1e-12, hermitian=True).astype(np.float64)
+    h = C @ ((sums.j - np.einsum("gif,gij,gj->f", sums.T, M, sums.w)) / noise + fit.pull)
+    squares = sums.rr - 2.0 * float(h @ sums.j) + float(h @ sums.H @ h)
+    return _Solved(noise, inner, M, C, h, sums.w - sums.T @ h, squares)
+
+
 def _point(sums: _Sums, fit: Linearised, component: Indices, theta: Floats) -> _Point:
     """Restricted log-likelihood, its gradient and Fisher's information at variances theta (1 + K,).
 
     With P = V^-1 - V^-1 J C J^T V^-1, C = (J^T V^-1 J + prior)^-1: the gradient is (|V_k P r|^2 - tr P V_k) / 2, and
     the information tr(P V_k P V_l) / 2 (Searle, Casella and McCulloch 1992, ch. 6).
     """
-    noise = theta[0]
-    root = np.sqrt(theta[1:][component] / noise)
-    q = len(component)
-    S, T, w = sums.S, sums.T, sums.w
-    inner = np.eye(q) + root[:, None] * S * root
-    M = root[:, None] * np.linalg.inv(inner) * root
+    at = _solved(sums, fit, component, theta)
+    S, T, M, C, noise, rows = sums.S, sums.T, at.M, at.C, at.noise, sums.rows
     MS = M @ S
     # Powers of V^-1 between blocks' columns: V^-n = (1 - U M_n U^T) / noise^n.
-    M2 = 2.0 * M - MS @ M
-    M3 = 3.0 * M - 3.0 * MS @ M + MS @ MS @ M
-    C = np.linalg.pinv(_within(sums.H, T, M) / noise + fit.prior, rcond=1e-12, hermitian=True)
-    J2 = _within(sums.H, T, M2) / noise**2
-    J3 = _within(sums.H, T, M3) / noise**3
-    h = C @ ((sums.j - np.einsum("gif,gij,gj->f", T, M, w)) / noise + fit.pull)
-    left = w - T @ h
-    squares = sums.rr - 2.0 * h @ sums.j + h @ sums.H @ h
-    SM = np.swapaxes(MS, 1, 2)
-    A = (S - SM @ S) / noise
-    B = (T - SM @ T) / noise
-    z = (left - np.einsum("gij,gj->gi", SM, left)) / noise
-    square_of_P = (squares - np.einsum("gi,gij,gj->", left, M2, left)) / noise**2
-    rows = sums.rows
-    trace_P = (rows - np.einsum("gij,gji->", M, S)) / noise - np.sum(C * J2)
-    A2 = (S - S @ M2 @ S) / noise**2
-    B2 = (T - S @ M2 @ T) / noise**2
-    CB = B @ C
-    around = np.einsum("gif,gjf->gij", CB, B2)
-    PP = A2 - around - np.swapaxes(around, 1, 2) + np.einsum("gif,fh,gjh->gij", CB, J2, CB)
+    M2: Floats = 2.0 * M - MS @ M
+    M3: Floats = 3.0 * M - 3.0 * MS @ M + MS @ MS @ M
+    J2, J3 = _within(sums.H, T, M2) / noise**2, _within(sums.H, T, M3) / noise**3
     C2 = C @ J2
+    square_of_P = (at.squares - np.einsum("gi,gij,gj->", at.left, M2, at.left)) / noise**2
+    trace_P = (rows - np.einsum("gij,gji->", M, S)) / noise - np.sum(C * J2)
     trace_PP = (rows - np.einsum("gij,gji->", M2, S)) / noise**2 - 2.0 * np.sum(C * J3) + np.sum(C2 * C2.T)
-    own = A - np.einsum("gif,gjf->gij", CB, B)
+    # U^T P U, U^T P P U and U^T P r of one block; of two blocks U^T P U is -B C B^T alone.
+    SM = np.swapaxes(MS, 1, 2)
+    A, B = (S - SM @ S) / noise, (T - SM @ T) / noise
+    z = (at.left - np.einsum("gij,gj->gi", SM, at.left)) / noise
+    CB = B @ C
+    around = np.einsum("gif,gjf->gij", CB, (T - S @ M2 @ T) / noise**2)
+    squared = (S - S @ M2 @ S) / noise**2 - around - np.swapaxes(around, 1, 2)
+    squared = squared + np.einsum("gif,fh,gjh->gij", CB, J2, CB)
+    between = np.einsum("gif,gjf->gij", CB, B)
     count = len(theta)
     score, information = np.zeros(count), np.zeros((count, count))
-    score[0] = 0.5 * (square_of_P - trace_P)
-    information[0, 0] = 0.5 * trace_PP
-    sums_B = [np.einsum("gif,gih->fh", B[:, component == k], B[:, component == k]) for k in range(count - 1)]
-    for k in range(count - 1):
-        of_k = component == k
-        score[1 + k] = 0.5 * (np.sum(z[:, of_k] ** 2) - np.einsum("gii->", own[:, of_k][:, :, of_k]))
-        information[0, 1 + k] = information[1 + k, 0] = 0.5 * np.einsum("gii->", PP[:, of_k][:, :, of_k])
-        for m in range(k + 1):
-            of_m = component == m
-            # Of different blocks only -B C B^T is left; of the same block A as well.
-            a = A[:, of_k][:, :, of_m]
-            b = np.einsum("gif,gjf->gij", CB[:, of_k], B[:, of_m])
-            all_blocks = np.sum((C @ sums_B[k] @ C) * sums_B[m])
-            information[1 + k, 1 + m] = information[1 + m, 1 + k] = 0.5 * (
-                np.sum(a * a) - 2.0 * np.sum(a * b) + all_blocks
-            )
-    sign, log_inner = np.linalg.slogdet(inner)
-    values = np.linalg.eigvalsh(C)
+    score[0], information[0, 0] = 0.5 * (square_of_P - trace_P), 0.5 * trace_PP
+    columns = [component == k for k in range(count - 1)]
+    of_all = [C @ np.einsum("gif,gih->fh", B[:, of], B[:, of]) for of in columns]
+    for k, of_k in enumerate(columns):
+        own = (A - between)[:, of_k][:, :, of_k]
+        score[1 + k] = 0.5 * (np.sum(z[:, of_k] ** 2) - np.einsum("gii->", own))
+        information[0, 1 + k] = information[1 + k, 0] = 0.5 * np.einsum("gii->", squared[:, of_k][:, :, of_k])
+        for m, of_m in enumerate(columns):
+            a, b = A[:, of_k][:, :, of_m], between[:, of_k][:, :, of_m]
+            information[1 + k, 1 + m] = 0.5 * (np.sum(a * a) - 2.0 * np.sum(a * b) + np.sum(of_all[k] * of_all[m].T))
+    return _Point(_likelihood(sums, fit, at), score, information)
+
+
+def _likelihood(sums: _Sums, fit: Linearised, at: _Solved) -> float:
+    # The priors' part of the exponent depends on the variances through h alone.
+    quadratic = (at.squares - float(np.einsum("gi,gij,gj->", at.left, at.M, at.left))) / at.noise
+    quadratic += float(at.h @ fit.prior @ at.h) - 2.0 * float(at.h @ fit.pull)
+    values = np.linalg.eigvalsh(at.C)
     log_C = float(np.sum(np.log(values[values > 1e-12 * values[-1]])))
-    quadratic = (squares - np.einsum("gi,gij,gj->", left, M, left)) / noise
-    # The priors' part of the exponent does not depend on theta but through h.
-    quadratic += h @ fit.prior @ h - 2.0 * h @ fit.pull
-    likelihood = -0.5 * (rows * np.log(noise) + float(np.sum(log_inner)) - log_C + float(quadratic))
-    return _Point(likelihood, score, information)
+    log_V = sums.rows * float(np.log(at.noise)) + float(np.sum(np.linalg.slogdet(at.inner)[1]))
+    return -0.5 * (log_V - log_C + quadratic)
 
 
 def _within(H: Floats, T: Floats, M: Floats) -> Floats:

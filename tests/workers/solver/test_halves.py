@@ -40,10 +40,11 @@ def test_halves_of_a_walk_are_those_of_its_stretches():
         assert one["ratio"] == pytest.approx(ratio, rel=1e-3)
         assert one["field_ratio"] == pytest.approx(of_marks, rel=1e-3)
         freedom = 2 * len(labels) - 10
-        assert one["limit"] == pytest.approx(np.sqrt(stats.f.ppf(0.99, 10, freedom)), rel=1e-6)
+        assert one["limit"] == pytest.approx(np.sqrt(stats.f.ppf(0.995, 10, freedom)), rel=1e-6)
         # What people read is of the fits themselves.
         fits = [
-            np.array(polish(replace(problem, weights=half.astype(float)), truth).parameters) for half in (first, ~first)
+            np.array(polish(replace(problem, weights=half.astype(float)), truth).parameters)
+            for half in (first, ~first)
         ]
         assert one["translation_mm"] == pytest.approx(1e3 * np.linalg.norm(fits[0][3:6] - fits[1][3:6]), rel=1e-3)
         assert one["holds"]
@@ -85,7 +86,9 @@ def test_the_prediction_is_the_covariance_at_the_pixels():
     prediction = document["prediction"]
     assert (prediction["distances_m"], len(prediction["points"])) == ([5.0, 20.0, 50.0], 15)
     for point in prediction["points"][::4]:
-        ray = np.array([(point["u"] - again.lens[2]) / again.lens[0], (point["v"] - again.lens[3]) / again.lens[1], 1.0])
+        ray = np.array(
+            [(point["u"] - again.lens[2]) / again.lens[0], (point["v"] - again.lens[3]) / again.lens[1], 1.0]
+        )
         for place, distance in enumerate(prediction["distances_m"]):
             seen = ray / np.linalg.norm(ray) * distance
             lidar = (again.R.T @ (seen - again.t))[None]
@@ -104,7 +107,7 @@ def test_odd_and_even_poses_of_the_real_board_differ_by_what_is_stated():
     problem = replace(bare, blocks=blocks_of({"x": poses, "group": poses.tolist()}))
     start = np.array(polish(bare, 0.5 * (bare.lower + bare.upper)).parameters)
     found, alone = estimate(problem, start), estimate(bare, start)
-    assert found.shared is not None and found.shared.sure
+    assert found.shared is not None and found.shared.counted and found.shared.evidence > 1.0
     assert halves_of(found)[0].ratio < 1.6
     assert np.all(found.spread.std > 0.9 * alone.spread.std)
 

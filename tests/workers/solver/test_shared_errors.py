@@ -183,7 +183,9 @@ def test_intervals_hold_beside_a_common_elevation_error():
     assert 0.9 <= intervals_held(40, made) <= 1.0
 
 
-@pytest.mark.parametrize(("stated", "code"), [({"height": 1.0}, "unknown_common_error"), ({"mark_u_px": -1.0}, "bad_common_error")])
+@pytest.mark.parametrize(
+    ("stated", "code"), [({"height": 1.0}, "unknown_common_error"), ({"mark_u_px": -1.0}, "bad_common_error")]
+)
 def test_common_errors_that_are_none_are_refused(stated, code):
     with pytest.raises(SolveError) as refused:
         simulated("pinhole", 3, common_errors=stated)

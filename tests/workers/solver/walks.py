@@ -14,7 +14,7 @@ CORNERS = np.array([[0, 0, 0.42], [0, 0.42, 0], [0, -0.42, 0], [0, 0, -0.42]])
 
 
 def posed(seed, poses=20, repeats=1, offset_m=0.0, turn_deg=0.0, noise_px=1.0, **request):
-    """(problem, truth): four corners of a board in so many poses within 12 m, marked so often; a pose's are off alike."""
+    """(problem, truth): four corners of a board in so many poses within 12 m, marked so often; a pose's err alike."""
     problem, truth = simulated("pinhole", seed, noise_px=0.0, **request)
     rng = np.random.default_rng((seed, 1))
     distance = np.linalg.norm(problem.points, axis=1)
@@ -86,5 +86,3 @@ class Recomputed:
     def by_pairs(self, moves):
         """(2 N, q): derivatives of the pixels by q numbers; moves(x) -> (N, 3) are the points moved by them."""
         return self.derivative(lambda x: self.project(np.zeros(10), moves(x)), len(moves(None)))
-
-
