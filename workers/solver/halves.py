@@ -134,7 +134,7 @@ def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, se
         limit=_limit(told, found.freedom),
         rotation_deg=float(np.degrees(np.linalg.norm(vector_from_rotation(mounts[0].R @ mounts[1].R.T)))),
         translation_mm=1e3 * float(np.linalg.norm(mounts[0].t - mounts[1].t)),
-        field_px=float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))),
+        field_px=float(np.linalg.norm(apart) / np.sqrt(len(apart))),
         stated_px=float(np.sqrt(2.0 * np.mean(stated))),
         field_ratio=float(np.sqrt(np.mean((rows @ step) ** 2 / stated))),
         field_limit=_limit(directions, found.freedom),
