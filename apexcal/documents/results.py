@@ -73,12 +73,20 @@ class Outlier(Document):
 
 
 class HeldOut(Errors):
-    """Errors over the pairs of the held-out block; ``forbidden`` counts projections that are none."""
+    """Errors over the pairs of the held-out fold; ``forbidden`` counts projections that are none.
+
+    What models are compared by: ``standard_px`` are the distances in standard deviations of what the pairs state, in
+    pixels of a typical pair and under a fit without outliers, ``stretch`` how that scales lengths; pairs of one of
+    the ``blocks`` err together.
+    """
 
     max_px: float | None = None
     errors_px: list[float] | None = None
     indices: list[int] | None = None
     forbidden: int = 0
+    blocks: list[int] | None = None
+    standard_px: list[float] | None = None
+    stretch: list[float] | None = None
 
 
 class Intrinsics(Document):
@@ -268,20 +276,34 @@ class ResultView(RunResult):
 
 
 class Behind(Document):
-    """How much higher a model's held-out error is than the lowest one; standard errors are of the blocks."""
+    """How far a model is behind the likeliest one on held-out pairs; standard errors are of the blocks.
+
+    ``within_noise``: the difference of their log likelihoods is below 4.
+    """
 
     px: float
     standard_error_px: float
     percent: float
     standard_error_percent: float
     within_noise: bool
+    log_likelihood: float | None = None
+    standard_error_log_likelihood: float | None = None
+
+
+class BetweenModels(Document):
+    """A result's deviations with the spread of the models added, and the models' weights by held-out pairs."""
+
+    weights: dict[str, float]
+    std: Deviations
+    interval95_half_width: Deviations = {}
 
 
 class ModelSummary(Document):
     """A model's fit to all pairs of a camera, and its errors on held-out ones.
 
     ``objections`` is what speaks against publishing it, whatever its camera has; ``behind`` how far it is behind the
-    model with the lowest held-out error.
+    model under which held-out pairs are likeliest. ``weight`` is its share among the models; ``heldout_sigma_px``
+    the noise per coordinate of held-out pairs, wrong marks aside; ``heldout_forbidden`` how many have no projection.
     """
 
     result_id: UUID
@@ -302,6 +324,10 @@ class ModelSummary(Document):
     heldout_mean_px: float | None = None
     heldout_rms_px: float | None = None
     heldout_pairs: int | None = None
+    heldout_forbidden: int | None = None
+    heldout_sigma_px: float | None = None
+    weight: float | None = None
+    between_models: BetweenModels | None = None
     seconds: float | None = None
     workers: list[str] = []
     objections: list[str] | None = None
@@ -395,7 +421,11 @@ class Summary(Document):
 
 
 class Quality(Document):
-    """How good a published calibration is."""
+    """How good a published calibration is.
+
+    ``std`` includes the spread of the models that held-out pairs do not rule out; ``std_of_model`` holds if the model
+    is right.
+    """
 
     pairs: int | None = None
     mean_px: float
@@ -403,6 +433,8 @@ class Quality(Document):
     heldout_mean_px: float | None = None
     heldout_rms_px: float | None = None
     std: Deviations | None = None
+    std_of_model: Deviations | None = None
+    interval95_half_width: Deviations | None = None
     alarms: list[str] = []
 
 

@@ -1,7 +1,6 @@
 """The problem of a stored request: plain JSON in, a checked `FitProblem` out."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from math import radians
 from typing import Any, Final, cast, get_args
 
@@ -16,7 +15,6 @@ from apexcal.documents.schedules import schedule_of
 from workers.geometry.models import parse_model, parse_search_form
 from workers.geometry.projection import image_diagonal_px
 from workers.geometry.transforms import from_document
-from workers.solver.blocks import Blocks
 from workers.solver.bounds import narrowed, parse_bounds_preset, preset_bounds
 from workers.solver.common_errors import parse_common_errors
 from workers.solver.covariances import Covariances
@@ -38,7 +36,6 @@ def problem_from_document(
     pixels: ArrayLike,
     weights: ArrayLike | None = None,
     covariances: Covariances | None = None,
-    blocks: Blocks | None = None,
 ) -> FitProblem:
     """The problem of a stored request (plain JSON, merged with its rig) and its pairs.
 
@@ -50,7 +47,7 @@ def problem_from_document(
     implies the Euler form and Table I's bounds unless the request names others. Raises SolveError.
     """
     try:
-        return replace(_read(document, points, pixels, weights, covariances), blocks=blocks)
+        return _read(document, points, pixels, weights, covariances)
     except SolveError:
         raise
     except DocumentError as error:
