@@ -200,6 +200,7 @@ class RunResult(Document):
     stand side by side. ``parameters`` and ``std`` are in degrees, metres and pixels. ``noise_scale`` says how many
     times larger the errors are than stated, where pairs weigh by what they state; ``sigma_px`` is the noise of a
     typical pair. ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
+    ``weak_priors`` are the deviations about zero of priors that hold distortion which the pairs hardly hold.
     ``common_errors`` are the deviations stated for what all pairs share. ``stated_too_small`` says where halves of
     the pairs differ by more than is stated.
     """
@@ -242,6 +243,7 @@ class RunResult(Document):
     several_optima: list[str] = []
     shared_errors: SharedErrors | None = None
     common_errors: dict[str, float] = {}
+    weak_priors: dict[str, float] = {}
     halves: list[Halves] = []
     stated_too_small: list[str] = []
     prediction: Prediction | None = None

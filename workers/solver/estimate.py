@@ -1,6 +1,7 @@
 """The estimate at the end of a run: the fit, the pairs it uses, the noise of the marks, and the covariance."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from workers.solver.common_errors import common_errors
 from workers.solver.error_model import ErrorModel, linearised
+from workers.solver.lens_priors import lens_priors
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import Outlier, judge, without
 from workers.solver.polish import Fit, polish
@@ -32,6 +34,7 @@ class Estimate:
     pairs that hold the parameters: a robust loss gives outliers next to no say, so they do not count there either.
     spread: the covariance and the noise of these marks, with what pairs share. errors: what the covariance is made
     of, and shared: what blocks of pairs share; None where the pairs leave a direction open, or have no blocks.
+    weak: standard deviations of the weak priors that hold distortion terms, by name.
     """
 
     fit: Fit
@@ -42,6 +45,7 @@ class Estimate:
     spread: Uncertainty
     errors: ErrorModel | None = None
     shared: SharedErrors | None = None
+    weak: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
     def parameters(self) -> Floats:
@@ -61,15 +65,36 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
     """Polish from `start` (D,), name the outliers, and find the noise and the covariance.
 
     A prior weighs against the marks by its own sigma and theirs. The marks' sigma is not known beforehand, so where
-    there are priors fit and noise are repeated until the noise settles.
+    there are priors fit and noise are repeated until the noise settles. Distortion that the pairs hardly hold is fitted
+    once more, with weak priors.
     """
+    found = _settled(problem, start)
+    weak = lens_priors(problem, found.parameters, found.spread)
+    if weak:
+        held = problem.priors | {name: (0.0, sigma) for name, sigma in weak.items()}
+        scale = found.spread.sigma_px / _stated_px(found)
+        again = replace(problem, priors=held, noise_scale=scale)
+        found = replace(_settled(again, _held(problem, found.parameters, weak)), weak=weak)
+    return _with_shared_errors(found)
+
+
+def _settled(problem: FitProblem, start: Floats) -> Estimate:
     found = _once(problem, start)
     for _ in range(_ROUNDS if problem.priors else 0):
         scale = found.spread.sigma_px / _stated_px(found)
         if abs(scale - found.fitted.noise_scale) <= _SETTLED * scale:
             break
         found = _once(replace(problem, noise_scale=scale), found.parameters)
-    return _with_shared_errors(found)
+    return found
+
+
+def _held(problem: FitProblem, p: Floats, weak: Mapping[str, float]) -> Floats:
+    # From a bound the descent would have far to go.
+    start = p.copy()
+    for name, sigma in weak.items():
+        index = problem.names.index(name)
+        start[index] = np.clip(start[index], -sigma, sigma)
+    return start
 
 
 def _once(problem: FitProblem, start: Floats) -> Estimate:

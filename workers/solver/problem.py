@@ -37,6 +37,7 @@ class FitProblem:
     sets `mark_sigma_px` to the typical pair's); without them all pairs weigh as `weights` says.
     `blocks`: the pairs that may share errors. `common_errors`: standard deviations of what all pairs share,
     by name. `velocities` (N, 3): how the apex moved at its moment, m/s in the LiDAR frame, where that is known.
+    `unstated`: parameters of which the request says nothing, so that weak priors may hold them (`lens_priors`).
     `stop`: what may end the work on it; every long computation checks it within a second.
     Raises SolveError where the parts do not make a problem that can be fitted.
     """
@@ -65,6 +66,7 @@ class FitProblem:
     blocks: Blocks | None = field(default=None, repr=False)
     common_errors: dict[str, float] = field(default_factory=dict[str, float])
     velocities: NDArray[np.float64] | None = field(default=None, repr=False)
+    unstated: frozenset[str] = frozenset()
     stop: Stop = field(default=NEVER, repr=False)
 
     def __post_init__(self) -> None:

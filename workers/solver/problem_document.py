@@ -114,6 +114,7 @@ def _read(
         saturation_px=float(document.get("saturation_px") or 0.01 * image_diagonal_px((width, height))),
         mark_sigma_px=float(document.get("mark_sigma_px") or 1.0),
         outliers=_parse_outlier_rule(document.get("outliers") or "keep"),
+        unstated=frozenset() if paper else frozenset(bounds) - overrides.keys() - fixed - priors.keys(),
         common_errors=parse_common_errors(document.get("common_errors")),
         covariances=_weighed_by(document.get("weights") or "equal", covariances),
     )

@@ -105,6 +105,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "alarms": alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
         "shared_errors": found.shared and found.shared.to_document(),
         "common_errors": problem.common_errors,
+        "weak_priors": dict(found.weak),
         "halves": [one.to_document() for one in halves],
         "stated_too_small": doubts,
         "prediction": prediction(found, halves) if problem.fold < 0 else None,

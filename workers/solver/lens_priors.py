@@ -1,0 +1,49 @@
+"""Weak priors that keep a lens a lens where the pairs hardly hold its distortion.
+
+Without them a coefficient of a narrow walk runs to its bound. They count only where the request says nothing of the
+coefficient, and only if the pairs hold it less well than the prior does; elsewhere the fit is that without them.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.solver.problem import FitProblem
+from workers.solver.uncertainty import Uncertainty
+
+Floats = NDArray[np.float64]
+_LARGEST: Final = 0.2
+_AT_CORNER: Final = 0.3
+"""One standard deviation of a term: so much of the radius at the image's corner, and never more than 0.2. Decision 0044
+says what that was measured to do."""
+_DECENTRED: Final = 0.1
+"""Tangential terms are the first radial one's under a lens off its axis (Conrady 1919), by this share of the corner's
+radius."""
+_RADIAL: Final = {
+    "pinhole": {},
+    "brown_conrady": {"k1": 1, "k2": 2, "k5": 3},
+    "kannala_brandt": {"k1": 1, "k2": 2, "k3": 3, "k4": 4},
+}
+_TANGENTIAL: Final = {"brown_conrady": ("k3", "k4")}
+
+
+def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str, float]:
+    """Standard deviations about zero, by coefficient, for a fit that ended at p (D,) with these deviations.
+
+    Empty where the pairs hold all coefficients, or the request says of all what they may be.
+    """
+    corner = 0.5 * problem.diagonal_px / float(np.sqrt(p[6] * p[7]))
+    sigmas = {name: _radial(corner, order) for name, order in _RADIAL[problem.model].items()}
+    for name in _TANGENTIAL.get(problem.model, ()):
+        sigmas[name] = _DECENTRED * corner * _radial(corner, 1)
+    std = dict(zip(spread.names, spread.std.tolist(), strict=True))
+    open_names = [name for name in sigmas if name in problem.unstated and name in std]
+    # Five of the largest deviation are the bounds: what the pairs hold better than the prior does not come near them.
+    if all(std[name] < sigmas[name] for name in open_names):
+        return {}
+    return {name: sigmas[name] for name in open_names}
+
+
+def _radial(corner: float, order: int) -> float:
+    return min(_LARGEST, _AT_CORNER / corner ** (2 * order))
