@@ -65,8 +65,8 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
     """Polish from `start` (D,), name the outliers, and find the noise and the covariance.
 
     A prior weighs against the marks by its own sigma and theirs. The marks' sigma is not known beforehand, so where
-    there are priors fit and noise are repeated until the noise settles. Distortion that the pairs hardly hold is fitted
-    once more, with weak priors.
+    there are priors fit and noise are repeated until the noise settles. Distortion that the pairs hardly hold is
+    fitted once more, with weak priors.
     """
     found = _settled(problem, start)
     weak = lens_priors(problem, found.parameters, found.spread)

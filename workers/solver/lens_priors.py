@@ -18,8 +18,8 @@ _AT_CORNER: Final = 0.3
 """One standard deviation of a term: so much of the radius at the image's corner, and never more than 0.2. Decision 0044
 says what that was measured to do."""
 _DECENTRED: Final = 0.1
-"""Tangential terms are the first radial one's under a lens off its axis (Conrady 1919), by this share of the corner's
-radius."""
+"""Tangential terms are the first radial one under a lens off its axis (Conrady 1919), by this share of the
+corner's radius."""
 _RADIAL: Final = {
     "pinhole": {},
     "brown_conrady": {"k1": 1, "k2": 2, "k5": 3},

@@ -1,0 +1,61 @@
+"""Weak priors on distortion: only where the pairs hardly hold it, and only where the request says nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.solver.rigs import simulated
+from tests.workers.solver.walks import finish
+from workers.solver.residuals import predict
+
+LENSES = {"kannala_brandt": ("k1", "k2", "k3", "k4"), "brown_conrady": ("k1", "k2", "k5", "k3", "k4")}
+
+
+def narrow(model, seed, **request):
+    """(problem, truth, whole problem): the pairs in the middle quarter of the image alone."""
+    problem, truth = simulated(model, seed, pairs=400, **request)
+    off = np.abs(problem.pixels / (0.5 * np.array(problem.image_size)) - 1.0).max(axis=1)
+    kept = np.flatnonzero(off < 0.4)
+    given = {name: getattr(problem, name)[kept] for name in ("points", "pixels", "weights")}
+    return replace(problem, **given), truth, problem
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_no_coefficient_of_a_narrow_walk_runs_to_its_bound(model):
+    worse = []
+    for seed in range(4):
+        problem, truth, whole = narrow(model, 60 + seed)
+        document = finish(problem, truth)
+        assert not [name for name in document["at_bounds"] if name.startswith("k")]
+        lens = document["intrinsics"]
+        corner = 0.5 * problem.diagonal_px / np.sqrt(lens["f_x"] * lens["f_y"])
+        priors = document["weak_priors"]
+        # Of the fit before the priors, whose focal length may be some per cent off.
+        for name, order in zip(LENSES[model][: 3 if model == "brown_conrady" else 4], (1, 2, 3, 4), strict=False):
+            assert priors[name] == pytest.approx(min(0.2, 0.3 / corner ** (2 * order)), rel=0.4)
+        without = finish(replace(problem, unstated=frozenset()), truth)
+        assert without["weak_priors"] == {}
+        exact = predict(whole, truth)[0]
+        for one in (document, without):
+            p = np.array([one["polished"]["parameters"][name] for name in problem.names])
+            worse.append(
+                float(np.sqrt(np.mean(np.minimum(np.sum((predict(whole, p)[0] - exact) ** 2, axis=1), 1e4))))
+            )
+    assert np.median(worse[::2]) < 0.7 * np.median(worse[1::2]), "outside of what was marked"
+
+
+@pytest.mark.parametrize(
+    "said",
+    [{"bounds": {"k1": [-0.5, 0.5]}}, {"priors": {"k1": {"mean": 0.0, "sigma": 0.1}}}, {"locked": {"k1": 0.0}}],
+)
+def test_what_the_request_says_of_a_coefficient_stands(said):
+    problem, truth, _ = narrow("kannala_brandt", 61, **said)
+    assert "k1" not in problem.unstated and "k2" in problem.unstated
+    assert "k1" not in finish(problem, truth)["weak_priors"]
+
+
+def test_the_papers_preset_and_a_wide_pinhole_have_none():
+    problem, _, _ = narrow("brown_conrady", 61, preset="paper")
+    assert problem.unstated == frozenset()
+    assert finish(*simulated("pinhole", 3))["weak_priors"] == {}
