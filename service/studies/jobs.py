@@ -51,5 +51,10 @@ def _retry(session: Session, job: Job) -> Sequence[Job]:
 
 KINDS = tuple(
     Kind(name, queue, _end, _retry, shown_by=Study.job_id)
-    for name, queue in (("preview", "detect"), ("suggestion", "detect"), ("clock_offset", "solve"), ("packing", "ingest"))
+    for name, queue in (
+        ("preview", "detect"),
+        ("suggestion", "detect"),
+        ("clock_offset", "solve"),
+        ("packing", "ingest"),
+    )
 )

@@ -68,7 +68,10 @@ def _write(sweeps: LidarFile, path: Path, lease: Lease) -> list[Json]:
 
 
 def _store(context: Context, held: Claim, recording_id: UUID, file: Path, size: int) -> str:
-    """Put the file into the store; its key. Raises :class:`ReadError` ``fleet_quota_exceeded``, ``ingest_disk_full``."""
+    """Put the file into the store, and return its key.
+
+    Raises :class:`ReadError` ``fleet_quota_exceeded``, ``ingest_disk_full``.
+    """
     require_room(context, context.store.free_bytes(), size)
     try:
         key = repeated(lambda: _reserve(context, held, recording_id, size))
@@ -100,7 +103,11 @@ def _tell(session: Session, held: Claim) -> None:
     """The study's result, from what is on record."""
     study = session.get_one(Study, held.subject_id)
     count, points, size = session.execute(
-        select(func.count(), func.coalesce(func.sum(PackedSweep.points), 0), func.coalesce(func.sum(PackedSweep.length), 0))
+        select(
+            func.count(),
+            func.coalesce(func.sum(PackedSweep.points), 0),
+            func.coalesce(func.sum(PackedSweep.length), 0),
+        )
         .join(Sensor, Sensor.id == PackedSweep.sensor_id)
         .where(Sensor.recording_id == study.recording_id)
     ).one()

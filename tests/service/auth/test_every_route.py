@@ -174,7 +174,21 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         remaining=0,
         wave=0,
     )
-    own = (detection, preview, suggestion, offset, packing, apex, vertex, pairs, calibration, run, result, token, task)
+    own = (
+        detection,
+        preview,
+        suggestion,
+        offset,
+        packing,
+        apex,
+        vertex,
+        pairs,
+        calibration,
+        run,
+        result,
+        token,
+        task,
+    )
     for row in (*own, request):
         session.add(row)
         session.flush()

@@ -1,4 +1,4 @@
-"""Sweeps over HTTP: byte ranges of what a worker packed, cached for ever, and a plain word where nothing is packed."""
+"""Sweeps over HTTP: byte ranges of what a worker packed, cached for ever, and a word where nothing is packed."""
 
 from uuid import UUID
 
@@ -42,7 +42,11 @@ def test_sweeps_are_byte_ranges_and_cached_for_ever(api: Api) -> None:
     page = viewer.get(path, params={"limit": 2}).json()
     assert page["next"] == "1"
     assert page["items"][1] == {"index": 1, "stamp_ns": 100, "points": 1, "length": len(SWEEPS[1])}
-    assert [one["index"] for one in viewer.get(path, params={"from_ns": 100, "to_ns": 300}).json()["items"]] == [1, 2, 3]
+    assert [one["index"] for one in viewer.get(path, params={"from_ns": 100, "to_ns": 300}).json()["items"]] == [
+        1,
+        2,
+        3,
+    ]
     for index, data in enumerate(SWEEPS):
         answer = viewer.get(f"{path}/{index}")
         assert (answer.content, answer.headers["content-type"]) == (data, MEDIA_TYPE)

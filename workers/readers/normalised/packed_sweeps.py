@@ -36,7 +36,7 @@ def pack(sweep: Sweep, index: int, ring_count: int) -> bytes:
     times = np.rint(sweep.offset_ns[order] * (1.0 / TIME_STEP_NS)).astype(np.int32)
     intensities, intensity_step = _intensities(sweep.intensity[order])
     header = SweepHeader(ring_count, len(order), index, sweep.stamp_ns, intensity_step=intensity_step)
-    # Of 63,535 points of an OS1-64: run lengths 4.4 ms and 232 kB, level 1 7.5 ms and 237 kB, level 6 36 ms and 225 kB.
+    # 63,535 points of an OS1-64: run lengths 4.4 ms and 232 kB, level 1 7.5 ms and 237 kB, level 6 36 ms and 225 kB.
     compressor = zlib.compressobj(1, zlib.DEFLATED, _GZIP, 9, zlib.Z_RLE)
     parts = (
         header.pack(),

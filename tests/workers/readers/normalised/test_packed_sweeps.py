@@ -101,7 +101,8 @@ def test_the_pages_read_the_same_points(tmp_path):
         import {{ unpack }} from "./src/lib/points/sweep.ts";
         const sweep = await unpack(new Uint8Array(readFileSync({json.dumps(str(tmp_path / "sweep"))})));
         const columns = ["positions", "rings", "intensities", "timesNs"].map((name) => [name, [...sweep[name]]]);
-        console.log(JSON.stringify({{ ...Object.fromEntries(columns), index: sweep.index, stamp: String(sweep.stampNs) }}));
+        const head = {{ index: sweep.index, stamp: String(sweep.stampNs) }};
+        console.log(JSON.stringify({{ ...Object.fromEntries(columns), ...head }}));
     """
     said = subprocess.run(
         [node, "--input-type=module-typescript", "-e", script], cwd=FRONTEND, capture_output=True, check=True
