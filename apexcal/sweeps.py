@@ -31,8 +31,8 @@ def unpack(data: bytes) -> Points:
     header = SweepHeader.unpack(body)
     counts = np.frombuffer(body, "<u4", header.rings, HEADER_BYTES)
     columns = _Columns(body, HEADER_BYTES + counts.nbytes, header.points)
-    xyz = np.column_stack([columns.unfolded() for _ in range(3)]) * header.position_step_m
-    intensity = columns.planes(2) * header.intensity_step
+    xyz = np.column_stack([columns.unfolded() for _ in range(3)]).astype(np.float64) * header.position_step_m
+    intensity = columns.planes(2).astype(np.float64) * header.intensity_step
     time_ns = header.stamp_ns + np.rint(columns.unfolded() * header.time_step_ns).astype(np.int64)
     return Points(header, xyz, np.repeat(np.arange(header.rings, dtype=np.uint16), counts), intensity, time_ns)
 

@@ -35,13 +35,13 @@ TIME_STEP_NS: Final = 1000.0
 class SweepHeader(NamedTuple):
     """What stands before a sweep's columns.
 
-    ``index`` is the sweep's number in its recording, ``stamp_ns`` its stamp (UTC). A point's range is that of its
+    ``sweep_index`` is the number in the recording, ``stamp_ns`` its stamp (UTC). A point's range is that of its
     position; its ring follows from the counts behind the header.
     """
 
     rings: int
     points: int
-    index: int
+    sweep_index: int
     stamp_ns: int
     position_step_m: float = POSITION_STEP_M
     intensity_step: float = 1.0

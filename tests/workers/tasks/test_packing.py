@@ -59,7 +59,7 @@ def test_every_sweep_lies_where_its_row_says(context, database, tmp_path):
         for row in rows:
             points = unpack(whole[row.offset : row.offset + row.length])
             given = file.sweep(row.index)
-            assert points.header.index == row.index and len(points.xyz) == row.points == len(given.xyz)
+            assert points.header.sweep_index == row.index and len(points.xyz) == row.points == len(given.xyz)
             order = np.argsort(given.ring, kind="stable")
             assert np.abs(points.xyz - given.xyz[order]).max() < 0.00051
 

@@ -55,9 +55,9 @@ export function palette(dark: boolean): Colour[] {
   return Array.from({ length: STOPS }, (_, i) => {
     const share = i / (STOPS - 1);
     const light = from + (to - from) * share;
-    const angle = 2 * Math.PI * (0.5 / 3 + 1 - 1.2 * share);
+    const angle = 2 * Math.PI * (1 - 0.55 * share); // from blue over green to orange
     const [cos, sin] = [Math.cos(angle), Math.sin(angle)];
-    const amplitude = (1.6 * light * (1 - light)) / 2;
+    const amplitude = (1.3 * light * (1 - light)) / 2;
     return [
       clamped(light + amplitude * (-0.14861 * cos + 1.78277 * sin)),
       clamped(light + amplitude * (-0.29227 * cos - 0.90649 * sin)),
