@@ -15,8 +15,8 @@ from workers.solver.uncertainty import Uncertainty
 Floats = NDArray[np.float64]
 _LARGEST: Final = 0.2
 _AT_CORNER: Final = 0.3
-"""One standard deviation of a term: so much of the radius at the image's corner, and never more than 0.2. Decision 0044
-says what that was measured to do."""
+"""One standard deviation of a term: so much of the radius at the image's corner, and never more than 0.2. Decision
+0044 says what that was measured to do."""
 _DECENTRED: Final = 0.1
 """Tangential terms are the first radial one under a lens off its axis (Conrady 1919), by this share of the
 corner's radius."""
