@@ -54,8 +54,12 @@ const SMALLEST_M = 0.1;
 /** All that the plane shows of a region. */
 export function drawingOf(region: Region, plane: Plane, reach: Reach): Drawing {
   const parts = found(region, (node) => node, false, "").map((one) => drawn(one, plane, reach));
-  return { outlines: parts.flatMap((one) => one.outlines), handles: parts.flatMap((one) => one.handles) };
+  // Later ones lie over earlier ones: a corner is taken, not the middle that lies under it.
+  const handles = parts.flatMap((one) => one.handles).sort((a, b) => RANKS[a.kind] - RANKS[b.kind]);
+  return { outlines: parts.flatMap((one) => one.outlines), handles };
 }
+
+const RANKS: Record<Handle["kind"], number> = { middle: 0, new: 1, turn: 2, edge: 3, corner: 4 };
 
 function found(node: Region, put: Put, cut: boolean, key: string): Found[] {
   if ("and" in node) {
@@ -110,7 +114,7 @@ function boxAbove({ box }: Box, put: Put, cut: boolean, key: string): Drawing {
       key: `${key}.t`,
       label: "Turn the box",
       kind: "turn",
-      at: plus(middle, turned([half[0] + 0.6, 0], yaw)),
+      at: plus(middle, turned([half[0] + 1.2, 0], yaw)),
       move: (to) => sized(middle, half, tenth((Math.atan2(to[1] - middle[1], to[0] - middle[0]) * 180) / Math.PI)),
     },
   );

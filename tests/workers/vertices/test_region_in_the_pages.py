@@ -1,4 +1,4 @@
-"""The pages keep the points that a detection keeps: their mask beside the kernel's, on the same regions and points."""
+"""The pages keep the points that a detection keeps: their mask beside the kernel's, on the same points."""
 
 import json
 import subprocess
@@ -14,6 +14,7 @@ POLYGON = {"polygon": [[1, -2], [9, -7], [6, 0], [12, 5], [2, 4]], "z": [-1.2, 0
 CROSSED = {"polygon": [[0, 0], [8, 8], [8, 0], [0, 8]]}
 TURNED = {"box": {"min": [2, -3, -1], "max": [7, 4, 1.5], "yaw_deg": 33}}
 STRAIGHT = {"box": {"min": [-4, -3, -1], "max": [7, 4, 1.5]}}
+QUANTITIES = ("x", "y", "z", "range", "azimuth_deg", "elevation_deg")
 REGIONS = [
     POLYGON,
     CROSSED,
@@ -23,7 +24,7 @@ REGIONS = [
     {"or": [{"and": [POLYGON, {"quantity": "z", "op": ">", "value": 0}]}, {"not": {"or": [TURNED, CROSSED]}}]},
     {"quantity": "z", "divided_by": "x", "op": ">", "value": 0.2},
     {"quantity": "y", "divided_by": "z", "op": "<=", "value": -1.5},
-    *({"quantity": name, "op": "<", "value": 4.0} for name in ("x", "y", "z", "range", "azimuth_deg", "elevation_deg")),
+    *({"quantity": name, "op": "<", "value": 4.0} for name in QUANTITIES),
 ]
 
 
