@@ -25,9 +25,7 @@ FOOTER_BYTES: Final = 9 + 20 + len(MAGIC)
 MAX_CHUNK_BYTES: Final = 160 * 1024**2
 _HEAD: Final = struct.Struct("<BQ")
 _MESSAGE: Final = struct.Struct("<HIQQ")
-_CHUNK: Final = struct.Struct(
-    "<16xQII"
-)  # two times, size unpacked, checksum, length of a name
+_CHUNK: Final = struct.Struct("<16xQII")  # two times, size unpacked, checksum, length of a name
 
 
 class RecordError(ValueError):
