@@ -13,7 +13,7 @@ API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
 API_TYPES := frontend/src/lib/api/schema.ts
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm bench-startup faults check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm bench-startup bench-readers faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -61,6 +61,9 @@ bench-farm: setup  ## what the farm costs beside the bare solver: calibrations, 
 
 bench-startup: setup frontend  ## seconds until the service answers, and what its processes import; BESIDE=path of another checkout, ROUNDS=1
 	$(BIN)/python -m benchmarks.startup
+
+bench-readers: $(STAMPS)/bench  ## our readers of MCAP, SQLite, protobuf and pcap beside libraries: speed, damaged files, bombs; SECONDS=6 DAMAGED=5 for a short form
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.readers
 
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))

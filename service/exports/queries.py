@@ -9,6 +9,7 @@ from uuid import UUID
 from sqlalchemy import Select, and_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.camera_models import parse_model
 from service.calibration_runs.publication_actions import current_id
 from service.db.calibrations import Calibration, Publication, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
@@ -66,7 +67,7 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         topic=camera.topic,
         width=camera.image_width,
         height=camera.image_height,
-        model=result.model,
+        model=parse_model(result.model),
         intrinsics=result.document["intrinsics"],
         T_camera_lidar=Transform.of(result.document["transform"]),
         T_vehicle_lidar=Transform.of(rig.T_vehicle_lidar) if rig.T_vehicle_lidar else None,

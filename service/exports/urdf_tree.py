@@ -14,7 +14,7 @@ from service.exports.transform import Floats, Transform
 from service.http.problems import Problem
 
 _MOST_JOINTS = 2000
-_SAFE_ENCODINGS = ("utf-8", "us-ascii", "ascii")
+_SAFE_ENCODINGS = ("utf-8", "utf8", "us-ascii", "ascii")
 
 
 class Span(NamedTuple):
@@ -76,7 +76,8 @@ class _Reader:
         self._document = document
         self._path: list[str] = []
         self._joint: Joint | None = None
-        self.parser = expat.ParserCreate()
+        # Expat does not know every name of UTF-8; other encodings are refused by the declaration.
+        self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
         self.parser.StartDoctypeDeclHandler = self._doctype

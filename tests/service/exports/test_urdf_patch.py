@@ -135,3 +135,11 @@ def test_frames_may_have_other_names_than_links():
     other = Transform("front_optical", "top_lidar", T.R, T.t)
     with pytest.raises(Problem, match="front_optical"):
         patched(FILE, "mast_joint", other)
+
+
+@pytest.mark.parametrize("encoding", ["UTF8", "utf8", "US-ASCII"])
+def test_utf_8_by_any_of_its_names(encoding):
+    named = FILE.replace(b"utf-8", encoding.encode())
+    assert patched(named, "mast_joint", T) == patched(FILE, "mast_joint", T).replace(b"utf-8", encoding.encode())
+    with_mark = b"\xef\xbb\xbf" + named
+    assert patched(with_mark, "mast_joint", T).startswith(b"\xef\xbb\xbf<?xml")
