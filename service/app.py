@@ -22,7 +22,7 @@ from service.auth.gate import Gate
 from service.auth.retention import remove_ended
 from service.broker.hints import COURIER as HINTS
 from service.broker.hints import Publisher
-from service.calibrations import publication_routes, vehicle_routes
+from service.calibrations import alias_routes, publication_routes, vehicle_routes
 from service.calibrations import routes as calibrations
 from service.correspondence_sets import routes as correspondence_sets
 from service.db.session import Database
@@ -80,6 +80,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     mark_routes.router,
     correspondence_sets.router,
     publication_routes.router,
+    alias_routes.router,
     vehicle_routes.router,
     exports.router,
     calibrations.router,
