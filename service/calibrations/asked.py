@@ -1,4 +1,4 @@
-"""What a request asks of a vehicle's calibration: which cameras, under which alias, at which moment, on which sensors."""
+"""What a request asks of a vehicle's calibration: cameras, alias, moment, and the sensors that are mounted."""
 
 from __future__ import annotations
 

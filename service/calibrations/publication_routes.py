@@ -115,7 +115,7 @@ def _words(access: WriteAccess, result: Result, wanted: PublicationRequest) -> W
 
 @router.post("/publications/{publication_id}/withdrawal", status_code=201, response_model=PublicationView)
 def withdraw_publication(publication_id: UUID, body: WithdrawalRequest, access: WriteAccess) -> JSONResponse:
-    """Take back what a camera was given, and why; one that is withdrawn already is answered again, with 200. [reviewer]
+    """Take back what a camera was given, and why; one that is withdrawn already is answered with 200. [reviewer]
 
     Where it is the camera's current one, the camera is given nothing, and `current` answers 410
     `calibration_withdrawn`, until something is published: the one before does not come back by itself. Aliases that

@@ -26,7 +26,7 @@ def of_result(session: Session, result_id: UUID) -> Calibrated:
 
 
 def of_given(session: Session, vehicle: Vehicle, asked: Asked) -> Calibrated:
-    """What cameras are given. Raises :class:`Problem` as :func:`given`, and 409 for what is deleted at this moment."""
+    """What cameras are given. Raises :class:`Problem` as :func:`given`, and 409 where it is deleted meanwhile."""
     results = [one.result.id for one in given(session, vehicle, asked).values()]
     found = of_results(session, results)
     if len(found.cameras) < len(results):
