@@ -24,6 +24,7 @@ from service.broker.hints import COURIER as HINTS
 from service.broker.hints import Publisher
 from service.calibrations import alias_routes, publication_routes, vehicle_routes
 from service.calibrations import routes as calibrations
+from service.calibrations.retrieval import Retrieval
 from service.correspondence_sets import routes as correspondence_sets
 from service.db.session import Database
 from service.detections import routes as detections
@@ -63,6 +64,8 @@ from service.storage.store import Store, open_store
 from service.studies import routes as studies
 
 ROUTERS: tuple[APIRouter, ...] = (
+    # First, because every vehicle asks it at every start.
+    vehicle_routes.router,
     auth.router,
     member_routes.router,
     token_routes.router,
@@ -81,7 +84,6 @@ ROUTERS: tuple[APIRouter, ...] = (
     correspondence_sets.router,
     publication_routes.router,
     alias_routes.router,
-    vehicle_routes.router,
     exports.router,
     calibrations.router,
     fleet_requests.router,
@@ -144,6 +146,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             yield
         for task in upkeep:
             task.cancel()
+        app.state.retrieval.close()
         app.state.sender.close()
         app.state.publisher.close()
         app.state.database.close()
@@ -164,6 +167,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.store = _opened(settings)
     app.state.room = Room(app.state.store, settings.min_free_bytes)
     adopt_if_known(app.state.database, app.state.store)
+    app.state.retrieval = Retrieval(app.state.database)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)
     # An import of 32 MiB takes some 130 MB while it is read, an answer of 100,000 pairs 20 MB and then 6.

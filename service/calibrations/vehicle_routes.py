@@ -2,51 +2,52 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter
-from fastapi.encoders import jsonable_encoder
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
 
-from apexcal.documents.base import Stored
+from apexcal.documents.base import Sought, Stored
 from apexcal.documents.exports import VehicleCalibration
 from service.auth.access import ReadAccess
 from service.calibrations.asked import AskedOfVehicle
-from service.calibrations.given_views import cameras_of, given_documents
-from service.db.digests import content_hash
-from service.db.fleets import Vehicle
-from service.exports.answers import WantedFormat, exported
-from service.exports.queries import of_given
-from service.http.etags import Conditional, content_etag
+from service.calibrations.retrieval import Retrieval
+from service.calibrations.vehicle_queries import vehicle_of
+from service.exports.answers import WantedFormat
 
 router = APIRouter(tags=["calibrations"])
 
+_NAME = "the vehicle, by its name or id"
+_FLEET = "its fleet, by name or id; needed where vehicles of several fleets have this name"
+_SENSOR = "the vehicle, by the serial number of its LiDAR or of one of its cameras"
+
 
 @router.get("/vehicles/{vehicle_id}/calibration", response_model=Stored[VehicleCalibration])
-def read_vehicle_calibration(
-    vehicle_id: UUID, access: ReadAccess, conditions: Conditional, wanted: WantedFormat, asked: AskedOfVehicle
-) -> dict[str, Any] | Response:
+async def read_vehicle_calibration(
+    vehicle_id: UUID, request: Request, wanted: WantedFormat, asked: AskedOfVehicle
+) -> Response:
     """What all cameras of a vehicle are given, read at one moment: ``cameras`` by name.
 
     ``without`` names the cameras that nothing was published for. ``camera`` narrows to some, and each of these must
     have a calibration. Where one of the asked cameras was withdrawn the whole answer is 410 `calibration_withdrawn`,
     where a sensor was swapped 409 `calibration_does_not_apply`. ``format``: all in another program's format.
     """
-    vehicle = access.find(Vehicle, vehicle_id)
-    if wanted is not None:
-        return exported(wanted, of_given(access.session, vehicle, asked), conditions)
-    found = given_documents(access.session, vehicle, asked)
-    names = [] if asked.cameras else sorted(cameras_of(access.session, vehicle.id) - set(found))
-    document = jsonable_encoder(
-        {
-            "vehicle_id": vehicle.id,
-            "vehicle": vehicle.name,
-            "alias": asked.alias,
-            "as_of": asked.as_of,
-            "cameras": found,
-            "without": names,
-        }
-    )
-    conditions.offer(content_etag(content_hash(document)))
-    return document
+    retrieval: Retrieval = request.app.state.retrieval
+    return await retrieval.answer(request, vehicle_id, asked, wanted)
+
+
+@router.get("/calibration", response_model=Stored[VehicleCalibration])
+def find_vehicle_calibration(
+    request: Request,
+    access: ReadAccess,
+    wanted: WantedFormat,
+    asked: AskedOfVehicle,
+    vehicle: Annotated[Sought | None, Query(description=_NAME)] = None,
+    fleet: Annotated[Sought | None, Query(description=_FLEET)] = None,
+    sensor: Annotated[Sought | None, Query(description=_SENSOR)] = None,
+) -> Response:
+    """The same for the vehicle of this name, or with this sensor: for cars that do not know the vehicle's id."""
+    retrieval: Retrieval = request.app.state.retrieval
+    found = vehicle_of(access, vehicle, fleet, sensor)
+    return retrieval.answer_now(request, access.identity, found.id, asked, wanted)
