@@ -17,7 +17,7 @@ import typer
 from apexcal.cli import FAILED, UNREACHABLE
 from apexcal.client import ApiError, Client
 from apexcal.commands.common import DataOption, TokenOption, UrlOption, complain, console, usage
-from apexcal.commands.connect import connected, find_vehicle
+from apexcal.commands.connect import connected, find_vehicle, is_id
 from apexcal.commands.publications import FleetOption, VehicleOption
 from apexcal.documents.publications import CURRENT
 from apexcal.embedded.folder import DEFAULT
@@ -31,6 +31,9 @@ def pull(
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to keep.")],
     vehicle: VehicleOption = "",
     fleet: FleetOption = "",
+    sensor: Annotated[
+        str, typer.Option(help="The vehicle, by the serial number of its LiDAR or of a camera, instead of --vehicle.")
+    ] = "",
     camera: Annotated[list[str] | None, typer.Option(help="Only this camera; may be given several times.")] = None,
     format: Annotated[str, typer.Option("--format", help="json, or a format of `apexcal export`.")] = "json",
     as_of: Annotated[str, typer.Option(help="What it was given at this moment: 2026-03-01T12:00:00Z.")] = "",
@@ -56,9 +59,12 @@ def pull(
     kept = KeptFile(output)
     try:
         with connected(url, token, data, timeout_s=timeout) as client:
-            vehicle_id = str(find_vehicle(client, fleet, vehicle).id)
+            by_name = bool(sensor or vehicle) and not is_id(vehicle)
+            named = {"vehicle": vehicle or None, "fleet": fleet or None, "sensor": sensor or None}
+            vehicle_id = "" if by_name else str(find_vehicle(client, fleet, vehicle).id)
             query = {"camera": camera or None, "as_of": as_of or None, "format": format}
             query |= {"alias": alias, "serial": serial or None}
+            query |= named if by_name else {}
             asked = json.dumps([client.base_url, vehicle_id, query])
             new = _new(client, vehicle_id, kept.etag(asked), query)
             if new is not None:
@@ -73,6 +79,8 @@ def pull(
 
 def _new(client: Client, vehicle_id: str, etag: str | None, query: dict[str, Any]) -> tuple[bytes, str] | None:
     try:
+        if not vehicle_id:
+            return client.calibrations.found_if_changed(etag, **query)
         return client.calibrations.vehicle_if_changed(vehicle_id, etag, **query)
     except ApiError as error:
         if error.code not in _REFUSED:

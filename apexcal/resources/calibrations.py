@@ -172,6 +172,10 @@ class Calibrations:
         """
         return self._http.get_bytes_if_changed(at("vehicles", vehicle_id, "calibration"), etag, **query)
 
+    def found_if_changed(self, etag: str | None = None, **query: Any) -> tuple[bytes, str] | None:
+        """The same for a vehicle by its name (``vehicle``, ``fleet``) or by a sensor's serial number (``sensor``)."""
+        return self._http.get_bytes_if_changed("/calibration", etag, **query)
+
     def current_if_changed(
         self, vehicle_id: UUID | str, camera: str, etag: str | None = None
     ) -> tuple[CurrentCalibration, str] | None:

@@ -11,15 +11,14 @@ from datetime import datetime
 from typing import Any, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import Select, and_, func, select
+from sqlalchemy import Select, and_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
 from service.calibration_runs.mounted_sensors import LIDAR, Calibrated, Swapped, swapped_sensors
-from service.calibration_runs.publication_actions import current_ids
 from service.db.aliases import AliasMove, Withdrawal
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.calibrations import NEWNESS, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.detections import Detection
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.db.people import Person
@@ -94,19 +93,20 @@ def given(session: Session, vehicle: Vehicle, asked: Asked) -> dict[str, Given]:
 
 
 def _rows(vehicle_id: UUID, asked: Asked) -> Select[*tuple[Any, ...]]:
-    """All in one statement, because rows may be deleted between two."""
-    move: Any = Publication if asked.alias == CURRENT else AliasMove
-    of = [move.vehicle_id == vehicle_id]
+    """All in one statement, because rows may be deleted between two. It looks up each camera's newest by an index."""
+    cameras = select(RigCamera.name).join(Rig, Rig.id == RigCamera.rig_id).where(Rig.vehicle_id == vehicle_id)
     if asked.cameras:
-        of.append(move.camera.in_(asked.cameras))
+        cameras = cameras.where(RigCamera.name.in_(asked.cameras))
+    names = cameras.distinct().subquery()
+    move: Any = Publication if asked.alias == CURRENT else AliasMove
+    of = [move.vehicle_id == vehicle_id, move.camera == names.c.name]
     if asked.as_of is not None:
         of.append(move.created_at <= asked.as_of)
     if move is AliasMove:
-        age = func.row_number().over(partition_by=AliasMove.camera, order_by=AliasMove.number.desc())
-        ranked = select(AliasMove.id, age.label("age")).where(*of, AliasMove.alias == asked.alias).subquery()
-        newest = select(ranked.c.id).where(ranked.c.age == 1)
-    else:
-        newest = current_ids(*of)
+        of.append(AliasMove.alias == asked.alias)
+    newness = (AliasMove.number,) if move is AliasMove else NEWNESS
+    newest = select(move.id).where(*of).order_by(*(key.desc() for key in newness)).limit(1)
+    ids = select(newest.correlate(names).scalar_subquery()).select_from(names)
     by = AliasMove.said_by if move is AliasMove else Publication.published_by
     return (
         select(move, Result, Calibration, Rig, Person.name, Detection.pairing, RigCamera.serial)
@@ -119,7 +119,7 @@ def _rows(vehicle_id: UUID, asked: Asked) -> Select[*tuple[Any, ...]]:
         .outerjoin(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
         .outerjoin(Detection, Detection.id == CorrespondenceSet.detection_id)
         .outerjoin(Person, Person.id == by)
-        .where(move.id.in_(newest))
+        .where(move.id.in_(ids))
         .order_by(move.camera)
     )
 

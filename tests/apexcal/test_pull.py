@@ -158,6 +158,17 @@ def test_a_swapped_sensor_keeps_the_last_file_and_says_so(car):
     assert car.pull("--serial", "front").exit_code == 1
 
 
+def test_a_car_that_knows_its_name_or_a_sensor_and_no_id(car):
+    with car.api.database.writing() as session:
+        session.execute(update(Rig).values(lidar_serial="L-1"))
+    for words in (("--vehicle", "car"), ("--sensor", "L-1"), ("--vehicle", "car", "--fleet", "fleet 1")):
+        assert car.pull(*words).exit_code == 0 and car.kept()
+        assert "has not changed" in car.pull(*words).stderr
+    good = car.file.read_bytes()
+    unknown = car.pull("--sensor", "L-2")
+    assert unknown.exit_code == 1 and "no_such_vehicle" in unknown.stderr and car.file.read_bytes() == good
+
+
 def test_an_alias_is_pulled_by_its_name(car):
     result = car.publish()
     older = car.viewer.get(car.history).json()["items"][1]["result_id"]

@@ -48,6 +48,7 @@ OF_ANYBODY = {
     ("get", "/v1/recordings"),
     ("get", "/v1/jobs"),
     ("get", "/v1/export-formats"),
+    ("get", "/v1/calibration"),
 }
 WORTHLESS = "00000000-0000-7000-8000-000000000000"
 # Bodies that cannot be made from their schema alone, by the end of the path.
