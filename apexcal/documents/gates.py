@@ -11,20 +11,20 @@ from apexcal.documents.base import Document, Received
 _Most = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 _Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 
-GateName = Literal["heldout_mean_px", "std_deg", "std_mm", "coverage"]
-
 
 class Gate(Received):
     """Limits, each optional. A rig's limit replaces the fleet's of the same name.
 
     ``heldout_mean_px``: most, of the mean error of held-out pairs. ``std_deg`` and ``std_mm``: most, of the largest
-    standard deviation of a turn and of a component of the translation. ``coverage``: least share of the image, of
+    standard deviation of a turn and of a component of the translation. ``halves_ratio``: most, of how many times more
+    than stated halves of the pairs differ. ``coverage``: least share of the image, of
     whose 8 x 6 equal cells so many hold at least one pair.
     """
 
     heldout_mean_px: _Most | None = None
     std_deg: _Most | None = None
     std_mm: _Most | None = None
+    halves_ratio: _Most | None = None
     coverage: _Share | None = None
 
 

@@ -30,6 +30,7 @@ _LIMITS = {
     "heldout_mean_px": _Limit("the mean error of held-out pairs", "px"),
     "std_deg": _Limit("the largest standard deviation of a turn", "degrees"),
     "std_mm": _Limit("the largest standard deviation of the translation", "mm"),
+    "halves_ratio": _Limit("the difference of halves of the pairs over what is stated", ""),
     "coverage": _Limit("the share of the image's cells that hold a pair", "", -1),
 }
 
@@ -83,11 +84,15 @@ def _measures(
     result: Result, summary: Json | None, pairs: Json, camera: RigCamera | None, *, with_coverage: bool
 ) -> dict[str, float | None]:
     models: Json = (summary or {}).get("cameras", {}).get(result.camera, {}).get("models", {})
-    std: Mapping[str, float | None] = result.document.get("std") or {}
+    summed: Json = models.get(result.model, {})
+    # As it is published: with the spread of the models, where they were weighed.
+    stated: Json = summed.get("between_models") or result.document
+    std: Mapping[str, float | None] = stated.get("std") or {}
     metres = _largest(std, _SHIFTS)
     turns = next((names for names in _TURNS if names[0] in std), _TURNS[0])
     return {
-        "heldout_mean_px": models.get(result.model, {}).get("heldout_mean_px"),
+        "heldout_mean_px": summed.get("heldout_mean_px"),
+        "halves_ratio": max((half["ratio"] for half in result.document.get("halves") or []), default=None),
         "std_deg": _largest(std, turns),
         "std_mm": None if metres is None else 1000.0 * metres,
         "coverage": _coverage(result.document, pairs, camera) if with_coverage and camera else None,

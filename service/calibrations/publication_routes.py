@@ -18,7 +18,6 @@ from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.calibration_runs.alias_actions import Words
-from service.calibration_runs.conclusion import FULL
 from service.calibration_runs.objection_queries import objections
 from service.calibration_runs.publication_actions import (
     current_publication,
@@ -35,7 +34,7 @@ from service.calibrations.given_views import given_documents
 from service.calibrations.publication_rules import check_objections, check_publishable
 from service.calibrations.publication_views import publication_page, publication_view
 from service.calibrations.views import result_document
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.digests import content_hash
 from service.db.fleets import Vehicle
 from service.exports.answers import WantedFormat, exported

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.conclusion import FULL
 from service.calibration_runs.objection_queries import objections
-from service.db.calibrations import Result
+from service.db.calibrations import FULL, Result
 from service.http.problems import Problem
 
 

@@ -8,7 +8,7 @@ from sqlalchemy import select, update
 from service.db.calibrations import Publication, Result
 from service.db.fleets import Rig
 from tests.service.calibrations.given import another_rig, history, publish, put_pairs
-from tests.service.calibrations.test_results import DOCUMENT, current_address, seed_results
+from tests.service.calibrations.test_results import DOCUMENT, FOUND, current_address, seed_results
 from tests.service.detections.seeding import seed_rig
 
 STD = {"rotation_x_deg": 0.02, "rotation_y_deg": 0.05, "rotation_z_deg": 0.01} | {
@@ -92,6 +92,19 @@ def test_a_measure_that_a_result_lacks_does_not_pass(api, rig, admin):
         std = STD | {"rotation_y_deg": None}
         session.execute(update(Result).values(document=DOCUMENT | {"std": std}))
     assert "this result does not have it" in admin.get(f"/results/{result}").json()["objections"][1]
+
+
+def test_halves_and_the_spread_of_the_models_count_where_a_result_has_them(api, rig, admin):
+    state(admin, "rigs", rig.id, {"halves_ratio": 1.5, "std_mm": 5})
+    found = FOUND | {"between_models": {"std": STD | {"t_z_m": 0.006}}}
+    _, (result, _) = seed_results(api, rig, found=found)
+    with api.database.writing() as session:
+        halves = [{"split": "alternating", "ratio": 1.2}, {"split": "first_and_last", "ratio": 1.7}]
+        document = DOCUMENT | {"std": STD | {"t_z_m": 0.004}, "halves": halves}
+        session.execute(update(Result).values(document=document))
+    wide, apart = sorted(admin.get(f"/results/{result}").json()["objections"], reverse=True)
+    assert "the difference of halves" in wide + apart and "it is 1.7" in wide + apart
+    assert "at most 5 mm" in wide + apart and "it is 6 mm" in wide + apart
 
 
 def test_coverage_counts_the_cells_of_the_image_that_hold_pairs(api, rig, admin):
