@@ -106,11 +106,13 @@ def _rows(vehicle_id: UUID, asked: Asked) -> Select[*tuple[Any, ...]]:
         of.append(AliasMove.alias == asked.alias)
     newness = (AliasMove.number,) if move is AliasMove else NEWNESS
     newest = select(move.id).where(*of).order_by(*(key.desc() for key in newness)).limit(1)
-    ids = select(newest.correlate(names).scalar_subquery()).select_from(names)
+    # Joined and not `IN`, for which PostgreSQL would read the other tables whole.
+    is_newest = move.id == newest.correlate(names).scalar_subquery()
     by = AliasMove.said_by if move is AliasMove else Publication.published_by
     return (
         select(move, Result, Calibration, Rig, Person.name, Detection.pairing, RigCamera.serial)
-        .select_from(move)
+        .select_from(names)
+        .join(move, is_newest)
         .outerjoin(Result, Result.id == move.result_id)
         .outerjoin(Calibration, Calibration.id == Result.calibration_id)
         .outerjoin(Rig, Rig.id == Calibration.rig_id)
@@ -119,7 +121,6 @@ def _rows(vehicle_id: UUID, asked: Asked) -> Select[*tuple[Any, ...]]:
         .outerjoin(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
         .outerjoin(Detection, Detection.id == CorrespondenceSet.detection_id)
         .outerjoin(Person, Person.id == by)
-        .where(move.id.in_(ids))
         .order_by(move.camera)
     )
 
