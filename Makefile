@@ -13,7 +13,7 @@ API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
 API_TYPES := frontend/src/lib/api/schema.ts
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm bench-startup bench-readers faults check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -58,6 +58,9 @@ bench-fleet: setup  ## one request for a thousand vehicles beside the bare solve
 
 bench-farm: setup  ## what the farm costs beside the bare solver: calibrations, single trips, slots, more workers; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.farm
+
+bench-retrieval: setup  ## how fast 10,000 vehicles get their calibrations, and whether any answer is old; SHORT=1 for a short form
+	$(BIN)/python -m benchmarks.retrieval
 
 bench-startup: setup frontend  ## seconds until the service answers, and what its processes import; BESIDE=path of another checkout, ROUNDS=1
 	$(BIN)/python -m benchmarks.startup

@@ -440,10 +440,24 @@ class Quality(Document):
     alarms: list[str] = []
 
 
+class Validity(Document):
+    """Since when a calibration is given, and for which sensors. ``until`` is when something else came, of the past.
+
+    Serial numbers are null where the rig states none.
+    """
+
+    since: datetime
+    until: datetime | None = None
+    camera_serial: str | None = None
+    lidar_serial: str | None = None
+
+
 class CurrentCalibration(Sent):
     """What a vehicle's camera is given: intrinsics and transforms, both frames named, and how good they are.
 
-    ``T_vehicle_camera`` is there where the rig says where its LiDAR is.
+    ``T_vehicle_camera`` is there where the rig says where its LiDAR is. ``clock_offset_ns`` is the camera's clock
+    minus the LiDAR's with which the pairs were made, null where they were imported. Under another alias than
+    ``current``, ``publication_id`` is the id of the alias's move.
     """
 
     vehicle_id: UUID
@@ -460,3 +474,6 @@ class CurrentCalibration(Sent):
     T_camera_lidar: Stored[SolvedTransform]
     quality: Quality
     T_vehicle_camera: SolvedTransform | None = None
+    alias: str = "current"
+    clock_offset_ns: int | None = None
+    validity: Validity | None = None

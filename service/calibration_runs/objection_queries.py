@@ -10,14 +10,17 @@ from datetime import datetime
 from typing import NamedTuple
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, exists, func, select
+from sqlalchemy import ColumnElement, and_, exists, func, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
-from service.calibration_runs.publication_actions import current_id
+from service.calibration_runs.gate_verdicts import failures, gate_verdict
+from service.calibration_runs.mounted_sensors import Calibrated, swapped_sensors
+from service.calibration_runs.publication_actions import current_publication, is_withdrawn
+from service.db.aliases import Withdrawal
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
-from service.db.fleets import Rig
+from service.db.fleets import Rig, RigCamera
 
 # Ratio of held-out to fitted error above which a fit says little about other places. Twenty real pairs for sixteen
 # parameters give 3.3, enough pairs 1.1.
@@ -40,11 +43,39 @@ def objections(session: Session, result: Result) -> list[str]:
     model: Json | None = found.get("models", {}).get(result.model)
     if model is None:
         return [_NOT_ENDED]
+    now = failures(gate_verdict(session, result)) + _said_of_it(session, result, calibration.vehicle_id)
     own: list[str] | None = model.get("objections")
     if own is None:
         ended_well = calibration.state == WorkState.DONE and _all_done(session, calibration.id)
         own = own_objections(result.camera, found, result.model, summary.get("rig"), ended_well=ended_well)
-    return own + _beside_current(session, result, calibration.vehicle_id)
+    return own + now + _beside_current(session, result, calibration.vehicle_id)
+
+
+def _said_of_it(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
+    """That it was withdrawn before, and that a sensor was swapped since."""
+    published = and_(
+        *(Publication.vehicle_id == Withdrawal.vehicle_id, Publication.camera == Withdrawal.camera),
+        Publication.number == Withdrawal.number,
+    )
+    withdrawn = session.execute(
+        select(Withdrawal.created_at, Withdrawal.reason)
+        .join(Publication, published)
+        .where(Publication.result_id == result.id)
+        .order_by(Withdrawal.number)
+    )
+    reasons = [f"It was withdrawn ({_told(at)}): {reason}" for at, reason in withdrawn]
+    mounted = session.execute(
+        select(RigCamera.serial, Rig)
+        .select_from(CalibrationRun)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .join(Rig, Rig.id == CorrespondenceSet.rig_id)
+        .join(RigCamera, and_(RigCamera.rig_id == Rig.id, RigCamera.name == result.camera))
+        .where(CalibrationRun.id == result.run_id)
+    ).one_or_none()
+    if mounted is not None:
+        calibrated = [Calibrated(result.camera, *mounted)]
+        reasons += [one.sentence for one in swapped_sensors(session, vehicle_id, calibrated)]
+    return reasons
 
 
 def own_objections(camera: str, found: Json, name: str, rig: Json | None, *, ended_well: bool) -> list[str]:
@@ -132,9 +163,11 @@ def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None
 
 def _beside_current(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
     """Objections to a result that come from comparing it with its camera's current one."""
-    given = current_id(vehicle_id, result.camera)
-    published = select(Publication.result_id).where(Publication.id.in_(given))
-    own, current = _standing(session, Result.id == result.id), _standing(session, Result.id.in_(published))
+    newest = current_publication(session, vehicle_id, result.camera)
+    # What was withdrawn is no measure of anything.
+    if newest is None or is_withdrawn(session, newest):
+        return []
+    own, current = _standing(session, Result.id == result.id), _standing(session, Result.id == newest.result_id)
     if own is None or current is None or own.result_id == current.result_id:
         return []
     reasons: list[str] = []
