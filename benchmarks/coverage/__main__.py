@@ -2,7 +2,7 @@
 
 Walks are simulated, their vertices detected, paired at the estimated offset, marked by simulated people (a bias of
 each person, noise, some marks on another corner of the board), and calibrated by all models. Each recording gives one
-calibration to every cell. RUNS: recordings (default 12); CELLS: parts of the names of some cells; SEED: of the first.
+calibration to every cell. RUNS: recordings (default 10); CELLS: parts of the names of some cells; SEED: of the first.
 
 `worst_coverage95`, `best_coverage95`: over the cells, the share of published 95 % intervals that hold, of rotation,
 translation, and of pixels over the marked field. `sound_accused`: sound runs whose status is not `ok`. `right_model`:
@@ -31,7 +31,7 @@ from workers.solver.slot import warm_up  # noqa: E402
 
 def main() -> None:
     """Print the cells to stderr and one line of JSON to stdout."""
-    runs, seed = int(os.environ.get("RUNS", "12")), int(os.environ.get("SEED") or secrets.randbelow(10**9))
+    runs, seed = int(os.environ.get("RUNS", "10")), int(os.environ.get("SEED") or secrets.randbelow(10**9))
     chosen = [name for name in os.environ.get("CELLS", "").split(",") if name]
     began = time.perf_counter()
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), warm_up) as pool:

@@ -1,14 +1,15 @@
 """One calibration by the product's own path: planned by the service, fitted by a worker, concluded by the service.
 
-Two things are spared. A model's search runs once on a walk's clean marks, and every fit of that model there is
-finished from its end: searches from anywhere end in the same optimum (`make bench-accuracy`). And the baselines of
-fits to a part of the pairs are left out, because nothing reads them.
+Some things are spared. A model's search runs once on a walk's clean marks, and every fit of that model there is
+finished from its end: searches from anywhere end in the same optimum (`make bench-accuracy`), so nothing else is
+looked for among the bests of its slots. The baselines of fits to a part of the pairs are left out, because nothing
+reads them.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 from uuid import uuid4
 
@@ -86,7 +87,7 @@ class Bench:
         for fit in _plan(paired, clean, {}).fits:
             if (lens, fit.model) not in self._searched:
                 problem = read_run(fit.problem | {"fold": FULL}, FULL, clean).problem
-                self._searched[lens, fit.model] = run_schedule(problem)[0]
+                self._searched[lens, fit.model] = replace(run_schedule(problem)[0], first_slot_parameters=())
         return {model: self._searched[lens, model] for model in MODELS}
 
 

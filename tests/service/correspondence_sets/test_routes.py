@@ -221,3 +221,31 @@ def test_who_marks_does_not_read_the_pairs_made_of_marks(api, fleet, engineer):
     reviewer = api.member(fleet, "reviewer")
     assert reviewer.get(address).json()["items"] == [brought, built]
     assert reviewer.get(f"/correspondence-sets/{built['id']}").json()["pairs"]
+
+
+def test_two_marks_far_apart_give_no_pair_and_that_is_said(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=2, marks_per_vertex=2)
+    say(api, seed, api.member(fleet, "annotator", "one"), *[("confirmed", (100.0, 50.0))] * 2)
+    say(api, seed, api.member(fleet, "annotator", "two"), ("confirmed", (101.0, 50.0)), ("confirmed", (127.0, 86.0)))
+    made = build(engineer, seed).json()
+    assert made["count"] == 1
+    assert any("1 of 2 vertices is left out, because two marks lie more than" in note for note in made["notes"])
+
+
+def test_vertices_that_stayed_where_they_were_measured_and_a_clock_that_was_set_back_are_said(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=2)
+    say(api, seed, api.member(fleet, "annotator"), *[("confirmed", (1.0, 2.0))] * 2)
+    assert build(engineer, seed).json()["notes"] == []
+    with api.database.writing() as session:
+        session.get_one(VertexFrame, (seed.vertices[0], seed.camera_id)).gap_ns = -20_000_000
+        lidar = (
+            session.scalars(select(Sensor).where(Sensor.kind == "lidar")).first()
+            or session.scalars(select(Sensor)).first()
+        )
+        lidar.facts = {**lidar.facts, "jumps": [{"after_ns": 9_900_000_000, "duration_ns": -500_000_000}]}
+        name = lidar.name
+    nearest, clock = build(engineer, seed).json()["notes"]
+    assert (
+        nearest.startswith("Vertices were paired with the nearest frame, up to 20 ms away") and "mode auto" in nearest
+    )
+    assert clock.startswith(f"The clock of {name} was set back by 0.5 s at 9.9 s")
