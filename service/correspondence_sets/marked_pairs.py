@@ -89,8 +89,8 @@ def _pairing_note(detection: Detection, columns: Columns) -> list[str]:
     if detection.pairing["mode"] != "nearest" or gaps[-1] < _STILL_NS:
         return []
     return [
-        f"Vertices were paired with the nearest frame, up to {gaps[-1] / 1e6:.0f} ms away, and not moved to its time. "
-        "If the board moved, detect again with pairing mode auto; marks stay valid."
+        f"Vertices were paired with the nearest frame, up to {gaps[-1] / 1e6:.0f} ms away, and not moved to its "
+        "time. If the board moved, detect again with pairing mode auto; marks stay valid."
     ]
 
 

@@ -41,6 +41,6 @@ def nearest_frames(document: Mapping[str, Any], pairs: Mapping[str, Any]) -> lis
     if not scale or scale <= _UNDERSTATED or np.max(gaps) < _STILL_NS:
         return []
     return [
-        f"Vertices were paired with the nearest frame, half of them more than {np.median(gaps) / 1e6:.0f} ms away, and "
-        "not moved to its time. If the board moved, the pairs are wrong by that: detect again with pairing mode auto."
+        f"Vertices were paired with the nearest frame, half of them more than {np.median(gaps) / 1e6:.0f} ms away, "
+        "and not moved to its time. If the board moved, the pairs are wrong: detect again with pairing mode auto."
     ]

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 
 from service.db.calibrations import CorrespondenceSet
 from service.db.detections import VertexFrame
-from service.db.recordings import Recording
+from service.db.recordings import Recording, Sensor
 from tests.service.detections.seeding import (
     Seed,
     seed_answer,
@@ -56,7 +57,7 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
         seed,
         two,
         ("confirmed", (102.0, 50.0)),
-        ("confirmed", (100.0, 60.0)),
+        ("confirmed", (100.0, 54.0)),
         ("rejected", None),
         ("rejected", None),
     )
@@ -75,10 +76,10 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     assert [(pair["u"], pair["v"], pair["marks"], pair["flagged"]) for pair in pairs] == [
         (101.0, 50.0, 3, False),
-        (100.0, 55.0, 2, False),
+        (100.0, 52.0, 2, False),
         (100.0, 50.0, 1, True),
     ]
-    assert (pairs[1]["spread_px"], pairs[1]["stamp_ns"], pairs[1]["gap_ns"]) == (5.0, 100_000_000, 1)
+    assert (pairs[1]["spread_px"], pairs[1]["stamp_ns"], pairs[1]["gap_ns"]) == (2.0, 100_000_000, 1)
     strict = build(engineer, seed, exclude_flagged=True).json()
     assert (strict["count"], strict["flagged"]) == (2, 0)
     assert "it was left out" in strict["notes"][3]
@@ -238,10 +239,7 @@ def test_vertices_that_stayed_where_they_were_measured_and_a_clock_that_was_set_
     assert build(engineer, seed).json()["notes"] == []
     with api.database.writing() as session:
         session.get_one(VertexFrame, (seed.vertices[0], seed.camera_id)).gap_ns = -20_000_000
-        lidar = (
-            session.scalars(select(Sensor).where(Sensor.kind == "lidar")).first()
-            or session.scalars(select(Sensor)).first()
-        )
+        lidar = session.scalars(select(Sensor).where(Sensor.kind == "lidar")).one()
         lidar.facts = {**lidar.facts, "jumps": [{"after_ns": 9_900_000_000, "duration_ns": -500_000_000}]}
         name = lidar.name
     nearest, clock = build(engineer, seed).json()["notes"]
