@@ -98,11 +98,11 @@ def _field(done: Calibration, name: str) -> tuple[float, float]:
     points = done.paired.walked.poses(done.paired.taken_ns).apex[::4]
     truly = done.paired.camera.project(points)
     here = _project(done.results[name], points)
-    stated, document = _stated(done, name), done.results[name]
+    document, spread = done.results[name], done.summary["models"][name]["between_models"]
     covariance = document["covariance"]
     J = np.stack([_derivative(document, key, points) for key in covariance["names"]], axis=2)
     variance = np.einsum("nij,jk,nik->ni", J, np.array(covariance["matrix"]), J)
-    for other, share in stated.get("weights", {}).items():
+    for other, share in spread["weights"].items() if spread else ():
         if other != name:
             variance = variance + share * (_project(done.results[other], points) - here) ** 2
     factors = [
