@@ -51,7 +51,7 @@ from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
 from service.jobs.retention import forget_jobs
 from service.observability import logs, request_ids
-from service.recordings import frame_routes, original_routes, presigned_routes, upload_routes
+from service.recordings import frame_routes, original_routes, presigned_routes, sweep_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
 from service.settings import Settings, settings_or_exit
@@ -72,6 +72,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     presigned_routes.router,
     original_routes.router,
     frame_routes.router,
+    sweep_routes.router,
     job_status.router,
     events.router,
     detections.router,

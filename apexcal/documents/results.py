@@ -150,6 +150,69 @@ class Compared(Document):
     differs: bool
 
 
+class SharedErrors(Document):
+    """What pairs of one block share: ``group`` as the pairs name it, or a stretch of a walk (``time``, ``order``).
+
+    ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch;
+    ``noise_px`` is what each mark has besides.
+    ``evidence`` is twice the logarithm of the likelihood's ratio to independent errors, ``widening`` that of the
+    pixels' deviations over the marks. The result's deviations count it where it is ``counted``.
+    """
+
+    blocks: int
+    by: Literal["group", "time", "order"]
+    deviations: dict[str, float]
+    noise_px: float
+    evidence: float
+    counted: bool
+    widening: float
+
+
+class Halves(Document):
+    """How far fits of two disjoint halves differ: every second block and the others, or the first and the last ones.
+
+    ``ratio`` is over the parameters, ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone
+    (``turned_deg``), each against what the fit to all pairs states of such a difference. Beyond its limit it does not
+    hold: one in two hundred sound results does that.
+    """
+
+    split: Literal["alternating", "first_and_last"]
+    pairs: list[int]
+    ratio: float
+    limit: float
+    rotation_deg: float
+    translation_mm: float
+    field_px: float
+    stated_px: float
+    field_ratio: float
+    field_limit: float
+    turned_deg: float | None = None
+    turned_ratio: float | None = None
+    turned_limit: float | None = None
+    holds: bool
+
+
+class PredictedPixel(Document):
+    """Deviations of what projects to a pixel, by the prediction's distances; null where the lens has no ray there."""
+
+    u: float
+    v: float
+    stated_px: list[float] | None = None
+    stated_mm: list[float] | None = None
+
+
+class Prediction(Document):
+    """How well the result places points of the LiDAR in the image: one standard deviation, under the fitted model.
+
+    ``expected_over_stated`` is how many times more to expect, where halves of the pairs differ by more than
+    is stated.
+    """
+
+    distances_m: list[float]
+    expected_over_stated: float
+    points: list[PredictedPixel]
+
+
 class Provenance(Document):
     """What a result was computed from and by. ``request`` is the solver's own document, angles in radians."""
 
@@ -166,7 +229,9 @@ class RunResult(Document):
     stand side by side. ``parameters`` and ``std`` are in degrees, metres and pixels. ``noise_scale`` says how many
     times larger the errors are than stated, where pairs weigh by what they state; ``sigma_px`` is the noise of a
     typical pair, ``explained_px`` what marks and vertices explain of it; ``marks_outside`` counts marks outside of
-    the image.
+    the image. ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
+    ``common_errors`` are the deviations stated for what all pairs share. ``stated_too_small`` says where halves of
+    the pairs differ by more than is stated.
     """
 
     model: str
@@ -202,8 +267,14 @@ class RunResult(Document):
     rank: int | None = None
     condition: float | None = None
     undetermined: list[dict[str, float]] | None = None
+    degrees_of_freedom: Deviations | None = None
     alarms: list[str] = []
     several_optima: list[str] = []
+    shared_errors: SharedErrors | None = None
+    common_errors: dict[str, float] = {}
+    halves: list[Halves] = []
+    stated_too_small: list[str] = []
+    prediction: Prediction | None = None
     cpu: dict[str, str] | None = None
     versions: dict[str, str] | None = None
     heldout: HeldOut | None = None
@@ -285,6 +356,7 @@ class ModelSummary(Document):
     iterations: int | None = None
     stopped: Stopped | None = None
     alarms: list[str] = []
+    stated_too_small: list[str] = []
     heldout_mean_px: float | None = None
     heldout_rms_px: float | None = None
     heldout_pairs: int | None = None

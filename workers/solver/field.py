@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.camera_models import ANGLES
-from workers.solver.covariances import Covariances
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian
 from workers.solver.uncertainty import turns_are_free
@@ -56,10 +55,8 @@ def _rounded(values: Floats) -> list[float]:
 
 def _at(problem: FitProblem, points: Floats) -> FitProblem:
     count = len(points)
-    none: Covariances | None = None
-    return replace(
-        problem, points=points, pixels=np.zeros((count, 2)), weights=np.ones(count), covariances=none, whitening=None
-    )
+    plain = replace(problem, covariances=None, whitening=None, blocks=None, velocities=None)
+    return replace(plain, points=points, pixels=np.zeros((count, 2)), weights=np.ones(count))
 
 
 def _points() -> Floats:

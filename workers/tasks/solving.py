@@ -19,12 +19,14 @@ from service.calibration_runs.actions import count_down, end_run, start_finish, 
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, Result, Slot
 from service.jobs.claims import CancelledError, Claim, Lease
+from workers.solver.blocks import blocks_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
 from workers.solver.errors import SolveError
 from workers.solver.field import field
 from workers.solver.folds import Fold, folds
 from workers.solver.held_out import held_out
+from workers.solver.motion import velocities_of
 from workers.solver.pair_errors import explained_px, marks_outside, nearest_frames
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
@@ -108,7 +110,21 @@ def _problem(request: Json, pairs: Json, chosen: NDArray[np.int64] | None) -> Fi
     if request.get("weights") == "covariances":
         known = {name: columns[name] for name in COVARIANCE_COLUMNS if name in columns}
         covariances = covariances_of(known, points, float(request.get("mark_sigma_px") or 1.0))
-    return problem_from_document(request, points, pixels, covariances=covariances)
+    problem = problem_from_document(request, points, pixels, covariances=covariances)
+    blocks, velocities = blocks_of(pairs), _velocities(pairs)
+    if chosen is None:
+        return replace(problem, blocks=blocks, velocities=velocities)
+    return replace(
+        problem,
+        blocks=blocks and blocks.taken(chosen),
+        velocities=None if velocities is None else velocities[chosen],
+    )
+
+
+def _velocities(pairs: Json) -> NDArray[np.float64] | None:
+    if "stamp_ns" not in pairs:
+        return None
+    return velocities_of(np.column_stack([pairs["x"], pairs["y"], pairs["z"]]), pairs["stamp_ns"])
 
 
 def _state(schedule: Json | None, problem: FitProblem) -> State:
