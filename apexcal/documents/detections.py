@@ -25,7 +25,8 @@ class Pairing(Received):
 
     A frame farther away than ``max_gap_ns`` is no pair. ``mode: interpolate`` moves the vertex along its track to the
     frame's own time. The gap is zero then, and the covariance includes the interpolation's error. ``auto`` does so
-    where the vertices near in time make a track; ``nearest`` leaves vertices where they were measured.
+    with vertices that state a covariance, where those near in time make a track; ``nearest`` leaves vertices where
+    they were measured.
     """
 
     mode: PairingMode = "auto"

@@ -112,13 +112,15 @@ def _pair(found: Detections, stamps: np.ndarray, pairing: Json) -> list[Pair | N
     nearest = [Pair(frame, gap_ns) if frame >= 0 else None for frame, gap_ns in rows]
     if pairing["mode"] == "nearest":
         return nearest
-    moved = pair_interpolated(found.vertices, stamps, context=found.context, **near)
-    rows = zip(moved.index.tolist(), moved.xyz.tolist(), moved.covariance.tolist(), strict=True)
+    track = pair_interpolated(found.vertices, stamps, context=found.context, **near)
+    rows = zip(track.index.tolist(), track.xyz.tolist(), track.covariance.tolist(), strict=True)
     along = [Pair(frame, 0, tuple(xyz), covariance) if frame >= 0 else None for frame, xyz, covariance in rows]
     if pairing["mode"] == "interpolate":
         return along
+    # The ring rules state no covariances: a moved vertex beside one that stayed would state what the other does not.
     tracked = on_track(found.vertices, found.context).tolist()
-    return [along[i] if tracked[i] else nearest[i] for i in range(len(tracked))]
+    moves = [yes and vertex.covariance is not None for yes, vertex in zip(tracked, found.vertices, strict=True)]
+    return [moved if yes else stayed for yes, moved, stayed in zip(moves, along, nearest, strict=True)]
 
 
 def _write_vertices(session: Session, asked: Detection, found: Detections, pairs: Pairs) -> None:
