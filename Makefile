@@ -13,7 +13,7 @@ API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
 API_TYPES := frontend/src/lib/api/schema.ts
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -46,6 +46,9 @@ bench-paper: setup  ## the paper's two recordings, simulated: what vertices, clo
 
 bench-accuracy: setup  ## how often the solver ends on the optimum, and whether its error bars hold; RIGS=50 for a short form
 	$(BIN)/python -m benchmarks.accuracy
+
+bench-coverage: setup  ## whether what is published holds, on data with blunders and shared errors; RUNS=1 for a short form
+	$(BIN)/python -m benchmarks.coverage
 
 bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the bare evaluation of as many individuals
 	$(BIN)/python -m benchmarks.solver

@@ -27,6 +27,8 @@ from service.db.fleets import Rig, RigCamera
 _FAR_HELD_OUT = 3.0
 # Ratio to the current result's held-out error above which the vehicle should keep the current one.
 _WORSE = 1.5
+# Scale of what marks and vertices explain above which held-out pairs contradict it; a few pairs show less by chance.
+_UNEXPLAINED = 1.5
 # A held-out error below this never blocks publication.
 _FINE_PX = 0.5
 _NOT_ENDED = "Its calibration has not ended, so more may speak against it."
@@ -98,7 +100,8 @@ def own_objections(camera: str, found: Json, name: str, rig: Json | None, *, end
         listed = ", ".join(model["at_bounds"])
         reasons.append(f"{name} lies on the edge of its bounds ({listed}): widen them, or lock what is known.")
     # A worker of an older version does not say it.
-    reasons += model.get("several_optima", []) + model.get("stated_too_small", []) + _held_out(model)
+    reasons += model.get("several_optima", []) + model.get("stated_too_small", [])
+    reasons += _held_out(model) + _outside(model)
     if rig and name == recommended:
         # Other models were not compared.
         if rig.get("problem"):
@@ -111,12 +114,27 @@ def _held_out(model: Json) -> list[str]:
     held_out, fitted = model["heldout_mean_px"], model["polished"]["mean_px"]
     if held_out is None:
         return ["No pairs were held out to judge it by."]
+    reasons: list[str] = []
     if held_out > max(_FAR_HELD_OUT * fitted, _FINE_PX):
-        return [
+        reasons.append(
             f"Held-out pairs lie {held_out:.2f} px off, the fitted ones {fitted:.2f}: the pairs are too few, too "
             "uneven, or some of them wrong."
-        ]
-    return []
+        )
+    noise, explained = model.get("heldout_sigma_px"), model.get("explained_px")
+    if noise and explained and noise > _UNEXPLAINED * explained:
+        reasons.append(
+            f"Held-out pairs show a noise of {noise:.1f} px per coordinate; what is stated of marks and vertices "
+            f"explains {explained:.1f}: marks, vertices or times are worse than stated, or the model is wrong."
+        )
+    return reasons
+
+
+def _outside(model: Json) -> list[str]:
+    outside = model.get("marks_outside") or 0
+    if not outside:
+        return []
+    noun = "mark lies" if outside == 1 else "marks lie"
+    return [f"{outside} of {model['pairs']} {noun} outside of the image: nobody saw them there."]
 
 
 def _all_done(session: Session, calibration_id: UUID) -> bool:
@@ -130,6 +148,7 @@ class _Standing(NamedTuple):
     result_id: UUID
     camera: str
     model: str
+    document: Json
     summary: Json | None
     set_id: UUID
     pairs_at: datetime
@@ -138,10 +157,15 @@ class _Standing(NamedTuple):
     rig_at: datetime
 
     @property
+    def found(self) -> Json:
+        """The summary of its model."""
+        models: Json = (self.summary or {}).get("cameras", {}).get(self.camera, {}).get("models", {})
+        return models.get(self.model, {})
+
+    @property
     def held_out_px(self) -> float | None:
         """Mean held-out error, where any pairs were held out."""
-        models: Json = (self.summary or {}).get("cameras", {}).get(self.camera, {}).get("models", {})
-        return models.get(self.model, {}).get("heldout_mean_px")
+        return self.found.get("heldout_mean_px")
 
 
 def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None:
@@ -149,7 +173,7 @@ def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None
     pairs_at = func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at)
     statement = (
         select(
-            *(Result.id, Result.camera, Result.model, Calibration.summary),
+            *(Result.id, Result.camera, Result.model, Result.document, Calibration.summary),
             *(CorrespondenceSet.id, pairs_at, Rig.id, Rig.name, Rig.created_at),
         )
         .join(Calibration, Calibration.id == Result.calibration_id)
@@ -161,16 +185,47 @@ def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None
     return _Standing(*row) if row else None
 
 
-def _beside_current(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
-    """Objections to a result that come from comparing it with its camera's current one."""
+def _own_and_current(session: Session, result: Result, vehicle_id: UUID) -> tuple[_Standing, _Standing] | None:
+    """A result and its camera's current one; None where there is none, it was withdrawn, or it is the same."""
     newest = current_publication(session, vehicle_id, result.camera)
     # What was withdrawn is no measure of anything.
     if newest is None or is_withdrawn(session, newest):
-        return []
+        return None
     own, current = _standing(session, Result.id == result.id), _standing(session, Result.id == newest.result_id)
     if own is None or current is None or own.result_id == current.result_id:
+        return None
+    return own, current
+
+
+def comparison(session: Session, result: Result, vehicle_id: UUID) -> Json | None:
+    """How far a result is from its camera's current one."""
+    found = _own_and_current(session, result, vehicle_id)
+    return None if found is None else _compared(*found)
+
+
+def _compared(own: _Standing, current: _Standing) -> Json | None:
+    # Imported here: it needs NumPy, which takes a twentieth of the service's start.
+    from service.calibration_runs.result_comparison import compared
+
+    spreads = own.found.get("between_models"), current.found.get("between_models")
+    found = compared(own.document, current.document, *spreads)
+    return found and found | {"result_id": str(current.result_id)}
+
+
+def _beside_current(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
+    """Objections to a result that come from comparing it with its camera's current one."""
+    found = _own_and_current(session, result, vehicle_id)
+    if found is None:
         return []
+    own, current = found
     reasons: list[str] = []
+    apart = _compared(own, current)
+    if apart and apart["differs"]:
+        reasons.append(
+            f"The mount differs from the vehicle's current result by {apart['rotation_deg']:.2f} degrees and "
+            f"{apart['translation_mm']:.0f} mm, {apart['sigmas']:.1f} times what both state: something moved, or one "
+            "of them states too little."
+        )
     mine, theirs = own.held_out_px, current.held_out_px
     if mine is not None and theirs is not None and mine > max(_WORSE * theirs, _FINE_PX):
         reasons.append(f"Held-out pairs lie {mine:.2f} px off; of the vehicle's current result {theirs:.2f}.")

@@ -18,7 +18,7 @@ from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.calibration_runs.alias_actions import Words
-from service.calibration_runs.objection_queries import objections
+from service.calibration_runs.objection_queries import comparison, objections
 from service.calibration_runs.publication_actions import (
     current_publication,
     hold_publications,
@@ -72,6 +72,7 @@ def read_result(
     with_pairs = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
     against = objections(access.session, result) if result.fold == FULL else None
     document = result_document(result, run, calibration, pairs, against, with_pairs=with_pairs)
+    document["compared"] = comparison(access.session, result, calibration.vehicle_id) if result.fold == FULL else None
     if with_pairs:
         tell_pairs(access, request.app.state.database, pairs, "result")
     return document
