@@ -16,6 +16,7 @@ import numpy as np
 from apexcal.documents.detectors import Options
 from workers.vertices.refined.board import find_planes, locate, open_windows
 from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting
+from workers.vertices.refined.holding import learn_hold
 from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.track import FASTEST_M_S, LONGEST_S, TREMBLE_M
 from workers.vertices.refined.window import Window
@@ -33,7 +34,6 @@ _SIGMA_M = (0.004, 0.08)
 # Fewer sweeps than infinitely many: this many imagined ones at the defaults are counted in.
 _DOUBT = 1.5
 _LEAST_TILT = 0.03
-_LEAST_ROLL = math.radians(2.0)
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _FIRST, _SOME = 5, 10
 _HOPELESS = -300.0
@@ -185,6 +185,7 @@ def _learn_board(
     """The board's edges where they are not given, their growth, which edge is where, and the roll."""
     if len(planes) < _ENOUGH:
         return model
+    every = planes
     solid = [plane for plane in planes if plane.telling]
     told = len(solid) >= _ENOUGH
     if told:
@@ -198,16 +199,9 @@ def _learn_board(
         if told:
             model = _learn_blur(planes[:_SOME], model)
             model = _learn_wrong(planes[:_SOME], model)
-    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained]
-    if len(fixes) < _ENOUGH or not told:
-        return model
-    roll = np.array([fix.roll for fix in fixes])
-    odds = np.array([fix.swapped for fix in fixes])
-    return replace(
-        model,
-        roll=_gathered(roll, BoardModel(model.grid).roll, _LEAST_ROLL),
-        swapped=float((np.sum(1.0 / (1.0 + np.exp(-np.clip(odds, -30, 30)))) + 1.0) / (odds.size + 2.0)),
-    )
+    fixes = [fix for plane in every if (fix := locate(plane, model)) is not None and fix.explained]
+    roll, swapped = learn_hold(fixes, model.roll)
+    return replace(model, roll=roll, swapped=swapped)
 
 
 def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:
