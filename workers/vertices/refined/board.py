@@ -62,16 +62,16 @@ def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list
     sightings: list[Sighting] = []
     for item in found:
         sighting = _with_rays(*item, model)
-        if sighting is not None and _at_most(sighting.plane, model.grid.step) > _NARROWEST_M:
+        if sighting is not None and _at_most(sighting.plane, model) > _NARROWEST_M:
             sightings.append(sighting)
             if len(sightings) == most:
                 break
     return sightings
 
 
-def _at_most(plane: Plane, step: float) -> float:
+def _at_most(plane: Plane, model: BoardModel) -> float:
     """Metres that the board takes at most on a ring, with the gaps to the next rays; a pole or an arm takes less."""
-    return plane.width + step * float(np.median(plane.reach))
+    return plane.width + (model.grid.step + 2.0 * model.growth) * float(np.median(plane.reach))
 
 
 def _with_rays(
@@ -107,7 +107,7 @@ def _with_rays(
         rings=int(on_board.size),
         top_ring=int(on_board[-1]),
         points=points,
-        width=columns * model.grid.step * float(np.median(reach)),
+        width=(columns * model.grid.step - 2.0 * model.growth) * float(np.median(reach)),
         returned=window.distance[at] > 0.0,
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )

@@ -19,6 +19,7 @@ from workers.vertices.region import Region
 from workers.vertices.sweep_source import OnSweep, SweepSource
 from workers.vertices.vertex import Covariance, Rejection, Vertex
 
+# A sweep has some ten planes that could be a board; in 200 sweeps without one, none may pass: log(2000) = 7.6.
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do.
 _LEAST_SUPPORT, _LEAST_POINTS = 8.0, 6
 _LEAN = 2.5  # standard deviations: a plane through a head or legs and the board leans farther
