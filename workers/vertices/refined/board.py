@@ -13,7 +13,7 @@ from workers.vertices.refined.board_model import EDGE_M, TELLING_RINGS, BoardMod
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import integrate
 from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
-from workers.vertices.refined.rays import WRONG, choose_rays, follow_board, likelihood_ratios
+from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
 from workers.vertices.refined.window import Window, open_window
 from workers.vertices.sensor_grid import SensorGrid
 
@@ -26,6 +26,7 @@ _UNLIKELY = 0.05
 _HOPELESS = 12.0  # log odds from which the other way to hold the board is not followed further
 _COARSE, _FINE = 24, 36  # cells along either side of the grid
 _ROLLS = 9
+_ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
 _ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
 
 
@@ -142,7 +143,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
     ways = np.tile([-math.inf, 0.0, 1.0], (2, 1))
-    for value, swapped, corner in found:
+    for _, swapped, corner in found:
         ways[int(swapped)] = corner[0], corner[3] - hang(_edges(model, swapped)), corner[6]
     first = int(np.argmax(weight))
     against, upper = _against(plane, model, _edges(model, found[first][1]), found[first][2])
@@ -196,10 +197,9 @@ def _corner(plane: Plane, model: BoardModel, edges: tuple[float, float], coarse:
     if not hits.any():
         return None
     mean, sigma = hang(edges) + model.roll[0], model.roll[1]
-    wrong = model.wrong - WRONG  # the ratios themselves hold as much as that
-    right = 1.0 - wrong
+    right, wrong = 1.0 - model.wrong, model.wrong
     ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
-    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, _ROLLS)
+    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, max(_ROLLS, 1 + round(sigma / _ROLL_STEP)))
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
     along = _turn(mean) @ np.array([plane.left, plane.up])[:, hits]
     low, high = along.max(axis=1) - np.array(edges), along.min(axis=1)

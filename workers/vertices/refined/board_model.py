@@ -73,6 +73,15 @@ def hang(edges: tuple[float, float]) -> float:
     return 0.5 * (math.atan2(edges[0], edges[1]) + math.radians(45.0))
 
 
+def any_roll(edges: tuple[float, float]) -> tuple[float, float]:
+    """Mean and standard deviation of the roll, from `hang`, of boards in general.
+
+    People hold a board about either of the two angles that `hang` is the mean of, and roll it from there.
+    """
+    apart = 0.5 * abs(math.atan2(edges[0], edges[1]) - math.radians(45.0))
+    return 0.0, math.hypot(_ROLL_SIGMA, apart)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
     """A plane w . X = 1 in a window's frame, and the rays that show where the board in this plane ends.

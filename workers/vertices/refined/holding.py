@@ -1,7 +1,7 @@
 """How a person holds the board over a recording: mean and spread of roll and tilt, and which edge is where.
 
-A recording's rolls spread about a mean of their own, and so do its tilts. Mean and spread are summed over a grid, with
-what is known of boards in general as their prior. So boards that tell little leave what is known in general.
+A recording's rolls spread about a mean of their own, and so do its tilts. Mean and spread are summed over a grid,
+with what is known of boards in general as their prior. So boards that tell little leave what is known in general.
 """
 
 from __future__ import annotations

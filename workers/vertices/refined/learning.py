@@ -15,7 +15,7 @@ import numpy as np
 
 from apexcal.documents.detectors import Options
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting
+from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting, any_roll
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.track import FASTEST_M_S, LONGEST_S, TREMBLE_M
@@ -29,6 +29,7 @@ _SWEEPS = 96
 _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart by boards at many distances
 _ENOUGH = 4  # near sweeps from which something is learned
 _MIN_RINGS, _MIN_POINTS = 2, 12
+_MANY_RINGS = 3
 _FIRST_SIGMA_M = 0.03
 _SIGMA_M = (0.004, 0.08)
 _ANY_TILT = (0.0, 0.25)  # boards held on their tip lean by slopes up to 0.7 (real recordings); 2.8 deviations
@@ -90,7 +91,7 @@ def _are_poses(places: Sequence[tuple[int, float, float]]) -> bool:
 
 def _given(model: BoardModel, edges: tuple[float, float], growth_mrad: float) -> BoardModel:
     if all(edges):
-        model = replace(model, edges=edges, slack=0.0)
+        model = replace(model, edges=edges, slack=0.0, roll=any_roll(edges))
     return replace(model, growth=max(growth_mrad, 0.0) * 1e-3)
 
 
@@ -107,7 +108,7 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
         upper = [_upper_part(sighting, model) for sighting in sightings]
         beyond = np.concatenate([part[1] for part in upper])
         # Rings differ: the spread about the plane holds that, the second differences do not.
-        across = 1.05 * 1.4826 * float(np.median(np.abs(beyond)))
+        across = 1.05 * 1.4826 * float(np.median(np.abs(beyond))) if beyond.size else 0.0
         slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 2))
         turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
         model = replace(
@@ -123,7 +124,8 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
 def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Floats]:
     """The plane's two slopes, its residuals (metres), and the slopes' variances.
 
-    It is fitted to the board's rings down to the widest and those below that are nearly as wide. Farther down a ring may have met the body, which stands only centimetres behind the board.
+    It is fitted to the board's rings down to the widest and those below that are nearly as wide. Farther down a ring
+    may have met the body, which stands only centimetres behind the board.
     """
     window, ends = sighting.window, sighting.ends
     rings = np.flatnonzero(ends[:, 0] >= 0)
@@ -140,7 +142,8 @@ def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, 
     towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
     variances = np.diag(towards @ np.linalg.inv(info) @ towards.T)
     beyond = distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
-    return -w[1:] / w[0], beyond, variances
+    # Any two rings lie in one plane, whatever their biases.
+    return -w[1:] / w[0], beyond if len(kept) >= _MANY_RINGS else beyond[:0], variances
 
 
 def _best(windows: Sequence[Window], model: BoardModel) -> list[Sighting]:
@@ -189,9 +192,12 @@ def _learn_board(
         if told:
             model = _learn_blur(solid[:_SOME], model)
             model = _learn_wrong(solid[:_SOME], model)
-    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained]
-    roll, swapped = learn_roll(fixes, model.roll)
-    return replace(model, roll=roll, swapped=swapped)
+        # Growth and roll are told by the same edges, so each is learned again with the other.
+        open_roll = replace(model, roll=any_roll(model.edges), swapped=BoardModel(model.grid).swapped)
+        fixes = [fix for plane in planes if (fix := locate(plane, open_roll)) is not None and fix.explained]
+        roll, swapped = learn_roll(fixes, open_roll.roll)
+        model = replace(model, roll=roll, swapped=swapped)
+    return model
 
 
 def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:

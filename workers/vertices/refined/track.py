@@ -59,7 +59,7 @@ def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[fl
 
 
 def off_path(own: Seen, others: Sequence[Seen]) -> float | None:
-    """How many standard deviations the apex lies beside the smooth path of its neighbours; None where there is none."""
+    """Standard deviations by which the apex lies beside the smooth path of its neighbours; None if there is none."""
     near = [other for other in others if abs(other.time_ns - own.time_ns) < LONGEST_S * 1e9]
     if len(near) < _FEWEST:
         return None
