@@ -23,6 +23,7 @@ from apexcal.documents.jobs import JobProgress, JobView
 from apexcal.documents.people import Me
 from apexcal.documents.recordings import RecordingSummary, RecordingView
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
+from apexcal.documents.sweeps import PackingView
 from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import Detections
@@ -47,7 +48,15 @@ __all__ = [
 Listener = Callable[[float, str], None]
 
 Work = TypeVar(
-    "Work", DetectionView, CalibrationView, FleetRequestView, JobView, OffsetView, PreviewView, SuggestionView
+    "Work",
+    DetectionView,
+    CalibrationView,
+    FleetRequestView,
+    JobView,
+    OffsetView,
+    PackingView,
+    PreviewView,
+    SuggestionView,
 )
 
 # A fleet request with failed vehicles has ended normally; its counts say how many failed.
@@ -179,6 +188,7 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     CalibrationView: ("calibrations", CalibrationView, "the calibration"),
     JobView: ("jobs", JobView, "job {0.id} ({0.kind})"),
     OffsetView: ("clock-offsets", OffsetView, "the clock offset"),
+    PackingView: ("sweep-packings", PackingView, "the packing of the sweeps"),
     PreviewView: ("region-previews", PreviewView, "the region preview"),
     SuggestionView: ("region-suggestions", SuggestionView, "the region suggestion"),
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 
@@ -51,7 +51,7 @@ from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
 from service.jobs.retention import forget_jobs
 from service.observability import logs, request_ids
-from service.recordings import frame_routes, original_routes, presigned_routes, upload_routes
+from service.recordings import frame_routes, original_routes, presigned_routes, sweep_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
 from service.settings import Settings, settings_or_exit
@@ -72,6 +72,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     presigned_routes.router,
     original_routes.router,
     frame_routes.router,
+    sweep_routes.router,
     job_status.router,
     events.router,
     detections.router,
@@ -87,6 +88,7 @@ ROUTERS: tuple[APIRouter, ...] = (
 )
 
 _UPKEEP_S = 600.0
+_CANCEL_AGAIN_S = 0.1
 # Below what clients and proxies wait for an answer.
 _PATIENCE_S = 30.0
 
@@ -109,6 +111,15 @@ async def _keep_house(database: Database, store: Store, settings: Settings) -> N
                 await run_in_threadpool(task, database)
             except Exception:
                 log.exception("%s failed; it is tried again", task.__name__)
+
+
+async def _end(tasks: Collection[asyncio.Task[None]]) -> None:
+    """Cancel until all have ended: a library may lose one cancellation (`asyncio.wait_for` of Python 3.11 does)."""
+    running = set(tasks)
+    while running:
+        for task in running:
+            task.cancel()
+        _, running = await asyncio.wait(running, timeout=_CANCEL_AGAIN_S)
 
 
 def _opened(settings: Settings) -> Store:
@@ -136,13 +147,12 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         house: tuple[Database, Store] = app.state.database, app.state.store
-        app.state.fanout = Fanout(settings.events, app.state.database, drain)
-        tasks = (keep_adopting(*house), _keep_house(*house, settings), app.state.fanout.run())
+        fanout = app.state.fanout = Fanout(settings.events, app.state.database, drain)
+        tasks = (keep_adopting(*house), _keep_house(*house, settings), fanout.feed(), fanout.watch())
         upkeep = [asyncio.create_task(task) for task in tasks]
         with drain.before_stopping():
             yield
-        for task in upkeep:
-            task.cancel()
+        await _end(upkeep)
         app.state.sender.close()
         app.state.publisher.close()
         app.state.database.close()

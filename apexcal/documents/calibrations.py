@@ -37,6 +37,20 @@ class GivenLens(Received):
     D: Annotated[list[Magnitude], Field(max_length=14)]
 
 
+class CommonErrors(Received):
+    """Standard deviations of errors that all pairs of a camera share, which no pair can tell from the mount."""
+
+    azimuth_deg: (
+        Annotated[float, Field(ge=0, le=10, description="of all vertices, as the LiDAR sees them")] | None
+    ) = None
+    elevation_deg: (
+        Annotated[float, Field(ge=0, le=10, description="of all vertices, as the LiDAR sees them")] | None
+    ) = None
+    mark_u_px: Annotated[float, Field(ge=0, le=1000, description="of all marks, to the right")] | None = None
+    mark_v_px: Annotated[float, Field(ge=0, le=1000, description="of all marks, down")] | None = None
+    clock_ms: Annotated[float, Field(ge=0, le=1000, description="of the offset between the clocks")] | None = None
+
+
 class ScheduleOverrides(Received):
     """Single numbers of the preset's schedule, replaced."""
 
@@ -80,6 +94,12 @@ class CalibrationTemplate(Received):
         WeightRule,
         Field(description="auto: by the standard deviations of vertices and marks where all pairs state them"),
     ] = "auto"
+    common_errors: Annotated[
+        CommonErrors,
+        Field(
+            description="what is left out has the default of the pairs' detector; 0 leaves it out of the deviations"
+        ),
+    ] = CommonErrors()
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
     folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5
     farm: Farm = "auto"

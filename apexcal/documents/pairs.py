@@ -19,11 +19,3 @@ def states_errors(pairs: Mapping[str, Any]) -> bool:
 def held_together(pairs: Mapping[str, Any]) -> Sequence[Any]:
     """A value for each pair, its pose, moment or own number; pairs of equal values are held out together."""
     return pairs.get("group") or pairs.get("stamp_ns") or range(len(pairs["x"]))
-
-
-def most_blocks(different: int, pairs: int) -> int:
-    """Into how many blocks pairs with so many different values can be cut.
-
-    A block of single frames needs at least two of them, else a frame is held out beside its neighbours.
-    """
-    return different // 2 if different == pairs else different

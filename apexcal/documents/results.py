@@ -73,12 +73,20 @@ class Outlier(Document):
 
 
 class HeldOut(Errors):
-    """Errors over the pairs of the held-out block; ``forbidden`` counts projections that are none."""
+    """Errors over the pairs of the held-out fold; ``forbidden`` counts projections that are none.
+
+    What models are compared by: ``standard_px`` are the distances in standard deviations of what the pairs state, in
+    pixels of a typical pair and under a fit without outliers, ``stretch`` how that scales lengths; pairs of one of
+    the ``blocks`` err together.
+    """
 
     max_px: float | None = None
     errors_px: list[float] | None = None
     indices: list[int] | None = None
     forbidden: int = 0
+    blocks: list[int] | None = None
+    standard_px: list[float] | None = None
+    stretch: list[float] | None = None
 
 
 class Intrinsics(Document):
@@ -113,6 +121,69 @@ class WorstCorrelation(Document):
     value: float
 
 
+class SharedErrors(Document):
+    """What pairs of one block share: ``group`` as the pairs name it, or a stretch of a walk (``time``, ``order``).
+
+    ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch;
+    ``noise_px`` is what each mark has besides.
+    ``evidence`` is twice the logarithm of the likelihood's ratio to independent errors, ``widening`` that of the
+    pixels' deviations over the marks. The result's deviations count it where it is ``counted``.
+    """
+
+    blocks: int
+    by: Literal["group", "time", "order"]
+    deviations: dict[str, float]
+    noise_px: float
+    evidence: float
+    counted: bool
+    widening: float
+
+
+class Halves(Document):
+    """How far fits of two disjoint halves differ: every second block and the others, or the first and the last ones.
+
+    ``ratio`` is over the parameters, ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone
+    (``turned_deg``), each against what the fit to all pairs states of such a difference. Beyond its limit it does not
+    hold: one in two hundred sound results does that.
+    """
+
+    split: Literal["alternating", "first_and_last"]
+    pairs: list[int]
+    ratio: float
+    limit: float
+    rotation_deg: float
+    translation_mm: float
+    field_px: float
+    stated_px: float
+    field_ratio: float
+    field_limit: float
+    turned_deg: float | None = None
+    turned_ratio: float | None = None
+    turned_limit: float | None = None
+    holds: bool
+
+
+class PredictedPixel(Document):
+    """Deviations of what projects to a pixel, by the prediction's distances; null where the lens has no ray there."""
+
+    u: float
+    v: float
+    stated_px: list[float] | None = None
+    stated_mm: list[float] | None = None
+
+
+class Prediction(Document):
+    """How well the result places points of the LiDAR in the image: one standard deviation, under the fitted model.
+
+    ``expected_over_stated`` is how many times more to expect, where halves of the pairs differ by more than
+    is stated.
+    """
+
+    distances_m: list[float]
+    expected_over_stated: float
+    points: list[PredictedPixel]
+
+
 class Provenance(Document):
     """What a result was computed from and by. ``request`` is the solver's own document, angles in radians."""
 
@@ -128,7 +199,9 @@ class RunResult(Document):
     squares from the centre of the bounds) and ``linear_baseline`` (a linear start with RANSAC, then least squares)
     stand side by side. ``parameters`` and ``std`` are in degrees, metres and pixels. ``noise_scale`` says how many
     times larger the errors are than stated, where pairs weigh by what they state; ``sigma_px`` is the noise of a
-    typical pair.
+    typical pair. ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
+    ``common_errors`` are the deviations stated for what all pairs share. ``stated_too_small`` says where halves of
+    the pairs differ by more than is stated.
     """
 
     model: str
@@ -164,8 +237,14 @@ class RunResult(Document):
     rank: int | None = None
     condition: float | None = None
     undetermined: list[dict[str, float]] | None = None
+    degrees_of_freedom: Deviations | None = None
     alarms: list[str] = []
     several_optima: list[str] = []
+    shared_errors: SharedErrors | None = None
+    common_errors: dict[str, float] = {}
+    halves: list[Halves] = []
+    stated_too_small: list[str] = []
+    prediction: Prediction | None = None
     cpu: dict[str, str] | None = None
     versions: dict[str, str] | None = None
     heldout: HeldOut | None = None
@@ -197,20 +276,34 @@ class ResultView(RunResult):
 
 
 class Behind(Document):
-    """How much higher a model's held-out error is than the lowest one; standard errors are of the blocks."""
+    """How far a model is behind the likeliest one on held-out pairs; standard errors are of the blocks.
+
+    ``within_noise``: the difference of their log likelihoods is below 4.
+    """
 
     px: float
     standard_error_px: float
     percent: float
     standard_error_percent: float
     within_noise: bool
+    log_likelihood: float | None = None
+    standard_error_log_likelihood: float | None = None
+
+
+class BetweenModels(Document):
+    """A result's deviations with the spread of the models added, and the models' weights by held-out pairs."""
+
+    weights: dict[str, float]
+    std: Deviations
+    interval95_half_width: Deviations = {}
 
 
 class ModelSummary(Document):
     """A model's fit to all pairs of a camera, and its errors on held-out ones.
 
     ``objections`` is what speaks against publishing it, whatever its camera has; ``behind`` how far it is behind the
-    model with the lowest held-out error.
+    model under which held-out pairs are likeliest. ``weight`` is its share among the models; ``heldout_sigma_px``
+    the noise per coordinate of held-out pairs, wrong marks aside; ``heldout_forbidden`` how many have no projection.
     """
 
     result_id: UUID
@@ -227,9 +320,14 @@ class ModelSummary(Document):
     iterations: int | None = None
     stopped: Stopped | None = None
     alarms: list[str] = []
+    stated_too_small: list[str] = []
     heldout_mean_px: float | None = None
     heldout_rms_px: float | None = None
     heldout_pairs: int | None = None
+    heldout_forbidden: int | None = None
+    heldout_sigma_px: float | None = None
+    weight: float | None = None
+    between_models: BetweenModels | None = None
     seconds: float | None = None
     workers: list[str] = []
     objections: list[str] | None = None
@@ -323,7 +421,11 @@ class Summary(Document):
 
 
 class Quality(Document):
-    """How good a published calibration is."""
+    """How good a published calibration is.
+
+    ``std`` includes the spread of the models that held-out pairs do not rule out; ``std_of_model`` holds if the model
+    is right.
+    """
 
     pairs: int | None = None
     mean_px: float
@@ -331,6 +433,8 @@ class Quality(Document):
     heldout_mean_px: float | None = None
     heldout_rms_px: float | None = None
     std: Deviations | None = None
+    std_of_model: Deviations | None = None
+    interval95_half_width: Deviations | None = None
     alarms: list[str] = []
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Final, Literal, get_args
 
 Loss = Literal["mean", "saturating"]
 OutlierRule = Literal["keep", "exclude"]
@@ -11,3 +11,6 @@ Weights = Literal["equal", "covariances"]
 WeightRule = Literal["auto", "equal", "covariances"]
 LensUse = Literal["bounds", "prior", "locked"]
 Farm = Literal["auto", "slots", "runs"]
+CommonError = Literal["azimuth_deg", "elevation_deg", "mark_u_px", "mark_v_px", "clock_ms"]
+COMMON_ERRORS: Final[tuple[CommonError, ...]] = get_args(CommonError)
+"""Errors that all pairs share: of the vertices' direction, of the marks, of the offset between the clocks."""

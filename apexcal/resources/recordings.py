@@ -17,6 +17,7 @@ from apexcal.documents.recordings import (
     RecordingSummary,
     RecordingView,
 )
+from apexcal.documents.sweeps import MEDIA_TYPE, PackingView, SweepView
 from apexcal.errors import ClientError
 from apexcal.presigned import EndedAddressError, PresignedStore
 from apexcal.transport import Transport, at
@@ -29,7 +30,7 @@ class Recordings:
 
     def __init__(self, transport: Transport) -> None:
         self._http = transport
-        self._frames_here = False
+        self._ranges_here = False
 
     def create(
         self,
@@ -142,13 +143,37 @@ class Recordings:
     def frame(self, recording_id: UUID | str, camera: str, index: int) -> bytes:
         """One frame's image file (JPEG, PNG or WebP), straight from the store where the service says so."""
         path = at("recordings", recording_id, "cameras", camera, "frames", index)
-        if not self._frames_here:
+        return self._range(path, "image/*")
+
+    def sweeps(self, recording_id: UUID | str) -> Iterator[SweepView]:
+        """``{"index", "stamp_ns", "points", "length"}`` of every sweep of the LiDAR."""
+        return self._http.items(at("recordings", recording_id, "sweeps"), SweepView, limit=5000)
+
+    def sweep(self, recording_id: UUID | str, index: int) -> bytes:
+        """One sweep's points, packed; :func:`apexcal.sweeps.unpack` makes arrays of them."""
+        return self._range(at("recordings", recording_id, "sweeps", index), MEDIA_TYPE)
+
+    def pack(self, recording_id: UUID | str) -> PackingView:
+        """Pack the sweeps of a recording that an older version read; follow it with ``client.wait``."""
+        return self._http.post(at("recordings", recording_id, "sweep-packings"), PackingView)
+
+    def get_packing(self, packing_id: UUID | str) -> PackingView:
+        """A packing and, when it is done, its ``result``."""
+        return self._http.get(at("sweep-packings", packing_id), PackingView)
+
+    def packings(self, recording_id: UUID | str) -> Iterator[PackingView]:
+        """The packings of a recording's sweeps, newest first: a recording is packed right after it was read."""
+        return self._http.items(at("recordings", recording_id, "sweep-packings"), PackingView)
+
+    def _range(self, path: str, media_type: str) -> bytes:
+        """A byte range of a sensor's file, straight from the store where the service says so."""
+        if not self._ranges_here:
             address = self._http.get(f"{path}/address", BlobAddress)
             if address.url:
                 with PresignedStore(self._http) as store:
                     return store.get(address.url, address.offset, address.length)
-            self._frames_here = True
-        return self._http.send("GET", path, headers={"Accept": "image/*"}).content
+            self._ranges_here = True
+        return self._http.send("GET", path, headers={"Accept": media_type}).content
 
     def download(self, recording_id: UUID | str, target: Path) -> int:
         """Write the original to a new file and return its size in bytes."""

@@ -15,10 +15,10 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
 from service.broker.hints import hint
-from service.calibration_runs.conclusion import FULL, RunRow, conclude, runs_of
+from service.calibration_runs.conclusion import RunRow, conclude, runs_of
 from service.calibration_runs.fleet_request_actions import tell_fleet_request
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun
+from service.db.calibrations import FULL, Calibration, CalibrationRun
 from service.db.clock import now
 from service.jobs.bundles import cut
 from service.jobs.queue import enqueue, enqueue_all, enqueue_each

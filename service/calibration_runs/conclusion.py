@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from math import sqrt
 from typing import NamedTuple
 from uuid import UUID
 
@@ -13,17 +11,11 @@ from sqlalchemy import bindparam, func, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
-from service.calibration_runs.model_choice import Candidate, Choice, choose
 from service.calibration_runs.objection_queries import objections, own_objections
 from service.calibration_runs.publication_actions import hold_publications, publish_by_itself
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
+from service.db.calibrations import FULL, Calibration, CalibrationRun, Result, Slot
 from service.db.clock import now
-
-FULL = -1
-
-Blocks = dict[int, Mapping[int, float]]
-"""Errors of held-out pairs in pixels: by fold, then by the pairs' indices."""
 
 
 class RunRow(NamedTuple):
@@ -72,9 +64,11 @@ def conclude(
     work = _work(session, calibration.id)
     ended_well = not cancelled and all(run.state == WorkState.DONE for run in runs)
     cameras: dict[str, Json] = {}
-    for camera, choice in choices(results).items():
-        of_camera = [result for result in results if result.camera == camera]
-        found = cameras[camera] = _camera_summary(choice, of_camera, work)
+    # Imported here: it needs NumPy, which takes a twentieth of the service's start.
+    from service.calibration_runs.camera_summary import camera_summary
+
+    for camera, of_camera in by_camera(results).items():
+        found = cameras[camera] = camera_summary(of_camera, work)
         for name, model in found["models"].items():
             model["objections"] = own_objections(camera, found, name, rig, ended_well=ended_well)
     calibration.summary = summary = {"cameras": cameras} if rig is None else {"cameras": cameras, "rig": rig}
@@ -99,14 +93,6 @@ def _published(
     return told
 
 
-def _camera_summary(choice: Choice, of_camera: Sequence[Result], work: Mapping[UUID, Json]) -> Json:
-    heldout = _heldout(of_camera)
-    models = {r.model: _model_summary(r, heldout[r.model], work[r.run_id]) for r in of_camera if r.fold == FULL}
-    for model, difference in choice.behind.items():
-        models[model]["behind"] = asdict(difference)
-    return {"recommended": choice.recommended, "why": choice.why, "models": models}
-
-
 def runs_of(session: Session, calibration_id: UUID) -> Sequence[RunRow]:
     """How the calibration's runs stand in the database, whatever this session has loaded of them."""
     return [RunRow(*row) for row in session.connection().execute(_RUNS, {"calibration": calibration_id})]
@@ -117,48 +103,12 @@ def results_of(session: Session, calibration_id: UUID) -> Sequence[Result]:
     return session.scalars(_RESULTS, {"calibration": calibration_id}).all()
 
 
-def choices(results: Sequence[Result]) -> dict[str, Choice]:
-    """For each camera that has a fit to all its pairs, which model to take; in the order of their names."""
+def by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """The results of each camera that has a fit to all its pairs; in the order of names, models and folds."""
     cameras: dict[str, list[Result]] = defaultdict(list)
-    for result in sorted(results, key=lambda result: (result.camera, result.model)):
+    for result in sorted(results, key=lambda result: (result.camera, result.model, result.fold)):
         cameras[result.camera].append(result)
-    return {
-        camera: choose(_candidates(of_camera))
-        for camera, of_camera in cameras.items()
-        if any(result.fold == FULL for result in of_camera)
-    }
-
-
-def _candidates(of_camera: Sequence[Result]) -> dict[str, Candidate]:
-    heldout = _heldout(of_camera)
-    documents = {result.model: result.document for result in of_camera if result.fold == FULL}
-    return {
-        model: Candidate(document["free_parameters"], document["polished"]["mean_px"], heldout[model])
-        for model, document in documents.items()
-    }
-
-
-def _heldout(of_camera: Sequence[Result]) -> dict[str, Blocks]:
-    """Each model's errors in its held-out blocks.
-
-    Pairs that every model's fit to all pairs left out as outliers do not count. Pairs that only some leave out do, or
-    a lens that a model lacks would not count against it.
-    """
-    left_out = [
-        {outlier["index"] for outlier in result.document.get("outliers", []) if outlier["excluded"]}
-        for result in of_camera
-        if result.fold == FULL
-    ]
-    wrong: set[int] = set.intersection(*left_out) if left_out else set()
-    models: dict[str, Blocks] = defaultdict(dict)
-    for result in of_camera:
-        block = result.document.get("heldout")
-        if block and result.fold != FULL:
-            errors = zip(block["indices"], block["errors_px"], strict=True)
-            belonging = {index: error for index, error in errors if index not in wrong}
-            if belonging:
-                models[result.model][result.fold] = belonging
-    return models
+    return {name: found for name, found in cameras.items() if any(result.fold == FULL for result in found)}
 
 
 def _state(runs: Sequence[RunRow], fitted: Sequence[Result]) -> WorkState:
@@ -177,32 +127,3 @@ def _work(session: Session, calibration_id: UUID) -> dict[UUID, Json]:
         entry["ga_seconds"] += seconds
         entry["evaluations"] += evaluations
     return work
-
-
-def _model_summary(full: Result, blocks: Blocks, work: Json) -> Json:
-    document = full.document
-    heldout = [error for block in blocks.values() for error in block.values()]
-    stages = ("ga", "polished", "baseline", "linear_baseline")
-    summary: Json = {stage: _stage(document.get(stage)) for stage in stages}
-    return summary | {
-        "result_id": str(full.id),
-        "status": document["status"],
-        "message": document["message"],
-        "free_parameters": document["free_parameters"],
-        "at_bounds": document["at_bounds"],
-        # A worker of the version before does not say it.
-        "several_optima": document.get("several_optima", []),
-        "pairs": document["pairs"],
-        "iterations": document["iterations"],
-        "stopped": document["stopped"],
-        "alarms": document["alarms"],
-        "heldout_mean_px": sum(heldout) / len(heldout) if heldout else None,
-        "heldout_rms_px": sqrt(sum(e * e for e in heldout) / len(heldout)) if heldout else None,
-        "heldout_pairs": len(heldout),
-        "seconds": work["ga_seconds"] + document.get("finish_seconds", 0.0),
-        "workers": work["workers"],
-    }
-
-
-def _stage(stage: Json | None) -> Json | None:
-    return stage and {"mean_px": stage["mean_px"], "rms_px": stage["rms_px"]}

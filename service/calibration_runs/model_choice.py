@@ -1,137 +1,183 @@
-"""Recommends the smallest camera model that held-out pairs do not reject, and says why.
-
-The one-standard-error rule (Breiman and others 1984), paired: models are compared block by block on the same held-out
-pairs, by the logarithm of the ratio of their mean errors. A lens that a model lacks costs a tenth of a pixel in one
-part of the field and fifty in another; the ratio is what the blocks have in common (docs/decisions/0020).
-"""
+"""Recommends the smallest camera model that is as likely as any on held-out pairs, and says why (decision 0045)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from math import expm1, log, log1p, sqrt
+from dataclasses import dataclass, field
+from typing import Final
 
-# A gain below this share is not worth a larger model's parameters, however certain.
-_HAIR = 0.02
-# A model whose error is this many times the lowest is never within the noise: a single block that it misses gives
-# a mean ratio of exactly its standard error, however far off it is there.
-_FAR = 1.5
-# Errors below this count as zero: only made-up pairs have them.
-_NO_ERROR_PX = 1e-9
+import numpy as np
+
+from service.calibration_runs.evidence import Evidence, Floats, Pairs, standard_error, weigh
+
+# Difference of log likelihoods below which models predict alike, and its standard error says little (Sivula,
+# Magnusson and Vehtari 2020).
+_ALIKE: Final = 4.0
+# Times the pairs that there are, above which more of the same kind are no advice.
+_TOO_MANY: Final = 10.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
-    """A model as it was fitted: its free parameters, its mean error on the fitted pairs, and those held out.
+    """A model as it was fitted.
 
-    ``heldout`` has the errors of each block by the pairs' indices, px.
+    ``parameters``: all that the model has, ``free_parameters`` those that were not locked. ``sound``: its fit to all
+    pairs determines them. ``fitted`` are the errors of that fit, ``heldout`` those of the folds that determine the
+    parameters, None where they are too few; ``undetermined`` counts the other folds.
     """
 
     free_parameters: int
-    fitted_mean_px: float
-    heldout: Mapping[int, Mapping[int, float]]
-
-    @property
-    def errors_px(self) -> dict[int, float]:
-        """The held-out error of each pair."""
-        return {pair: error for block in self.heldout.values() for pair, error in block.items()}
+    parameters: int
+    fitted: Pairs
+    heldout: Pairs | None
+    at_bounds: Sequence[str] = ()
+    sound: bool = True
+    undetermined: int = 0
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How much higher a model's held-out error is than the lowest one: its mean over the pairs, and block by block.
+    """How far a model is behind the likeliest one on held-out pairs.
 
-    ``percent`` is the blocks' mean ratio; the standard errors are of the blocks, for pairs of one block share a fit.
-    ``within_noise``: it is at most its standard error or 2 %, and the mean error is not far above the lowest.
+    ``log_likelihood`` and its standard error over the blocks; the same as the mean distance in px, of the pairs that
+    belong. ``within_noise``: the difference of log likelihoods is below 4.
     """
 
     px: float
     standard_error_px: float
     percent: float
     standard_error_percent: float
+    log_likelihood: float
+    standard_error_log_likelihood: float
     within_noise: bool
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The recommended model or none, the sentences that say why, and each model's difference to the lowest."""
+    """The recommended model or none, the sentences that say why, and what the held-out pairs say of each model."""
 
     recommended: str | None
     why: str
-    behind: dict[str, Difference]
+    behind: dict[str, Difference] = field(default_factory=dict[str, Difference])
+    weight: dict[str, float] = field(default_factory=dict[str, float])
+    sigma_px: dict[str, float] = field(default_factory=dict[str, float])
 
 
-def choose(models: Mapping[str, Candidate]) -> Choice:
-    """Recommend the model with the fewest free parameters within the noise of the lowest held-out error."""
-    blocks = {name: {fold: frozenset(block) for fold, block in one.heldout.items()} for name, one in models.items()}
-    first = next(iter(blocks.values()))
-    if any(other != first for other in blocks.values()):
+def choose(models: Mapping[str, Candidate], area_px2: float) -> Choice:
+    """Recommend one of a camera's models. ``area_px2``: the image's."""
+    judged = {name: one.heldout for name, one in models.items() if one.heldout is not None}
+    if not judged:
+        return _by_fitted(models, area_px2)
+    common = np.array(sorted(set.intersection(*(set(pairs.number.tolist()) for pairs in judged.values()))), np.int64)
+    if not common.size:
         return Choice(
             None,
-            "The models cannot be compared: not the same pairs were held out of each (too few pairs for the larger "
-            "models, or a run that failed). Ask again with more pairs, fewer folds or fewer models.",
-            {},
+            "The models cannot be compared: no pair was held out of all of them, because of runs that failed or that "
+            "leave parameters open. Retry the runs that failed, or ask without the models that the pairs leave open.",
         )
-    return _by_heldout(models) if first else _by_fitted(models)
+    found = weigh({name: pairs.of(common) for name, pairs in judged.items()}, area_px2)
+    return _by_heldout(models, {name: pairs.of(common) for name, pairs in judged.items()}, found)
 
 
-def _by_heldout(models: Mapping[str, Candidate]) -> Choice:
-    means = {name: _mean(list(one.errors_px.values())) for name, one in models.items()}
-    lowest = min(models, key=lambda name: (means[name], models[name].free_parameters, name))
-    behind = {name: _difference(one, models[lowest]) for name, one in models.items() if name != lowest}
-    smaller = [
-        name
-        for name, difference in behind.items()
-        if difference.within_noise and models[name].free_parameters < models[lowest].free_parameters
+def _by_heldout(models: Mapping[str, Candidate], judged: Mapping[str, Pairs], found: Evidence) -> Choice:
+    behind = {name: _difference(name, judged, found) for name in judged if name != found.best}
+    alike = [found.best, *(name for name, one in behind.items() if one.within_noise)]
+    chosen = min(alike, key=lambda name: _rank(models[name], -found.total[name], name))
+    others = sorted(behind, key=lambda name: (-found.total[name], name))
+    sentences = [
+        f"Held-out pairs are likeliest under {found.best}, with a noise of {found.sigma_px[found.best]:.2f} px per "
+        "coordinate.",
+        *(_behind(name, behind[name]) for name in others),
+        *_because(chosen, found.best, models),
+        *(_unjudged(name, one) for name, one in models.items() if name not in judged),
+        *_more_pairs(chosen, others, behind, len(found.belongs)),
     ]
-    chosen = min(smaller, key=lambda name: (models[name].free_parameters, means[name], name), default=lowest)
-    ranked = sorted(means, key=lambda name: (means[name], name))
-    sentences = [f"{lowest} has the lowest mean error on held-out pairs: {means[lowest]:.2f} px"]
-    sentences += [_behind(name, behind[name], lowest) for name in ranked if name != lowest]
-    why = "; ".join(sentences) + "."
-    if chosen != lowest:
-        why += (
-            f" Where that is all, the smaller model is recommended: {chosen}, with "
-            f"{models[chosen].free_parameters} free parameters instead of {models[lowest].free_parameters}."
+    return Choice(chosen, " ".join(sentences), behind, found.weight, found.sigma_px)
+
+
+def _rank(model: Candidate, by_error: float, name: str) -> tuple[object, ...]:
+    """Of models that predict alike: one that is determined, inside its bounds, with the fewest parameters."""
+    return not model.sound, bool(model.at_bounds), model.free_parameters, model.parameters, by_error, name
+
+
+def _difference(name: str, judged: Mapping[str, Pairs], found: Evidence) -> Difference:
+    pairs, best = judged[name], judged[found.best]
+    behind, deviation = found.behind(name, best.block)
+    belonging = max(float(found.belongs.sum()), 1e-9)
+    px = found.belongs * (pairs.errors_px - best.errors_px) / belonging
+    lowest = max(float(found.belongs @ best.errors_px) / belonging, 1e-9)
+    mean, of_mean = float(px.sum()), standard_error(px, best.block)
+    return Difference(mean, of_mean, 100 * mean / lowest, 100 * of_mean / lowest, behind, deviation, behind < _ALIKE)
+
+
+def _behind(name: str, one: Difference) -> str:
+    words = f"{name} is {one.log_likelihood:.1f} ± {one.standard_error_log_likelihood:.1f} behind in log likelihood"
+    noise = f", which decides nothing below {_ALIKE:g}" if one.within_noise else ""
+    return f"{words} ({one.px:+.2f} ± {one.standard_error_px:.2f} px){noise}."
+
+
+def _because(chosen: str, best: str, models: Mapping[str, Candidate]) -> list[str]:
+    if chosen == best:
+        return []
+    first, other = models[chosen], models[best]
+    if not other.sound:
+        why = f"the pairs do not determine {best}"
+    elif other.at_bounds and not first.at_bounds:
+        why = f"{best} lies on the edge of its bounds ({', '.join(other.at_bounds)})"
+    elif first.free_parameters != other.free_parameters:
+        why = f"it has {first.free_parameters} free parameters instead of {other.free_parameters}"
+    else:
+        why = f"it has {first.parameters} parameters instead of {other.parameters}, as many of them free"
+    return [f"{chosen} predicts alike and is recommended: {why}."]
+
+
+def _unjudged(name: str, model: Candidate) -> str:
+    if model.undetermined:
+        return (
+            f"{name} was not judged: the pairs that remain leave its parameters open in {model.undetermined} folds."
         )
-    return Choice(chosen, why, behind)
+    return f"{name} was not judged: nothing was held out of it."
 
 
-def _by_fitted(models: Mapping[str, Candidate]) -> Choice:
-    ranked = sorted(models, key=lambda name: (models[name].fitted_mean_px, models[name].free_parameters, name))
-    lowest = models[ranked[0]].fitted_mean_px
-    sentences = [f"{ranked[0]} has the lowest mean error on the fitted pairs: {lowest:.2f} px"]
-    sentences += [f"{name} is {models[name].fitted_mean_px - lowest:.2f} px behind" for name in ranked[1:]]
-    caution = " None were held out, and on the pairs that it was fitted to a larger model always looks better."
-    return Choice(ranked[0], "; ".join(sentences) + "." + caution, {})
+def _more_pairs(chosen: str, others: Sequence[str], behind: Mapping[str, Difference], pairs: int) -> list[str]:
+    """How many pairs it takes to tell the likeliest models apart: their difference grows with the number."""
+    alike = [name for name in others if behind[name].within_noise]
+    if not alike:
+        return []
+    gap = max(behind[alike[0]].log_likelihood, 1e-9)
+    more = pairs * (_ALIKE / gap - 1.0)
+    if more > _TOO_MANY * pairs:
+        return ["More pairs like these would hardly tell them apart; pairs at the image's edges may."]
+    return [f"About {_rounded(more)} more pairs like these would tell them apart."]
 
 
-def _difference(model: Candidate, lowest: Candidate) -> Difference:
-    base = lowest.errors_px
-    blocks = [(list(block.values()), [base[pair] for pair in block]) for block in model.heldout.values()]
-    count = sum(len(errors) for errors, _ in blocks)
-    mean = sum(sum(errors) - sum(others) for errors, others in blocks) / count
-    # Of the blocks' sums about their expectation (Liang and Zeger 1986, with the usual factor for few clusters).
-    squares = sum((sum(errors) - sum(others) - mean * len(errors)) ** 2 for errors, others in blocks)
-    of_mean = sqrt(squares * len(blocks) / max(len(blocks) - 1, 1)) / count
-    ratios = [log(max(_mean(errors), _NO_ERROR_PX) / max(_mean(others), _NO_ERROR_PX)) for errors, others in blocks]
-    ratio = _mean(ratios)
-    of_ratio = sqrt(sum((one - ratio) ** 2 for one in ratios) / max(len(ratios) - 1, 1) / len(ratios))
-    near = mean <= max((_FAR - 1.0) * _mean(list(base.values())), _NO_ERROR_PX)
-    within_noise = near and ratio <= max(of_ratio, log1p(_HAIR))
-    return Difference(mean, of_mean, 100.0 * expm1(ratio), 100.0 * expm1(of_ratio), within_noise)
+def _rounded(number: float) -> int:
+    """To one digit, upwards."""
+    ten = 10 ** max(len(str(int(number))) - 1, 0)
+    return max(int(np.ceil(number / ten)) * ten, 1)
 
 
-def _behind(name: str, difference: Difference, lowest: str) -> str:
-    sure = difference.percent > difference.standard_error_percent
-    noise = "more than noise" if sure else "too far to be left to the noise of a few blocks"
-    if difference.within_noise:
-        noise = f"no more than {100 * _HAIR:g} %" if sure else "within the noise"
-    return (
-        f"{name} is {difference.px:.2f} ± {difference.standard_error_px:.2f} px behind {lowest} (block by block "
-        f"{difference.percent:.1f} ± {difference.standard_error_percent:.1f} %), {noise}"
+def _by_fitted(models: Mapping[str, Candidate], area_px2: float) -> Choice:
+    """Without held-out pairs: Schwarz's criterion (1978) on the errors of the fits."""
+    found = weigh({name: one.fitted for name, one in models.items()}, area_px2)
+    coordinates = 2.0 * len(found.belongs)
+    cost = {
+        name: one.free_parameters * float(np.log(coordinates)) - 2.0 * found.total[name]
+        for name, one in models.items()
+    }
+    ranked = sorted(models, key=lambda name: (cost[name], models[name].parameters, name))
+    alike = [name for name in ranked if cost[name] - cost[ranked[0]] < 2.0 * _ALIKE]
+    chosen = min(alike, key=lambda name: _rank(models[name], cost[name], name))
+    means = {name: _mean(one.fitted.errors_px) for name, one in models.items()}
+    sentences = [
+        f"{name} {means[name]:.2f} px with {models[name].free_parameters} free parameters" for name in ranked
+    ]
+    return Choice(
+        chosen,
+        f"None were held out, so errors on the fitted pairs are weighed against the number of parameters: "
+        f"{'; '.join(sentences)}. On the pairs that it was fitted to a larger model always looks better.",
     )
 
 
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
+def _mean(values: Floats) -> float:
+    return float(values.mean())

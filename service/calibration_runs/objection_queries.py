@@ -67,7 +67,7 @@ def own_objections(camera: str, found: Json, name: str, rig: Json | None, *, end
         listed = ", ".join(model["at_bounds"])
         reasons.append(f"{name} lies on the edge of its bounds ({listed}): widen them, or lock what is known.")
     # A worker of an older version does not say it.
-    reasons += model.get("several_optima", []) + _held_out(model)
+    reasons += model.get("several_optima", []) + model.get("stated_too_small", []) + _held_out(model)
     if rig and name == recommended:
         # Other models were not compared.
         if rig.get("problem"):

@@ -11,10 +11,9 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import start_runs
-from service.calibration_runs.conclusion import FULL
 from service.calibrations.plan import CalibrationPlan, FitPlan
 from service.db.base import written
-from service.db.calibrations import Calibration, CalibrationRun
+from service.db.calibrations import FULL, Calibration, CalibrationRun
 from service.db.fleets import Rig
 from service.jobs.bundles import choose_farming
 from service.jobs.queue import cancel

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from apexcal.documents.camera_models import ModelName, SearchForm, parameter_names
 from service.calibrations.cameras import ResolvedCamera
+from service.calibrations.common_error_rules import common_errors
 from service.calibrations.lenses import Known
 from service.calibrations.parameter_rules import in_radians
 from service.calibrations.terms import Terms
@@ -33,7 +34,10 @@ def fit_document(terms: Terms, camera: ResolvedCamera, model: ModelName) -> Json
         "priors": {name: value for name, value in known.priors.items() if name not in asked}
         | {name: value for name, value in common["priors"].items() if name in names},
     }
-    return common | described | parameters | weighing(camera.name, camera.pairs.pairs, terms.weights)
+    stated = weighing(camera.name, camera.pairs.pairs, terms.weights) | common_errors(
+        camera.pairs, terms.common_errors
+    )
+    return common | described | parameters | stated
 
 
 def describe_camera(camera: RigCamera, model: ModelName, search: SearchForm) -> Json:

@@ -1,38 +1,55 @@
-"""How many blocks (whole poses or blocks of time) can be held out with enough pairs left to fit.
-
-The workers cut the blocks (``workers/solver/folds.py``).
-"""
+"""How many folds (blocks of time, or whole poses) a camera's pairs are held out in, the same for all its models."""
 
 from __future__ import annotations
 
-from collections import Counter
-from math import ceil
+from collections.abc import Mapping
+from typing import Final
 
-from apexcal.documents.pairs import held_together, most_blocks
+from apexcal.documents.folds import cut_folds, most_folds
+from apexcal.documents.pairs import held_together
 from service.db.base import Json
 
+# The most that a request may ask for.
+_MOST: Final = 20
 
-def fold_count(pairs: Json, wanted: int, free_parameters: int, what: str) -> tuple[int, str | None]:
-    """The number of folds for these pairs, at most ``wanted``, and a sentence where it is another one.
 
-    ``pairs`` is a set's object of columns; ``what`` names the fit in the sentence.
+def fold_count(pairs: Json, wanted: int, free: Mapping[str, int], camera: str) -> tuple[dict[str, int], list[str]]:
+    """For each model the number of folds, and sentences where it is not the ``wanted`` one.
+
+    Models are compared on the same held-out pairs, so all that can be judged get the same number: the lowest from
+    ``wanted`` on that leaves each at least as many pairs as it has free parameters. ``pairs`` is a set's object of
+    columns; ``free`` the number of free parameters by model.
     """
+    none = dict.fromkeys(free, 0)
     if wanted == 0:
-        return 0, None
-    sizes = Counter(held_together(pairs))
-    total = sum(sizes.values())
-    most = min(wanted, most_blocks(len(sizes), total))
+        return none, []
+    values = held_together(pairs)
+    total, different = len(values), len(set(values))
+    most = min(_MOST, most_folds(different, total))
     if most < 2:
-        return 0, f"Nothing is held out of {what}: {len(sizes)} frames or poses make no two blocks."
-    largest = min(ceil(total / most) + max(sizes.values()), total)
-    if total - largest < free_parameters:
-        return 0, (
-            f"Nothing is held out of {what}: without a block of {largest} of the {total} pairs there are too few for "
-            f"{free_parameters} free parameters."
+        return none, [f"Nothing is held out of {camera}: {different} frames or poses make no two blocks."]
+    left = {count: total - cut_folds(values, count).largest() for count in range(min(wanted, most), most + 1)}
+    judged = {model: number for model, number in free.items() if left[most] >= number}
+    sentences = [
+        f"Nothing is held out of {model} on {camera}: with {most} folds {left[most]} of the {total} pairs remain for "
+        f"{number} free parameters. {_more(total, left[most], number)}"
+        for model, number in free.items()
+        if model not in judged
+    ]
+    if not judged:
+        return none, sentences
+    count = min(count for count in left if left[count] >= max(judged.values()))
+    if count != wanted:
+        because = (
+            f"there are {different} frames or poses"
+            if count < wanted
+            else f"with {wanted} too few pairs would remain to fit the largest model"
         )
-    if most < wanted:
-        return (
-            most,
-            f"{most} blocks instead of {wanted} are held out of {what}: there are {len(sizes)} frames or poses.",
-        )
-    return most, None
+        sentences.append(f"{count} folds instead of {wanted} are held out of {camera}: {because}.")
+    return none | dict.fromkeys(judged, count), sentences
+
+
+def _more(total: int, left: int, free: int) -> str:
+    """How many more pairs it takes, of which the same share remains."""
+    needed = -(-free * total // max(left, 1)) - total
+    return f"About {needed} more {'pair' if needed == 1 else 'pairs'} would do."

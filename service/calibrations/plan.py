@@ -76,11 +76,18 @@ def plan_request(wanted: CalibrationTemplate, sources: Sequence[CameraPairs]) ->
     digest = _digest(terms, cameras, documents)
     seed = terms.seed if terms.seed is not None else int(digest[:13], 16)  # 52 bits
     notes = [note for camera in cameras for note in camera.notes(terms)]
+    folds: dict[str, dict[str, int]] = {}
+    for camera in cameras:
+        free = {
+            doc["model"]: _free(camera, doc) for (one, _), doc in zip(fitted, documents, strict=True) if one is camera
+        }
+        folds[camera.name], sentences = fold_count(camera.pairs.pairs, terms.folds, free, camera.name)
+        notes += sentences
     fits: list[FitPlan] = []
     for (camera, model), document, one in zip(fitted, documents, work, strict=False):
-        folds, sentence = _folds(camera, document, terms.folds)
-        notes += [*weighing_note(camera.name, document), *([sentence] if sentence else [])]
-        fits.append(FitPlan(camera, model, folds, document | {"seed": seed, "folds": folds}, one.cost))
+        notes += weighing_note(camera.name, document)
+        count = folds[camera.name][model]
+        fits.append(FitPlan(camera, model, count, document | {"seed": seed, "folds": count}, one.cost))
     resolved = {"models": terms.models, "seed": seed}
     resolved |= {key: terms.common[key] for key in ("search", "bounds_preset")}
     request = wanted.model_dump(mode="json") | resolved
@@ -108,7 +115,8 @@ def _digest(terms: Terms, cameras: Sequence[ResolvedCamera], documents: Sequence
     )
 
 
-def _folds(camera: ResolvedCamera, document: Json, wanted: int) -> tuple[int, str | None]:
+def _free(camera: ResolvedCamera, document: Json) -> int:
+    """The number of free parameters. Raises Problem 422 ``too_few_pairs``, there are fewer pairs."""
     model = document["model"]
     free = len(parameter_names(model, document["search"])) - len(document["locked"])
     pairs = camera.pairs.count
@@ -122,4 +130,4 @@ def _folds(camera: ResolvedCamera, document: Json, wanted: int) -> tuple[int, st
             pairs=pairs,
             free_parameters=free,
         )
-    return fold_count(camera.pairs.pairs, wanted, free, f"{model} on {camera.name}")
+    return free

@@ -17,7 +17,6 @@ from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
-from service.calibration_runs.conclusion import FULL
 from service.calibration_runs.objection_queries import objections
 from service.calibration_runs.publication_actions import (
     Words,
@@ -28,7 +27,7 @@ from service.calibration_runs.publication_actions import (
 )
 from service.calibrations.publication_views import current_document, publication_page, publication_view
 from service.calibrations.views import result_document
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.digests import content_hash
 from service.db.fleets import Vehicle
 from service.exports.answers import WantedFormat, exported

@@ -144,12 +144,16 @@ def _quality(result: Result, calibration: Calibration) -> Json:
     cameras: Json = (calibration.summary or {}).get("cameras", {})
     summary: Json = cameras.get(result.camera, {}).get("models", {}).get(result.model, {})
     polished = result.document["polished"]
+    # Calibrations before decision 0045 have none.
+    stated: Json = summary.get("between_models") or result.document
     return {
         "pairs": result.document.get("pairs"),
         "mean_px": polished["mean_px"],
         "rms_px": polished["rms_px"],
         "heldout_mean_px": summary.get("heldout_mean_px"),
         "heldout_rms_px": summary.get("heldout_rms_px"),
-        "std": result.document.get("std"),
+        "std": stated.get("std"),
+        "std_of_model": result.document.get("std"),
+        "interval95_half_width": stated.get("interval95_half_width"),
         "alarms": result.document.get("alarms", []),
     }

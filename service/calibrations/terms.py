@@ -29,6 +29,7 @@ class Terms:
     folds: int
     seed: int | None
     weights: WeightRule
+    common_errors: Json
     use_as: LensUse
     lenses: Mapping[str, Lens]
     bounds: Mapping[str, Interval]
@@ -69,6 +70,7 @@ def resolve_terms(wanted: CalibrationTemplate) -> Terms:
         folds=wanted.folds,
         seed=wanted.seed,
         weights=wanted.weights,
+        common_errors=wanted.common_errors.model_dump(exclude_none=True),
         use_as=wanted.intrinsics_as,
         lenses=lenses,
         bounds=bounds,

@@ -13,9 +13,8 @@ from sqlalchemy.orm import Session
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import CalibrationView, ProgressView, RunView
 from apexcal.documents.states import UNENDED
-from service.calibration_runs.conclusion import FULL
 from service.db.base import Json
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 
 
 def calibration_views(

@@ -17,6 +17,9 @@ _UNENDED = "state IN ('queued', 'running')"
 # is found.
 _UNNUMBERED = "2147483647"
 
+FULL = -1
+"""The fold of a fit to all pairs."""
+
 
 class CorrespondenceSet(Base):
     """Immutable 3D-2D pairs of one camera.

@@ -15,7 +15,16 @@ from service.db.fleet_requests import FleetRequest, FleetRequestVehicle
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.jobs import Heartbeat, Job, JobEvent, JobTotal, Worker
 from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person, SignInLink
-from service.db.recordings import Blob, BlobHold, CameraFrame, Recording, Sensor, UploadPart
+from service.db.recordings import (
+    Blob,
+    BlobHold,
+    CameraFrame,
+    PackedSweep,
+    PackedSweeps,
+    Recording,
+    Sensor,
+    UploadPart,
+)
 from service.db.studies import Study
 
 __all__ = [
@@ -45,6 +54,8 @@ __all__ = [
     "MarkingFrontier",
     "MarkingTask",
     "Membership",
+    "PackedSweep",
+    "PackedSweeps",
     "Person",
     "Publication",
     "Recording",

@@ -1,4 +1,4 @@
-"""Recordings: their upload, their blobs, their sensors and the byte range of every camera frame."""
+"""Recordings: their upload, their blobs, their sensors, the byte range of every camera frame and packed sweep."""
 
 from __future__ import annotations
 
@@ -143,3 +143,25 @@ class CameraFrame(Base):
     media_type: Mapped[str] = mapped_column(String(40))
     width: Mapped[int]
     height: Mapped[int]
+
+
+class PackedSweeps(Base):
+    """The file of a LiDAR's sweeps as they go over the wire. A sensor has none until its sweeps are packed."""
+
+    __tablename__ = "packed_sweeps"
+
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
+    blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"))
+
+
+class PackedSweep(Base):
+    """Where a sweep's bytes lie in that file. ``index`` is the sweep's number in the order of the stamps."""
+
+    __tablename__ = "packed_sweep"
+
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
+    index: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    stamp_ns: Mapped[Nanoseconds]
+    points: Mapped[int]
+    offset: Mapped[Bytes]
+    length: Mapped[Bytes]

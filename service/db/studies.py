@@ -1,4 +1,4 @@
-"""The table of studies: region previews, region suggestions, clock offsets."""
+"""The table of studies: region previews, region suggestions, clock offsets, packings of sweeps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from service.db.base import Base, Created, Json, RowId, belongs_to
 
 
 class Study(Base):
-    """One question and its answer. ``kind`` is ``preview``, ``suggestion`` or ``clock_offset``, as its job's.
+    """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset`` or ``packing``, as its
+    job's.
 
     ``asked`` holds all that the worker needs besides the recording (and, for ``clock_offset``, the detection);
     ``result`` is the answer. Nothing refers to a study, and what is asked anew is another row.

@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 
 
 class Fanout:
-    """Followers of this process. Used from one event loop; :meth:`run` feeds and checks them."""
+    """Followers of this process. Used from one event loop, in which :meth:`feed` and :meth:`watch` run."""
 
     def __init__(self, url: str, database: Database, drain: Drain) -> None:
         self._url = url
@@ -69,13 +69,8 @@ class Fanout:
             if follower in self._followers:
                 self._followers.remove(follower)
 
-    async def run(self) -> None:
-        """Feed and check until cancelled."""
-        async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._feed())
-            tasks.create_task(self._watch())
-
-    async def _feed(self) -> None:
+    async def feed(self) -> None:
+        """Hand the broker's hints to the followers, until cancelled."""
         said = False
         while True:
             try:
@@ -99,7 +94,8 @@ class Fanout:
         if one.kind == "member":
             self._check_due = 0.0
 
-    async def _watch(self) -> None:
+    async def watch(self) -> None:
+        """End the streams of a service that stops, and of people who may follow no more, until cancelled."""
         while True:
             await asyncio.sleep(_TICK_S)
             if self._drain.over.is_set():

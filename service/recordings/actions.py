@@ -14,10 +14,11 @@ from service.calibration_runs.publication_actions import current_ids, hold_publi
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.detections import Detection
 from service.db.fleet_requests import FleetRequestVehicle
-from service.db.recordings import Recording, Sensor, UploadPart
+from service.db.recordings import Recording, UploadPart
 from service.db.studies import Study
 from service.http.problems import Problem
 from service.jobs.queue import abandon
+from service.recordings.blob_queries import sensor_keys
 from service.storage.blobs import condemn
 
 
@@ -52,7 +53,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
             _refuse_in_use(session, vehicle_id, calibrations)
     keys = [
         *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
-        *session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)),
+        *sensor_keys(session, recording_id),
     ]
     condemn(session, keys)
     drop_calibrations(session, calibrations)

@@ -11,6 +11,7 @@ from apexcal.documents.states import WorkState
 from service.broker.hints import hint
 from service.db.base import Json
 from service.db.jobs import Job
+from service.db.recordings import Recording
 from service.db.studies import Study
 from service.jobs.kinds import CannotRetryError, Kind
 from service.jobs.queue import enqueue
@@ -21,6 +22,14 @@ def queue_study(session: Session, row: Study) -> Job:
     job = enqueue(session, kind=row.kind, fleet_id=row.fleet_id, subject_id=row.id)
     row.state, row.problem, row.job_id = WorkState.QUEUED, None, job.id
     return job
+
+
+def queue_packing(session: Session, recording: Recording) -> tuple[Study, Job]:
+    """Ask for a recording's sweeps to be packed."""
+    row = Study(fleet_id=recording.fleet_id, recording_id=recording.id, kind="packing", asked={})
+    session.add(row)
+    session.flush()
+    return row, queue_study(session, row)
 
 
 def _end(session: Session, study_id: UUID, state: WorkState, problem: Json | None) -> None:
@@ -42,5 +51,10 @@ def _retry(session: Session, job: Job) -> Sequence[Job]:
 
 KINDS = tuple(
     Kind(name, queue, _end, _retry, shown_by=Study.job_id)
-    for name, queue in (("preview", "detect"), ("suggestion", "detect"), ("clock_offset", "solve"))
+    for name, queue in (
+        ("preview", "detect"),
+        ("suggestion", "detect"),
+        ("clock_offset", "solve"),
+        ("packing", "ingest"),
+    )
 )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 from uuid import UUID
 
 from fastapi import APIRouter
@@ -14,22 +15,26 @@ from apexcal.documents.studies import (
     OffsetView,
     PreviewRequest,
     PreviewView,
+    StudyView,
     SuggestionRequest,
     SuggestionView,
 )
+from apexcal.documents.sweeps import PackingView
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.db.jobs import Job
 from service.db.recordings import Recording
 from service.db.studies import Study
 from service.detections.queries import done_detection, find_camera, ready_recording
 from service.http.bodies import DOCUMENT
-from service.http.pages import Page, Paging, fetch
+from service.http.pages import Page, Paging, Window, fetch
 from service.http.problems import not_found
-from service.studies.jobs import queue_study
+from service.studies.jobs import queue_packing, queue_study
 from service.studies.offset_queries import what_is_known
-from service.studies.views import offset_view, preview_view, suggestion_view
+from service.studies.views import offset_view, packing_view, preview_view, suggestion_view
 
 router = APIRouter(tags=["studies"])
+
+View = TypeVar("View", bound=StudyView)
 
 
 @router.post(
@@ -81,19 +86,45 @@ def ask_offset(recording_id: UUID, wanted: OffsetRequest, access: WriteAccess) -
 @router.get("/recordings/{recording_id}/clock-offsets")
 def list_offsets(recording_id: UUID, access: ReadAccess, window: Paging) -> Page[OffsetView]:
     """The clock offsets that were estimated of a recording, newest first."""
-    recording = access.find(Recording, recording_id)
-    statement = select(Study).where(Study.recording_id == recording.id, Study.kind == "clock_offset")
-    rows, following = fetch(access.session, statement, Study.id, window, newest_first=True)
-    jobs = {
-        job.id: job for job in access.session.scalars(select(Job).where(Job.id.in_([row.job_id for row in rows])))
-    }
-    return Page(items=[offset_view(row, jobs.get(row.job_id or 0)) for row in rows], next=following)
+    return _list(access, recording_id, "clock_offset", window, offset_view)
 
 
 @router.get("/clock-offsets/{offset_id}")
 def read_offset(offset_id: UUID, access: ReadAccess) -> OffsetView:
     """A clock offset."""
     return offset_view(*_read(access, offset_id, "clock_offset"))
+
+
+@router.post("/recordings/{recording_id}/sweep-packings", status_code=202, response_model=PackingView)
+def ask_packing(recording_id: UUID, access: WriteAccess) -> JSONResponse:
+    """Pack a recording's sweeps, so that they can be read; one that is packed stays as it is. [engineer]"""
+    recording = ready_recording(access, recording_id, "engineer")
+    row, job = queue_packing(access.session, recording)
+    return access.answer(packing_view(row, job), 202)
+
+
+@router.get("/recordings/{recording_id}/sweep-packings")
+def list_packings(recording_id: UUID, access: ReadAccess, window: Paging) -> Page[PackingView]:
+    """The packings of a recording's sweeps, newest first."""
+    return _list(access, recording_id, "packing", window, packing_view)
+
+
+@router.get("/sweep-packings/{packing_id}")
+def read_packing(packing_id: UUID, access: ReadAccess) -> PackingView:
+    """A packing of a recording's sweeps."""
+    return packing_view(*_read(access, packing_id, "packing"))
+
+
+def _list(
+    access: Access, recording_id: UUID, kind: str, window: Window, view: Callable[[Study, Job | None], View]
+) -> Page[View]:
+    recording = access.find(Recording, recording_id)
+    statement = select(Study).where(Study.recording_id == recording.id, Study.kind == kind)
+    rows, following = fetch(access.session, statement, Study.id, window, newest_first=True)
+    jobs = {
+        job.id: job for job in access.session.scalars(select(Job).where(Job.id.in_([row.job_id for row in rows])))
+    }
+    return Page(items=[view(row, jobs.get(row.job_id or 0)) for row in rows], next=following)
 
 
 def _ask(

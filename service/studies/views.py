@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
+from apexcal.documents.sweeps import PackingView
 from service.db.jobs import Job
 from service.db.studies import Study
 from service.job_status.views import job_view
@@ -32,6 +33,11 @@ def offset_view(row: Study, job: Job | None) -> OffsetView:
         marks=len(row.asked["marks"]["u"]),
         hint=_how_to_use(row.result, row.asked["camera"]) if row.result else None,
     )
+
+
+def packing_view(row: Study, job: Job | None) -> PackingView:
+    """A packing with its job."""
+    return PackingView(**_members(row, job))
 
 
 def _how_to_use(result: dict[str, Any], camera: str) -> str:

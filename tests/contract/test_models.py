@@ -25,14 +25,15 @@ column = st.one_of(
 def test_the_workers_can_cut_the_folds_that_the_service_counts(given_column, size, wanted, free):
     count = len(next(iter(given_column.values()))) if given_column else size
     pairs = {"x": [0.0] * count, **given_column}
-    number, sentence = fold_count(pairs, wanted, free, "pinhole on front")
-    assert (sentence is None) == (number == wanted)
+    counts, sentences = fold_count(pairs, wanted, {"pinhole": free}, "front")
+    number = counts["pinhole"]
+    assert (not sentences) == (number == wanted)
     if not number:
         return
     values = pairs.get("group") or pairs.get("stamp_ns") or range(count)
     blocks = folds(values, number)
     assert len(blocks) == number
-    assert all(count - len(block) >= free for block in blocks)
+    assert all(count - len(block.indices) >= free for block in blocks)
 
 
 angle = st.floats(-180, 180)

@@ -6,11 +6,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.solver.common_errors import common_errors
+from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import Outlier, judge, without
 from workers.solver.polish import Fit, polish
 from workers.solver.problem import FitProblem
-from workers.solver.uncertainty import Uncertainty, uncertainty
+from workers.solver.shared_errors import SharedErrors, shared_errors
+from workers.solver.uncertainty import Uncertainty, uncertainty, units_of
+from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
 # Rounds of fit and noise. Each changes the noise by about the share of the parameters that the priors hold.
@@ -24,21 +28,33 @@ class Estimate:
 
     fit: the polish of `fitted`. outcome: how the fits ended, of polish and outliers that which did not converge, if
     any. outliers: the pairs that the others speak against, the worst first. fitted: the
-    problem as it was polished; outliers have weight 0 where the problem excludes them. spread: the covariance and
-    the noise of the marks, over the pairs that hold the parameters: a robust loss gives outliers next to no say,
-    so they do not count there either.
+    problem as it was polished; outliers have weight 0 where the problem excludes them. holding: the problem of the
+    pairs that hold the parameters: a robust loss gives outliers next to no say, so they do not count there either.
+    spread: the covariance and the noise of these marks, with what pairs share. errors: what the covariance is made
+    of, and shared: what blocks of pairs share; None where the pairs leave a direction open, or have no blocks.
     """
 
     fit: Fit
     outcome: Outcome
     outliers: list[Outlier]
     fitted: FitProblem
+    holding: FitProblem
     spread: Uncertainty
+    errors: ErrorModel | None = None
+    shared: SharedErrors | None = None
 
     @property
     def parameters(self) -> Floats:
         """The parameter vector (D,) in the order of `fitted.names`."""
         return np.array(self.fit.parameters)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of what is stated: the median of those of the parameters, or of the noise."""
+        spread = self.spread
+        if spread.freedoms is not None:
+            return float(np.median(spread.freedoms))
+        return np.inf if spread.freedom is None else spread.freedom
 
 
 def estimate(problem: FitProblem, start: Floats) -> Estimate:
@@ -53,7 +69,7 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
         if abs(scale - found.fitted.noise_scale) <= _SETTLED * scale:
             break
         found = _once(replace(problem, noise_scale=scale), found.parameters)
-    return found
+    return _with_shared_errors(found)
 
 
 def _once(problem: FitProblem, start: Floats) -> Estimate:
@@ -62,7 +78,7 @@ def _once(problem: FitProblem, start: Floats) -> Estimate:
     outliers = judged.outliers
     if not outliers:
         spread = uncertainty(problem, np.array(fit.parameters))
-        return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, problem, spread)
+        return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, problem, problem, spread)
     # No gross errors are left: plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
     kept = without(replace(problem, loss="mean"), outliers)
     if problem.outliers == "exclude":
@@ -71,7 +87,7 @@ def _once(problem: FitProblem, start: Floats) -> Estimate:
         fitted = problem
     holding = fitted if problem.loss == "mean" and problem.outliers == "keep" else kept
     spread = uncertainty(holding, np.array(fit.parameters))
-    return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, fitted, spread)
+    return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, fitted, holding, spread)
 
 
 def _worse(fit: Outcome, judged: Outcome) -> Outcome:
@@ -82,3 +98,41 @@ def _stated_px(found: Estimate) -> float:
     # The noise that the problem states, in px of a typical pair.
     spread = found.spread
     return found.fitted.mark_sigma_px if spread.noise_scale is None else spread.sigma_px / spread.noise_scale
+
+
+def _with_shared_errors(found: Estimate) -> Estimate:
+    spread = found.spread
+    if spread.rank < len(spread.names) or not spread.names:
+        return found
+    here = whitened(found.holding, found.parameters)
+    fit, scale = linearised(here, found.parameters)
+    plain = ErrorModel(fit, scale, spread.sigma_px**2, common_errors(here, found.parameters))
+    shared = shared_errors(here, found.parameters, plain)
+    if shared is None or not shared[0].counted:
+        errors, kept = plain, None
+    else:
+        errors, kept = shared[1], shared[0]
+    if kept is not None or plain.common.shape[2]:
+        spread = _wider(spread, errors, kept)
+    return replace(found, spread=spread, errors=errors, shared=shared and shared[0])
+
+
+def _wider(spread: Uncertainty, errors: ErrorModel, shared: SharedErrors | None) -> Uncertainty:
+    """The deviations of these errors, each with its degrees of freedom."""
+    covariance = errors.covariance()
+    variance = np.diag(covariance)
+    parts = np.stack([np.diag(part) for part in errors.parts()], axis=1)
+    if shared is not None:
+        free = shared.variances.free
+        unsure = np.linalg.pinv(shared.variances.information[np.ix_(free, free)], hermitian=True)
+        spread_of_variance = np.einsum("fi,ij,fj->f", parts[:, free], unsure, parts[:, free])
+    elif spread.freedom is not None:
+        spread_of_variance = 2.0 * (parts[:, 0] * errors.noise) ** 2 / spread.freedom
+    else:
+        spread_of_variance = np.zeros(len(variance))
+    unit = units_of(spread.names)
+    with np.errstate(divide="ignore"):
+        freedoms = 2.0 * variance**2 / spread_of_variance
+    return replace(
+        spread, covariance=covariance * unit[:, None] * unit, std=np.sqrt(variance) * unit, freedoms=freedoms
+    )

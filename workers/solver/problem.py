@@ -16,6 +16,7 @@ from workers.geometry.models import (
 )
 from workers.geometry.projection import image_diagonal_px
 from workers.geometry.transforms import RigidTransform
+from workers.solver.blocks import Blocks
 from workers.solver.bounds import check_names, narrowed
 from workers.solver.covariances import Covariances
 from workers.solver.errors import SolveError
@@ -34,6 +35,8 @@ class FitProblem:
     `outliers`: whether the polish keeps the pairs that are judged not to belong, or leaves them out.
     `covariances`: of the pairs' errors, by which they then weigh (`weighting` makes `whitening` (N, 2, 2) of them and
     sets `mark_sigma_px` to the typical pair's); without them all pairs weigh as `weights` says.
+    `blocks`: the pairs that may share errors. `common_errors`: standard deviations of what all pairs share,
+    by name. `velocities` (N, 3): how the apex moved at its moment, m/s in the LiDAR frame, where that is known.
     `stop`: what may end the work on it; every long computation checks it within a second.
     Raises SolveError where the parts do not make a problem that can be fitted.
     """
@@ -59,6 +62,9 @@ class FitProblem:
     outliers: OutlierRule = "keep"
     covariances: Covariances | None = field(default=None, repr=False)
     whitening: NDArray[np.float64] | None = field(default=None, repr=False)
+    blocks: Blocks | None = field(default=None, repr=False)
+    common_errors: dict[str, float] = field(default_factory=dict[str, float])
+    velocities: NDArray[np.float64] | None = field(default=None, repr=False)
     stop: Stop = field(default=NEVER, repr=False)
 
     def __post_init__(self) -> None:
@@ -71,6 +77,9 @@ class FitProblem:
         check_schedule(self.schedule)
         if self.covariances is not None and len(self.covariances.marks) != len(self.points):
             raise SolveError("bad_covariances", "There is not one covariance for each pair.", "")
+        for given in (self.blocks and self.blocks.labels, self.velocities):
+            if given is not None and len(given) != len(self.points):
+                raise SolveError("bad_shape", "There is not one block or velocity for each pair.", "")
         pairs, free = int(np.count_nonzero(self.weights)), len(self.free)
         if pairs < max(free, 1):
             raise SolveError(

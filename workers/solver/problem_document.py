@@ -16,6 +16,7 @@ from workers.geometry.models import parse_model, parse_search_form
 from workers.geometry.projection import image_diagonal_px
 from workers.geometry.transforms import from_document
 from workers.solver.bounds import narrowed, parse_bounds_preset, preset_bounds
+from workers.solver.common_errors import parse_common_errors
 from workers.solver.covariances import Covariances
 from workers.solver.errors import SolveError
 from workers.solver.problem import FitProblem
@@ -24,7 +25,7 @@ _KEYS: Final = frozenset(
     {
         *("model", "camera", "fold", "seed", "search", "rotation_range_deg", "bounds_preset", "bounds", "locked"),
         *("priors", "loss", "saturation_px", "mark_sigma_px", "outliers", "weights", "preset", "schedule"),
-        *("image_size", "nominal"),
+        *("image_size", "nominal", "common_errors"),
     }
 )
 
@@ -41,9 +42,9 @@ def problem_from_document(
     Keys: model, image_size, nominal (a transform document T_camera_lidar); and with defaults camera, fold (-1: all
     pairs), seed, search, rotation_range_deg, bounds_preset, bounds {name: [lower, upper]}, locked {name: value},
     priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, outliers (keep or exclude), weights (equal,
-    or covariances: those given), preset, schedule {...}. Angles are in radians, or in degrees where their name ends
-    in `_deg`. A parameter that is locked keeps no prior. Preset `paper` implies the Euler form and Table I's bounds
-    unless the request names others. Raises SolveError.
+    or covariances: those given), common_errors {name: sigma}, preset, schedule {...}. Angles are in radians, or
+    in degrees where their name ends in `_deg`. A parameter that is locked keeps no prior. Preset `paper`
+    implies the Euler form and Table I's bounds unless the request names others. Raises SolveError.
     """
     try:
         return _read(document, points, pixels, weights, covariances)
@@ -113,6 +114,7 @@ def _read(
         saturation_px=float(document.get("saturation_px") or 0.01 * image_diagonal_px((width, height))),
         mark_sigma_px=float(document.get("mark_sigma_px") or 1.0),
         outliers=_parse_outlier_rule(document.get("outliers") or "keep"),
+        common_errors=parse_common_errors(document.get("common_errors")),
         covariances=_weighed_by(document.get("weights") or "equal", covariances),
     )
 

@@ -53,6 +53,13 @@ def predict(problem: FitProblem, p: Floats) -> tuple[Floats, Floats]:
     return pixels, violation
 
 
+def by_point(problem: FitProblem, p: Floats) -> Floats:
+    """Derivative (N, 2, 3) of the pixels by the LiDAR points at p (D,), px per metre, LiDAR frame."""
+    # How a pixel moves with t_camera_lidar is how it moves with the point in the camera's frame.
+    J = residuals_and_jacobian(problem, p, walls=False)[1].reshape(-1, 2, len(p))
+    return np.einsum("nij,jk->nik", J[:, :, 3:6], transform_of(problem, p).R)
+
+
 def residuals_and_jacobian(
     problem: FitProblem, p: Floats, local: bool = False, walls: bool = True
 ) -> tuple[Floats, Floats]:

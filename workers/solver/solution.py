@@ -21,7 +21,9 @@ from workers.solver.degeneracy import arbitrary, is_determined, point_alarms
 from workers.solver.diagnosis import alarms, at_bounds, misfit, several_optima
 from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate, estimate
+from workers.solver.halves import halves_of, too_small
 from workers.solver.polish import Fit, cost_of, distances, mean_and_rms
+from workers.solver.prediction import prediction
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import State
@@ -48,7 +50,9 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     than stated (the deviations here are scaled by it), and `sigma_px` is the noise of a typical pair. `status` is
     `ok`, `unfinished` (the schedule was stopped from outside), `not_converged` (the polish ran out),
     `not_determined` (the pairs leave a free parameter open) or `not_explained` (half of them lie far from
-    where it projects them).
+    where it projects them). Of a fit to all pairs `halves` compares the fits of disjoint halves of the pairs,
+    `stated_too_small` says in sentences where they differ by more than is stated, and `prediction` has deviations
+    over the image; `shared_errors` is what blocks of pairs share, and the deviations count it where it is `counted`.
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:
@@ -59,6 +63,9 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     plain = {"baseline": baseline(kept), "linear_baseline": linear_baseline(kept)}
     compared = _compared(whitened(kept, p), polished, plain)
     elsewhere = several_optima(kept, state, polished, compared, spread)
+    halves = halves_of(found) if problem.fold < 0 else []
+    doubts = too_small(halves, problem)
+    said = doubts + (found.shared.alarms() if found.shared else [])
     transform = transform_of(problem, p)
     status, message = _status(state, found)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
@@ -95,7 +102,12 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "residuals_px": distances(problem, p).tolist(),
         "at_bounds": at_bounds(problem, p),
         **spread.to_document(),
-        "alarms": alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded),
+        "alarms": alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
+        "shared_errors": found.shared and found.shared.to_document(),
+        "common_errors": problem.common_errors,
+        "halves": [one.to_document() for one in halves],
+        "stated_too_small": doubts,
+        "prediction": prediction(found, halves) if problem.fold < 0 else None,
         "several_optima": elsewhere,
         "cpu": cpu_document(),
         "versions": versions_document(),

@@ -1,7 +1,7 @@
 # pyright: reportMissingTypeStubs=false
 """How well the pairs determine each parameter: covariance from the Jacobian at the optimum."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -47,6 +47,7 @@ class Uncertainty:
     freedom: float | None = None
     undetermined: tuple[dict[str, float], ...] = ()
     noise_scale: float | None = None
+    freedoms: Floats | None = None
 
     @property
     def correlation(self) -> Floats:
@@ -59,8 +60,9 @@ class Uncertainty:
     @property
     def half_width95(self) -> Floats:
         """Half widths (F,) of the 95 % intervals: Student's t where sigma was estimated, else the normal's."""
-        factor = 1.959963984540054 if self.freedom is None else float(_student_quantile(max(self.freedom, 1), 0.975))
-        return factor * self.std
+        if self.freedoms is not None:
+            return np.array([_factor95(freedom) for freedom in self.freedoms.tolist()]) * self.std
+        return _factor95(self.freedom) * self.std
 
     def worst_correlation(self) -> tuple[str, str, float] | None:
         """The two parameters that can be told apart least, and their correlation; None where no two correlate."""
@@ -88,10 +90,15 @@ class Uncertainty:
             "rank": self.rank,
             "condition": self.condition if np.isfinite(self.condition) else None,
             "undetermined": list(self.undetermined),
+            "degrees_of_freedom": None if self.freedoms is None else self._finite(self.freedoms),
         }
 
     def _finite(self, values: Floats) -> dict[str, float | None]:
         return {n: v if np.isfinite(v) else None for n, v in zip(self.names, values.tolist(), strict=True)}
+
+
+def _factor95(freedom: float | None) -> float:
+    return 1.959963984540054 if freedom is None else float(_student_quantile(max(freedom, 1), 0.975))
 
 
 def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:
@@ -100,7 +107,7 @@ def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:
     sigma^2 comes from the marks' residuals alone, over their degrees of freedom: two for each pair, less what the
     parameters take of them (the trace of the marks' part of the hat matrix; a prior takes its share of a parameter
     upon itself). Rows are whitened where the pairs state covariances; sigma then scales those. Holds for independent
-    errors, of one size or of the sizes stated, and says nothing about a systematic error of the marks or vertices.
+    errors, of one size or of the sizes stated; `error_model` has what pairs share.
     """
     problem = whitened(problem, p)
     residuals, J = weighted_residuals(problem, p, turns_are_free(problem))
@@ -151,12 +158,12 @@ def _spread(problem: FitProblem, rows: Floats, sigma: float, freedom: float | No
     local = turns_are_free(problem)
     indices: list[int] = problem.free.tolist()
     names = tuple(_ROTATION_AXES[i] if local and i < 3 else problem.names[i] for i in indices)
+    unit = units_of(names)
     lengths = np.linalg.norm(J, axis=0)
     lengths[lengths == 0.0] = 1.0
     _, s, Vt = np.linalg.svd(J / lengths, full_matrices=False)
     kept = s > _RANK_TOLERANCE * s[0] if s.size else s > 0.0
     half = (Vt[kept] / s[kept, None]) / lengths * sigma
-    unit = np.array([np.degrees(1.0) if name in ANGLES else 1.0 for name in names])
     covariance = (half.T @ half) * unit[:, None] * unit[None, :]
     std = np.sqrt(np.diag(covariance))
     # A parameter that takes part in an undetermined direction is not known at all.
@@ -174,6 +181,11 @@ def _spread(problem: FitProblem, rows: Floats, sigma: float, freedom: float | No
         undetermined=tuple(_parts(names, direction) for direction in Vt[~kept]),
         noise_scale=None if problem.covariances is None else sigma / problem.mark_sigma_px,
     )
+
+
+def units_of(names: Sequence[str]) -> Floats:
+    """What parameters (F,) in radians, metres and pixels are multiplied by for people to read."""
+    return np.array([np.degrees(1.0) if name in ANGLES else 1.0 for name in names])
 
 
 def unit_of(name: str) -> str:

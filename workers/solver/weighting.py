@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from workers.solver.covariances import Covariances
 from workers.solver.problem import FitProblem
-from workers.solver.residuals import predict, residuals_and_jacobian, transform_of
+from workers.solver.residuals import by_point, predict
 
 Floats = NDArray[np.float64]
 REWEIGHTED: Final = 2
@@ -49,10 +49,8 @@ def whitened(problem: FitProblem, p: Floats) -> FitProblem:
     """
     if problem.covariances is None:
         return problem
-    _, J = residuals_and_jacobian(problem, p, walls=False)
-    # How a pixel moves with t_camera_lidar is how it moves with the point in the camera's frame.
-    by_point = np.einsum("nij,jk->nik", J.reshape(-1, 2, len(p))[:, :, 3:6], transform_of(problem, p).R)
-    C = problem.covariances.marks + np.einsum("nij,njk,nlk->nil", by_point, problem.covariances.points, by_point)
+    moved = by_point(problem, p)
+    C = problem.covariances.marks + np.einsum("nij,njk,nlk->nil", moved, problem.covariances.points, moved)
     lost = (predict(problem, p)[1] > 0.0) | ~np.isfinite(C).all(axis=(1, 2))
     rough = _rough_variance(problem, problem.covariances)
     return _with(problem, np.where(lost[:, None, None], rough[:, None, None] * np.eye(2), C))

@@ -10,8 +10,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.calibration_runs.actions import end_calibration
-from service.calibration_runs.conclusion import FULL, choices, results_of, runs_of
-from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.calibration_runs.camera_summary import recommend
+from service.calibration_runs.conclusion import by_camera, results_of, runs_of
+from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig
 from service.jobs.claims import Claim, Lease
 from workers.geometry.transforms import from_document
@@ -41,7 +42,7 @@ def consistency(context: Context, held: Claim, lease: Lease) -> Callable[[Sessio
 def _cameras(session: Session, calibration: Calibration, stop: Stop) -> tuple[list[SolvedCamera], list[str]]:
     """Each camera's recommended result, and sentences about cameras that have none."""
     results = results_of(session, calibration.id)
-    recommended = {camera: choice.recommended for camera, choice in choices(results).items()}
+    recommended = {camera: recommend(found)[0].recommended for camera, found in by_camera(results).items()}
     runs = {
         (run.camera, run.model): (run, pairs)
         for run, pairs in session.execute(

@@ -19,15 +19,18 @@ from service.db.models import Rig
 from service.db.recordings import CameraFrame, Recording, Sensor, UploadPart
 from service.db.repeating import repeated
 from service.jobs.claims import Claim, Lease, require_mine
+from service.recordings.blob_queries import sensor_keys
 from service.recordings.jobs import begin_ingestion
 from service.settings import MIB, Settings
 from service.storage.blobs import condemn, keep, reserve
 from service.storage.quota import QuotaExceededError, take
+from service.studies.jobs import queue_packing
 from workers.readers.limited import ingest_limited
 from workers.readers.limits import Limits
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
+from workers.tasks.loading import require_room
 
 _OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
 
@@ -80,6 +83,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             rows = [{"sensor_id": sensor_row.id, **frame} for frame in frames[sensor.name]]
             if rows:
                 session.execute(insert(CameraFrame), rows)
+        queue_packing(session, row)
 
     return write
 
@@ -130,12 +134,12 @@ def _join(context: Context, recording: Recording, parts: Sequence[UploadPart], f
     """The original as one file; every part's checksum compared with what was acknowledged, and the whole's too."""
     source = folder / "original" / _plain_name(recording.file_name)
     source.parent.mkdir()
-    _require_room(context, shutil.disk_usage(folder).free, recording.size)
+    require_room(context, shutil.disk_usage(folder).free, recording.size)
     whole = hashlib.sha256()
     done = 0
     with source.open("wb") as file:
         for part in parts:
-            _require_room(context, shutil.disk_usage(folder).free, part.size)
+            require_room(context, shutil.disk_usage(folder).free, part.size)
             digest = hashlib.sha256()
             for chunk in context.store.stream(part.blob_key):
                 file.write(chunk)
@@ -171,7 +175,7 @@ def _store(context: Context, held: Claim, files: Mapping[str, Path]) -> dict[str
     Raises :class:`ReadError` ``fleet_quota_exceeded``, ``ingest_disk_full``.
     """
     sizes = {name: file.stat().st_size for name, file in files.items()}
-    _require_room(context, context.store.free_bytes(), sum(sizes.values()))
+    require_room(context, context.store.free_bytes(), sum(sizes.values()))
     try:
         keys = repeated(lambda: _reserve(context, held, sizes))
     except QuotaExceededError as error:
@@ -192,15 +196,9 @@ def _reserve(context: Context, held: Claim, sizes: Mapping[str, int]) -> dict[st
         }
 
 
-def _require_room(context: Context, free: int | None, size: int) -> None:
-    """Raises :class:`ReadError` ``ingest_disk_full`` where so many bytes would leave less free than is kept free."""
-    if free is not None and free - size < context.settings.min_free_bytes:
-        raise ReadError("ingest_disk_full", f"There is no room for {size} bytes.", "Make room, then try again.")
-
-
 def _forget_earlier(session: Session, recording: Recording) -> None:
     """Drop what an earlier ingestion of the same upload left."""
-    condemn(session, session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording.id)).all())
+    condemn(session, sensor_keys(session, recording.id))
     session.execute(delete(Sensor).where(Sensor.recording_id == recording.id))
 
 

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from service.db.recordings import Sensor
 from service.jobs.claims import Lease
 from workers.readers.normalised.lidar_file import LidarFile
-from workers.readers.recording import Sweep
+from workers.readers.recording import ReadError, Sweep
 from workers.tasks.context import Context
 
 _REPORT_EVERY = 50
@@ -37,3 +37,9 @@ def watched(lidar: LidarFile, sweeps: range, lease: Lease, message: str) -> Iter
         if number % _REPORT_EVERY == 0:
             lease.report(number / max(len(sweeps), 1), message)
         yield sweep
+
+
+def require_room(context: Context, free: int | None, size: int) -> None:
+    """Raises :class:`ReadError` ``ingest_disk_full`` where so many bytes would leave less free than is kept free."""
+    if free is not None and free - size < context.settings.min_free_bytes:
+        raise ReadError("ingest_disk_full", f"There is no room for {size} bytes.", "Make room, then try again.")

@@ -41,6 +41,7 @@ def _of(room: str, kind: str) -> Work:
 
 _ROOMS = {
     "ingest": "ingesting",
+    "packing": "packing",
     "preview": "studying",
     "suggestion": "studying",
     "detect": "detecting",
@@ -49,8 +50,8 @@ _ROOMS = {
     "consistency": "comparing",
 }
 WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
-# The module that needs no kernels.
-_READING = "ingesting"
+# The modules that need no kernels.
+_READING = {"ingesting", "packing"}
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError, ReservationEndedError)
@@ -71,7 +72,7 @@ def prepare(queues: Collection[str]) -> None:
     rooms = {_ROOMS[kind.name] for kind in KINDS if kind.queue in queues}
     for room in sorted(rooms):
         import_module(f"workers.tasks.{room}")
-    if rooms - {_READING}:
+    if rooms - _READING:
         import_module("workers.tasks.warming").warm_up()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 from uuid import UUID
@@ -19,10 +19,13 @@ from service.calibration_runs.actions import count_down, end_run, start_finish, 
 from service.db.base import Json
 from service.db.calibrations import CalibrationRun, Result, Slot
 from service.jobs.claims import CancelledError, Claim, Lease
+from workers.solver.blocks import blocks_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
 from workers.solver.errors import SolveError
-from workers.solver.folds import folds
+from workers.solver.folds import Fold, folds
+from workers.solver.held_out import held_out
+from workers.solver.motion import velocities_of
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
 from workers.solver.provenance import pairs_sha256, sources_sha256
@@ -36,7 +39,7 @@ from workers.solver.schedule import (
     to_document,
 )
 from workers.solver.slot import SlotOutcome, run_slot
-from workers.solver.solution import evaluate, solve_finish
+from workers.solver.solution import solve_finish
 from workers.solver.stopping import NEVER, Stop
 from workers.tasks.context import Context
 
@@ -53,14 +56,13 @@ _INSERT_RESULT = insert(Result)
 
 @dataclass(frozen=True, eq=False)
 class RunInput:
-    """A run as the solver sees it: the pairs it fits, and the pairs held out."""
+    """A run as the solver sees it: the problem of the pairs it fits, and that of all pairs with those held out."""
 
     document: Json
     problem: FitProblem
     pairs: Json
-    heldout: NDArray[np.int64]
-    points: NDArray[np.float64]
-    pixels: NDArray[np.float64]
+    whole: FitProblem
+    heldout: Fold | None
 
 
 def solve(context: Context, held: Claim, lease: Lease) -> Write:
@@ -83,23 +85,44 @@ def read_run(document: Json, fold: int, pairs: Json, stop: Stop = NEVER) -> RunI
 
     ``document``: the run's ``problem``. ``pairs``: its set's columns of equal length, in metres and pixels.
     """
-    points = np.column_stack([pairs["x"], pairs["y"], pairs["z"]]).astype(np.float64)
-    pixels = np.column_stack([pairs["u"], pairs["v"]]).astype(np.float64)
     request = dict(document)
     count = request.pop("folds", 0)
-    heldout = _blocks(pairs, count)[fold] if fold >= 0 else np.array([], np.int64)
-    fitted = np.setdiff1d(np.arange(len(points)), heldout)
+    whole = replace(_problem(request, pairs, None), stop=stop)
+    if fold < 0:
+        return RunInput(document, whole, pairs, whole, None)
+    heldout = folds(held_together(pairs), count)[fold]
+    fitted = np.setdiff1d(np.arange(len(whole.points)), heldout.indices)
+    return RunInput(document, replace(_problem(request, pairs, fitted), stop=stop), pairs, whole, heldout)
+
+
+def _problem(request: Json, pairs: Json, chosen: NDArray[np.int64] | None) -> FitProblem:
+    """The problem of some pairs of a set, or of all."""
+    columns = {
+        name: np.asarray(pairs[name]) for name in ("x", "y", "z", "u", "v", *COVARIANCE_COLUMNS) if name in pairs
+    }
+    if chosen is not None:
+        columns = {name: values[chosen] for name, values in columns.items()}
+    points = np.column_stack([columns["x"], columns["y"], columns["z"]]).astype(np.float64)
+    pixels = np.column_stack([columns["u"], columns["v"]]).astype(np.float64)
     covariances = None
     if request.get("weights") == "covariances":
-        known = {name: np.asarray(pairs[name])[fitted] for name in COVARIANCE_COLUMNS if name in pairs}
-        covariances = covariances_of(known, points[fitted], float(request.get("mark_sigma_px") or 1.0))
-    problem = problem_from_document(request, points[fitted], pixels[fitted], covariances=covariances)
-    return RunInput(document, replace(problem, stop=stop), pairs, heldout, points, pixels)
+        known = {name: columns[name] for name in COVARIANCE_COLUMNS if name in columns}
+        covariances = covariances_of(known, points, float(request.get("mark_sigma_px") or 1.0))
+    problem = problem_from_document(request, points, pixels, covariances=covariances)
+    blocks, velocities = blocks_of(pairs), _velocities(pairs)
+    if chosen is None:
+        return replace(problem, blocks=blocks, velocities=velocities)
+    return replace(
+        problem,
+        blocks=blocks and blocks.taken(chosen),
+        velocities=None if velocities is None else velocities[chosen],
+    )
 
 
-def _blocks(pairs: Json, count: int) -> Sequence[NDArray[np.int64]]:
-    """Whole poses where pairs have groups, else blocks in time, else blocks in the order of the pairs."""
-    return folds(held_together(pairs), count)
+def _velocities(pairs: Json) -> NDArray[np.float64] | None:
+    if "stamp_ns" not in pairs:
+        return None
+    return velocities_of(np.column_stack([pairs["x"], pairs["y"], pairs["z"]]), pairs["stamp_ns"])
 
 
 def _state(schedule: Json | None, problem: FitProblem) -> State:
@@ -171,11 +194,8 @@ def _whole(context: Context, given: RunInput, run: Any, lease: Lease) -> Write:
 def solved(given: RunInput, state: State) -> Json:
     """Polish, baselines, deviations, and the errors on the pairs that were held out."""
     document = solve_finish(given.problem, state)
-    if given.heldout.size:
-        outside = evaluate(
-            document["intrinsics"], document["transform"], given.points[given.heldout], given.pixels[given.heldout]
-        )
-        document["heldout"] = outside | {"indices": given.heldout.tolist()}
+    if given.heldout:
+        document["heldout"] = held_out(given.problem, given.whole, given.heldout, document)
     return document
 
 

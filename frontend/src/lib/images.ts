@@ -1,6 +1,6 @@
 /** Camera frames fetched and decoded ahead of the moment when they are shown. */
 
-import { frameFromStore } from "./api/blobs.ts";
+import { fromStore } from "./api/blobs.ts";
 
 const KEPT = 12;
 const cache = new Map<string, Promise<HTMLImageElement>>();
@@ -27,7 +27,7 @@ export function loadImage(url: string): Promise<HTMLImageElement> {
 }
 
 async function load(url: string): Promise<HTMLImageElement> {
-  const fetched = await frameFromStore(url);
+  const fetched = await fromStore(url);
   const image = new Image();
   image.decoding = "async";
   image.src = fetched ? URL.createObjectURL(fetched) : url;

@@ -5,12 +5,13 @@ from __future__ import annotations
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.models import Blob, Sensor, UploadPart
+from service.db.models import Blob, PackedSweeps, Sensor, UploadPart
 
 
 def used_keys(session: Session) -> set[str]:
-    """The keys that parts and sensors name."""
-    return {*session.scalars(select(UploadPart.blob_key)), *session.scalars(select(Sensor.blob_key))}
+    """The keys that parts, sensors and packed sweeps name."""
+    columns = (UploadPart.blob_key, Sensor.blob_key, PackedSweeps.blob_key)
+    return {key for column in columns for key in session.scalars(select(column))}
 
 
 def check_objects(session: Session, present: set[str]) -> list[str]:

@@ -139,6 +139,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     suggestion = Study(id=new_id(), **owned, kind="suggestion", asked={})
     offset = Study(id=new_id(), **owned, kind="clock_offset", detection_id=detection.id)
     offset.asked = {"camera": "front", "marks": {"stamp_ns": [], "u": [], "v": []}}
+    packing = Study(id=new_id(), **owned, kind="packing", asked={})
     apex = Apex(id=new_id(), recording_id=recording.id, sweep_index=0, x=1, y=0, z=0)
     vertex = Vertex(
         id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0, x=1, y=0, z=0
@@ -173,7 +174,21 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         remaining=0,
         wave=0,
     )
-    own = (detection, preview, suggestion, offset, apex, vertex, pairs, calibration, run, result, token, task)
+    own = (
+        detection,
+        preview,
+        suggestion,
+        offset,
+        packing,
+        apex,
+        vertex,
+        pairs,
+        calibration,
+        run,
+        result,
+        token,
+        task,
+    )
     for row in (*own, request):
         session.add(row)
         session.flush()
@@ -182,6 +197,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         "region-previews": preview.id,
         "region-suggestions": suggestion.id,
         "clock-offsets": offset.id,
+        "sweep-packings": packing.id,
         "vertices": vertex.id,
         "correspondence-sets": pairs.id,
         "calibrations": calibration.id,

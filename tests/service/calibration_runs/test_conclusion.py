@@ -1,5 +1,6 @@
 """What a calibration ends as, and what of it a vehicle is given."""
 
+import numpy as np
 import pytest
 from sqlalchemy import insert, select, update
 
@@ -22,6 +23,16 @@ def document(mean_px, heldout=(), model="pinhole", **more):
         "free_parameters": FREE[model],
         "at_bounds": [],
         "several_optima": [],
+        "intrinsics": {
+            "model": model,
+            "image_size": [1280, 960],
+            "f_x": 600.0,
+            "f_y": 600.0,
+            "c_x": 640.0,
+            "c_y": 480.0,
+        },
+        "transform": {"rotation": {"matrix": np.eye(3).tolist()}, "translation_m": [0.0, 0.0, 0.0]},
+        "residuals_px": [mean_px] * 20,
         "pairs": 20,
         "iterations": 1,
         "stopped": "converged",
@@ -89,16 +100,52 @@ def test_a_calibration_of_one_run_ends_in_eight_statements(database):
     assert seen == ["UPDATE"] * 2 + ["SELECT"] * 4 + ["UPDATE"] * 2
 
 
-def test_models_of_which_not_the_same_pairs_were_held_out_are_not_ranked(database, three_runs):
+def test_a_model_of_which_nothing_was_held_out_is_not_judged(database, three_runs):
     calibration_id, (pinhole, brown, fold) = three_runs
     end(database, pinhole, found=document(5.0))
     end(database, brown, found=document(1.0, model="brown_conrady"))
     end(database, fold, found=document(5.0, [5.0, 6.0]))
-    state, summary, published = ended(database, calibration_id)
+    state, summary, _ = ended(database, calibration_id)
     assert state == "done"
-    assert summary["cameras"]["front"]["recommended"] is None
-    assert "cannot be compared" in summary["cameras"]["front"]["why"]
-    assert published == []
+    assert summary["cameras"]["front"]["recommended"] == "pinhole"
+    assert "brown_conrady was not judged: nothing was held out of it." in summary["cameras"]["front"]["why"]
+
+
+def test_a_fold_that_failed_or_left_parameters_open_counts_for_no_model(database):
+    calibration_id, runs = two_models(database, folds=3)
+    end_model(database, [runs["pinhole"][0]], 1.0, "pinhole")
+    end_model(database, [runs["brown_conrady"][0]], 1.0, "brown_conrady")
+    for fold in range(3):
+        for model in ("pinhole", "brown_conrady"):
+            found = document(1.0, model=model)
+            wild = fold == 1 and model == "brown_conrady"
+            found |= {"heldout": {"errors_px": [900.0 if wild else 1.0] * 10, "indices": range_of(fold)}}
+            found |= {"status": "not_determined"} if wild else {}
+            end(database, runs[model][1 + fold], found=found)
+    _, summary, _ = ended(database, calibration_id)
+    models = summary["cameras"]["front"]["models"]
+    assert models["brown_conrady"]["heldout_mean_px"] == pytest.approx(1.0)
+    assert models["brown_conrady"]["weight"] == pytest.approx(0.5)
+
+
+def test_a_projection_that_is_none_costs_a_bounded_error(database):
+    calibration_id, runs = two_models(database)
+    for model, (full, *folds) in runs.items():
+        end(database, full, found=document(1.0, model=model))
+        for fold, run_id in enumerate(folds):
+            errors = [1.0] * 9 + [2300.0 if (fold, model) == (0, "brown_conrady") else 1.0]
+            end(
+                database,
+                run_id,
+                found=document(1.0, errors, model=model)
+                | {"heldout": {"errors_px": errors, "indices": range_of(fold)}},
+            )
+    _, summary, _ = ended(database, calibration_id)
+    brown = summary["cameras"]["front"]["models"]["brown_conrady"]
+    assert brown["heldout_forbidden"] == 1
+    # A hundredth of the image's diagonal of 1600 px.
+    assert brown["heldout_mean_px"] == pytest.approx((19 * 1.0 + 16.0) / 20)
+    assert brown["behind"]["log_likelihood"] < 25.0
 
 
 def two_models(database, *, folds=2):
@@ -171,7 +218,9 @@ def test_what_speaks_against_each_result_is_kept_also_where_nobody_asked_to_publ
     (edge,) = front["models"]["brown_conrady"]["objections"]
     (other,) = front["models"]["pinhole"]["objections"]
     assert edge == "brown_conrady lies on the edge of its bounds (k1): widen them, or lock what is known."
-    assert other.startswith("brown_conrady is recommended, not pinhole. brown_conrady has the lowest mean error")
+    assert other.startswith(
+        "brown_conrady is recommended, not pinhole. Held-out pairs are likeliest under brown_conrady"
+    )
 
 
 def test_what_fits_far_better_than_it_foretells_does_not_publish_itself(database):

@@ -313,7 +313,7 @@ def test_held_out_blocks_are_whole_poses(api, engineer, rig):
     made = engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": poses}, params={"camera": "front"}).json()
     answer = ask(engineer, rig, made["id"], models=["pinhole"], folds=5).json()
     assert [run["fold"] for run in answer["runs"]] == [-1, 0, 1, 2]
-    assert any("3 blocks instead of 5" in note for note in answer["notes"])
+    assert any("3 folds instead of 5" in note for note in answer["notes"])
 
 
 def test_sets_must_fit_the_vehicle_the_rig_and_the_cameras(api, fleet, engineer, rig):

@@ -100,5 +100,6 @@ def test_blocks_of_time_expose_what_single_frames_hide():
             errors += distances(replace(problem, points=points, pixels=marks), fit)[block].tolist()
         return float(np.mean(errors))
 
-    in_blocks = held_out_px(folds(np.arange(120) * 100_000_000, 4))
-    assert in_blocks > 1.3 * held_out_px([np.arange(start, 120, 4) for start in range(4)])
+    in_blocks = held_out_px([fold.indices for fold in folds(np.arange(120) * 100_000_000, 4)])
+    # Blocks lie between fitted ones, so they show less of a slow drift than whole parts of the walk.
+    assert in_blocks > 1.05 * held_out_px([np.arange(start, 120, 4) for start in range(4)])

@@ -38,7 +38,7 @@ def test_the_top_vertices_alone_are_said_to_hold_too_little_and_held_out_poses_s
     others = evaluate(solution["intrinsics"], solution["transform"], points[~top], pixels[~top])
     assert others["mean_px"] > 5.0 * fitted, "and say little of the rest"
     errors = []
-    for number, held_out in enumerate(folds(poses[top], 5)):
+    for number, (held_out, _) in enumerate(folds(poses[top], 5)):
         kept = np.setdiff1d(np.arange(20), held_out)
         one = solve(problem_from_document(REQUEST | {"fold": number}, points[top][kept], pixels[top][kept]))
         score = evaluate(one["intrinsics"], one["transform"], points[top][held_out], pixels[top][held_out])

@@ -61,7 +61,7 @@ def test_the_real_board_is_fitted(model, limit_px):
 def test_whole_poses_held_out_of_the_real_board():
     points, pixels, poses = real_correspondences()
     errors = []
-    for index, held_out in enumerate(folds(poses, 5)):
+    for index, (held_out, _) in enumerate(folds(poses, 5)):
         kept = np.setdiff1d(np.arange(80), held_out)
         request = {"model": "kannala_brandt", "image_size": [1920, 1208], "nominal": NOMINAL, "fold": index}
         solution = solve(problem_from_document(request, points[kept], pixels[kept]))

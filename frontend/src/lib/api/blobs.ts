@@ -27,10 +27,10 @@ export async function putIntoStore(
 
 let throughService = false;
 
-/** A frame's image straight from the store; null where frames go through the service. */
-export async function frameFromStore(frameUrl: string): Promise<Blob | null> {
+/** A frame's image or a sweep straight from the store; null where these go through the service. */
+export async function fromStore(url: string): Promise<Blob | null> {
   if (throughService) return null;
-  const address = (await (await send(new Request(`${frameUrl}/address`))).json()) as BlobAddress;
+  const address = (await (await send(new Request(`${url}/address`))).json()) as BlobAddress;
   if (!address.url) {
     throughService = true;
     return null;

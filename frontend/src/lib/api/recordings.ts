@@ -5,9 +5,11 @@ import { read, readAll, type Read } from "./reads.ts";
 import {
   isUnderWay,
   type NewRecording,
+  type Packing,
   type Recording,
   type RecordingChange,
   type RecordingSummary,
+  type SweepPlace,
   type UploadedParts,
 } from "./types.ts";
 
@@ -55,3 +57,22 @@ export const originalUrl = (id: string): string => `/v1/recordings/${id}/origina
 
 export const frameUrl = (id: string, camera: string, index: number): string =>
   `/v1/recordings/${id}/cameras/${encodeURIComponent(camera)}/frames/${index}`;
+
+/** Where each sweep of the LiDAR is, once a worker has packed them. */
+export const sweeps = (id: string | undefined): Read<SweepPlace[]> =>
+  readAll("/v1/recordings/{id}/sweeps", { id }, { limit: 5000 }, undefined, 200_000);
+
+/** The packings of a recording's sweeps, the newest first. */
+export const packings = (id: string | undefined): Read<Packing[]> =>
+  readAll(
+    "/v1/recordings/{recording_id}/sweep-packings",
+    { recording_id: id },
+    {},
+    (found) => found.some(isUnderWay),
+    1,
+  );
+
+export const packSweeps = (id: string): Promise<unknown> =>
+  client.POST("/v1/recordings/{recording_id}/sweep-packings", { params: { path: { recording_id: id } }, ...once() });
+
+export const sweepUrl = (id: string, index: number): string => `/v1/recordings/${id}/sweeps/${index}`;

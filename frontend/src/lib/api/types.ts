@@ -34,6 +34,8 @@ export type RecordingChange = Schemas["RecordingEdit"];
 export type NewRecording = Schemas["NewRecording"];
 export type Sensor = Schemas["SensorView"];
 export type UploadedParts = Schemas["Parts"];
+export type SweepPlace = Schemas["SweepView"];
+export type Packing = Schemas["PackingView"];
 export type BlobAddress = Schemas["BlobAddress"];
 
 /** A topic that could not be told from others: further members of a problem are not described. */

@@ -1,0 +1,85 @@
+"""Which pairs are held out together: whole blocks of time or whole poses, in turn. Service and workers cut alike."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import accumulate
+from typing import Any, Final, NamedTuple
+
+# Blocks of each fold. One block would leave a whole part of the walk to extrapolation; more and more of them put more
+# and more frames beside fitted neighbours.
+ROUNDS: Final = 4
+
+
+class HeldOut(NamedTuple):
+    """For each pair the fold that holds it out, and the block of neighbours with which it is held out."""
+
+    fold: list[int]
+    block: list[int]
+
+    def largest(self) -> int:
+        """The number of pairs in the largest fold."""
+        return max(Counter(self.fold).values())
+
+
+def most_folds(different: int, pairs: int) -> int:
+    """Into how many folds pairs with so many different values can be cut.
+
+    A fold of single frames needs at least two of them, else a frame is held out beside its neighbours.
+    """
+    return different // 2 if different == pairs else different
+
+
+def cut_folds(values: Sequence[Any], count: int) -> HeldOut:
+    """The folds of pairs with these values: stamps, or groups. ``count`` is at most `most_folds` of them.
+
+    Pairs of equal value stay together. The values are cut in their order into up to `ROUNDS` blocks for each fold,
+    of numbers of pairs as equal as can be, and the folds take turns. So what remains surrounds each block, and no fit
+    has to extrapolate to the pairs that it is judged by.
+    """
+    sizes = Counter(values)
+    ordered = sorted(sizes)
+    # Where few values have several pairs, they are frames and not poses.
+    smallest = 2 if 2 * len(sizes) > len(values) and len(sizes) >= 2 * count else 1
+    blocks = count * min(ROUNDS, len(sizes) // (smallest * count))
+    block_of = _cut([sizes[value] for value in ordered], blocks, smallest)
+    held = [0] * blocks
+    for value, block in zip(ordered, block_of, strict=True):
+        held[block] += sizes[value]
+    fold_of = _take_turns(held, count)
+    of_value = dict(zip(ordered, block_of, strict=True))
+    block = [of_value[value] for value in values]
+    return HeldOut([fold_of[one] for one in block], block)
+
+
+def _cut(sizes: Sequence[int], count: int, smallest: int) -> list[int]:
+    """The block of each value: cut where the running number of pairs comes nearest to k / count of all."""
+    ends = list(accumulate(sizes))
+    block: list[int] = []
+    for index in range(count):
+        last = len(sizes) - smallest * (count - index - 1)
+        wanted = ends[-1] * (index + 1) / count
+        end = len(block) + smallest
+        while end < last and (index == count - 1 or abs(ends[end] - wanted) <= abs(ends[end - 1] - wanted)):
+            end += 1
+        block += [index] * (end - len(block))
+    return block
+
+
+def _take_turns(sizes: Sequence[int], count: int) -> list[int]:
+    """The fold of each block. Neighbours go to different folds, the largest of them to the one with fewest pairs.
+
+    Where all are alike the turn shifts from round to round: a walk in as many lanes would else give a fold a lane.
+    """
+    shift = 2 if count > 3 else count - 2
+    held = [0] * count
+    fold_of = [0] * len(sizes)
+    for first in range(0, len(sizes), count):
+        part = sorted(range(first, min(first + count, len(sizes))), key=lambda block: -sizes[block])
+        turn = [(fold - shift * (first // count)) % count for fold in range(count)]
+        order = sorted(range(count), key=lambda fold: (held[fold], turn[fold]))
+        for block, fold in zip(part, order, strict=False):
+            fold_of[block] = fold
+            held[fold] += sizes[block]
+    return fold_of

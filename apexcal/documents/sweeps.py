@@ -1,0 +1,83 @@
+"""A sweep of the LiDAR as it goes over the wire: compact, little-endian, the same bytes for every reader.
+
+The body is one gzip member. Unpacked it holds a header of 48 bytes, then for each ring how many points it has
+(uint32), then columns of ``points`` entries each, ordered by ring and within a ring as the sensor gave them:
+
+    x, y, z     3 bytes each: steps of ``position_step_m``, LiDAR frame
+    intensity   2 bytes: steps of ``intensity_step``
+    time        3 bytes: steps of ``time_step_ns``, relative to ``stamp_ns``
+
+A column of b bytes is b planes of one byte, the lowest first. Positions and times are stored as first differences
+modulo 2^24, folded so that small ones of either sign are small: 0, -1, 1, -2, ... become 0, 1, 2, 3, ...
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final, NamedTuple, Self
+
+from apexcal.documents.base import Document, Sent, Stored
+from apexcal.documents.studies import StudyView
+
+MEDIA_TYPE: Final = "application/vnd.apexcal.sweep+gzip"
+MAGIC: Final = b"APXS"
+LAYOUT: Final = 1
+_HEADER: Final = struct.Struct("<4sHHIIqddd")
+HEADER_BYTES: Final = _HEADER.size
+BYTES_PER_POINT: Final = 3 * 3 + 2 + 3
+
+# The finest step among the sensors that are read: 1 mm of an Ouster's range, 2 mm of a Velodyne's (their manuals).
+POSITION_STEP_M: Final = 0.001
+# Velodyne packets count time in microseconds.
+TIME_STEP_NS: Final = 1000.0
+
+
+class SweepHeader(NamedTuple):
+    """What stands before a sweep's columns.
+
+    ``sweep_index`` is the number in the recording, ``stamp_ns`` its stamp (UTC). A point's range is that of its
+    position; its ring follows from the counts behind the header.
+    """
+
+    rings: int
+    points: int
+    sweep_index: int
+    stamp_ns: int
+    position_step_m: float = POSITION_STEP_M
+    intensity_step: float = 1.0
+    time_step_ns: float = TIME_STEP_NS
+
+    def pack(self) -> bytes:
+        """The header's bytes."""
+        return _HEADER.pack(MAGIC, LAYOUT, *self)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> Self:
+        """Back from :meth:`pack`. Raises ValueError for another layout."""
+        magic, layout, *rest = _HEADER.unpack_from(data)
+        if magic != MAGIC or layout != LAYOUT:
+            raise ValueError(f"not a sweep of layout {LAYOUT}: it begins with {bytes(data[:6])!r}")
+        return cls(*rest)
+
+
+class SweepView(Sent):
+    """A sweep of the LiDAR; ``length`` is how many bytes its points take over the wire."""
+
+    index: int
+    stamp_ns: int
+    points: int
+    length: int
+
+
+class Packing(Document):
+    """What was packed: sweeps, their points, and the bytes of all."""
+
+    sweeps: int
+    points: int
+    bytes: int
+
+
+class PackingView(StudyView):
+    """The packing of a recording's sweeps; when it is done, every sweep can be read."""
+
+    result: Stored[Packing | None]

@@ -1,0 +1,46 @@
+/** Sweeps fetched and unpacked; the last ones are kept. */
+
+import { fromStore } from "../api/blobs.ts";
+import { send } from "../api/http.ts";
+import { unpack, type Sweep } from "./sweep.ts";
+
+/** Sweeps of all recordings together; of 100,000 points each takes 3 MB. */
+const KEPT = 40;
+const cache = new Map<string, Promise<Sweep>>();
+
+/** The sweep at an address; asked for twice, it is fetched once. */
+export function loadSweep(url: string): Promise<Sweep> {
+  const known = cache.get(url);
+  if (known) {
+    cache.delete(url);
+    cache.set(url, known);
+    return known;
+  }
+  const loading = load(url).catch((error: unknown) => {
+    cache.delete(url);
+    throw error;
+  });
+  cache.set(url, loading);
+  for (const oldest of cache.keys()) {
+    if (cache.size <= KEPT) break;
+    cache.delete(oldest);
+  }
+  return loading;
+}
+
+async function load(url: string): Promise<Sweep> {
+  const found = (await fromStore(url)) ?? (await (await send(new Request(url))).blob());
+  return unpack(new Uint8Array(await found.arrayBuffer()));
+}
+
+/** The most points that are shown at once. */
+export const MOST_POINTS = 300_000;
+/** The most sweeps that are fetched to be shown at once. */
+const MOST_SWEEPS = 30;
+
+/** Numbers of sweeps spread evenly over a recording, as many as may be shown at once. */
+export function spreadOver(sweeps: readonly { index: number; points: number }[]): number[] {
+  const largest = Math.max(1, ...sweeps.map((sweep) => sweep.points));
+  const count = Math.min(sweeps.length, MOST_SWEEPS, Math.max(1, Math.floor(MOST_POINTS / largest)));
+  return Array.from({ length: count }, (_, i) => sweeps[Math.floor(((i + 0.5) * sweeps.length) / count)]?.index ?? 0);
+}

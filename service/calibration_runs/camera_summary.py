@@ -1,0 +1,148 @@
+"""The summary of a camera: its models side by side, and which one is recommended and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Final
+from uuid import UUID
+
+import numpy as np
+
+from apexcal.documents.camera_models import CAMERA_MODELS, parse_model
+from service.calibration_runs.evidence import Integers, Pairs
+from service.calibration_runs.model_choice import Candidate, Choice, choose
+from service.calibration_runs.model_spread import spread_of, spread_sentence
+from service.db.base import Json
+from service.db.calibrations import FULL, Result
+
+# A projection that is none counts in the mean as this share of the image's diagonal, or as the largest error that is
+# one: the distance at which the robust loss of the search saturates.
+_NO_PROJECTION: Final = 0.01
+_STAGES: Final = ("ga", "polished", "baseline", "linear_baseline")
+
+
+def camera_summary(of_camera: Sequence[Result], work: Mapping[UUID, Json]) -> Json:
+    """The summary of one camera's results. ``work``: compute seconds and workers of each run."""
+    choice, candidates = recommend(of_camera)
+    full = {result.model: result for result in of_camera if result.fold == FULL}
+    documents = {name: result.document for name, result in full.items()}
+    wrong = _left_out_by_all(documents)
+    models: dict[str, Json] = {}
+    for name, result in full.items():
+        found = models[name] = _model_summary(result, work[result.run_id])
+        found |= _heldout(candidates[name].heldout, wrong, _diagonal_px(result.document))
+        if name in choice.behind:
+            found["behind"] = asdict(choice.behind[name])
+        if name in choice.weight:
+            found["weight"], found["heldout_sigma_px"] = choice.weight[name], choice.sigma_px[name]
+        found["between_models"] = spread_of(name, documents, choice.weight)
+    chosen = choice.recommended
+    sentence = spread_sentence(chosen, documents, models[chosen]["between_models"]) if chosen else None
+    return {"recommended": chosen, "why": f"{choice.why} {sentence or ''}".strip(), "models": models}
+
+
+def recommend(of_camera: Sequence[Result]) -> tuple[Choice, dict[str, Candidate]]:
+    """Which model to take of a camera's results, and by what."""
+    full = {result.model: result.document for result in of_camera if result.fold == FULL}
+    folds: dict[str, dict[int, Json]] = {name: {} for name in full}
+    for result in of_camera:
+        if result.fold != FULL and result.model in full and result.document.get("heldout"):
+            folds[result.model][result.fold] = result.document
+    candidates = {name: _candidate(name, document, folds[name]) for name, document in full.items()}
+    width, height = (next(iter(full.values())).get("intrinsics") or {}).get("image_size") or (1, 1)
+    return choose(candidates, float(width * height)), candidates
+
+
+def _candidate(name: str, full: Json, folds: Mapping[int, Json]) -> Candidate:
+    determined = {fold: one for fold, one in folds.items() if one["status"] != "not_determined"}
+    # What most folds leave open cannot be judged by the others.
+    judged = determined if 2 * len(determined) > len(folds) else {}
+    parts = [_pairs(one["heldout"], fold) for fold, one in sorted(judged.items())]
+    residuals = np.array(full.get("residuals_px") or [full["polished"]["mean_px"]], np.float64)
+    order = np.arange(len(residuals))
+    return Candidate(
+        free_parameters=full["free_parameters"],
+        parameters=len(CAMERA_MODELS[parse_model(name)].intrinsics),
+        fitted=Pairs(order, order, residuals, np.ones(len(order)), residuals),
+        heldout=_joined(parts) if any(len(part.number) for part in parts) else None,
+        at_bounds=full["at_bounds"],
+        sound=full["status"] != "not_determined",
+        undetermined=len(folds) - len(determined),
+    )
+
+
+def _pairs(heldout: Json, fold: int) -> Pairs:
+    """A block of held-out pairs. Versions before 0045 kept neither blocks nor distances in standard deviations."""
+    errors = np.array(heldout["errors_px"], np.float64)
+    number: Integers = np.array(heldout["indices"], np.int64)
+    block = np.array(heldout.get("blocks") or [fold] * len(number), np.int64)
+    standard = np.array(heldout.get("standard_px") or errors, np.float64)
+    return Pairs(
+        number, block, standard, np.array(heldout.get("stretch") or np.ones(len(number)), np.float64), errors
+    )
+
+
+def _joined(parts: Sequence[Pairs]) -> Pairs:
+    whole = Pairs(*(np.concatenate([getattr(part, name) for part in parts]) for name in Pairs.__dataclass_fields__))
+    order = np.argsort(whole.number, kind="stable")
+    return Pairs(*(getattr(whole, name)[order] for name in Pairs.__dataclass_fields__))
+
+
+def _left_out_by_all(documents: Mapping[str, Json]) -> set[int]:
+    """Pairs that every model's fit left out as outliers. Those that only some leave out count, or a lens that a model
+    lacks would not count against it.
+    """
+    left_out = [
+        {outlier["index"] for outlier in document.get("outliers", []) if outlier["excluded"]}
+        for document in documents.values()
+    ]
+    return set.intersection(*left_out) if left_out else set()
+
+
+def _heldout(pairs: Pairs | None, wrong: set[int], diagonal_px: float) -> Json:
+    """Mean and root mean square error of held-out pairs, and how many of them have no projection."""
+    if pairs is not None:
+        pairs = pairs.of(np.setdiff1d(pairs.number, np.array(sorted(wrong), np.int64)))
+    if pairs is None or not len(pairs.number):
+        return {"heldout_mean_px": None, "heldout_rms_px": None, "heldout_pairs": 0, "heldout_forbidden": 0}
+    errors = pairs.errors_px
+    none = errors >= diagonal_px
+    counted = np.where(none, max([_NO_PROJECTION * diagonal_px, *errors[~none]]), errors)
+    return {
+        "heldout_mean_px": float(counted.mean()),
+        "heldout_rms_px": float(np.sqrt(np.mean(counted**2))),
+        "heldout_pairs": len(errors),
+        "heldout_forbidden": int(none.sum()),
+    }
+
+
+def _diagonal_px(document: Json) -> float:
+    """Infinite where an old document does not say the image's size."""
+    size = (document.get("intrinsics") or {}).get("image_size")
+    return float(np.hypot(*size)) if size else float("inf")
+
+
+def _model_summary(full: Result, work: Json) -> Json:
+    document = full.document
+    summary: Json = {stage: _stage(document.get(stage)) for stage in _STAGES}
+    return summary | {
+        "result_id": str(full.id),
+        "status": document["status"],
+        "message": document["message"],
+        "free_parameters": document["free_parameters"],
+        "at_bounds": document["at_bounds"],
+        # A worker of the version before does not say it.
+        "several_optima": document.get("several_optima", []),
+        "stated_too_small": document.get("stated_too_small", []),
+        "pairs": document["pairs"],
+        "iterations": document["iterations"],
+        "stopped": document["stopped"],
+        "alarms": document["alarms"],
+        "seconds": work["ga_seconds"] + document.get("finish_seconds", 0.0),
+        "workers": work["workers"],
+    }
+
+
+def _stage(stage: Json | None) -> Json | None:
+    return stage and {"mean_px": stage["mean_px"], "rms_px": stage["rms_px"]}

@@ -1,0 +1,100 @@
+"""What a result's deviations become where other models predict held-out pairs as well: the models' spread is added.
+
+Deviations that a fit states hold if its model is right. Here the second moment of the other models about it, by their
+weights, is added: the variance between models of Bayesian model averaging (Hoeting and others 1999).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.calibration_runs.transforms import read
+from service.db.base import Json
+
+Floats = NDArray[np.float64]
+_TURNS: Final = ("rotation_x", "rotation_y", "rotation_z")
+_OFFSETS: Final = ("t_x", "t_y", "t_z")
+# What the parameters of all models mean alike.
+_LENS: Final = ("f_x", "f_y", "c_x", "c_y")
+# A difference of so many stated deviations is no chance of a result's own noise.
+_SURPRISE: Final = 2.0
+
+
+def spread_of(model: str, documents: Mapping[str, Json], weight: Mapping[str, float]) -> Json | None:
+    """The deviations of ``model`` with the spread of the models added, by parameter; None where there is no other.
+
+    ``documents``: results of fits to all pairs, by model. ``weight``: of those that were judged. A model that the
+    pairs do not determine takes no part.
+    """
+    own = documents[model]
+    weights = {
+        name: share
+        for name, share in weight.items()
+        if name in documents and (name == model or documents[name]["status"] != "not_determined")
+    }
+    if model not in weights or len(weights) < 2 or not own.get("std"):
+        return None
+    whole = sum(weights.values())
+    differences = {name: difference(documents[name], own) for name in weights if name != model}
+    added = {
+        name: sum(weights[other] / whole * one[name] ** 2 for other, one in differences.items() if name in one)
+        for name in own["std"]
+    }
+    std = {
+        name: None if value is None else float(np.hypot(value, added[name] ** 0.5))
+        for name, value in own["std"].items()
+    }
+    widened = {name: std[name] / value for name, value in own["std"].items() if value and std[name]}
+    half = own.get("interval95_half_width") or {}
+    return {
+        "weights": {name: share / whole for name, share in weights.items()},
+        "std": std,
+        "interval95_half_width": {
+            name: None if value is None else value * widened.get(name, 1.0) for name, value in half.items()
+        },
+    }
+
+
+def difference(one: Json, other: Json) -> dict[str, float]:
+    """By parameter, of two results' mounts and lenses: turns about the camera's axes in degrees, metres, pixels."""
+    R, t = read(one["transform"])
+    R_other, t_other = read(other["transform"])
+    found = dict(zip(_TURNS, np.degrees(_vector(R @ R_other.T)).tolist(), strict=True))
+    found |= dict(zip(_OFFSETS, (t - t_other).tolist(), strict=True))
+    lens, other_lens = one["intrinsics"], other["intrinsics"]
+    return found | {name: lens[name] - other_lens[name] for name in _LENS if name in lens and name in other_lens}
+
+
+def spread_sentence(model: str, documents: Mapping[str, Json], spread: Json | None) -> str | None:
+    """A sentence where another model that is not ruled out puts the mount elsewhere by more than is stated."""
+    if spread is None:
+        return None
+    own, std = documents[model], documents[model]["std"]
+    told: list[str] = []
+    for name, share in sorted(spread["weights"].items(), key=lambda one: -one[1]):
+        if name == model or share < 0.01:
+            continue
+        apart = difference(documents[name], own)
+        sigmas = max((abs(apart[key]) / std[key] for key in (*_TURNS, *_OFFSETS) if std.get(key)), default=0.0)
+        if sigmas > _SURPRISE:
+            degrees = np.linalg.norm([apart[key] for key in _TURNS])
+            millimetres = 1000 * np.linalg.norm([apart[key] for key in _OFFSETS])
+            told.append(
+                f"{name} (weight {share:.2f}) puts the mount {degrees:.2f} degrees and {millimetres:.0f} mm from "
+                f"where {model} does, {sigmas:.1f} deviations that {model} states"
+            )
+    if not told:
+        return None
+    return f"{'; '.join(told)}: the pairs do not rule that out, so the published deviations include it."
+
+
+def _vector(R: Floats) -> Floats:
+    """The rotation vector of a turn of less than half a circle, radians."""
+    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
+    return axis if sine < 1e-12 else axis * (angle / sine)

@@ -1,0 +1,19 @@
+"""Which objects of the store a recording's rows name."""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.recordings import PackedSweeps, Sensor
+
+
+def sensor_keys(session: Session, recording_id: UUID) -> list[str]:
+    """The keys of a recording's sensors' files, and of its packed sweeps."""
+    packed = select(PackedSweeps.blob_key).join(Sensor, Sensor.id == PackedSweeps.sensor_id)
+    return [
+        *session.scalars(select(Sensor.blob_key).where(Sensor.recording_id == recording_id)),
+        *session.scalars(packed.where(Sensor.recording_id == recording_id)),
+    ]

@@ -1,0 +1,53 @@
+"""Byte ranges of sensors' blobs: nothing is parsed to answer with one, and it never changes."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+from fastapi import Request, Response
+
+from apexcal.documents.recordings import BlobAddress
+from service.http.etags import Conditions, content_etag
+from service.recordings.presigner import Presigner
+from service.storage.store import Store
+
+_FOREVER = "private, max-age=31536000, immutable"
+
+
+@dataclass(frozen=True)
+class ByteRange:
+    """A range, looked up in a session that has ended: none is held while the store is asked."""
+
+    key: str
+    index: int
+    offset: int
+    length: int
+    media_type: str
+
+    @property
+    def etag(self) -> str:
+        """The range's entity tag: its blob's key is of this blob alone."""
+        return content_etag(hashlib.sha256(f"{self.key}:{self.index}".encode()).hexdigest()[:32])
+
+    async def answer(self, request: Request, conditions: Conditions) -> Response:
+        """The bytes, or that the client has them already."""
+        conditions.offer(self.etag)
+        store: Store = request.app.state.store
+        data = await store.read(self.key, self.offset, self.length)
+        headers = {"ETag": self.etag, "Cache-Control": _FOREVER}
+        return Response(data, media_type=self.media_type, headers=headers)
+
+    def address(self, request: Request) -> BlobAddress:
+        """Where the bytes are read straight from the store, with a Range header; or that they are read here.
+
+        An address and no redirect: the range is one of a large object, and only who sends the Range gets it alone.
+        """
+        presigner = Presigner.of(request)
+        return BlobAddress(
+            url=presigner.download(self.key),
+            expires_at=presigner.expires_at if presigner.downloads else None,
+            offset=self.offset,
+            length=self.length,
+            media_type=self.media_type,
+        )

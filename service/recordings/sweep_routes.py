@@ -1,0 +1,98 @@
+"""Routes of the LiDAR's sweeps, packed by a worker: a sweep is a byte range of its sensor's packed file."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from uuid import UUID
+
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from sqlalchemy import select
+
+from apexcal.documents.recordings import BlobAddress
+from apexcal.documents.states import RecordingState
+from apexcal.documents.sweeps import MEDIA_TYPE, SweepView
+from service.auth.access import Access, CurrentIdentity, ReadAccess
+from service.db.recordings import PackedSweep, PackedSweeps, Recording, Sensor
+from service.db.session import Database
+from service.http.etags import Conditional
+from service.http.pages import LongPaging, Page, fetch
+from service.http.problems import Problem
+from service.recordings.byte_ranges import ByteRange
+
+router = APIRouter(tags=["recordings"])
+
+
+@router.get("/recordings/{id}/sweeps")
+def get_sweeps(
+    id: UUID,
+    access: ReadAccess,
+    paging: LongPaging,
+    from_ns: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+    to_ns: Annotated[int | None, Query(ge=0, lt=2**63)] = None,
+) -> Page[SweepView]:
+    """The LiDAR's sweeps in time order, up to 5000 a page; those from ``from_ns`` to ``to_ns``, both included."""
+    packed = _packed(access, access.find(Recording, id))
+    statement = select(PackedSweep).where(PackedSweep.sensor_id == packed.sensor_id)
+    if from_ns is not None:
+        statement = statement.where(PackedSweep.stamp_ns >= from_ns)
+    if to_ns is not None:
+        statement = statement.where(PackedSweep.stamp_ns <= to_ns)
+    rows, following = fetch(access.session, statement, PackedSweep.index, paging)
+    return Page(items=[SweepView.model_validate(row) for row in rows], next=following)
+
+
+def _packed(access: Access, recording: Recording) -> PackedSweeps:
+    """The packed file of a recording's LiDAR. Raises :class:`Problem` 409 ``recording_not_ready``, ``not_packed``."""
+    statement = select(PackedSweeps).join(Sensor, Sensor.id == PackedSweeps.sensor_id)
+    packed = access.session.scalars(statement.where(Sensor.recording_id == recording.id)).one_or_none()
+    if packed is not None:
+        return packed
+    if recording.state != RecordingState.READY:
+        raise Problem(
+            409,
+            "recording_not_ready",
+            f"The recording {recording.name!r} is {recording.state}; its sweeps cannot be read.",
+            "Wait until its state is ready.",
+            state=recording.state,
+        )
+    raise Problem(
+        409,
+        "not_packed",
+        f"The sweeps of {recording.name!r} are not packed: only packed sweeps are sent.",
+        "A recording is packed right after it was read: wait for its job. Ask for one of an older version with POST "
+        "/v1/recordings/{id}/sweep-packings.",
+    )
+
+
+def _find(
+    id: UUID, index: Annotated[int, Path(ge=0, lt=2**31)], request: Request, identity: CurrentIdentity
+) -> ByteRange:
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        access = Access(session, identity)
+        packed = _packed(access, access.find(Recording, id))
+        sweep = session.get(PackedSweep, (packed.sensor_id, index))
+        if sweep is None:
+            raise Problem(
+                404, "no_such_sweep", f"The recording has no sweep {index}.", "Its sweeps are numbered from 0."
+            )
+        return ByteRange(packed.blob_key, index, sweep.offset, sweep.length, MEDIA_TYPE)
+
+
+Found = Annotated[ByteRange, Depends(_find)]
+
+
+@router.get(
+    "/recordings/{id}/sweeps/{index}",
+    response_class=Response,
+    responses={200: {"content": {MEDIA_TYPE: {}}}},
+)
+async def get_sweep(sweep: Found, request: Request, conditions: Conditional) -> Response:
+    """One sweep's points, packed; docs/api.md has the layout."""
+    return await sweep.answer(request, conditions)
+
+
+@router.get("/recordings/{id}/sweeps/{index}/address")
+def get_sweep_address(sweep: Found, request: Request) -> BlobAddress:
+    """Where the sweep's bytes are read straight from the store, with a Range header; or that they are read here."""
+    return sweep.address(request)

@@ -1,0 +1,203 @@
+"""The LiDAR's points in a browser that draws by software: shown, turned, picked, without a mouse, without WebGL."""
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from uuid import UUID
+
+import numpy as np
+import pytest
+from playwright.sync_api import Locator, Page, expect
+from sqlalchemy import delete, select
+
+from apexcal.sweeps import Points, unpack
+from service.db.models import PackedSweep, PackedSweeps, Sensor, Study
+from service.db.session import Database
+from service.storage.blobs import condemn
+from tests.e2e.conftest import Track
+from tests.e2e.dense import write_dense
+from tests.support.uploads import RIG
+
+SignIn = Callable[[str, str], Page]
+FRONTEND = Path(__file__).parents[2] / "frontend"
+# Figures that an idle machine beats two to three times over: 30 pictures a second and 0.2 s.
+FEWEST_PICTURES_A_SECOND = 15
+MOST_SECONDS = 1.0
+
+SHOW = """async (number) => {
+  const range = document.querySelector("[aria-label=Sweep]");
+  const begun = performance.now();
+  range.value = number;
+  range.dispatchEvent(new Event("input", { bubbles: true }));
+  const stage = document.querySelector("[data-sweeps]");
+  const next = () => new Promise(requestAnimationFrame);
+  while (stage.dataset.sweeps !== String(number)) await next();
+  const before = stage.dataset.pictures;
+  while (stage.dataset.pictures === before) await next();
+  return (performance.now() - begun) / 1000;
+}"""
+TURN = """async (seconds) => {
+  const stage = document.querySelector("[data-sweeps]");
+  const [first, begun] = [Number(stage.dataset.pictures), performance.now()];
+  while (performance.now() - begun < 1000 * seconds) {
+    stage.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight", bubbles: true }));
+    await new Promise(requestAnimationFrame);
+  }
+  return ((Number(stage.dataset.pictures) - first) / (performance.now() - begun)) * 1000;
+}"""
+
+
+@pytest.fixture(scope="module")
+def dense(track: Track, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The id of a recording with sweeps of 100,096, 100,096 and 300,032 points."""
+    vehicle = track.owner.vehicles.create(track.fleet_id, "Roof 128")
+    rig = track.owner.vehicles.create_rig(vehicle.id, RIG)
+    file = write_dense(tmp_path_factory.mktemp("dense") / "dense.bag", *RIG["cameras"][0]["image_size"])
+    recording = track.owner.wait(track.owner.recordings.upload(file, vehicle.id, rig.id), timeout_s=90)
+    packing = track.owner.wait(next(iter(track.owner.recordings.packings(recording.id))), timeout_s=60)
+    assert packing.result.points == 500_224
+    return str(recording.id)
+
+
+def open_points(page: Page, track: Track, recording_id: str) -> Locator:
+    """The page of a recording, once its points are drawn: the part that takes keys."""
+    page.goto(f"{track.url}/recordings/{recording_id}")
+    stage = page.get_by_role("application")
+    expect(stage).to_have_attribute("data-pictures", re.compile("[1-9]"))
+    expect(stage).to_have_attribute("data-sweeps", "0")
+    return stage
+
+
+def points_of(track: Track, recording_id: str, index: int) -> Points:
+    return unpack(track.owner.recordings.sweep(recording_id, index))
+
+
+def said(page: Page) -> tuple[float, float, float]:
+    """The coordinates of the point that was asked for, as the page says them."""
+    status = page.get_by_role("region", name="LiDAR").get_by_role("status")
+    expect(status).to_contain_text("x ")
+    found = re.search(r"x (-?[\d.]+), y (-?[\d.]+), z (-?[\d.]+) m", status.inner_text())
+    assert found, status.inner_text()
+    return (float(found[1]), float(found[2]), float(found[3]))
+
+
+def test_large_sweeps_come_at_once_and_turn_smoothly(sign_in: SignIn, track: Track, dense: str) -> None:
+    page = sign_in("Iris", "viewer")
+    stage = open_points(page, track, dense)
+    expect(stage).to_have_attribute("data-points", "100096")
+    ready = page.evaluate(SHOW, 1)
+    assert ready < MOST_SECONDS, ready
+    page.evaluate(SHOW, 2)
+    expect(stage).to_have_attribute("data-points", "300032")
+    pictures = page.evaluate(TURN, 3)
+    print(f"100,096 points after {ready:.3f} s; 300,032 points turn at {pictures:.1f} pictures a second")
+    assert pictures > FEWEST_PICTURES_A_SECOND, pictures
+
+
+def test_a_picked_point_is_one_of_the_sweep(sign_in: SignIn, track: Track, dense: str) -> None:
+    page = sign_in("Jo", "annotator")
+    stage = open_points(page, track, dense)
+    points = points_of(track, dense, 0)
+    box = stage.bounding_box()
+    assert box
+    for across, down in ((0.5, 0.5), (0.4, 0.6)):
+        page.mouse.click(box["x"] + across * box["width"], box["y"] + down * box["height"])
+        assert np.abs(points.xyz - said(page)).max(axis=1).min() <= 0.00051
+        page.keyboard.press("Escape")
+
+
+def test_everything_is_done_by_keys(sign_in: SignIn, track: Track, dense: str) -> None:
+    page = sign_in("Kim", "viewer")
+    stage = open_points(page, track, dense)
+    stage.focus()
+    views = page.get_by_role("group", name="View")
+    for key, name in (("t", "Top"), ("f", "Front"), ("s", "Side"), ("l", "LiDAR"), ("o", "Orbit")):
+        page.keyboard.press(key)
+        expect(views.get_by_role("button", pressed=True)).to_have_text(name)
+    for key in ("ArrowLeft", "ArrowUp", "Shift+ArrowLeft", "+", "-", "0"):
+        before = int(stage.get_attribute("data-pictures") or 0)
+        page.keyboard.press(key)
+        expect(stage).not_to_have_attribute("data-pictures", str(before))
+    # As the LiDAR looks, the middle of the room is in the middle of the picture.
+    before = int(stage.get_attribute("data-pictures") or 0)
+    page.keyboard.press("f")
+    expect(stage).not_to_have_attribute("data-pictures", str(before))
+    page.keyboard.press("Enter")
+    assert abs(said(page)[1]) < 0.3
+    for name in ("ring", "range", "intensity", "height"):
+        before = int(stage.get_attribute("data-pictures") or 0)
+        page.get_by_label("Colour").select_option(name)
+        if name != "height":
+            expect(stage).not_to_have_attribute("data-pictures", str(before))
+    slider = page.get_by_role("slider", name="Sweep")
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    expect(stage).to_have_attribute("data-sweeps", "1")
+    page.get_by_label("many at once").check()
+    expect(stage).to_have_attribute("data-points", "100096")  # of 300,032 there is room for one
+
+
+def test_a_small_sensors_sweeps_are_shown_over_one_another(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Lea", "viewer")
+    stage = open_points(page, track, track.recording_id)
+    page.get_by_label("many at once").check()
+    expect(stage).to_have_attribute("data-sweeps", re.compile(r"^\d+( \d+){29}$"))
+    shown = [int(one) for one in (stage.get_attribute("data-sweeps") or "").split()]
+    counts = {one.index: one.points for one in track.owner.recordings.sweeps(track.recording_id)}
+    assert int(stage.get_attribute("data-points") or 0) == sum(counts[index] for index in shown)
+
+
+@pytest.fixture(params=["light", "dark"])
+def scheme(request: pytest.FixtureRequest) -> Iterator[str]:
+    yield request.param
+
+
+def test_the_view_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, dense: str, scheme: Any) -> None:
+    page = sign_in(f"Max {scheme}", "viewer")
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": 390, "height": 844})
+    open_points(page, track, dense)
+    page.evaluate((FRONTEND / "node_modules" / "axe-core" / "axe.min.js").read_text())
+    found = page.evaluate("() => axe.run('section[aria-labelledby=sweeps]')")
+    assert found["violations"] == [], json.dumps(found["violations"], indent=1)
+    assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
+
+
+def test_without_webgl_the_page_says_so_and_works(sign_in: SignIn, track: Track, dense: str) -> None:
+    page = sign_in("Nina", "viewer")
+    page.add_init_script("""
+        const original = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+            return kind.startsWith("webgl") ? null : original.call(this, kind, ...rest);
+        };
+    """)
+    page.goto(f"{track.url}/recordings/{dense}")
+    lidar = page.get_by_role("region", name="LiDAR")
+    expect(lidar.get_by_text("This browser cannot show points in 3D.")).to_be_visible()
+    expect(lidar.get_by_role("status")).to_contain_text("100,096 points in 128 rings")
+    expect(page.get_by_role("heading", name="front")).to_be_visible()
+
+
+def test_a_recording_of_an_older_version_is_packed_on_demand(
+    sign_in: SignIn, track: Track, served: dict[str, Any], dense: str
+) -> None:
+    forget_packing(served, dense)
+    page = sign_in("Ola", "engineer")
+    page.goto(f"{track.url}/recordings/{dense}")
+    page.get_by_role("button", name="Pack them").click()
+    expect(page.get_by_role("application")).to_have_attribute("data-points", "100096", timeout=30_000)
+
+
+def forget_packing(served: dict[str, Any], recording_id: str) -> None:
+    """Leave the recording as a version without packing read it."""
+    database = Database(f"sqlite:///{Path(served['owner_token_file']).parent / 'apexcal.db'}")
+    with database.writing() as session:
+        lidar = select(Sensor.id).where(Sensor.recording_id == UUID(recording_id), Sensor.kind == "lidar")
+        sensor_id = session.scalars(lidar).one()
+        condemn(session, session.scalars(select(PackedSweeps.blob_key).where(PackedSweeps.sensor_id == sensor_id)))
+        for table in (PackedSweep, PackedSweeps):
+            session.execute(delete(table).where(table.sensor_id == sensor_id))
+        session.execute(delete(Study).where(Study.recording_id == UUID(recording_id)))
+    database.close()

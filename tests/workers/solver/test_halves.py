@@ -1,0 +1,122 @@
+"""Fits of disjoint halves, against what the fit to all pairs states: computed again with NumPy from the document."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from apexcal.documents.results import RunResult
+from tests.workers.solver.rigs import real_correspondences, real_problem
+from tests.workers.solver.walks import Recomputed, finish, posed, walked
+from workers.solver.blocks import blocks_of
+from workers.solver.estimate import estimate
+from workers.solver.halves import halves_of
+from workers.solver.motion import velocities_of
+from workers.solver.polish import polish
+
+
+def recomputed(document, again, first):
+    """(ratio over the parameters, over the marks): linear fits of both halves, plain NumPy."""
+    rows = [np.repeat(half, 2) for half in (first, ~first)]
+    inverses = [np.linalg.inv(again.J[half].T @ again.J[half]) for half in rows]
+    steps = [-Q @ again.J[half].T @ again.residuals[half] for Q, half in zip(inverses, rows, strict=True)]
+    apart = steps[0] - steps[1]
+    stated = document["sigma_px"] ** 2 * (inverses[0] + inverses[1])
+    scale = np.sqrt(np.diag(stated))
+    ratio = np.sqrt((apart / scale) @ np.linalg.solve(stated / np.outer(scale, scale), apart / scale) / len(apart))
+    of_pixels = np.sum((again.J @ stated) * again.J, axis=1)
+    return ratio, np.sqrt(np.mean((again.J @ apart) ** 2 / of_pixels))
+
+
+def test_halves_of_a_walk_are_those_of_its_stretches():
+    problem, truth = walked(31)
+    document = finish(problem, truth)
+    again = Recomputed(document, problem.points, problem.pixels)
+    labels = problem.blocks.labels
+    for one, first in zip(document["halves"], (labels % 2 == 0, labels < 4), strict=True):
+        ratio, of_marks = recomputed(document, again, first)
+        assert one["pairs"] == [int(first.sum()), int((~first).sum())]
+        assert one["ratio"] == pytest.approx(ratio, rel=1e-3)
+        assert one["field_ratio"] == pytest.approx(of_marks, rel=1e-3)
+        freedom = 2 * len(labels) - 10
+        assert one["limit"] == pytest.approx(np.sqrt(stats.f.ppf(0.995, 10, freedom)), rel=1e-6)
+        # What people read is of the fits themselves.
+        fits = [
+            np.array(polish(replace(problem, weights=half.astype(float)), truth).parameters)
+            for half in (first, ~first)
+        ]
+        assert one["translation_mm"] == pytest.approx(1e3 * np.linalg.norm(fits[0][3:6] - fits[1][3:6]), rel=1e-3)
+        assert one["holds"]
+    assert document["stated_too_small"] == []
+    RunResult.model_validate(document)
+
+
+def test_a_camera_that_turned_on_the_way_is_named():
+    named = [finish(*walked(40 + seed, turned_deg=0.15))["stated_too_small"] for seed in range(8)]
+    assert sum(any("the camera turned by 0.1" in one for one in sentences) for sentences in named) >= 7
+    document = finish(*walked(40, turned_deg=0.15))
+    assert set(document["stated_too_small"]) <= set(document["alarms"])
+    assert document["prediction"]["expected_over_stated"] >= 1.0
+
+
+@pytest.mark.parametrize("made", [walked, posed])
+def test_sound_halves_differ_by_what_is_stated(made):
+    found = [halves_of(estimate(*made(700 + seed))) for seed in range(25)]
+    for split in (0, 1):
+        assert 0.8 < np.median([halves[split].ratio for halves in found]) < 1.2
+    assert np.mean([all(one.holds for one in halves) for halves in found]) >= 0.92
+
+
+def test_poses_that_share_errors_are_counted_and_no_reason_for_doubt():
+    ratios = [halves_of(estimate(*posed(900 + seed, 20, 3, 0.01, 1.5)))[0].ratio for seed in range(25)]
+    assert 0.7 < np.median(ratios) < 1.25
+
+
+def test_folds_have_no_halves():
+    problem, truth = walked(31)
+    document = finish(replace(problem, fold=2), truth)
+    assert (document["halves"], document["prediction"]) == ([], None)
+
+
+def test_the_prediction_is_the_covariance_at_the_pixels():
+    problem, truth = walked(33)
+    document = finish(problem, truth)
+    again = Recomputed(document, problem.points, problem.pixels)
+    prediction = document["prediction"]
+    assert (prediction["distances_m"], len(prediction["points"])) == ([5.0, 20.0, 50.0], 15)
+    for point in prediction["points"][::4]:
+        ray = np.array(
+            [(point["u"] - again.lens[2]) / again.lens[0], (point["v"] - again.lens[3]) / again.lens[1], 1.0]
+        )
+        for place, distance in enumerate(prediction["distances_m"]):
+            seen = ray / np.linalg.norm(ray) * distance
+            lidar = (again.R.T @ (seen - again.t))[None]
+            J = again.derivative(lambda x, lidar=lidar: again.project(x, lidar), 10)
+            C = J @ again.covariance @ J.T
+            assert point["stated_px"][place] == pytest.approx(np.sqrt(np.trace(C)), rel=1e-3)
+            B = again.derivative(lambda d, lidar=lidar: again.project(np.zeros(10), lidar + d), 3)
+            back = np.linalg.pinv(B)
+            assert point["stated_mm"][place] == pytest.approx(1e3 * np.sqrt(np.trace(back @ C @ back.T)), rel=1e-3)
+    assert prediction["expected_over_stated"] == 1.0
+
+
+def test_odd_and_even_poses_of_the_real_board_differ_by_what_is_stated():
+    _, _, poses = real_correspondences()
+    bare = real_problem("kannala_brandt")
+    problem = replace(bare, blocks=blocks_of({"x": poses, "group": poses.tolist()}))
+    start = np.array(polish(bare, 0.5 * (bare.lower + bare.upper)).parameters)
+    found, alone = estimate(problem, start), estimate(bare, start)
+    assert found.shared is not None and found.shared.counted and found.shared.evidence > 1.0
+    assert halves_of(found)[0].ratio < 1.6
+    assert np.all(found.spread.std > 0.9 * alone.spread.std)
+
+
+def test_velocities_follow_from_the_pairs_near_in_time():
+    times = np.sort(np.random.default_rng(1).uniform(0.0, 20.0, 200))
+    path = np.stack([5.0 + np.cos(0.3 * times), 1.2 * times, np.full(200, 0.4)], axis=1)
+    order = np.random.default_rng(2).permutation(200)
+    found = velocities_of(path[order], (times[order] * 1e9).astype(np.int64))
+    expected = np.stack([-0.3 * np.sin(0.3 * times), np.full(200, 1.2), np.zeros(200)], axis=1)[order]
+    np.testing.assert_allclose(found, expected, atol=0.03)
+    assert velocities_of(path, (times * 1e12).astype(np.int64)) is None, "a thousand times slower: no neighbours"

@@ -1,0 +1,205 @@
+"""What pairs share, and the deviations that count it: computed again with NumPy from the document and the pairs."""
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+from tests.workers.solver.rigs import simulated
+from tests.workers.solver.walks import Recomputed, finish, posed, walked
+from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
+from workers.solver.blocks import blocks_of
+from workers.solver.errors import SolveError
+from workers.solver.estimate import estimate
+
+
+def turned_about_middles(points, labels):
+    """x (6,) -> points moved by an offset, and turned about the middle of their pose."""
+    middles = np.stack([points[labels == label].mean(axis=0) for label in labels])
+
+    def moves(x):
+        return np.zeros(6) if x is None else points + x[:3] + np.cross(x[3:], points - middles)
+
+    return moves
+
+
+def shared_matrices(again, labels):
+    """(2 N, 2 N) of each component at a variance of one, of blocks that share an offset and a turn."""
+    U = again.by_pairs(turned_about_middles(again.points, labels))
+    same = np.repeat(labels, 2)[:, None] == np.repeat(labels, 2)
+    return [same * (U[:, :3] @ U[:, :3].T), same * (U[:, 3:] @ U[:, 3:].T)]
+
+
+def restricted_likelihood(again, matrices, variances):
+    V = sum(v * M for v, M in zip(variances, [np.eye(len(again.J)), *matrices], strict=True))
+    A = again.J / np.linalg.norm(again.J, axis=0)
+    W = np.linalg.inv(V)
+    left = again.residuals - A @ np.linalg.solve(A.T @ W @ A, A.T @ W @ again.residuals)
+    return -0.5 * (np.linalg.slogdet(V)[1] + np.linalg.slogdet(A.T @ W @ A)[1] + left @ W @ left)
+
+
+@pytest.fixture(scope="module")
+def of_poses():
+    problem, truth = posed(11, poses=16, offset_m=0.01, turn_deg=1.5)
+    document = finish(problem, truth)
+    return problem, document, Recomputed(document, problem.points, problem.pixels)
+
+
+def test_the_covariance_is_that_of_noise_offsets_and_turns(of_poses):
+    problem, document, again = of_poses
+    shared = document["shared_errors"]
+    assert (shared["blocks"], shared["by"], shared["counted"]) == (16, "group", True)
+    offset, turn = shared["deviations"]["offset_m"], np.radians(shared["deviations"]["turn_deg"])
+    matrices = shared_matrices(again, problem.blocks.labels)
+    V = shared["noise_px"] ** 2 * np.eye(len(again.J)) + offset**2 * matrices[0] + turn**2 * matrices[1]
+    Q = np.linalg.inv(again.J.T @ again.J)
+    expected = Q @ again.J.T @ V @ again.J @ Q
+    np.testing.assert_allclose(np.sqrt(np.diag(again.covariance)), np.sqrt(np.diag(expected)), rtol=1e-4)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(again.covariance / scale, expected / scale, atol=1e-4)
+    # Its degrees of freedom and intervals: Satterthwaite, from Fisher's information about the three variances.
+    W = np.linalg.inv(V)
+    P = W - W @ again.J @ np.linalg.inv(again.J.T @ W @ again.J) @ again.J.T @ W
+    parts = [np.eye(len(V)), *matrices]
+    information = np.array([[0.5 * np.sum((P @ a) * (P @ b).T) for b in parts] for a in parts])
+    growth = np.stack([np.diag(Q @ again.J.T @ part @ again.J @ Q) for part in parts], axis=1)
+    unsure = np.einsum("fi,ij,fj->f", growth, np.linalg.inv(information), growth)
+    freedom = 2.0 * np.diag(expected) ** 2 / unsure
+    np.testing.assert_allclose(list(document["degrees_of_freedom"].values()), freedom, rtol=1e-3)
+    half = stats.t.ppf(0.975, freedom) * np.sqrt(np.diag(expected)) * again.unit
+    np.testing.assert_allclose(list(document["interval95_half_width"].values()), half, rtol=1e-3)
+
+
+def test_the_variances_are_at_the_restricted_maximum(of_poses):
+    problem, document, again = of_poses
+    shared = document["shared_errors"]
+    matrices = shared_matrices(again, problem.blocks.labels)
+    found = np.array(
+        [shared["noise_px"], shared["deviations"]["offset_m"], np.radians(shared["deviations"]["turn_deg"])]
+    )
+
+    def unlikely(factors):
+        return -restricted_likelihood(again, matrices, (found * factors) ** 2)
+
+    best = optimize.minimize(unlikely, np.ones(3), method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-8})
+    np.testing.assert_allclose(best.x, 1.0, atol=2e-3)
+    alone = optimize.minimize_scalar(
+        lambda s: -restricted_likelihood(again, [], [s**2]), bounds=(0.5, 10.0), method="bounded"
+    )
+    assert shared["evidence"] == pytest.approx(2.0 * (alone.fun - best.fun), rel=1e-3)
+    assert shared["evidence"] > 20.0
+    assert any("Pairs of one group err together" in alarm for alarm in document["alarms"])
+
+
+def intervals_held(draws, made):
+    held = []
+    for seed in range(draws):
+        problem, truth = made(seed)
+        found = estimate(problem, truth)
+        p = found.parameters
+        turn = rotation_from_vector(p[:3]) @ rotation_from_vector(truth[:3]).T
+        error = np.concatenate([np.degrees(vector_from_rotation(turn)), (p - truth)[3:]])
+        held.append(np.abs(error) <= found.spread.half_width95)
+    return float(np.mean(held))
+
+
+@pytest.mark.parametrize(
+    ("poses", "repeats", "offset_m", "turn_deg"), [(20, 3, 0.01, 0.0), (12, 5, 0.01, 1.5), (30, 1, 0.0, 0.0)]
+)
+def test_intervals_hold_whether_poses_share_errors_or_not(poses, repeats, offset_m, turn_deg):
+    share = intervals_held(30, lambda seed: posed(500 + seed, poses, repeats, offset_m, turn_deg))
+    # Thirty rigs of ten correlated intervals: 0.95 within three deviations of a hundred independent ones.
+    assert 0.885 <= share <= 0.995
+
+
+def test_pairs_of_poses_that_count_as_independent_would_not_hold():
+    def made(seed):
+        problem, truth = posed(500 + seed, 12, 5, 0.01, 1.5)
+        return type(problem)(**{**vars(problem), "blocks": None}), truth
+
+    assert intervals_held(30, made) < 0.8
+
+
+def test_a_sound_walk_keeps_its_covariance():
+    problem, truth = walked(5)
+    bare = type(problem)(**{**vars(problem), "blocks": None})
+    document, alone = finish(problem, truth), finish(bare, truth)
+    assert document["shared_errors"]["by"] == "time" and document["shared_errors"]["blocks"] == 8
+    assert not document["shared_errors"]["counted"]
+    for name in ("std", "interval95_half_width", "covariance", "polished"):
+        assert document[name] == alone[name]
+    assert (alone["shared_errors"], alone["halves"]) == (None, [])
+
+
+def test_blocks_are_groups_or_stretches_of_time():
+    groups = blocks_of({"x": [0.0] * 6, "group": ["b", "b", "a", "a", "b", 3]})
+    assert (groups.kind, groups.labels.tolist()) == ("group", [0, 0, 1, 1, 0, 2])
+    stamps = np.random.default_rng(0).permutation(np.repeat(np.arange(60), 2))
+    walk = blocks_of({"x": [0.0] * 120, "stamp_ns": stamps.tolist(), "group": list(range(120))})
+    assert walk.kind == "time" and walk.labels.max() == 7
+    in_time = walk.labels[np.argsort(stamps, kind="stable")]
+    assert np.all(np.diff(in_time) >= 0) and set(np.bincount(walk.labels)) <= {14, 16}
+    assert all(len(set(walk.labels[stamps == stamp])) == 1 for stamp in range(60))
+    assert blocks_of({"x": [0.0] * 39}) is None
+    assert blocks_of({"x": [0.0] * 40}).kind == "order"
+
+
+def test_stated_common_errors_enter_by_what_they_move():
+    plain, truth = simulated("pinhole", 21)
+    stated = {"elevation_deg": 0.04, "azimuth_deg": 0.02, "mark_v_px": 0.5}
+    problem = type(plain)(**{**vars(plain), "common_errors": stated})
+    document, without = finish(problem, truth), finish(plain, truth)
+    again, before = (Recomputed(one, plain.points, plain.pixels) for one in (document, without))
+    x, y, z = plain.points.T
+    flat, distance = np.hypot(x, y), np.linalg.norm(plain.points, axis=1)
+    azimuth, elevation = np.arctan2(y, x), np.arcsin(z / distance)
+
+    def turned(angles):
+        if angles is None:
+            return np.zeros(2)
+        a, e = azimuth + np.radians(angles[0]), elevation + np.radians(angles[1])
+        return distance[:, None] * np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
+
+    assert flat.min() > 0.1
+    K = np.concatenate([again.by_pairs(turned), np.tile([0.0, 1.0], len(x))[:, None]], axis=1)
+    S = np.diag(np.array([0.02, 0.04, 0.5]) ** 2)
+    arm = np.linalg.solve(again.J.T @ again.J, again.J.T @ K)
+    grown = before.covariance + arm @ S @ arm.T
+    scale = np.sqrt(np.outer(np.diag(grown), np.diag(grown)))
+    np.testing.assert_allclose(again.covariance / scale, grown / scale, atol=1e-4)
+    assert document["common_errors"] == stated
+
+
+def test_intervals_hold_beside_a_common_elevation_error():
+    rng = np.random.default_rng(7)
+
+    def made(seed):
+        problem, truth = simulated("pinhole", 800 + seed, noise_px=0.3)
+        raised = np.radians(0.04) * rng.normal()
+        flat = np.hypot(problem.points[:, 0], problem.points[:, 1])
+        x, y, z = problem.points.T
+        moved = problem.points + raised * np.stack([-z * x / flat, -z * y / flat, flat], axis=1)
+        return type(problem)(**{**vars(problem), "points": moved, "common_errors": {"elevation_deg": 0.04}}), truth
+
+    assert 0.9 <= intervals_held(40, made) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("stated", "code"), [({"height": 1.0}, "unknown_common_error"), ({"mark_u_px": -1.0}, "bad_common_error")]
+)
+def test_common_errors_that_are_none_are_refused(stated, code):
+    with pytest.raises(SolveError) as refused:
+        simulated("pinhole", 3, common_errors=stated)
+    assert refused.value.code == code
+
+
+def test_the_clocks_deviation_needs_motion():
+    problem, truth = simulated("pinhole", 3, common_errors={"clock_ms": 2.0})
+    with pytest.raises(SolveError, match="how the apex moved"):
+        estimate(problem, truth)
+    velocities = np.tile([0.0, 1.2, 0.0], (len(problem.points), 1))
+    moving = type(problem)(**{**vars(problem), "velocities": velocities})
+    still = type(problem)(**{**vars(problem), "common_errors": {}})
+    wider, narrow = estimate(moving, truth).spread, estimate(still, truth).spread
+    # 2.4 mm to the side for all pairs: t, in the camera's frame, takes all of it.
+    grown = np.sqrt(np.sum(wider.std[3:6] ** 2 - narrow.std[3:6] ** 2))
+    assert grown == pytest.approx(2.4e-3, rel=1e-6)

@@ -1,0 +1,95 @@
+"""A recording is packed right after it was read; a second packing, or one without room, changes nothing."""
+
+from uuid import UUID
+
+import numpy as np
+import pytest
+from sqlalchemy import func, select
+
+from apexcal.sweeps import unpack
+from service.db.models import Blob, Fleet, PackedSweep, PackedSweeps, Recording, Sensor, Study
+from service.db.session import Database
+from service.jobs.sweep import sweep
+from service.storage.quota import take
+from service.studies.jobs import queue_packing
+from tests.service.detections.seeding import seed_rig
+from tests.service.jobs.support import make_fleet
+from tests.support.work import work
+from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
+from tests.workers.tasks.test_ingesting import uploaded
+from workers.readers.normalised.lidar_file import LidarFile
+from workers.tasks.context import Context
+
+pytestmark = pytest.mark.usefixtures("broker")
+
+
+def ingested(context: Context, database: Database, tmp_path) -> UUID:
+    """The id of a recording of four sweeps, after all its jobs."""
+    rig = seed_rig(database, make_fleet(database))
+    file = write_bag(
+        tmp_path / "one.bag", interleaved(clouds(4), list(images(4, "/camera/compressed", png(640, 480))))
+    )
+    recording = uploaded(context, rig, file)
+    work(context)
+    return recording.id
+
+
+def studies(database: Database) -> list[Study]:
+    with database.reading() as session:
+        return list(session.scalars(select(Study).order_by(Study.created_at, Study.id)))
+
+
+def test_every_sweep_lies_where_its_row_says(context, database, tmp_path):
+    recording_id = ingested(context, database, tmp_path)
+    (study,) = studies(database)
+    assert (study.kind, study.state, study.problem) == ("packing", "done", None)
+    with database.reading() as session:
+        lidar = session.scalars(
+            select(Sensor).where(Sensor.recording_id == recording_id, Sensor.kind == "lidar")
+        ).one()
+        packed = session.get_one(PackedSweeps, lidar.id)
+        rows = session.scalars(select(PackedSweep).order_by(PackedSweep.index)).all()
+        sizes = session.scalar(select(func.sum(Blob.size)).where(Blob.state == "stored"))
+        assert session.get_one(Recording, recording_id).taken_bytes == sizes
+        assert session.get_one(Blob, packed.blob_key).state == "stored"
+    whole = b"".join(context.store.stream(packed.blob_key))
+    assert study.result == {"sweeps": 4, "points": sum(row.points for row in rows), "bytes": len(whole)}
+    with LidarFile(context.store.local_path(lidar.blob_key)) as file:
+        assert [row.stamp_ns for row in rows] == file.stamps_ns.tolist()
+        for row in rows:
+            points = unpack(whole[row.offset : row.offset + row.length])
+            given = file.sweep(row.index)
+            assert points.header.sweep_index == row.index and len(points.xyz) == row.points == len(given.xyz)
+            order = np.argsort(given.ring, kind="stable")
+            assert np.abs(points.xyz - given.xyz[order]).max() < 0.00051
+
+
+def test_packing_again_changes_nothing(context, database, tmp_path):
+    recording_id = ingested(context, database, tmp_path)
+    with database.writing() as session:
+        before = session.scalars(select(PackedSweeps.blob_key)).one()
+        queue_packing(session, session.get_one(Recording, recording_id))
+    work(context)
+    first, second = studies(database)
+    assert second.state == "done" and second.result == first.result
+    with database.reading() as session:
+        assert session.scalars(select(PackedSweeps.blob_key)).one() == before
+
+
+def test_a_fleet_without_room_keeps_its_recording_and_hears_why(context, database, tmp_path, monkeypatch):
+    def full(session, recording, size, default):
+        fleet = session.get_one(Fleet, recording.fleet_id)
+        with session.no_autoflush:
+            fleet.quota_bytes = recording.taken_bytes
+        take(session, recording, size, default)
+
+    monkeypatch.setattr("workers.tasks.packing.take", full)
+    recording_id = ingested(context, database, tmp_path)
+    (study,) = studies(database)
+    assert (study.state, study.problem["code"]) == ("failed", "fleet_quota_exceeded")
+    sweep(database, context.store)
+    with database.reading() as session:
+        row = session.get_one(Recording, recording_id)
+        assert row.state == "ready" and session.scalars(select(PackedSweeps)).all() == []
+        stored = session.scalar(select(func.sum(Blob.size)).where(Blob.state == "stored"))
+        assert row.taken_bytes == stored

@@ -1,0 +1,82 @@
+"""Errors that all pairs of a fit share: consider parameters (Schmidt 1966; Tapley, Schutz and Born 2004, ch. 6).
+
+They are not estimated: the pairs tell them from the mount hardly or not at all. Each enters the covariance with the
+standard deviation that is stated for it, as C + K S K^T.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from apexcal.documents.rules import COMMON_ERRORS
+from workers.geometry.spherical import axes
+from workers.solver.error_model import weighed
+from workers.solver.errors import SolveError
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import by_point
+
+Floats = NDArray[np.float64]
+
+
+def parse_common_errors(given: object) -> dict[str, float]:
+    """Standard deviations by name, in the units of their names.
+
+    Raises SolveError `unknown_common_error`, `bad_common_error`.
+    """
+    stated = {name: float(sigma) for name, sigma in cast("Mapping[str, float]", given or {}).items()}
+    for name, sigma in stated.items():
+        if name not in COMMON_ERRORS:
+            raise SolveError(
+                "unknown_common_error", f"There is no common error {name!r}.", f"They are {', '.join(COMMON_ERRORS)}."
+            )
+        if not np.isfinite(sigma) or sigma < 0.0:
+            raise SolveError(
+                "bad_common_error", f"The common error {name} has the deviation {sigma}.", "It is 0 or above."
+            )
+    return stated
+
+
+def common_errors(problem: FitProblem, p: Floats) -> Floats:
+    """(N, 2, m) how the residuals of a whitened problem move at p (D,), px by standard deviation of each error."""
+    columns = [weighed(problem, _SHAPES[name](problem, p)[:, :, None] * sigma) for name, sigma in _stated(problem)]
+    return np.concatenate(columns, axis=2) if columns else np.zeros((len(problem.points), 2, 0))
+
+
+def _stated(problem: FitProblem) -> list[tuple[str, float]]:
+    return [(name, problem.common_errors[name]) for name in COMMON_ERRORS if problem.common_errors.get(name)]
+
+
+def _by_direction(axis: int) -> Callable[[FitProblem, Floats], Floats]:
+    def shape(problem: FitProblem, p: Floats) -> Floats:
+        return np.radians(1.0) * np.einsum("nij,nj->ni", by_point(problem, p), axes(problem.points)[:, :, axis])
+
+    return shape
+
+
+def _by_mark(axis: int) -> Callable[[FitProblem, Floats], Floats]:
+    def shape(problem: FitProblem, p: Floats) -> Floats:
+        return np.tile(-np.eye(2)[axis], (len(problem.points), 1))
+
+    return shape
+
+
+def _by_clock(problem: FitProblem, p: Floats) -> Floats:
+    # A later camera clock looks at an earlier moment of the walk.
+    if problem.velocities is None:
+        raise SolveError(
+            "no_motion",
+            "The pairs do not say how the apex moved, so nothing follows from the clocks' deviation.",
+            "Give stamp_ns of pairs from a walk, or leave common_errors.clock_ms out.",
+        )
+    return -1e-3 * np.einsum("nij,nj->ni", by_point(problem, p), problem.velocities)
+
+
+_SHAPES: Final[dict[str, Callable[[FitProblem, Floats], Floats]]] = {
+    "azimuth_deg": _by_direction(0),
+    "elevation_deg": _by_direction(1),
+    "mark_u_px": _by_mark(0),
+    "mark_v_px": _by_mark(1),
+    "clock_ms": _by_clock,
+}

@@ -1,0 +1,136 @@
+"""What an estimate's errors are made of, and the covariance that follows, for all pairs or for some of them.
+
+The estimate p of least squares with priors is off by Q (J^T e / sigma^2 + P e_p) with Q = (J^T J / sigma^2 + P)^-1.
+The pairs' errors e are noise of variance sigma^2, what blocks of pairs share (`variance_components`), and what all
+pairs share (`common_errors`); the priors' errors e_p have the covariance P^-1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.solver.polish import weighted_residuals
+from workers.solver.problem import FitProblem
+from workers.solver.uncertainty import turns_are_free
+from workers.solver.variance_components import Components, Linearised
+
+Floats = NDArray[np.float64]
+Used = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """The errors of a fit that is linearised at its end.
+
+    fit: with columns of unit length; scale (F,): what the parameters (rad, m, px) were divided by for that.
+    noise: sigma^2, px^2. shared: what blocks share, of variances (K,), or None. common (N, 2, m): what all share, px
+    by standard deviation.
+    """
+
+    fit: Linearised
+    scale: Floats
+    noise: float
+    common: Floats
+    shared: Components | None = None
+    variances: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def inverse(self, used: Used | None = None) -> Floats:
+        """Q (F, F) of the pairs that are used (N,), in scaled parameters; priors count whole."""
+        J = self._rows(used).reshape(-1, len(self.scale))
+        return np.linalg.pinv(J.T @ J / self.noise + self.fit.prior, rcond=1e-14, hermitian=True).astype(np.float64)
+
+    def step(self, used: Used | None = None) -> Floats:
+        """(F,) from the linearisation to the optimum of the pairs that are used and the priors: rad, m, px."""
+        J = self._rows(used).reshape(-1, len(self.scale))
+        gradient = J.T @ self.fit.residuals.ravel() / self.noise + self.fit.pull
+        return -(self.inverse(used) @ gradient) * self.scale
+
+    def with_columns(self, columns: Floats) -> ErrorModel:
+        """The same fit with further unknowns, whose derivatives (N, 2, e) are given and which have no priors."""
+        more = columns.shape[2]
+        lengths = np.sqrt(np.sum(columns**2, axis=(0, 1)))
+        scale = 1.0 / np.where(lengths > 0.0, lengths, 1.0)
+        fit = Linearised(
+            self.fit.residuals,
+            np.concatenate([self.fit.jacobian, columns * scale], axis=2),
+            np.pad(self.fit.prior, (0, more)),
+            np.pad(self.fit.pull, (0, more)),
+        )
+        return replace(self, fit=fit, scale=np.concatenate([self.scale, scale]))
+
+    def parts(self) -> list[Floats]:
+        """(F, F) each: how the covariance grows with sigma^2 and with the variance of each shared component."""
+        Q = self.inverse() / self.noise
+        J = self.fit.jacobian.reshape(-1, len(self.scale))
+        filled = [J.T @ J]
+        if self.shared is not None:
+            filled += [self._of_component(None, k) for k in range(len(self.variances))]
+        return [self._in_units(Q @ one @ Q) for one in filled]
+
+    def covariance(self) -> Floats:
+        """(F, F) of the estimate from all pairs: rad, m, px."""
+        return self._of_arms((self.inverse(), None))
+
+    def difference(self, first: Used, second: Used) -> Floats:
+        """(F, F) of the estimate from the first pairs less that from the second, which have none in common."""
+        return self._of_arms((self.inverse(first), first), (-self.inverse(second), second))
+
+    def independent(self) -> ErrorModel:
+        """The same without anything shared or common, with the noise that then explains the residuals."""
+        return replace(self, shared=None, variances=np.zeros(0), common=self.common[:, :, :0])
+
+    def _of_arms(self, *arms: tuple[Floats, Used | None]) -> Floats:
+        size = len(self.scale)
+        total, by_common = np.zeros((size, size)), np.zeros((size, self.common.shape[2]))
+        for inverse, rows in arms:
+            J = self._rows(rows).reshape(-1, size)
+            middle = J.T @ J / self.noise
+            if self.shared is not None:
+                for k, variance in enumerate(self.variances.tolist()):
+                    middle = middle + variance / self.noise**2 * self._of_component(rows, k)
+            total += inverse @ middle @ inverse
+            by_common += inverse @ np.einsum("ncf,ncm->fm", self._rows(rows), self.common) / self.noise
+        by_prior = np.sum([inverse for inverse, _ in arms], axis=0)
+        total += by_prior @ self.fit.prior @ by_prior + by_common @ by_common.T
+        return self._in_units(total)
+
+    def _of_component(self, used: Used | None, k: int) -> Floats:
+        assert self.shared is not None
+        columns = self.shared.component == k
+        of_pairs = np.einsum("nci,ncf->nif", self.shared.shapes[:, :, columns], self._rows(used))
+        of_blocks = np.zeros((int(self.shared.labels.max()) + 1, *of_pairs.shape[1:]))
+        np.add.at(of_blocks, self.shared.labels, of_pairs)
+        rows = of_blocks.reshape(-1, len(self.scale))
+        return rows.T @ rows
+
+    def _rows(self, used: Used | None) -> Floats:
+        return self.fit.jacobian if used is None else self.fit.jacobian * used[:, None, None]
+
+    def _in_units(self, covariance: Floats) -> Floats:
+        return covariance * self.scale[:, None] * self.scale
+
+
+def linearised(problem: FitProblem, p: Floats) -> tuple[Linearised, Floats]:
+    """A whitened problem's fit at p (D,), with columns of unit length, and what the parameters were divided by."""
+    residuals, rows = weighted_residuals(problem, p, turns_are_free(problem))
+    lengths = np.linalg.norm(rows, axis=0)
+    scale = 1.0 / np.where(lengths > 0.0, lengths, 1.0)
+    rows = rows * scale
+    of_marks = 2 * len(problem.points)
+    # A prior's rows were made under the noise that the problem states.
+    of_priors = rows[of_marks:] / (problem.noise_scale * problem.mark_sigma_px) ** 2
+    return Linearised(
+        residuals[:of_marks].reshape(-1, 2),
+        rows[:of_marks].reshape(len(problem.points), 2, -1),
+        of_priors.T @ rows[of_marks:],
+        of_priors.T @ residuals[of_marks:],
+    ), scale
+
+
+def weighed(problem: FitProblem, values: Floats) -> Floats:
+    """Derivatives (N, 2, q) of the pixels as they count in a whitened problem: weighted or whitened."""
+    rows = values if problem.whitening is None else np.matmul(problem.whitening, values)
+    return rows * np.sqrt(problem.weights)[:, None, None]

@@ -1,0 +1,175 @@
+# pyright: reportMissingTypeStubs=false
+"""Fits of two disjoint halves of the pairs: do they differ by no more than the full fit states?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from workers.geometry.rotations import vector_from_rotation
+from workers.solver.error_model import ErrorModel, weighed
+from workers.solver.estimate import Estimate
+from workers.solver.polish import polish
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import predict, residuals_and_jacobian, transform_of
+from workers.solver.uncertainty import turns_are_free
+from workers.solver.weighting import whitened
+
+Floats = NDArray[np.float64]
+Used = NDArray[np.bool_]
+Split = Literal["alternating", "first_and_last"]
+# scipy publishes no types.
+_f_quantile: Callable[[float, float, float], float] = special.fdtri
+_FALSE_ALARMS: Final = 0.005
+"""Chance that sound pairs raise an alarm, of each of five: two splits by parameters and pixels, and the turn."""
+_MANY: Final = 1e6
+_SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
+
+
+@dataclass(frozen=True)
+class Halves:
+    """How far the fits of two halves differ.
+
+    pairs: of each. ratio: root of the Mahalanobis distance over the parameters, against what the full fit states of
+    such a difference: about 1 where it holds, beyond `limit` in one of two hundred sound runs. rotation_deg and
+    translation_mm: between the two mounts. field_px: root mean square over the pairs of the distance between the two
+    projections, stated_px what is stated of that; field_ratio that distance in what is stated, pair by pair, with
+    its own field_limit: it sees a shift of all marks that the parameters share out among themselves. turned_deg,
+    turned_ratio, turned_limit: the turn of the mount alone between the first and the last half, likewise.
+    """
+
+    split: Split
+    pairs: tuple[int, int]
+    ratio: float
+    limit: float
+    rotation_deg: float
+    translation_mm: float
+    field_px: float
+    stated_px: float
+    field_ratio: float
+    field_limit: float
+    turned_deg: float | None = None
+    turned_ratio: float | None = None
+    turned_limit: float | None = None
+
+    @property
+    def turned(self) -> bool:
+        """Whether the mount turned between the two halves."""
+        return (self.turned_ratio or 0.0) > (self.turned_limit or np.inf)
+
+    @property
+    def holds(self) -> bool:
+        """Whether what is stated explains the difference."""
+        return self.ratio <= self.limit and self.field_ratio <= self.field_limit and not self.turned
+
+    def to_document(self) -> dict[str, Any]:
+        """JSON form."""
+        return {**vars(self), "pairs": list(self.pairs), "holds": self.holds}
+
+    def sentence(self, blocks: str) -> str:
+        """What is wrong, where it does not hold."""
+        if self.turned and self.turned_deg is not None:
+            return (
+                f"Between the first and the last half of the {blocks} the camera turned by {self.turned_deg:.2g} "
+                f"degrees, {self.turned_ratio:.1f} times what noise explains: the standard deviations are too small. "
+                "Check whether the mount moved or the clocks drifted, and calibrate from one half alone."
+            )
+        which = "every second" if self.split == "alternating" else "the first half"
+        return (
+            f"Fits of {which} of the {blocks} and of the others differ by {self.rotation_deg:.2f} degrees, "
+            f"{self.translation_mm:.0f} mm and {self.field_px:.1f} px over the marks, {self.ratio:.1f} times what is "
+            f"stated over the parameters and {self.field_ratio:.1f} times over the marks: the standard deviations "
+            "are too small. Check the lens model, the clocks and the marks, and whether the mount moved."
+        )
+
+
+def halves_of(found: Estimate) -> list[Halves]:
+    """Both splits of the pairs that hold the estimate, as far as each half has enough pairs for the parameters.
+
+    The halves are polished from the full result, with its bounds, locks and priors; priors count in both.
+    """
+    problem, errors = found.holding, found.errors
+    if errors is None or problem.blocks is None:
+        return []
+    used = problem.weights > 0.0
+    compared: list[Halves] = []
+    for split, mask in zip(_SPLITS, problem.blocks.halves, strict=True):
+        first, second = used & mask, used & ~mask
+        if min(np.count_nonzero(first), np.count_nonzero(second)) > len(problem.free):
+            compared.append(_compared(found, errors, split, first, second))
+    return compared
+
+
+def too_small(halves: list[Halves], problem: FitProblem) -> list[str]:
+    """A sentence for each split whose halves differ by more than is stated."""
+    blocks = "groups" if problem.blocks is not None and problem.blocks.kind == "group" else "stretches of the walk"
+    return [one.sentence(blocks) for one in halves if not one.holds]
+
+
+def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, second: Used) -> Halves:
+    problem, p = found.holding, found.parameters
+    one, two = (_fitted(problem, p, half) for half in (first, second))
+    mounts = [transform_of(problem, q) for q in (one, two)]
+    apart: Floats = (predict(problem, one)[0] - predict(problem, two)[0])[first | second]
+    # Linear steps from the full fit: what the pairs hardly hold, like higher distortion terms, bends the fits' ends.
+    step = errors.step(first) - errors.step(second)
+    covariance = errors.difference(first, second)
+    ratio, told = _root_mahalanobis(step / errors.scale, covariance / errors.scale[:, None] / errors.scale)
+    J = residuals_and_jacobian(problem, p, turns_are_free(problem), walls=False)[1][:, problem.free]
+    rows: Floats = J.reshape(len(first), 2, -1)[first | second].reshape(-1, len(step))
+    stated: Floats = np.sum((rows @ covariance) * rows, axis=1)
+    # The mean of moved^2 / stated is a sum of chi-squares; like one it has these degrees of freedom (Box 1954).
+    shares = covariance @ (rows.T @ (rows / stated[:, None])) / len(rows)
+    directions = 1.0 / float(np.sum(shares * shares.T))
+    turned = _turned(found, errors, first) if split == "first_and_last" else None
+    return Halves(
+        split=split,
+        pairs=(int(np.count_nonzero(first)), int(np.count_nonzero(second))),
+        ratio=ratio,
+        limit=_limit(told, found.freedom),
+        rotation_deg=float(np.degrees(np.linalg.norm(vector_from_rotation(mounts[0].R @ mounts[1].R.T)))),
+        translation_mm=1e3 * float(np.linalg.norm(mounts[0].t - mounts[1].t)),
+        field_px=float(np.linalg.norm(apart) / np.sqrt(len(apart))),
+        stated_px=float(np.sqrt(2.0 * np.mean(stated))),
+        field_ratio=float(np.sqrt(np.mean((rows @ step) ** 2 / stated))),
+        field_limit=_limit(directions, found.freedom),
+        turned_deg=turned and turned[0],
+        turned_ratio=turned and turned[1],
+        turned_limit=turned and _limit(3.0, found.freedom),
+    )
+
+
+def _fitted(problem: FitProblem, p: Floats, half: Used) -> Floats:
+    return np.array(polish(replace(problem, weights=problem.weights * half), p).parameters)
+
+
+def _turned(found: Estimate, errors: ErrorModel, first: Used) -> tuple[float, float]:
+    """The turn of the mount between the halves, all else being the same, in degrees; and in what is stated of it.
+
+    A walk's stretches might have taken the turn for an error that they share: there the pairs count as independent.
+    """
+    problem, p = whitened(found.holding, found.parameters), found.parameters
+    turns = residuals_and_jacobian(problem, p, local=True)[1].reshape(len(first), 2, -1)[:, :, :3]
+    kind = problem.blocks.kind if problem.blocks is not None else "order"
+    model = errors if kind == "group" else errors.independent()
+    wider = model.with_columns(weighed(problem, np.where(first, 0.5, -0.5)[:, None, None] * turns))
+    step, covariance = wider.step()[-3:], wider.covariance()[-3:, -3:]
+    return float(np.degrees(np.linalg.norm(step))), _root_mahalanobis(step, covariance)[0]
+
+
+def _root_mahalanobis(step: Floats, covariance: Floats) -> tuple[float, float]:
+    """Root mean square of a step in standard deviations over the directions that have any; and their number."""
+    values, vectors = np.linalg.eigh(covariance)
+    told = values > 1e-12 * values[-1]
+    along = vectors[:, told].T @ step
+    return float(np.sqrt(np.mean(along**2 / values[told]))), float(np.count_nonzero(told))
+
+
+def _limit(directions: float, freedom: float) -> float:
+    # Fisher's F: what is stated was itself estimated, with so many degrees of freedom.
+    return float(np.sqrt(_f_quantile(directions, min(max(freedom, 1.0), _MANY), 1.0 - _FALSE_ALARMS)))

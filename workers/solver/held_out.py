@@ -1,0 +1,47 @@
+"""Errors on the pairs that a fit held out, and what models are compared by."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.solver.folds import Fold
+from workers.solver.outliers import Outlier, without
+from workers.solver.polish import polish, standard_distances
+from workers.solver.problem import FitProblem
+from workers.solver.solution import evaluate
+from workers.solver.weighting import whitened
+
+Floats = NDArray[np.float64]
+
+
+def held_out(problem: FitProblem, whole: FitProblem, fold: Fold, document: dict[str, Any]) -> dict[str, Any]:
+    """The errors of `document`, the result of `problem`, on the pairs of `whole` that `fold` holds out.
+
+    Besides what `evaluate` says: `indices` and `blocks` of the pairs; `standard_px`, their distances in standard
+    deviations of what they state, in px of a typical pair, and `stretch`, by which that whitening scales lengths
+    there (equal weights: the plain distances and 1). These are under a fit without the pairs that are named as
+    outliers: what one gross error does to a model says nothing of the model.
+    """
+    indices = fold.indices
+    errors = evaluate(document["intrinsics"], document["transform"], whole.points[indices], whole.pixels[indices])
+    parameters = document["polished"]["parameters"]
+    p = _without_outliers(problem, np.array([parameters[name] for name in problem.names]), document["outliers"])
+    here = whitened(whole, p)
+    stretch = np.ones(len(indices))
+    if here.whitening is not None:
+        stretch = np.sqrt(np.abs(np.linalg.det(here.whitening[indices])))
+    return errors | {
+        "indices": indices.tolist(),
+        "blocks": fold.blocks.tolist(),
+        "standard_px": standard_distances(here, p)[indices].tolist(),
+        "stretch": stretch.tolist(),
+    }
+
+
+def _without_outliers(problem: FitProblem, p: Floats, outliers: list[dict[str, Any]]) -> Floats:
+    # A saturating loss gives them next to no say already.
+    if not outliers or problem.outliers == "exclude" or problem.loss == "saturating":
+        return p
+    named = [Outlier(one["index"], one["residual_px"], one["score"], one["reason"]) for one in outliers]
+    return np.array(polish(without(problem, named), p).parameters)

@@ -1,0 +1,74 @@
+"""What a result predicts to: deviations of projections over the image, in pixels and in millimetres at distances."""
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.geometry.projection import unproject
+from workers.solver.estimate import Estimate
+from workers.solver.halves import Halves
+from workers.solver.residuals import by_point, residuals_and_jacobian, transform_of
+from workers.solver.uncertainty import turns_are_free
+
+Floats = NDArray[np.float64]
+DISTANCES_M: Final = (5.0, 20.0, 50.0)
+_COLUMNS: Final = 5
+_ROWS: Final = 3
+# A pixel whose ray's own projection misses it by more has no ray under its lens model.
+_NO_RAY_PX: Final = 0.1
+
+
+def prediction(found: Estimate, halves: list[Halves]) -> dict[str, Any] | None:
+    """The deviations (one standard deviation, length over both axes) of where points of the LiDAR project.
+
+    At the middles of 5 x 3 equal cells of the image, for points at 5, 20 and 50 m from the camera: `stated_px`, and
+    `stated_mm` across the ray. `expected_over_stated`: how many times more to expect, by how far the halves differ;
+    1 where they differ by no more than is stated. A pixel that the lens model sees no ray in has nulls. All of it
+    holds under the model that was fitted. None where the pairs leave a direction open.
+    """
+    if found.errors is None:
+        return None
+    problem, p = found.holding, found.parameters
+    width, height = problem.image_size
+    u = (np.arange(_COLUMNS) + 0.5) * width / _COLUMNS - 0.5
+    v = (np.arange(_ROWS) + 0.5) * height / _ROWS - 0.5
+    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    rays, miss = unproject(problem.model, p[6:], pixels)
+    px, mm = _deviations(found, rays)
+    seen = (miss < _NO_RAY_PX) & np.all(np.isfinite(px), axis=0)
+    return {
+        "distances_m": list(DISTANCES_M),
+        "expected_over_stated": max([1.0, *(one.field_ratio for one in halves if not one.holds)]),
+        "points": [
+            {
+                "u": float(pixels[i, 0]),
+                "v": float(pixels[i, 1]),
+                "stated_px": px[:, i].tolist() if seen[i] else None,
+                "stated_mm": mm[:, i].tolist() if seen[i] else None,
+            }
+            for i in range(len(pixels))
+        ],
+    }
+
+
+def _deviations(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:
+    """(distances, points) in px and in mm, of points on rays (P, 3) of unit length in the camera's frame."""
+    problem, p = found.holding, found.parameters
+    assert found.errors is not None
+    covariance = found.errors.covariance()
+    # All distances at once: a problem wants more pairs than parameters.
+    along = np.repeat(DISTANCES_M, len(rays))[:, None] * np.tile(rays, (len(DISTANCES_M), 1))
+    there = replace(
+        problem, points=transform_of(problem, p).inverse().apply(along), pixels=np.zeros((len(along), 2)),
+        weights=np.ones(len(along)), covariances=None, whitening=None, blocks=None, velocities=None,
+    )  # fmt: skip
+    rows = residuals_and_jacobian(there, p, turns_are_free(problem), walls=False)[1][:, problem.free]
+    blocks = rows.reshape(len(along), 2, -1)
+    spread = np.einsum("ncf,fg,ndg->ncd", blocks, covariance, blocks)
+    # The least move of the point that moves its pixel as much.
+    back = np.linalg.pinv(by_point(there, p))
+    px = np.sqrt(np.einsum("ncc->n", spread))
+    mm = 1e3 * np.sqrt(np.einsum("nic,ncd,nid->n", back, spread, back))
+    return px.reshape(len(DISTANCES_M), -1), mm.reshape(len(DISTANCES_M), -1)

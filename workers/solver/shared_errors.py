@@ -1,0 +1,135 @@
+"""Errors that the pairs of one block share: how large they are, whether they count, and in which words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.solver.blocks import BlockKind, Blocks
+from workers.solver.error_model import ErrorModel, weighed
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import by_point
+from workers.solver.variance_components import Components, Variances, likelihood_ratio, variances_of
+
+Floats = NDArray[np.float64]
+_COUNTED: Final = 2.706
+_NAMED: Final = {1: 3.841, 2: 5.537}
+"""Twice the logarithm of the likelihood's ratio that independent errors exceed in one of twenty, and of forty cases,
+the latter by the number of components: each is zero half of the time (Self and Liang 1987)."""
+_WIDER: Final = 1.1
+"""Ratio of the pixels' deviations over the marks from which shared errors are said."""
+_EXTENT_M: Final = 1e-3  # pairs of one pose nearer together than this tell nothing of its turn
+
+
+@dataclass(frozen=True, eq=False)
+class SharedErrors:
+    """What blocks share, by restricted maximum likelihood.
+
+    count, kind: of the blocks. deviations: by component, in its unit (offset_m, turn_deg, shift_px). evidence: twice
+    the logarithm of the likelihood's ratio to independent errors. counted: whether the deviations count it. widening:
+    ratio of the pixels' deviations over the marks to those of independent errors. variances: the estimate itself.
+    """
+
+    count: int
+    kind: BlockKind
+    deviations: dict[str, float]
+    evidence: float
+    counted: bool
+    widening: float
+    variances: Variances
+
+    def to_document(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "blocks": self.count,
+            "by": self.kind,
+            "deviations": self.deviations,
+            "noise_px": float(np.sqrt(self.variances.variances[0])),
+            "evidence": self.evidence,
+            "counted": self.counted,
+            "widening": self.widening,
+        }
+
+    def alarms(self) -> list[str]:
+        """A sentence where independent errors do not explain the residuals, and deviations are much wider for it."""
+        if self.evidence <= _NAMED[len(self.deviations)] or self.widening <= _WIDER:
+            return []
+        sizes = " and ".join(
+            f"{1e3 * size:.2g} mm"
+            if name == "offset_m"
+            else f"{size:.2g} {'px' if name == 'shift_px' else 'degrees'}"
+            for name, size in self.deviations.items()
+            if size > 0.0
+        )
+        if self.kind == "group":
+            return [
+                f"Pairs of one group err together, by {sizes} from group to group. The standard deviations count "
+                f"that; they are {self.widening:.1f} times those of independent errors. More groups (poses) help, "
+                "more pairs of one do not."
+            ]
+        return [
+            f"Pairs near in time err together, by {sizes} from one stretch of the walk to the next. The standard "
+            f"deviations count that; they are {self.widening:.1f} times those of independent errors. Check the "
+            "clocks, whether the camera moved, and the lens model."
+        ]
+
+
+def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> tuple[SharedErrors, ErrorModel] | None:
+    """What blocks of a whitened problem's pairs share at p (D,), and the model of errors with it.
+
+    Groups are what somebody says that shares its errors, so what they share always counts. Stretches of a walk are
+    our guess: what they share counts where independent errors do not explain it. None where there are no blocks.
+    """
+    if problem.blocks is None:
+        return None
+    used = problem.weights > 0.0
+    blocks, rows = problem.blocks.taken(np.flatnonzero(used)), np.flatnonzero(used)
+    count = int(blocks.labels.max()) + 1
+    if not 1 < count < len(rows):
+        return None
+    labels = np.zeros(len(used), np.int64)
+    labels[rows] = blocks.labels
+    components, names = _components(problem, p, labels, used, blocks)
+    found = variances_of(model.fit, components)
+    evidence = likelihood_ratio(model.fit, components, found)
+    noise = float(found.variances[0])
+    wider = replace(model, noise=noise, shared=components, variances=found.variances[1:])
+    sizes = np.sqrt(found.variances[1:])
+    deviations = {
+        name: float(np.degrees(size) if name.endswith("_deg") else size)
+        for name, size in zip(names, sizes.tolist(), strict=True)
+    }
+    counted = blocks.kind == "group" or evidence > _COUNTED
+    return SharedErrors(count, blocks.kind, deviations, evidence, counted, _widening(model, wider), found), wider
+
+
+def _components(
+    problem: FitProblem, p: Floats, labels: NDArray[np.int64], used: NDArray[np.bool_], blocks: Blocks
+) -> tuple[Components, list[str]]:
+    """A pose's offset (m) and turn (rad) about its middle; of a stretch of a walk a shift of its marks (px)."""
+    n = len(labels)
+    if blocks.kind != "group":
+        return Components(labels, weighed(problem, np.tile(np.eye(2), (n, 1, 1))), np.zeros(2, np.int64)), [
+            "shift_px"
+        ]
+    moved = by_point(problem, p)
+    total = np.zeros((int(labels.max()) + 1, 4))
+    np.add.at(total, labels[used], np.column_stack([problem.points[used], np.ones(int(used.sum()))]))
+    x, y, z = (problem.points - (total[:, :3] / total[:, 3:])[labels]).T
+    offset = weighed(problem, moved)
+    if max(float(np.abs(axis[used]).max()) for axis in (x, y, z)) < _EXTENT_M:
+        return Components(labels, offset, np.zeros(3, np.int64)), ["offset_m"]
+    nought = np.zeros(n)
+    # Columns: how the point moves with a turn about x, y and z.
+    turned = np.stack([nought, z, -y, -z, nought, x, y, -x, nought], axis=1).reshape(n, 3, 3)
+    both = np.concatenate([offset, weighed(problem, moved @ turned)], axis=2)
+    return Components(labels, both, np.repeat([0, 1], 3)), ["offset_m", "turn_deg"]
+
+
+def _widening(plain: ErrorModel, wider: ErrorModel) -> float:
+    rows = plain.fit.jacobian.reshape(-1, len(plain.scale)) / plain.scale
+    traces = [float(np.sum((rows @ model.covariance()) * rows)) for model in (wider, plain)]
+    return float(np.sqrt(traces[0] / traces[1])) if traces[1] > 0.0 else 1.0
