@@ -106,9 +106,10 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
         if len(sightings) < _ENOUGH:
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
-        beyond = np.concatenate([part[1] for part in upper])
         # Rings differ: the spread about the plane holds that, the second differences do not.
-        across = 1.05 * 1.4826 * float(np.median(np.abs(beyond))) if beyond.size else 0.0
+        about = [float(np.median(np.abs(part[1]))) for part in upper if part[1].size]
+        about = [value for value in about if value < _SIGMA_M[1]]  # others are no planes
+        across = 1.05 * 1.4826 * float(np.median(about)) if len(about) >= _ENOUGH else 0.0
         slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 2))
         turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
         model = replace(
@@ -140,7 +141,7 @@ def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, 
     prior = np.array([*BoardModel(model.grid).yaw, *_ANY_TILT])
     w, info = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
     towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
-    variances = np.diag(towards @ np.linalg.inv(info) @ towards.T)
+    variances: Floats = np.asarray(np.diag(towards @ np.linalg.inv(info) @ towards.T), np.float64)
     beyond = distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
     # Any two rings lie in one plane, whatever their biases.
     return -w[1:] / w[0], beyond if len(kept) >= _MANY_RINGS else beyond[:0], variances
