@@ -27,6 +27,7 @@ from typing import Final
 
 import numpy as np
 
+from apexcal.documents.detectors import DETECTORS
 from workers.readers.limited import ingest_limited
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import Manifest
@@ -37,7 +38,7 @@ from workers.simulation.settings import Settings
 from workers.simulation.simulate import WALKER_REGION
 from workers.simulation.writers.files import StampTable
 from workers.simulation.writers.packets import Pcap, Vlp16Packets, ethernet
-from workers.vertices.detectors import DETECTORS, detect_range
+from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 
 _ROUNDS: Final = 3

@@ -86,6 +86,8 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "no_points": _NO_POINTS,
             "too_few_rings": "fewer than two rings meet anything in the region that could be the board",
             "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top",
+            "like_a_person": "on the few rings that meet it, what looks like the board is no wider than a person, "
+            "and the sweeps before and after show no wider board there: walk closer",
             "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough",
             "off_the_track": "the vertex lies far off the path of the sweeps before and after",
         },

@@ -21,8 +21,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from apexcal.documents.detectors import DETECTORS
 from benchmarks.clock_offset.walks import Case, Found, Scenario, run
-from workers.vertices.detectors import DETECTORS
 
 SCENARIOS: Final = (
     Scenario(

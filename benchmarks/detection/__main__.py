@@ -1,7 +1,8 @@
 """`python -m benchmarks.detection`: precision of the detectors on simulated walks, and their speed.
 
-WALKS (default 6) walks of 60 s each through a field of 10 x 30 m for the plain case, half as many for each distractor
-and variant; SEED repeats a run; THROUGHPUT_SECONDS (default 60) is the length of the recording that is timed.
+WALKS (default 6) walks of 60 s each through a field of 10 x 30 m for the plain case, half as many for each other:
+distractors, variants, and boards that are held rolled, leaning or far from the body. SEED repeats a run;
+THROUGHPUT_SECONDS (default 60) is the length of the recording that is timed.
 Shares are of the sweeps in which two rings or more meet the board; errors are against the apex at the moment when the
 sensor looked at it; pixels at a focal length of 400. Human-readable lines go to stderr, one line of JSON to stdout.
 """
@@ -46,13 +47,19 @@ _VARIANTS = (
     Case("four_rings", _REFINED, four_rings=True),
     Case("lost_and_speckle", _REFINED, Disturbances(dropout_share=0.02, speckle_share=0.002)),
 )
+_HELD = (
+    *(Case(f"rolled_{deg:+.0f}", _REFINED, Disturbances(rolled_deg=deg)) for deg in (-15.0, -10.0, 10.0, 15.0)),
+    *(Case(f"tilted_{deg:.0f}", _REFINED, Disturbances(tilted_deg=deg)) for deg in (8.0, 18.0)),
+    *(Case(f"torso_{m * 100:.0f}cm", _REFINED, Disturbances(body_behind_m=m)) for m in (0.25, 0.45, 0.9)),
+    Case("rolled_tilted", _REFINED, Disturbances(rolled_deg=12.0, tilted_deg=10.0, body_behind_m=0.3)),
+)
 
 
 def main() -> None:
     walks = int(os.environ.get("WALKS", "6"))
     seed = int(os.environ.get("SEED") or secrets.randbits(30))
     asked = [(_PLAIN, seed + number, _SECONDS) for number in range(walks)]
-    for place, case in enumerate((*_DISTRACTORS, *_VARIANTS), start=1):
+    for place, case in enumerate((*_DISTRACTORS, *_VARIANTS, *_HELD), start=1):
         asked += [(case, seed + 1000 * place + number, _SECONDS) for number in range(max(1, walks // 2))]
     parts: dict[tuple[str, str], list[Found]] = defaultdict(list)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
@@ -67,6 +74,7 @@ def main() -> None:
     answer: dict[str, Any] = {key: results["plain", key] for key in _PLAIN.detectors}
     answer["distractors"] = {case.name: results[case.name, "refined"] for case in _DISTRACTORS}
     answer["variants"] = {case.name: results[case.name, "refined"] for case in _VARIANTS}
+    answer["held"] = {case.name: results[case.name, "refined"] for case in _HELD}
     answer |= {"walks": walks, "seconds_each": _SECONDS, "seed": seed}
     answer |= measure(float(os.environ.get("THROUGHPUT_SECONDS", "60")))
     print(json.dumps(rounded(answer)))

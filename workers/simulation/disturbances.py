@@ -23,6 +23,9 @@ class Disturbances:
             least this much above the apex.
         second_person: another person who goes along, ``beside`` or ``behind`` the walker.
         poles: how many poles stand inside the region where the walker walks.
+        rolled_deg: how far the board is rolled on average, counter-clockwise as the LiDAR sees it.
+        tilted_deg: how far the board leans on average, the upper end away from the LiDAR, beyond the usual 2 degrees.
+        body_behind_m: from the board to the axis of the torso.
 
     Raises:
         ValueError: a value that cannot be simulated, said in one sentence.
@@ -35,6 +38,9 @@ class Disturbances:
     head_above_m: float = 0.0
     second_person: SecondPerson = "none"
     poles: int = 0
+    rolled_deg: float = 0.0
+    tilted_deg: float = 0.0
+    body_behind_m: float = 0.22
 
     def __post_init__(self) -> None:
         limits = {
@@ -44,6 +50,9 @@ class Disturbances:
             "walker_height_m": (1.4, 2.1),
             "head_above_m": (0.0, 0.3),
             "poles": (0, 20),
+            "rolled_deg": (-30.0, 30.0),
+            "tilted_deg": (-30.0, 30.0),
+            "body_behind_m": (0.16, 1.5),
         }
         for name, (low, high) in limits.items():
             value = getattr(self, name)

@@ -22,7 +22,6 @@ TORSO_RADIUS_M = 0.15
 LEG_RADIUS_M = 0.075
 LEG_APART_M = 0.10
 HEAD_RADIUS_M = 0.105
-BODY_BEHIND_BOARD_M = 0.22  # axis of the torso behind the board: its front is 7 cm behind
 _TALL_M = 1.74
 _DUCK_M = 0.13  # the head's top stays this much below the apex
 _LOWEST_APEX_M = 1.14  # the lowest corner just clears the ground
@@ -115,9 +114,10 @@ class Walk:
         zero = np.zeros_like(yaw)
         away = np.column_stack([np.cos(yaw), np.sin(yaw), zero])
         left = np.column_stack([-np.sin(yaw), np.cos(yaw), zero])
-        tilt = np.deg2rad(2.0) + self._tilt(time_s)  # the lower end towards the LiDAR, away from the legs
+        # The lower end is towards the LiDAR, away from the legs.
+        tilt = np.deg2rad(2.0 + self._disturbances.tilted_deg) + self._tilt(time_s)
         up = np.column_stack([zero, zero, np.cos(tilt)]) + np.sin(tilt)[:, None] * away
-        roll = np.deg2rad(45.0) + self._roll(time_s)
+        roll = np.deg2rad(45.0 + self._disturbances.rolled_deg) + self._roll(time_s)
         cosine, sine = np.cos(roll)[:, None], np.sin(roll)[:, None]
         tall = self._disturbances.walker_height_m
         ducked = np.minimum(tall, apex_height - _DUCK_M)
@@ -125,7 +125,7 @@ class Walk:
             apex=apex,
             edge_left=cosine * left - sine * up,
             edge_right=-sine * left - cosine * up,
-            body=xy + BODY_BEHIND_BOARD_M * away[:, :2],
+            body=xy + self._disturbances.body_behind_m * away[:, :2],
             left=left[:, :2],
             height=np.full_like(yaw, tall) if self._disturbances.head_above_m > 0.0 else ducked,
             board_m=self._board_m,

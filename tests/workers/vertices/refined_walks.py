@@ -26,14 +26,10 @@ class Recorded:
 
 
 @cache
-def walk(
-    seed, seconds, *, sensor="vlp16", rings=None, noise_m=0.008, plan="field", disturbances=None, rolled_deg=0.0
-):
+def walk(seed, seconds, *, sensor="vlp16", rings=None, noise_m=0.008, plan="field", disturbances=None):
     spoiled = disturbances or Disturbances()
     scene = scene_with(spoiled.poles, seed)
     way = Walk(seed, seconds, scene.ground_z, plan=plan, disturbances=spoiled)
-    sways = way._roll
-    way._roll = lambda time_s: sways(time_s) + np.radians(rolled_deg)
     model = with_rings(SENSORS[sensor], rings) if rings else SENSORS[sensor]
     lidar = Lidar(model, scene, way, sector_deg=55, noise_m=noise_m, seed=seed, disturbances=spoiled)
     sweeps, apexes, moments, counts = [], [], [], []

@@ -26,6 +26,7 @@ _UNLIKELY = 0.05
 _HOPELESS = 12.0  # log odds from which the other way to hold the board is not followed further
 _COARSE, _FINE = 24, 36  # cells along either side of the grid
 _ROLLS = 9
+_ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
 _ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
 
 
@@ -62,17 +63,16 @@ def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list
     sightings: list[Sighting] = []
     for item in found:
         sighting = _with_rays(*item, model)
-        if sighting is not None and _width(sighting, model.grid.step) > _NARROWEST_M:
+        if sighting is not None and _at_most(sighting.plane, model) > _NARROWEST_M:
             sightings.append(sighting)
             if len(sightings) == most:
                 break
     return sightings
 
 
-def _width(sighting: Sighting, step: float) -> float:
+def _at_most(plane: Plane, model: BoardModel) -> float:
     """Metres that the board takes at most on a ring, with the gaps to the next rays; a pole or an arm takes less."""
-    columns = int(np.max(sighting.ends[:, 1] - sighting.ends[:, 0], initial=0))
-    return (columns + 2) * step * float(np.median(sighting.plane.reach))
+    return plane.width + (model.grid.step + 2.0 * model.growth) * float(np.median(plane.reach))
 
 
 def _with_rays(
@@ -94,6 +94,8 @@ def _with_rays(
     )
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, 0])) / np.median(u))
+    reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
+    columns = 1 + int(np.max(ends[on_board, 1] - ends[on_board, 0]))
     plane = Plane(
         centre=window.centre,
         w=w,
@@ -101,11 +103,12 @@ def _with_rays(
         score=score,
         left=left[at],
         up=up[at],
-        reach=np.sqrt(1.0 + window.slope[at] ** 2) / u,
+        reach=reach,
         ratio=ratio[at],
         rings=int(on_board.size),
         top_ring=int(on_board[-1]),
         points=points,
+        width=(columns * model.grid.step - 2.0 * model.growth) * float(np.median(reach)),
         returned=window.distance[at] > 0.0,
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
@@ -139,15 +142,16 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     xyz, errors = _to_angles(plane, mean, covariance)
     errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
-    lead = found[0][0] - found[1][0] if len(found) == 2 else _HOPELESS
-    odds = lead if found[0][1] else -lead
+    ways = np.tile([-math.inf, 0.0, 1.0], (2, 1))
+    for _, swapped, corner in found:
+        ways[int(swapped)] = corner[0], corner[3] - hang(_edges(model, swapped)), corner[6]
     first = int(np.argmax(weight))
     against, upper = _against(plane, model, _edges(model, found[first][1]), found[first][2])
     expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
     best = max(float(corner[10]) for _, _, corner in found)
     roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
     sigma = math.sqrt(told[0, 0] + told[1, 1])
-    return Fix(plane, xyz, errors, sigma, float(mean[2]), roll_sigma, against, upper, best, expected, total, odds)
+    return Fix(plane, xyz, errors, sigma, float(mean[2]), roll_sigma, against, upper, best, expected, total, ways)
 
 
 def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
@@ -195,7 +199,7 @@ def _corner(plane: Plane, model: BoardModel, edges: tuple[float, float], coarse:
     mean, sigma = hang(edges) + model.roll[0], model.roll[1]
     right, wrong = 1.0 - model.wrong, model.wrong
     ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
-    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, _ROLLS)
+    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, max(_ROLLS, 1 + round(sigma / _ROLL_STEP)))
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
     along = _turn(mean) @ np.array([plane.left, plane.up])[:, hits]
     low, high = along.max(axis=1) - np.array(edges), along.min(axis=1)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.vertices.refined.rays import WRONG
 from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import SensorGrid
 
@@ -19,6 +20,8 @@ _CONTRADICTED = 0.25
 EDGE_M = 0.0035
 # By chance a board and a leg, or a head, can lie in one plane on two or three rings, but hardly on more.
 TELLING_RINGS = 4
+# Breadth of the hips of a standing man, which 95 % do not reach (DIN 33402-2); the trunk is no broader.
+_TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
 
@@ -56,7 +59,7 @@ class BoardModel:
     tilt: tuple[float, float] = (0.0, 0.10)
     swapped: float = 0.5
     lost: float = 0.004
-    wrong: float = 0.002
+    wrong: float = WRONG
     bias: float = 0.0
     poses: bool = False
 
@@ -68,6 +71,15 @@ def hang(edges: tuple[float, float]) -> float:
     both edges fall alike.
     """
     return 0.5 * (math.atan2(edges[0], edges[1]) + math.radians(45.0))
+
+
+def any_roll(edges: tuple[float, float]) -> tuple[float, float]:
+    """Mean and standard deviation of the roll, from `hang`, of boards in general.
+
+    People hold a board about either of the two angles that `hang` is the mean of, and roll it from there.
+    """
+    apart = 0.5 * abs(math.atan2(edges[0], edges[1]) - math.radians(45.0))
+    return 0.0, math.hypot(_ROLL_SIGMA, apart)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +97,7 @@ class Plane:
         rings: how many rings meet the board.
         top_ring: the highest of these rings.
         points: how many points lie on the board.
+        width: metres, of the board where it is widest on a ring.
         returned: (N,) whether the ray brought a return.
         telling: whether so many rings meet the board that a leg or a head hardly lies in its plane by chance.
     """
@@ -100,8 +113,14 @@ class Plane:
     rings: int
     top_ring: int
     points: int
+    width: float
     returned: NDArray[np.bool_]
     telling: bool
+
+    @property
+    def like_a_person(self) -> bool:
+        """Whether it could as well be a person's trunk and legs: on a few rings, and no wider."""
+        return not self.telling and self.width < _TRUNK_M
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +147,8 @@ class Fix:
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
         expected: this log likelihood if the board is there and the sensor is as learned.
         evidence: log of the rays' likelihood, averaged over the prior.
-        swapped: log odds that the second edge is the one to the lower left.
+        ways: (2, 3) for the first edge to the lower left, and for the second there: log of the rays' likelihood, mean
+            and variance of the roll; minus infinity where the other way is so much likelier that it was left out.
     """
 
     plane: Plane
@@ -142,7 +162,7 @@ class Fix:
     best: float
     expected: float
     evidence: float
-    swapped: float
+    ways: Floats
 
     @property
     def explained(self) -> bool:

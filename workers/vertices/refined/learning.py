@@ -15,7 +15,8 @@ import numpy as np
 
 from apexcal.documents.detectors import Options
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting
+from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting, any_roll
+from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.track import FASTEST_M_S, LONGEST_S, TREMBLE_M
 from workers.vertices.refined.window import Window
@@ -27,13 +28,12 @@ _GRID_SWEEPS = 24
 _SWEEPS = 96
 _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart by boards at many distances
 _ENOUGH = 4  # near sweeps from which something is learned
-_MIN_RINGS, _MIN_POINTS = 3, 20
+_MIN_RINGS, _MIN_POINTS = 2, 12
+_MANY_RINGS = 3
 _FIRST_SIGMA_M = 0.03
 _SIGMA_M = (0.004, 0.08)
-# Fewer sweeps than infinitely many: this many imagined ones at the defaults are counted in.
-_DOUBT = 1.5
-_LEAST_TILT = 0.03
-_LEAST_ROLL = math.radians(2.0)
+_ANY_TILT = (0.0, 0.25)  # boards held on their tip lean by slopes up to 0.7 (real recordings); 2.8 deviations
+_LEAST_TILT, _LEAST_YAW = 0.03, 0.1
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _FIRST, _SOME = 5, 10
 _HOPELESS = -300.0
@@ -55,7 +55,7 @@ def learn(source: SweepSource, region: Region, options: Options, on_sweep: Calla
         on_sweep()
         for sighting in find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1):
             plane = sighting.plane
-            if plane.rings >= _MIN_RINGS and plane.points >= _MIN_POINTS:
+            if plane.rings >= _MIN_RINGS and plane.points >= _MIN_POINTS and not plane.like_a_person:
                 near.append((plane.points, index, sighting.window))
                 places.append((sweep.stamp_ns, *_place(plane)))
     model = replace(model, poses=_are_poses(places))
@@ -91,7 +91,7 @@ def _are_poses(places: Sequence[tuple[int, float, float]]) -> bool:
 
 def _given(model: BoardModel, edges: tuple[float, float], growth_mrad: float) -> BoardModel:
     if all(edges):
-        model = replace(model, edges=edges, slack=0.0)
+        model = replace(model, edges=edges, slack=0.0, roll=any_roll(edges))
     return replace(model, growth=max(growth_mrad, 0.0) * 1e-3)
 
 
@@ -106,24 +106,27 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
         if len(sightings) < _ENOUGH:
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
-        beyond = np.concatenate([part[1] for part in upper])
         # Rings differ: the spread about the plane holds that, the second differences do not.
-        across = 1.05 * 1.4826 * float(np.median(np.abs(beyond)))
-        slopes = np.array([-part[0][1:] / part[0][0] for part in upper])
+        about = [float(np.median(np.abs(part[1]))) for part in upper if part[1].size]
+        about = [value for value in about if value < _SIGMA_M[1]]  # others are no planes
+        across = 1.05 * 1.4826 * float(np.median(about)) if len(about) >= _ENOUGH else 0.0
+        slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 2))
+        turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
         model = replace(
             model,
             sigma=_clip(max(across, noise)),
             bias=math.sqrt(max(across**2 - noise**2, 0.0)),
-            tilt=_gathered(slopes[:, 1], default.tilt, _LEAST_TILT),
-            yaw=(0.0, max(2.0 * _gathered(slopes[:, 0], default.yaw, 0.0)[1], 0.2)),
+            tilt=learn_slope(slopes[:, 1], variances[:, 1], _ANY_TILT, default.tilt, _LEAST_TILT),
+            yaw=(0.0, max(2.0 * turn[1], 0.2)),
         )
     return model, _best(windows, model)
 
 
-def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats]:
-    """w from the board's rings down to the widest and those below that are nearly as wide, and its residuals.
+def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Floats]:
+    """The plane's two slopes, its residuals (metres), and the slopes' variances.
 
-    Farther down a ring may have met the body, which stands only centimetres behind the board.
+    It is fitted to the board's rings down to the widest and those below that are nearly as wide. Farther down a ring
+    may have met the body, which stands only centimetres behind the board.
     """
     window, ends = sighting.window, sighting.ends
     rings = np.flatnonzero(ends[:, 0] >= 0)
@@ -135,10 +138,13 @@ def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats]:
         np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
     )
     azimuth, slope, distance = azimuth[distance > 0.0], slope[distance > 0.0], distance[distance > 0.0]
-    default = BoardModel(model.grid)
-    prior = np.array([*default.yaw, *default.tilt])
-    w, _ = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
-    return w, distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
+    prior = np.array([*BoardModel(model.grid).yaw, *_ANY_TILT])
+    w, info = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
+    towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
+    variances: Floats = np.asarray(np.diag(towards @ np.linalg.inv(info) @ towards.T), np.float64)
+    beyond = distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
+    # Any two rings lie in one plane, whatever their biases.
+    return -w[1:] / w[0], beyond if len(kept) >= _MANY_RINGS else beyond[:0], variances
 
 
 def _best(windows: Sequence[Window], model: BoardModel) -> list[Sighting]:
@@ -170,15 +176,6 @@ def _clip(sigma: float) -> float:
     return min(max(sigma, _SIGMA_M[0]), _SIGMA_M[1])
 
 
-def _gathered(values: Floats, default: tuple[float, float], least: float) -> tuple[float, float]:
-    """Median and robust spread of a few values, drawn towards the default."""
-    weight = values.size / (values.size + _DOUBT)
-    middle = float(np.median(values))
-    own = 1.4826 * float(np.median(np.abs(values - middle)))
-    variance = weight * own**2 + (1.0 - weight) * default[1] ** 2
-    return weight * middle + (1.0 - weight) * default[0], max(math.sqrt(variance), least)
-
-
 def _learn_board(
     planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float
 ) -> BoardModel:
@@ -187,27 +184,21 @@ def _learn_board(
         return model
     solid = [plane for plane in planes if plane.telling]
     told = len(solid) >= _ENOUGH
-    if told:
-        planes = solid
     if not all(edges):
         model = _first_edges(planes, model, edges)
     elif told and growth_mrad < 0.0:
-        model = _first_growth(planes, model)
+        model = _first_growth(solid, model)
     for step in (1.0, 0.4):
         model = _refine(planes, model, edges, growth_mrad, step)
         if told:
-            model = _learn_blur(planes[:_SOME], model)
-            model = _learn_wrong(planes[:_SOME], model)
-    fixes = [fix for plane in planes if (fix := locate(plane, model)) is not None and fix.explained]
-    if len(fixes) < _ENOUGH or not told:
-        return model
-    roll = np.array([fix.roll for fix in fixes])
-    odds = np.array([fix.swapped for fix in fixes])
-    return replace(
-        model,
-        roll=_gathered(roll, BoardModel(model.grid).roll, _LEAST_ROLL),
-        swapped=float((np.sum(1.0 / (1.0 + np.exp(-np.clip(odds, -30, 30)))) + 1.0) / (odds.size + 2.0)),
-    )
+            model = _learn_blur(solid[:_SOME], model)
+            model = _learn_wrong(solid[:_SOME], model)
+        # Growth and roll are told by the same edges, so each is learned again with the other.
+        open_roll = replace(model, roll=any_roll(model.edges), swapped=BoardModel(model.grid).swapped)
+        fixes = [fix for plane in planes if (fix := locate(plane, open_roll)) is not None and fix.explained]
+        roll, swapped = learn_roll(fixes, open_roll.roll)
+        model = replace(model, roll=roll, swapped=swapped)
+    return model
 
 
 def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:

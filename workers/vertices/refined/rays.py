@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from workers.vertices.refined.planes import CLUTTER
 
 Floats = NDArray[np.float64]
-_WORST = 0.002  # a ray on the board gives another answer this often
+WRONG = 0.002  # a ray on the board gives another answer this often
 _BEST = 100.0
 _DOUBTFUL = 0.3  # distances have longer tails than a normal distribution
 
@@ -65,7 +65,7 @@ def likelihood_ratios(
                 ratio[r, c] = 1.0  # something stands in front and tells nothing of the board
             else:
                 like = math.exp(-0.5 * behind * behind) / (total * 2.5066)
-                least = _DOUBTFUL if behind < 4.0 else _WORST
+                least = _DOUBTFUL if behind < 4.0 else WRONG
                 ratio[r, c] = min(max(like / CLUTTER, least), _BEST)
     return left, up, ratio
 

@@ -14,13 +14,14 @@ from workers.vertices.refined.board import find_boards, locate
 from workers.vertices.refined.board_model import BoardModel, Fix, Sighting
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
-from workers.vertices.refined.track import REACH, Seen, off_path, roll_prior, trustworthy
+from workers.vertices.refined.track import REACH, Seen, confirmed, off_path, roll_prior, trustworthy
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import OnSweep, SweepSource
 from workers.vertices.vertex import Covariance, Rejection, Vertex
 
+# A sweep has some ten planes that could be a board; in 200 sweeps without one, none may pass: log(2000) = 7.6.
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do.
-_LEAST_SCORE, _LEAST_POINTS = 8.0, 6
+_LEAST_SUPPORT, _LEAST_POINTS = 8.0, 6
 _LEAN = 2.5  # standard deviations: a plane through a head or legs and the board leans farther
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _RIVAL = 12.0
@@ -87,7 +88,8 @@ def _settle(
         for i in around
         if found_in[i].candidates and trustworthy(found_in[i].candidates[0].fix)
     ]
-    beside = [off_path(seen, others) for seen in own.candidates]
+    paths = [off_path(seen, others) for seen in own.candidates]
+    beside = [far or 0.0 for far in paths]
     chosen = next(
         (k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix, model)), 0
     )
@@ -98,6 +100,8 @@ def _settle(
         fix = locate(fix.plane, replace(model, roll=roll_prior(seen, others, model))) or fix
     if not _is_board(fix, model):
         return Rejection("not_a_board")
+    if fix.plane.like_a_person and paths[chosen] is None and not confirmed(seen, others):
+        return Rejection("like_a_person")
     if fix.sigma > math.radians(options["max_sigma_deg"]):
         return Rejection("too_uncertain")
     if beside[chosen] >= _FAR_OFF_PATH:
@@ -110,7 +114,7 @@ def _settle(
 def _is_board(fix: Fix, model: BoardModel) -> bool:
     w, (mean, spread) = fix.plane.w, model.tilt
     upright = fix.plane.telling or abs(-w[2] / w[0] - mean) < _LEAN * spread
-    enough = fix.plane.score >= _LEAST_SCORE and fix.plane.points >= _LEAST_POINTS
+    enough = fix.support >= _LEAST_SUPPORT and fix.plane.points >= _LEAST_POINTS
     return upright and enough and fix.explained
 
 

@@ -58,7 +58,9 @@ def overtopped(sighting: Sighting, fix: Fix, model: BoardModel) -> bool:
     # The beams that graze the board's own edges return from above its apex, and from before its plane.
     beside = _EDGES * (model.growth + model.soft) * sighting.plane.reach.mean()
     over &= (up > beside) & (up < _BOARD_ABOVE_M)
-    over &= (behind > _BOARD_BEFORE_M) & (behind < -_ACCURACY_M - 4.0 * model.sigma)
+    # On a few rings the plane may be the body's, close behind a board: nothing but the noise can be allowed for.
+    unusual = _ACCURACY_M if sighting.plane.telling else 0.0
+    over &= (behind > _BOARD_BEFORE_M) & (behind < -unusual - 4.0 * model.sigma)
     return int(np.count_nonzero(over)) >= _BOARD_POINTS
 
 

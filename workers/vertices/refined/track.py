@@ -19,6 +19,7 @@ _ROLL_FLOOR = math.radians(0.6)
 _ROLL_INFLATION = 1.5  # posteriors of single sweeps are no Gaussians
 _FEWEST = 4
 _SWAY_M = 0.03
+_SHOULDERS_M = 0.5  # breadth of a standing person (DIN 33402-2): two people stand farther apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +32,7 @@ class Seen:
 
 def trustworthy(fix: Fix) -> bool:
     """Whether the neighbours of a sweep may learn from its apex."""
-    return fix.explained and fix.sigma < math.radians(0.3)
+    return fix.explained and not fix.plane.like_a_person and fix.sigma < math.radians(0.3)
 
 
 def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[float, float]:
@@ -57,11 +58,11 @@ def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[fl
     return mean + float(gain @ alone), min(math.sqrt(max(variance, 0.0) + _ROLL_FLOOR**2), spread)
 
 
-def off_path(own: Seen, others: Sequence[Seen]) -> float:
-    """How many standard deviations the apex lies beside the smooth path of its neighbours; 0 where there is none."""
+def off_path(own: Seen, others: Sequence[Seen]) -> float | None:
+    """Standard deviations by which the apex lies beside the smooth path of its neighbours; None if there is none."""
     near = [other for other in others if abs(other.time_ns - own.time_ns) < LONGEST_S * 1e9]
     if len(near) < _FEWEST:
-        return 0.0
+        return None
     x, y, z = own.fix.xyz.tolist()
     flat, reach = math.hypot(x, y), math.sqrt(x * x + y * y + z * z)
     axes = np.array([[-y / flat, x / flat, 0.0], [-x * z / flat / reach, -y * z / flat / reach, flat / reach]])
@@ -71,6 +72,15 @@ def off_path(own: Seen, others: Sequence[Seen]) -> float:
     own_sigma = reach * np.array([own.fix.sigma_azimuth, own.fix.sigma_elevation])
     powers = np.vander(after, 3 if len(near) >= 2 * _FEWEST else 2, increasing=True)
     return max(_beside(powers, offset[:, k], np.hypot(sigma[:, k], _SWAY_M), float(own_sigma[k])) for k in (0, 1))
+
+
+def confirmed(own: Seen, others: Sequence[Seen]) -> bool:
+    """Whether a neighbour shows a board so near that nobody else can stand there."""
+    return any(
+        abs(other.time_ns - own.time_ns) < LONGEST_S * 1e9
+        and float(np.linalg.norm(other.fix.xyz - own.fix.xyz)) < _SHOULDERS_M
+        for other in others
+    )
 
 
 def _beside(powers: Floats, value: Floats, sigma: Floats, own_sigma: float) -> float:
