@@ -13,7 +13,7 @@ API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
 API_TYPES := frontend/src/lib/api/schema.ts
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-solver bench-worth bench-fleet bench-farm bench-startup faults check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -47,6 +47,9 @@ bench-paper: setup  ## the paper's two recordings, simulated: what vertices, clo
 bench-accuracy: setup  ## how often the solver ends on the optimum, and whether its error bars hold; RIGS=50 for a short form
 	$(BIN)/python -m benchmarks.accuracy
 
+bench-coverage: setup  ## whether what is published holds, on data with blunders and shared errors; RUNS=1 for a short form
+	$(BIN)/python -m benchmarks.coverage
+
 bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the bare evaluation of as many individuals
 	$(BIN)/python -m benchmarks.solver
 
@@ -59,8 +62,14 @@ bench-fleet: setup  ## one request for a thousand vehicles beside the bare solve
 bench-farm: setup  ## what the farm costs beside the bare solver: calibrations, single trips, slots, more workers; SHORT=1 for a short form
 	$(BIN)/python -m benchmarks.farm
 
+bench-retrieval: setup  ## how fast 10,000 vehicles get their calibrations, and whether any answer is old; SHORT=1 for a short form
+	$(BIN)/python -m benchmarks.retrieval
+
 bench-startup: setup frontend  ## seconds until the service answers, and what its processes import; BESIDE=path of another checkout, ROUNDS=1
 	$(BIN)/python -m benchmarks.startup
+
+bench-readers: $(STAMPS)/bench  ## our readers of MCAP, SQLite, protobuf and pcap beside libraries: speed, damaged files, bombs; SECONDS=6 DAMAGED=5 for a short form
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.readers
 
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))

@@ -31,6 +31,8 @@ COMMANDS = {
     "admin": "Back up, restore and maintain a service.",
     "publish": "Make a result its camera's current calibration.",
     "publications": "List a camera's publications, by whom and why.",
+    "withdraw": "Take back a camera's current calibration.",
+    "alias": "List and move a camera's aliases, such as canary.",
     "rollback": "Restore a camera's previous calibration.",
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
     "pull": "Keep what a vehicle is given now in a file.",

@@ -54,26 +54,34 @@ class KeptFile:
             return None
 
     def _put(self, target: Path, content: bytes) -> None:
-        descriptor, name = tempfile.mkstemp(prefix=f".{self.path.name}.", suffix=".part", dir=self.path.parent)
-        part = Path(name)
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            # mkstemp's files are for their owner alone; other programs read this one.
-            part.chmod(0o644)
-            part.replace(target)
-        except BaseException:
-            part.unlink(missing_ok=True)
-            raise
-        _keep_names(target.parent)
+        replace_whole(target, content, self.path.name)
 
     def _clear(self) -> None:
         for left in self.path.parent.glob(f".{_literal(self.path.name)}.*.part"):
             with suppress(OSError):
                 if time.time() - left.stat().st_mtime > _LEFT_BEHIND_S:
                     left.unlink()
+
+
+def replace_whole(target: Path, content: bytes, name: str) -> None:
+    """Give the file this content, whole or not at all. What is unfinished is ``.NAME.*.part`` beside it.
+
+    Raises OSError, and then the file is what it was.
+    """
+    descriptor, unfinished = tempfile.mkstemp(prefix=f".{name}.", suffix=".part", dir=target.parent)
+    part = Path(unfinished)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp's files are for their owner alone; other programs read this one.
+        part.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o644)
+        part.replace(target)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    _keep_names(target.parent)
 
 
 def _literal(name: str) -> str:

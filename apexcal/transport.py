@@ -93,7 +93,7 @@ class Transport:
 
     def patch(self, path: str, kind: type[M], body: Any, *, version: int | None = None) -> M:
         """Edit this version of a row; :class:`ApiError` ``version_conflict`` where it has changed meanwhile."""
-        headers = None if version is None else {"If-Match": f'"v{version}"'}
+        headers = None if version is None else if_match(version)
         return read(self.send("PATCH", path, json=body, headers=headers), kind)
 
     def put(self, path: str, kind: type[M], body: Any, headers: Mapping[str, str] | None = None) -> M:
@@ -203,6 +203,11 @@ def at(*segments: object) -> str:
     # Dots are quoted by hand: quote() leaves them, and a segment of dots alone would climb.
     quoted = (quote(str(segment), safe="", errors="replace") for segment in segments)
     return "".join("/" + (part.replace(".", "%2E") if part in (".", "..") else part) for part in quoted)
+
+
+def if_match(version: int) -> dict[str, str]:
+    """The header of an edit of this version of a row."""
+    return {"If-Match": f'"v{version}"'}
 
 
 def problem_of(response: httpx.Response) -> ApiError:

@@ -22,8 +22,9 @@ from service.auth.gate import Gate
 from service.auth.retention import remove_ended
 from service.broker.hints import COURIER as HINTS
 from service.broker.hints import Publisher
-from service.calibrations import publication_routes, vehicle_routes
+from service.calibrations import alias_routes, publication_routes, vehicle_routes
 from service.calibrations import routes as calibrations
+from service.calibrations.retrieval import Retrieval
 from service.correspondence_sets import routes as correspondence_sets
 from service.db.session import Database
 from service.detections import routes as detections
@@ -63,6 +64,8 @@ from service.storage.store import Store, open_store
 from service.studies import routes as studies
 
 ROUTERS: tuple[APIRouter, ...] = (
+    # First, because every vehicle asks it at every start.
+    vehicle_routes.router,
     auth.router,
     member_routes.router,
     token_routes.router,
@@ -81,7 +84,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     mark_routes.router,
     correspondence_sets.router,
     publication_routes.router,
-    vehicle_routes.router,
+    alias_routes.router,
     exports.router,
     calibrations.router,
     fleet_requests.router,
@@ -153,6 +156,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         with drain.before_stopping():
             yield
         await _end(upkeep)
+        app.state.retrieval.close()
         app.state.sender.close()
         app.state.publisher.close()
         app.state.database.close()
@@ -173,10 +177,13 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.store = _opened(settings)
     app.state.room = Room(app.state.store, settings.min_free_bytes)
     adopt_if_known(app.state.database, app.state.store)
+    app.state.retrieval = Retrieval(app.state.database)
     app.state.sender = Sender(settings.broker)
     app.state.publisher = Publisher(settings.events)
     # An import of 32 MiB takes some 130 MB while it is read, an answer of 100,000 pairs 20 MB and then 6.
     app.state.imports = Places(total=4, each=1, patience_s=_PATIENCE_S)
+    # Bodies of imports that are still on their way: slow ones, of 32 MiB each, hold none of the places above.
+    app.state.arriving_imports = Places(total=32, each=1, patience_s=_PATIENCE_S)
     app.state.long_answers = Places(total=8, each=4, patience_s=_PATIENCE_S)
     app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})
 

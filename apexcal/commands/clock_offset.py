@@ -40,7 +40,7 @@ def clock_offset(
     """Estimate the offset between the clocks of camera and LiDAR from the moving board and its marks.
 
     It needs a minute of walking with many turns, and refuses if the motion does not determine the offset. Then detect
-    again: `apexcal detect RECORDING ... --offset-ms OFFSET`, with or without `--interpolate`. Marks are kept.
+    again: `apexcal detect RECORDING ... --offset-ms OFFSET`, with the same options. Marks are kept.
     """
     with connected(url, token, data) as client, bar("Estimating the offset", not as_json) as progress:
         found = client.detections.get(check_id(detection, "detection"))
@@ -85,5 +85,5 @@ def _command(detection: DetectionView, offset_ns: int) -> str:
         words.append(f"--board {width:g}x{height:g}")
     words += [f"--option {name}={value:g}" for name, value in options.items()]
     words += [f"--max-gap-ms {pairing.max_gap_ns / 1e6:g}"] if pairing.max_gap_ns != _MAX_GAP_NS else []
-    words += ["--interpolate"] if pairing.mode == "interpolate" else []
+    words += [] if pairing.mode == "auto" else [f"--{pairing.mode}"]
     return " ".join([*words, f"--offset-ms {offset_ns / 1e6:.3f}"])

@@ -18,7 +18,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.segment import Segment
 
 from apexcal.cli import FAILED, UNREACHABLE, USAGE
-from apexcal.embedded.folder import is_served, read_status
+from apexcal.documents.served_folder import is_served, read_status
 from apexcal.errors import InputError, as_sentence
 
 UrlOption = Annotated[

@@ -117,7 +117,7 @@ def find_fleet(client: Client, wanted: str) -> FleetOut:
 
 def find_vehicle(client: Client, fleet: str, wanted: str) -> VehicleOut:
     """A vehicle by id, or by name in a fleet or in all of the caller's fleets."""
-    if _is_id(wanted):
+    if is_id(wanted):
         return client.vehicles.get(wanted)
     fleets = [find_fleet(client, fleet)] if fleet else list(client.fleets.list())
     names = {each.id: each.name for each in fleets}
@@ -134,7 +134,7 @@ def find_recording(client: Client, wanted: str) -> RecordingSummary:
     """A recording by id, or by name among all that the caller may see. Raises :class:`ClientError`."""
     if not wanted.strip():
         usage("the recording's name is empty", "Give its id or name; `apexcal upload` prints both")
-    if _is_id(wanted):
+    if is_id(wanted):
         return client.recordings.get(wanted)
     return pick(
         client.recordings.list(),
@@ -148,7 +148,7 @@ def find_recording(client: Client, wanted: str) -> RecordingSummary:
 
 def check_id(text: str, what: str) -> str:
     """The text, where it is an id. Where it is none the command was called wrongly, and says where ids are."""
-    if not _is_id(text):
+    if not is_id(text):
         usage(f"{text!r} is no id of a {what}", _WHERE_IDS_ARE[what])
     return text
 
@@ -174,7 +174,8 @@ def find_camera(names: Sequence[str], wanted: str) -> str:
     return names[0]
 
 
-def _is_id(text: str) -> bool:
+def is_id(text: str) -> bool:
+    """Whether this is an id, and no name."""
     try:
         UUID(text)
     except ValueError:

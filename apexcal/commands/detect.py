@@ -48,8 +48,13 @@ def detect(
     ] = 0.0,
     max_gap_ms: Annotated[float, typer.Option(help="Largest gap between a vertex and its frame.", min=0)] = 50.0,
     interpolate: Annotated[
-        bool, typer.Option("--interpolate", help="Move each vertex along its track to the time of its frame.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--interpolate/--nearest",
+            help="Move vertices along their track to their frames' times, or none. Default: where there is a track.",
+            show_default=False,
+        ),
+    ] = None,
     preview: Annotated[bool, typer.Option("--preview", help="Only say what the region keeps.")] = False,
     url: UrlOption = "",
     token: TokenOption = "",
@@ -87,7 +92,7 @@ def detect(
                 options=options,
                 offset_ns=round(offset_ms * 1e6),
                 max_gap_ns=round(max_gap_ms * 1e6),
-                mode="interpolate" if interpolate else "nearest",
+                mode="auto" if interpolate is None else "interpolate" if interpolate else "nearest",
             )
             detection = client.wait(started, on_progress=progress)
             shown, sentence = detection, _outcome(detection)

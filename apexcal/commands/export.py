@@ -23,6 +23,7 @@ from apexcal.commands.connect import check_id, connected
 from apexcal.commands.exported_files import write_exported
 from apexcal.commands.publications import CameraOption, FleetOption, VehicleOption, find_vehicle_camera
 from apexcal.documents.fleets import VehicleOut
+from apexcal.documents.publications import CURRENT
 from apexcal.documents.results import CurrentCalibration
 from apexcal.embedded.folder import DEFAULT
 from apexcal.resources.exports import Exported
@@ -42,6 +43,7 @@ def export(
     fleet: FleetOption = "",
     result: Annotated[str, typer.Option(help="Id of one result, instead of the current calibration.")] = "",
     format: FormatOption = "json",
+    alias: Annotated[str, typer.Option(help="What this alias leads to, such as canary.")] = CURRENT,
     urdf: Annotated[
         Path | None, typer.Option(help="The vehicle's own URDF, to replace one joint's origin in.")
     ] = None,
@@ -63,6 +65,8 @@ def export(
     """
     if result and (vehicle or camera):
         usage("a result belongs to one camera already", "Leave out --vehicle and --camera, or leave out --result")
+    if alias != CURRENT and (result or urdf is not None):
+        usage("--alias is for a camera's calibration as JSON or in a format")
     if (urdf is None) != (not joint):
         usage("--urdf and --joint belong together")
     if output and format == "json":
@@ -71,13 +75,13 @@ def export(
         if urdf is not None or format != "json":
             of = check_id(result, "result") if result else find_vehicle_camera(client, fleet, vehicle, camera)
             links = {"camera_link": camera_link, "lidar_link": lidar_link}
-            made = _exported(client, of, format) if urdf is None else _patched(client, of, urdf, joint, links)
+            made = _exported(client, of, format, alias) if urdf is None else _patched(client, of, urdf, joint, links)
             write_exported(made, output, force)
             return
         if result:
             document = client.calibrations.result(check_id(result, "result"))
         else:
-            document = _current(client, *find_vehicle_camera(client, fleet, vehicle, camera))
+            document = _current(client, *find_vehicle_camera(client, fleet, vehicle, camera), alias)
     text = json.dumps(as_document(document), indent=2, ensure_ascii=False)
     if output is None:
         print(text)
@@ -86,10 +90,10 @@ def export(
     console(errors=True).print(f"Wrote {output}.", soft_wrap=True)
 
 
-def _exported(client: Client, of: str | tuple[VehicleOut, str], format: str) -> Exported:
+def _exported(client: Client, of: str | tuple[VehicleOut, str], format: str, alias: str) -> Exported:
     if isinstance(of, str):
         return client.exports.result(of, format)
-    return client.exports.current(of[0].id, of[1], format)
+    return client.exports.current(of[0].id, of[1], format, alias)
 
 
 def _patched(
@@ -104,10 +108,10 @@ def _patched(
     return Exported(urdf.name, made.encode())
 
 
-def _current(client: Client, vehicle: VehicleOut, camera: str) -> CurrentCalibration:
+def _current(client: Client, vehicle: VehicleOut, camera: str, alias: str) -> CurrentCalibration:
     """The current calibration; where there is none, the refusal names the command that makes one."""
     try:
-        return client.calibrations.current(vehicle.id, camera)
+        return client.calibrations.current(vehicle.id, camera, alias)
     except ApiError as error:
         if error.code == "no_calibration_yet":
             error.hint = (

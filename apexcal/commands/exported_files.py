@@ -7,6 +7,7 @@ import zipfile
 from pathlib import Path, PurePosixPath
 
 from apexcal.commands.common import check_target, complain, console, usage
+from apexcal.kept_file import replace_whole
 from apexcal.resources.exports import Exported
 
 
@@ -48,6 +49,9 @@ def _write_below(files: dict[str, bytes], folder: Path, force: bool) -> None:
 def _write(file: Path, content: bytes) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(content)
+        if file.is_file() and not file.is_symlink():
+            replace_whole(file, content, file.name)
+        else:  # new, a link, or a device such as /dev/stdout
+            file.write_bytes(content)
     except OSError as error:
         complain(f"cannot write {file}: {(error.strerror or '').lower()}")

@@ -78,7 +78,15 @@ def _lines(publication: PublicationView) -> list[str]:
         f"{publication.published_at.isoformat()}{by}: {publication.model}, result {publication.result_id}{current}"
     )
     reason = [f"  {publication.reason}"] if publication.reason else []
-    return [first, *reason, *_against(publication)]
+    return [first, *reason, *_against(publication), *_withdrawn(publication)]
+
+
+def _withdrawn(publication: PublicationView) -> list[str]:
+    said = publication.withdrawn
+    if said is None:
+        return []
+    by = f" by {said.withdrawn_by}" if said.withdrawn_by else ""
+    return [f"  Withdrawn {said.withdrawn_at.isoformat()}{by}: {said.reason}"]
 
 
 def _against(publication: PublicationView) -> list[str]:

@@ -52,9 +52,13 @@ def rollback(
 
 
 def _before(publications: list[PublicationView]) -> PublicationView | None:
-    """What came before the current result was first given: going back twice does not return to what was left."""
+    """What came before the current result was first given: going back twice does not return to what was left.
+
+    Results that were withdrawn are passed over.
+    """
     results = [one.result_id for one in publications]
     if not results:
         return None
+    withdrawn = {one.result_id for one in publications if one.withdrawn is not None}
     first = len(results) - 1 - results[::-1].index(results[0])
-    return publications[first + 1] if first + 1 < len(publications) else None
+    return next((one for one in publications[first + 1 :] if one.result_id not in withdrawn), None)

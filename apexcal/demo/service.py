@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from apexcal.client import Client
+from apexcal.documents.served_folder import is_served, read_status
 from apexcal.embedded.children import tied_to
-from apexcal.embedded.folder import is_served, read_status
 from apexcal.errors import ClientError
 
 WORKERS = 2

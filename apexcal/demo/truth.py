@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.camera_models import CAMERA_MODELS
 from apexcal.documents.correspondence_sets import PairView
 from apexcal.documents.transforms import SolvedTransform
 from apexcal.transport import Document
@@ -64,14 +65,15 @@ def project(intrinsics: dict[str, Any], points_camera: Floats) -> Floats:
     """Pixels (N, 2) of points (N, 3) in the optical frame, by ``cv2.projectPoints`` or ``cv2.fisheye``."""
     f_x, f_y, c_x, c_y = (float(intrinsics[name]) for name in ("f_x", "f_y", "c_x", "c_y"))
     skew = float(intrinsics.get("skew", 0.0))
-    k = np.array([float(intrinsics.get(f"k{index}", 0.0)) for index in range(1, 6)])
+    model = CAMERA_MODELS[intrinsics["model"]]
+    D = np.array([float(intrinsics.get(name, 0.0)) for name in model.distortion] or [0.0] * 5)
     K = np.array([[f_x, 0.0, c_x], [0.0, f_y, c_y], [0.0, 0.0, 1.0]])
     points = points_camera.reshape(-1, 1, 3)
     zero = np.zeros(3)
-    if intrinsics["model"] == "kannala_brandt":
-        pixels = cv2.fisheye.projectPoints(points, zero, zero, K, k[:4])[0].reshape(-1, 2)
+    if model.written_as is not None and model.written_as.is_cv2_fisheye:
+        pixels = cv2.fisheye.projectPoints(points, zero, zero, K, D)[0].reshape(-1, 2)
     else:
-        pixels = cv2.projectPoints(points, zero, zero, K, k)[0].reshape(-1, 2)
+        pixels = cv2.projectPoints(points, zero, zero, K, D)[0].reshape(-1, 2)
         # cv2 leaves K[0, 1] out: u = f_x (a_d + skew b_d) + c_x.
         pixels[:, 0] += f_x * skew * (pixels[:, 1] - c_y) / f_y
     return pixels.astype(np.float64)

@@ -32,13 +32,26 @@ class Cost:
 
 
 @dataclass(frozen=True)
+class WrittenAs:
+    """How other programs' files name a model: CameraInfo, Kalibr's camchain, and whether it is cv2.fisheye."""
+
+    camera_info: str
+    kalibr: str
+    is_cv2_fisheye: bool = False
+
+
+_RADIAL_TANGENTIAL: Final = WrittenAs("plumb_bob", "radtan")
+
+
+@dataclass(frozen=True)
 class CameraModel:
     """A camera model as the wire knows it.
 
     ``intrinsics`` are the parameters behind the six extrinsic ones, in order: f and c in pixels, the others without
     unit. ``distortion`` are those of them that make up D, in OpenCV's order; ``tangential`` those of D that are
     tangential. ``stated_as`` are the distortion models of sensor_msgs/CameraInfo, camera_calibration, Foxglove and
-    Kalibr that are this one, in small letters.
+    Kalibr that are this one, in small letters. ``written_as`` is how exports name it; None where other programs
+    have no such model.
     """
 
     intrinsics: tuple[str, ...]
@@ -46,10 +59,16 @@ class CameraModel:
     distortion: tuple[str, ...] = ()
     tangential: tuple[str, ...] = ()
     stated_as: tuple[str, ...] = ()
+    written_as: WrittenAs | None = None
+
+    @property
+    def is_radial_tangential(self) -> bool:
+        """Whether D is OpenCV's k1 k2 p1 p2 k3. Without distortion such a lens is a pinhole's."""
+        return self.written_as is _RADIAL_TANGENTIAL
 
 
 CAMERA_MODELS: Final[dict[ModelName, CameraModel]] = {
-    "pinhole": CameraModel(FOCAL_AND_CENTRE, Cost(82.0, 0.35, 520.0)),
+    "pinhole": CameraModel(FOCAL_AND_CENTRE, Cost(82.0, 0.35, 520.0), written_as=_RADIAL_TANGENTIAL),
     # OpenCV's k1 k2 p1 p2 k3.
     "brown_conrady": CameraModel(
         (*FOCAL_AND_CENTRE, "skew", "k1", "k2", "k3", "k4", "k5"),
@@ -57,6 +76,7 @@ CAMERA_MODELS: Final[dict[ModelName, CameraModel]] = {
         distortion=("k1", "k2", "k3", "k4", "k5"),
         tangential=("k3", "k4"),
         stated_as=("plumb_bob", "rational_polynomial", "radtan", "brown_conrady", "", "none"),
+        written_as=_RADIAL_TANGENTIAL,
     ),
     # cv2.fisheye; some drivers write `fisheye` for it.
     "kannala_brandt": CameraModel(
@@ -64,6 +84,7 @@ CAMERA_MODELS: Final[dict[ModelName, CameraModel]] = {
         Cost(244.0, 0.98, 600.0),
         distortion=("k1", "k2", "k3", "k4"),
         stated_as=("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4"),
+        written_as=WrittenAs("equidistant", "equidistant", is_cv2_fisheye=True),
     ),
 }
 INTRINSICS: Final = {name: model.intrinsics for name, model in CAMERA_MODELS.items()}

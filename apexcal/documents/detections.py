@@ -24,10 +24,12 @@ class Pairing(Received):
     """How vertices are paired with camera frames: each with the frame nearest to its time plus ``offset_ns``.
 
     A frame farther away than ``max_gap_ns`` is no pair. ``mode: interpolate`` moves the vertex along its track to the
-    frame's own time. The gap is zero then, and the covariance includes the interpolation's error.
+    frame's own time. The gap is zero then, and the covariance includes the interpolation's error. ``auto`` does so
+    with vertices that state a covariance, where those near in time make a track; ``nearest`` leaves vertices where
+    they were measured.
     """
 
-    mode: PairingMode = "nearest"
+    mode: PairingMode = "auto"
     offset_ns: Annotated[int, Field(ge=-_ANY_CLOCK_NS, le=_ANY_CLOCK_NS, description="camera minus LiDAR clock")] = 0
     max_gap_ns: Annotated[int, Field(ge=0, le=_MINUTE_NS, description="farther frames are no pair")] = 50_000_000
 

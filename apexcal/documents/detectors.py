@@ -9,7 +9,7 @@ from apexcal.documents.errors import DocumentError
 
 DetectorName = Literal["strict", "tolerant", "refined"]
 Quality = Literal["fine", "usable"]
-PairingMode = Literal["nearest", "interpolate"]
+PairingMode = Literal["auto", "nearest", "interpolate"]
 Options = Mapping[str, float]
 
 

@@ -54,3 +54,4 @@ class VehicleCalibration(Sent):
     as_of: datetime | None
     cameras: dict[str, CurrentCalibration]
     without: list[str]
+    alias: str = "current"

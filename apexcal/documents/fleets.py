@@ -6,10 +6,11 @@ from datetime import datetime
 from typing import Annotated, Self
 from uuid import UUID
 
-from pydantic import Field, StringConstraints, field_validator, model_validator
+from pydantic import AfterValidator, Field, StringConstraints, field_validator, model_validator
 
-from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored, Topic
+from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored, Topic, seen
 from apexcal.documents.camera_models import ANGLES, EXTRINSICS, MODELS, all_names
+from apexcal.documents.gates import Gate
 from apexcal.documents.roles import Role
 from apexcal.documents.transforms import Transform, check_frames
 
@@ -20,6 +21,10 @@ _BOUNDED = frozenset(name for form in EXTRINSICS for name in all_names(MODELS, f
     f"{one}_deg" for one in ANGLES
 }
 Pixels = Annotated[int, Field(ge=16, le=32768)]
+
+
+# As it stands on the sensor.
+Serial = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), AfterValidator(seen)]
 
 
 class Named(Received):
@@ -36,6 +41,7 @@ class FleetOut(Sent):
     role: Role | None
     taken_bytes: int
     quota_bytes: int
+    gate: Stored[Gate | None] = None
     version: int
     created_at: datetime
 
@@ -51,18 +57,23 @@ class VehicleOut(Sent):
 
 
 class Lidar(Received):
-    """The rig's LiDAR: its frame, and its topic where a recording has several."""
+    """The rig's LiDAR: its frame, its topic where a recording has several, and its serial number where known."""
 
     frame: Name
     topic: Topic | None = None
+    serial: Serial | None = None
 
 
 class Camera(Received):
-    """A camera: its optical frame, image size (width, height), nominal ``T_camera_lidar`` and bounds."""
+    """A camera: its optical frame, image size (width, height), nominal ``T_camera_lidar`` and bounds.
+
+    ``serial`` is its serial number, where known.
+    """
 
     name: CameraName
     frame: Name
     topic: Topic | None = None
+    serial: Serial | None = None
     image_size: tuple[Pixels, Pixels]
     nominal: Transform
     bounds: dict[str, tuple[Magnitude, Magnitude]] = Field(default_factory=dict, max_length=40)
@@ -118,6 +129,16 @@ class NewRig(Received):
         return self
 
 
+class SensorSerials(Received):
+    """Serial numbers of a rig's sensors, to correct or complete what was stated; null forgets one.
+
+    Of a sensor that was swapped: describe a new rig instead, for recordings and results belong to what was mounted.
+    """
+
+    lidar: Serial | None = None
+    cameras: Annotated[dict[CameraName, Serial | None], Field(default_factory=dict, max_length=16)]
+
+
 class RigOut(Sent):
     """A rig."""
 
@@ -129,5 +150,6 @@ class RigOut(Sent):
     T_vehicle_lidar: Stored[Transform | None]
     cameras: Stored[list[Camera]]
     camera_transforms: Stored[list[CameraTransform]]
+    gate: Stored[Gate | None] = None
     version: int
     created_at: datetime

@@ -1,4 +1,4 @@
-"""What a vehicle's camera is given: requests to publish, and what was published."""
+"""What a vehicle's camera is given: requests to publish, to withdraw and to move aliases, and what became of them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ from uuid import UUID
 
 from pydantic import AfterValidator, StringConstraints
 
-from apexcal.documents.base import Received, Sent, seen
+from apexcal.documents.base import Received, Sent, Stored, seen
+from apexcal.documents.gates import GateVerdict
 
 # A sentence or two that whoever looks later can read.
 Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=500), AfterValidator(seen)]
+
+
+CURRENT = "current"
+# It stands in addresses.
+AliasName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_.-]{0,63}$")]
 
 
 class Override(Received):
@@ -37,10 +43,25 @@ class OverrideView(Sent):
     objections: list[str]
 
 
+class WithdrawalRequest(Received):
+    """Why what a camera was given is not to be used any more."""
+
+    reason: Reason
+
+
+class WithdrawalView(Sent):
+    """Who withdrew a publication, when and why. ``withdrawn_by`` is null where the person is no longer known."""
+
+    withdrawn_at: datetime
+    withdrawn_by: str | None
+    reason: str
+
+
 class PublicationView(Sent):
     """A result that a vehicle's camera was given: by whom, when, why, and against which objections.
 
     ``published_by`` is a name, null where the person is no longer known. ``reason`` is null where none was given.
+    ``withdrawn`` is null unless it was withdrawn; ``gate`` is null where neither rig nor fleet stated one.
     """
 
     id: UUID
@@ -54,4 +75,39 @@ class PublicationView(Sent):
     published_by: str | None
     reason: str | None
     override: OverrideView | None
+    is_current: bool
+    withdrawn: WithdrawalView | None = None
+    gate: Stored[GateVerdict | None] = None
+
+
+class AliasMoveRequest(Received):
+    """Where an alias shall lead, and why. Without a ``result_id`` it is taken away.
+
+    Against the service's objections only with ``override``; the reason says why all the same.
+    """
+
+    result_id: UUID | None = None
+    reason: Reason
+    override: bool = False
+
+
+class AliasMoveView(Sent):
+    """One step of an alias: to which result, by whom, when, why and against which objections.
+
+    ``result_id`` is null where the alias was taken away, or where the result was deleted.
+    """
+
+    id: UUID
+    fleet_id: UUID
+    vehicle_id: UUID
+    camera: str
+    alias: str
+    result_id: UUID | None
+    calibration_id: UUID | None
+    model: str | None
+    moved_at: datetime
+    moved_by: str | None
+    reason: str
+    override: OverrideView | None
+    gate: Stored[GateVerdict | None]
     is_current: bool

@@ -121,6 +121,35 @@ class WorstCorrelation(Document):
     value: float
 
 
+class Field(Document):
+    """Where a result puts fixed points around the LiDAR that the image shows, and its deviation there, pixels.
+
+    The points are the same for all results: each 10 degrees of azimuth and elevation, 5 and 20 m away; ``number``
+    counts them.
+    """
+
+    number: list[int]
+    u: list[float]
+    v: list[float]
+    sigma_px: list[float]
+
+
+class Compared(Document):
+    """How far a result is from its camera's current one.
+
+    ``sigmas``: the mount's difference in what both state of it, root mean square; ``field_px`` and ``field_sigmas``
+    over the points of ``Field`` that both see. ``differs``: more than chance does once in a thousand times.
+    """
+
+    result_id: UUID
+    rotation_deg: float
+    translation_mm: float
+    sigmas: float
+    field_px: float | None = None
+    field_sigmas: float | None = None
+    differs: bool
+
+
 class SharedErrors(Document):
     """What pairs of one block share: ``group`` as the pairs name it, or a stretch of a walk (``time``, ``order``).
 
@@ -199,7 +228,8 @@ class RunResult(Document):
     squares from the centre of the bounds) and ``linear_baseline`` (a linear start with RANSAC, then least squares)
     stand side by side. ``parameters`` and ``std`` are in degrees, metres and pixels. ``noise_scale`` says how many
     times larger the errors are than stated, where pairs weigh by what they state; ``sigma_px`` is the noise of a
-    typical pair. ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
+    typical pair, ``explained_px`` what marks and vertices explain of it; ``marks_outside`` counts marks outside of
+    the image. ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
     ``weak_priors`` are the deviations about zero of priors that hold distortion which the pairs hardly hold.
     ``common_errors`` are the deviations stated for what all pairs share. ``stated_too_small`` says where halves of
     the pairs differ by more than is stated.
@@ -250,6 +280,9 @@ class RunResult(Document):
     cpu: dict[str, str] | None = None
     versions: dict[str, str] | None = None
     heldout: HeldOut | None = None
+    explained_px: float | None = None
+    marks_outside: int | None = None
+    field: Field | None = None
     provenance: Provenance | None = None
     finish_seconds: float | None = None
 
@@ -274,6 +307,7 @@ class ResultView(RunResult):
     fold: int
     seed: int | None = None
     objections: list[str] | None = None
+    compared: Compared | None = None
     created_at: datetime
 
 
@@ -319,6 +353,8 @@ class ModelSummary(Document):
     at_bounds: list[str] = []
     several_optima: list[str] = []
     pairs: int | None = None
+    explained_px: float | None = None
+    marks_outside: int | None = None
     iterations: int | None = None
     stopped: Stopped | None = None
     alarms: list[str] = []
@@ -440,10 +476,24 @@ class Quality(Document):
     alarms: list[str] = []
 
 
+class Validity(Document):
+    """Since when a calibration is given, and for which sensors. ``until`` is when something else came, of the past.
+
+    Serial numbers are null where the rig states none.
+    """
+
+    since: datetime
+    until: datetime | None = None
+    camera_serial: str | None = None
+    lidar_serial: str | None = None
+
+
 class CurrentCalibration(Sent):
     """What a vehicle's camera is given: intrinsics and transforms, both frames named, and how good they are.
 
-    ``T_vehicle_camera`` is there where the rig says where its LiDAR is.
+    ``T_vehicle_camera`` is there where the rig says where its LiDAR is. ``clock_offset_ns`` is the camera's clock
+    minus the LiDAR's with which the pairs were made, null where they were imported. Under another alias than
+    ``current``, ``publication_id`` is the id of the alias's move.
     """
 
     vehicle_id: UUID
@@ -460,3 +510,6 @@ class CurrentCalibration(Sent):
     T_camera_lidar: Stored[SolvedTransform]
     quality: Quality
     T_vehicle_camera: SolvedTransform | None = None
+    alias: str = "current"
+    clock_offset_ns: int | None = None
+    validity: Validity | None = None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import hashlib
-import json
 import os
 import shlex
 import shutil
@@ -15,6 +14,8 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
+
+from apexcal.documents.served_folder import read_status
 
 DEFAULT = Path("var/apexcal")
 # sockaddr_un.sun_path holds 108 bytes with its final zero on Linux, 104 on macOS.
@@ -131,25 +132,3 @@ def _short_folder(root: Path) -> Path:
         return folder
     # Another user made a folder of that name.
     return Path(tempfile.mkdtemp(prefix="apexcal-"))
-
-
-def read_status(root: Path) -> dict[str, Any]:
-    """What the supervisor of ``root`` wrote last; empty if there is no such file."""
-    try:
-        status = json.loads((root / "supervisor.json").read_text())
-    except (OSError, ValueError):
-        return {}
-    return status if isinstance(status, dict) else {}
-
-
-def is_served(root: Path) -> bool:
-    """Whether an embedded service holds ``root`` now."""
-    try:
-        with (root / "serve.lock").open() as lock:
-            # A shared lock: processes that only look do not see each other as holders.
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    return False

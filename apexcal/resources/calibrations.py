@@ -6,10 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
+from apexcal.documents.base import Page
 from apexcal.documents.calibrations import CalibrationView, SlotView
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.exports import VehicleCalibration
-from apexcal.documents.publications import PublicationView
+from apexcal.documents.publications import CURRENT, AliasMoveView, PublicationView
 from apexcal.documents.results import CurrentCalibration, ResultView
 from apexcal.transport import Transport, at, read
 
@@ -111,16 +112,55 @@ class Calibrations:
         """What a camera was given, newest first: by whom, when, why and against which objections."""
         return self._http.items(at("vehicles", vehicle_id, "cameras", camera, "publications"), PublicationView)
 
-    def current(self, vehicle_id: UUID | str, camera: str) -> CurrentCalibration:
-        """A camera's current calibration; ApiError ``no_calibration_yet`` where there is none."""
-        return self._http.get(at("vehicles", vehicle_id, "cameras", camera, "calibration"), CurrentCalibration)
+    def withdraw(self, publication_id: UUID | str, reason: str) -> PublicationView:
+        """Take back what a camera was given.
+
+        Where it is the current one, :meth:`current` raises ApiError ``calibration_withdrawn`` until something is
+        published: the one before does not come back by itself.
+        """
+        return self._http.post(at("publications", publication_id, "withdrawal"), PublicationView, {"reason": reason})
+
+    def aliases(self, vehicle_id: UUID | str, camera: str) -> list[AliasMoveView]:
+        """Where each alias of a camera leads, beside ``current``."""
+        return self._http.get(_aliases(vehicle_id, camera), Page[AliasMoveView]).items
+
+    def alias_moves(self, vehicle_id: UUID | str, camera: str, alias: str) -> Iterator[AliasMoveView]:
+        """Where an alias led, newest first: since when, by whom and why."""
+        return self._http.items(_aliases(vehicle_id, camera) + at(alias, "moves"), AliasMoveView)
+
+    def move_alias(
+        self,
+        vehicle_id: UUID | str,
+        camera: str,
+        alias: str,
+        result_id: UUID | str | None,
+        reason: str,
+        *,
+        override: bool = False,
+    ) -> AliasMoveView:
+        """Let an alias lead to a result, or, with None, nowhere. ApiError ``objections`` as of :meth:`publish`."""
+        body = {"result_id": None if result_id is None else str(result_id), "reason": reason, "override": override}
+        return self._http.post(_aliases(vehicle_id, camera) + at(alias, "moves"), AliasMoveView, body)
+
+    def current(self, vehicle_id: UUID | str, camera: str, alias: str = CURRENT) -> CurrentCalibration:
+        """A camera's current calibration, or what another alias leads to.
+
+        ApiError ``no_calibration_yet`` where there is none, ``calibration_withdrawn`` where it was taken back,
+        ``calibration_does_not_apply`` where a sensor was swapped since.
+        """
+        path = at("vehicles", vehicle_id, "cameras", camera, "calibration")
+        return self._http.get(path, CurrentCalibration, alias=alias)
 
     def vehicle(
-        self, vehicle_id: UUID | str, cameras: Sequence[str] | None = None, as_of: str | None = None
+        self, vehicle_id: UUID | str, cameras: Sequence[str] | None = None, as_of: str | None = None, **query: Any
     ) -> VehicleCalibration:
-        """What all cameras of a vehicle are given now, or were at a moment; ApiError ``no_calibration_yet``."""
+        """What all cameras of a vehicle are given now, or were at a moment.
+
+        ``query``: ``alias``, and ``serial`` (``NAME=SERIAL`` of each mounted sensor). Raises ApiError
+        ``no_calibration_yet``, ``calibration_withdrawn``, ``calibration_does_not_apply``.
+        """
         return self._http.get(
-            at("vehicles", vehicle_id, "calibration"), VehicleCalibration, camera=cameras, as_of=as_of
+            at("vehicles", vehicle_id, "calibration"), VehicleCalibration, camera=cameras, as_of=as_of, **query
         )
 
     def vehicle_if_changed(
@@ -128,9 +168,13 @@ class Calibrations:
     ) -> tuple[bytes, str] | None:
         """The same answer as bytes with its ETag; None where it still is what ``etag`` names.
 
-        ``query``: ``camera``, ``as_of``, ``format``.
+        ``query``: ``camera``, ``as_of``, ``format``, ``alias``, ``serial``.
         """
         return self._http.get_bytes_if_changed(at("vehicles", vehicle_id, "calibration"), etag, **query)
+
+    def found_if_changed(self, etag: str | None = None, **query: Any) -> tuple[bytes, str] | None:
+        """The same for a vehicle by its name (``vehicle``, ``fleet``) or by a sensor's serial number (``sensor``)."""
+        return self._http.get_bytes_if_changed("/calibration", etag, **query)
 
     def current_if_changed(
         self, vehicle_id: UUID | str, camera: str, etag: str | None = None
@@ -139,3 +183,7 @@ class Calibrations:
         return self._http.get_if_changed(
             at("vehicles", vehicle_id, "cameras", camera, "calibration"), CurrentCalibration, etag
         )
+
+
+def _aliases(vehicle_id: UUID | str, camera: str) -> str:
+    return at("vehicles", vehicle_id, "cameras", camera, "aliases")

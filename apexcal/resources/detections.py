@@ -65,11 +65,12 @@ class Detections:
         options: Mapping[str, Any] | None = None,
         offset_ns: int = 0,
         max_gap_ns: int = 50_000_000,
-        mode: PairingMode = "nearest",
+        mode: PairingMode = "auto",
     ) -> DetectionView:
         """Start a detection run. ``offset_ns`` is added to a vertex's time before its camera frame is looked for.
 
-        ``mode="interpolate"`` moves each vertex along its track to the time of its frame.
+        ``mode="interpolate"`` moves each vertex along its track to the time of its frame, ``"auto"`` where there is a
+        track, ``"nearest"`` none.
         """
         body = {
             "region": region,

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from uuid import UUID
 
 from apexcal.documents.exports import FormatView
+from apexcal.documents.publications import CURRENT
 from apexcal.transport import Transport, at
 
 _FILE_NAME = re.compile(r'filename="([^"/\\]+)"')
@@ -29,12 +30,12 @@ class Exports:
         """The table of the formats: which way each one's transform leads, and what of a lens it carries."""
         return [FormatView.model_validate(one) for one in self._http.send("GET", "/export-formats").json()]
 
-    def current(self, vehicle_id: UUID | str, camera: str, format: str) -> Exported:
-        """A camera's current calibration.
+    def current(self, vehicle_id: UUID | str, camera: str, format: str, alias: str = CURRENT) -> Exported:
+        """A camera's current calibration, or what another alias leads to.
 
         If the format cannot carry it, raises ApiError ``format_cannot_carry``; ``formats`` names those that can.
         """
-        return self._file(_current(vehicle_id, camera), format)
+        return self._file(_current(vehicle_id, camera), format, alias=alias)
 
     def result(self, result_id: UUID | str, format: str) -> Exported:
         """Any result. Raises ApiError ``format_cannot_carry`` as :meth:`current` does."""
@@ -51,8 +52,8 @@ class Exports:
         """The same with any result."""
         return self._patched(at("results", result_id), urdf, joint, links)
 
-    def _file(self, path: str, format: str) -> Exported:
-        answer = self._http.send("GET", path, params={"format": format})
+    def _file(self, path: str, format: str, **query: str) -> Exported:
+        answer = self._http.send("GET", path, params={"format": format, **query})
         named = _FILE_NAME.search(answer.headers.get("content-disposition", ""))
         return Exported(named[1] if named else format, answer.content)
 

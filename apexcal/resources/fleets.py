@@ -10,7 +10,7 @@ from apexcal.documents.fleets import FleetOut, RigOut, VehicleOut
 from apexcal.documents.people import ChangedMember, Invitation, MadeToken, Member, Token
 from apexcal.documents.roles import Role
 from apexcal.errors import ApiError
-from apexcal.transport import Transport, at
+from apexcal.transport import Transport, at, if_match
 
 
 class Fleets:
@@ -34,6 +34,10 @@ class Fleets:
     def rename(self, fleet_id: UUID | str, name: str, *, version: int) -> FleetOut:
         """Give a fleet another name."""
         return self._http.patch(at("fleets", fleet_id), FleetOut, {"name": name}, version=version)
+
+    def set_gate(self, fleet_id: UUID | str, gate: Mapping[str, float], *, version: int) -> FleetOut:
+        """State what results must show to be published: ``{"heldout_mean_px": 0.8}``; ``{}`` states nothing."""
+        return self._http.put(at("fleets", fleet_id, "gate"), FleetOut, dict(gate), if_match(version))
 
     def members(self, fleet_id: UUID | str) -> Iterator[Member]:
         """``{"person_id", "name", "role"}`` of everybody in a fleet."""
@@ -114,3 +118,14 @@ class Vehicles:
     def rig(self, rig_id: UUID | str) -> RigOut:
         """One rig."""
         return self._http.get(at("rigs", rig_id), RigOut)
+
+    def set_serials(self, rig_id: UUID | str, serials: Mapping[str, Any], *, version: int) -> RigOut:
+        """Correct or complete serial numbers: ``{"lidar": "SN1", "cameras": {"front": "SN2"}}``.
+
+        For a sensor that was swapped make a new rig.
+        """
+        return self._http.patch(at("rigs", rig_id, "serials"), RigOut, dict(serials), version=version)
+
+    def set_gate(self, rig_id: UUID | str, gate: Mapping[str, float], *, version: int) -> RigOut:
+        """State a rig's own limits, which replace the fleet's of the same name; ``{}`` states nothing."""
+        return self._http.put(at("rigs", rig_id, "gate"), RigOut, dict(gate), if_match(version))

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from apexcal.documents.served_folder import is_served
 from service.admin.backup import back_up
 from service.admin.context import FAILED, GIVEN_FOLDER, opened, program, spoken
 from service.admin.errors import AdminError
@@ -21,7 +22,6 @@ from service.admin.people_commands import tokens, users
 from service.admin.quota_commands import quota
 from service.admin.restore import restore as bring_back
 from service.admin.retention_commands import retention
-from service.admin.served import is_served
 from service.settings import get_settings
 from service.storage.store import open_store
 

@@ -4,7 +4,8 @@ The rules, in the order in which they are applied:
 
 - ``unsure`` counts neither way, and its mark, if there is one, is not used.
 - More rejections than confirmations remove the vertex. As many of both keep it and flag it.
-- The correspondence is the only mark, the mean of two, the geometric median of more.
+- The correspondence is the only mark, the mean of two, the geometric median of more. Two that lie far apart give
+  none: one of them is wrong, and so is their mean.
 - A vertex that nobody both confirmed and marked gives no correspondence.
 - An answer that was given after its person was told something of others' answers (``reviewed``) has a vote and a mark
   as all have, because reviewing means correcting what one sees. It is not independent: the number of marks and their
@@ -28,6 +29,7 @@ class Outcome(StrEnum):
     TIED = "tied"  # kept and flagged
     REMOVED = "removed"
     UNMARKED = "unmarked"
+    APART = "apart"  # two marks that cannot both be of this vertex
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,7 @@ class Consensus:
     """What the opinions amount to.
 
     Attributes:
-        outcome: kept, tied (kept and flagged), removed or unmarked.
+        outcome: kept, tied (kept and flagged), removed, unmarked or apart.
         pixel: (u, v) of the correspondence; None where there is none.
         spread_px: root mean square distance of the independent marks from their own middle; 0 for one or none, None
             without ``pixel``.
@@ -64,8 +66,19 @@ class Consensus:
     reviewed: int
 
 
-def agree(opinions: Sequence[Opinion]) -> Consensus:
-    """Make one answer of all opinions on a vertex. Their order does not matter, to the last bit."""
+def far_apart_px(width: int, height: int) -> float:
+    """Distance of two marks of one vertex that no care explains: a hundredth of the image's diagonal.
+
+    It is where the robust loss of the fit saturates: far above an honest mark's noise, far below a wrong corner.
+    """
+    return 0.01 * math.hypot(width, height)
+
+
+def agree(opinions: Sequence[Opinion], apart_px: float = math.inf) -> Consensus:
+    """Make one answer of all opinions on a vertex. Their order does not matter, to the last bit.
+
+    ``apart_px``: two marks farther from each other give no correspondence.
+    """
     confirming = [one for one in opinions if one.verdict == "confirmed"]
     rejected = sum(one.verdict == "rejected" for one in opinions)
     answers, reviewed = len(opinions), sum(one.reviewed for one in opinions)
@@ -75,6 +88,8 @@ def agree(opinions: Sequence[Opinion]) -> Consensus:
     if not marks:
         return Consensus(Outcome.UNMARKED, None, None, 0, answers, reviewed)
     independent = sorted(one.mark for one in confirming if one.mark and not one.reviewed)
+    if len(marks) == 2 and _distance(*marks) > apart_px:
+        return Consensus(Outcome.APART, None, None, len(independent), answers, reviewed)
     outcome = Outcome.TIED if rejected == len(confirming) else Outcome.KEPT
     return Consensus(outcome, combine(marks), _spread(independent), len(independent), answers, reviewed)
 

@@ -134,6 +134,8 @@ def _model_summary(full: Result, work: Json) -> Json:
         "at_bounds": document["at_bounds"],
         # A worker of the version before does not say it.
         "several_optima": document.get("several_optima", []),
+        "explained_px": document.get("explained_px"),
+        "marks_outside": document.get("marks_outside"),
         "stated_too_small": document.get("stated_too_small", []),
         "pairs": document["pairs"],
         "iterations": document["iterations"],

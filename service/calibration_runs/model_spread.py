@@ -18,6 +18,7 @@ from service.db.base import Json
 Floats = NDArray[np.float64]
 _TURNS: Final = ("rotation_x", "rotation_y", "rotation_z")
 _OFFSETS: Final = ("t_x", "t_y", "t_z")
+MOUNT: Final = (*_TURNS, *_OFFSETS)
 # What the parameters of all models mean alike.
 _LENS: Final = ("f_x", "f_y", "c_x", "c_y")
 # A difference of so many stated deviations is no chance of a result's own noise.

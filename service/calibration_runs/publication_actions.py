@@ -1,4 +1,4 @@
-"""A camera's current calibration is its newest publication; this makes and finds publications.
+"""A camera's current calibration is its newest publication; this makes, withdraws and finds publications.
 
 Publishing and deleting both lock the calibration's row and then the vehicle's until the commit. So of two at the
 same moment the second sees what the first did.
@@ -6,25 +6,18 @@ same moment the second sees what the first did.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
 from uuid import UUID
 
 from sqlalchemy import ColumnElement, Select, func, select
 from sqlalchemy.orm import Session
 
+from service.calibration_runs.alias_actions import OfCamera, Words, move_alias, newest_moves
+from service.calibration_runs.gate_verdicts import gate_verdict
+from service.db.aliases import Withdrawal
 from service.db.calibrations import NEWNESS, Calibration, Publication, Result
 from service.db.fleets import Vehicle
 
 _BY_ITSELF = "It was recommended and had no objections."
-
-
-class Words(NamedTuple):
-    """Who publishes and why; ``overridden`` is what speaks against it, where it is published all the same."""
-
-    person_id: UUID | None
-    reason: str | None
-    overridden: Sequence[str] = ()
 
 
 def hold_publications(session: Session, vehicle_id: UUID) -> None:
@@ -75,8 +68,45 @@ def publish(session: Session, calibration: Calibration, result: Result, words: W
         published_by=words.person_id,
         reason=words.reason,
         overridden=list(words.overridden) or None,
+        gate=gate_verdict(session, result),
     )
     session.add(row)
+    session.flush()
+    return row
+
+
+def withdrawal_of(session: Session, publication: Publication) -> Withdrawal | None:
+    """The withdrawal of this publication, or None."""
+    if publication.number is None:
+        return None
+    return session.scalar(
+        select(Withdrawal).where(
+            Withdrawal.vehicle_id == publication.vehicle_id,
+            Withdrawal.camera == publication.camera,
+            Withdrawal.number == publication.number,
+        )
+    )
+
+
+def is_withdrawn(session: Session, publication: Publication) -> bool:
+    """Whether the camera has nothing since, where this is its newest publication."""
+    last = _last_withdrawn(session, publication.vehicle_id, publication.camera)
+    return publication.number is not None and publication.number <= last
+
+
+def withdraw(session: Session, publication: Publication, person_id: UUID, reason: str) -> Withdrawal:
+    """Take a publication back; aliases that lead to its result are taken away too.
+
+    The caller holds the vehicle's publications, and has made sure that it is not withdrawn yet.
+    """
+    _number_all(session, publication.vehicle_id, publication.camera)
+    assert publication.number is not None
+    of = OfCamera(publication.fleet_id, publication.vehicle_id, publication.camera)
+    row = Withdrawal(**of._asdict(), number=publication.number, said_by=person_id, reason=reason)
+    session.add(row)
+    for move in newest_moves(session, publication.vehicle_id, publication.camera):
+        if move.result_id == publication.result_id:
+            move_alias(session, of, move.alias, None, Words(person_id, reason))
     session.flush()
     return row
 
@@ -87,14 +117,24 @@ def publish_by_itself(session: Session, calibration: Calibration, result: Result
 
 
 def _next_number(session: Session, vehicle_id: UUID, camera: str) -> int:
-    """One more than the newest has, after rows without a number have got theirs."""
+    """One more than the newest, or the last withdrawn one, has."""
+    return max(_number_all(session, vehicle_id, camera), _last_withdrawn(session, vehicle_id, camera)) + 1
+
+
+def _last_withdrawn(session: Session, vehicle_id: UUID, camera: str) -> int:
+    of_camera = (Withdrawal.vehicle_id == vehicle_id, Withdrawal.camera == camera)
+    return session.scalar(select(func.max(Withdrawal.number)).where(*of_camera)) or 0
+
+
+def _number_all(session: Session, vehicle_id: UUID, camera: str) -> int:
+    """Give rows without a number theirs; the highest number, 0 where there is no row."""
     publications = _newest_first(vehicle_id, camera)
     newest = session.scalar(publications.where(Publication.number.is_not(None)).limit(1))
     last = newest.number or 0 if newest else 0
     for row in reversed(session.scalars(publications.where(Publication.number.is_(None))).all()):
         last += 1
         row.number = last
-    return last + 1
+    return last
 
 
 def _newest_first(vehicle_id: UUID, camera: str) -> Select[Publication]:

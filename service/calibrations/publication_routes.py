@@ -11,27 +11,34 @@ from fastapi.responses import JSONResponse, Response
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought, Stored
-from apexcal.documents.publications import PublicationRequest, PublicationView
+from apexcal.documents.publications import PublicationRequest, PublicationView, WithdrawalRequest
 from apexcal.documents.results import CurrentCalibration, ResultView
 from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
-from service.calibration_runs.objection_queries import objections
+from service.calibration_runs.alias_actions import Words
+from service.calibration_runs.objection_queries import comparison, objections
 from service.calibration_runs.publication_actions import (
-    Words,
     current_publication,
+    hold_publications,
     hold_to_publish,
+    is_withdrawn,
     publish,
     was_given,
+    withdraw,
+    withdrawal_of,
 )
-from service.calibrations.publication_views import current_document, publication_page, publication_view
+from service.calibrations.asked import AskedOfCamera
+from service.calibrations.given_views import given_documents
+from service.calibrations.publication_rules import check_objections, check_publishable
+from service.calibrations.publication_views import publication_page, publication_view
 from service.calibrations.views import result_document
-from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
 from service.db.digests import content_hash
 from service.db.fleets import Vehicle
 from service.exports.answers import WantedFormat, exported
-from service.exports.queries import of_publication, of_result
+from service.exports.queries import of_given, of_result
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging
 from service.http.problems import Problem, not_found
@@ -65,6 +72,7 @@ def read_result(
     with_pairs = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
     against = objections(access.session, result) if result.fold == FULL else None
     document = result_document(result, run, calibration, pairs, against, with_pairs=with_pairs)
+    document["compared"] = comparison(access.session, result, calibration.vehicle_id) if result.fold == FULL else None
     if with_pairs:
         tell_pairs(access, request.app.state.database, pairs, "result")
     return document
@@ -78,20 +86,14 @@ def publish_result(result_id: UUID, access: WriteAccess, wanted: PublicationRequ
     ``reason``: this is how to go back.
     """
     result = access.find(Result, result_id, "reviewer")
-    if result.fold != FULL:
-        raise Problem(
-            409,
-            "not_publishable",
-            "This result left a block of the pairs out, to measure the model on it.",
-            "Publish the result of the same model that was fitted to all pairs.",
-        )
+    check_publishable(result)
     session = access.session
     calibration = hold_to_publish(session, result)
     if calibration is None:
         raise not_found()
-    current = current_publication(session, calibration.vehicle_id, result.camera)
-    if current is not None and current.result_id == result.id:
-        return access.answer(publication_view(session, current), 200)
+    newest = current_publication(session, calibration.vehicle_id, result.camera)
+    if newest is not None and newest.result_id == result.id and not is_withdrawn(session, newest):
+        return access.answer(publication_view(session, newest), 200)
     row = publish(session, calibration, result, _words(access, result, wanted or PublicationRequest()))
     hint(session, result.fleet_id, "calibration", calibration.id)
     return access.answer(publication_view(session, row))
@@ -99,16 +101,7 @@ def publish_result(result_id: UUID, access: WriteAccess, wanted: PublicationRequ
 
 def _words(access: WriteAccess, result: Result, wanted: PublicationRequest) -> Words:
     """Raises :class:`Problem` 409 ``objections`` and 422 ``reason_missing``."""
-    against = objections(access.session, result)
-    if against and wanted.override is None:
-        more = f" ({len(against) - 1} more in `objections`)" if len(against) > 1 else ""
-        raise Problem(
-            409,
-            "objections",
-            f"There are objections to publishing this result: {against[0]}{more}",
-            'Look at it first. To publish it all the same, say why: {"override": {"reason": "..."}}.',
-            objections=against,
-        )
+    against = check_objections(access.session, result, is_overridden=wanted.override is not None)
     reason = wanted.override.reason if wanted.override else wanted.reason
     if reason is None and was_given(access.session, result):
         raise Problem(
@@ -120,6 +113,25 @@ def _words(access: WriteAccess, result: Result, wanted: PublicationRequest) -> W
     return Words(access.person.id, reason, against)
 
 
+@router.post("/publications/{publication_id}/withdrawal", status_code=201, response_model=PublicationView)
+def withdraw_publication(publication_id: UUID, body: WithdrawalRequest, access: WriteAccess) -> JSONResponse:
+    """Take back what a camera was given, and why; one that is withdrawn already is answered with 200. [reviewer]
+
+    Where it is the camera's current one, the camera is given nothing, and `current` answers 410
+    `calibration_withdrawn`, until something is published: the one before does not come back by itself. Aliases that
+    lead to the same result are taken away.
+    """
+    publication = access.find(Publication, publication_id, "reviewer")
+    session = access.session
+    hold_publications(session, publication.vehicle_id)
+    session.refresh(publication)
+    if withdrawal_of(session, publication) is not None:
+        return access.answer(publication_view(session, publication), 200)
+    withdraw(session, publication, access.person.id, body.reason)
+    hint(session, publication.fleet_id, "calibration", publication.result_id)
+    return access.answer(publication_view(session, publication))
+
+
 @router.get("/vehicles/{vehicle_id}/cameras/{camera}/publications")
 def list_publications(vehicle_id: UUID, camera: Sought, access: ReadAccess, window: Paging) -> Page[PublicationView]:
     """What a vehicle's camera was given, newest first: by whom, when, why and against which objections."""
@@ -128,23 +140,22 @@ def list_publications(vehicle_id: UUID, camera: Sought, access: ReadAccess, wind
 
 @router.get("/vehicles/{vehicle_id}/cameras/{camera}/calibration", response_model=Stored[CurrentCalibration])
 def read_current(
-    vehicle_id: UUID, camera: Sought, access: ReadAccess, conditions: Conditional, wanted: WantedFormat
+    vehicle_id: UUID,
+    camera: Sought,
+    access: ReadAccess,
+    conditions: Conditional,
+    wanted: WantedFormat,
+    asked: AskedOfCamera,
 ) -> dict[str, Any] | Response:
-    """The current calibration of a vehicle's camera: intrinsics and transform, both frames named.
+    """The calibration that a vehicle's camera is given: intrinsics and transform, both frames named.
 
+    410 `calibration_withdrawn` where it was withdrawn, 409 `calibration_does_not_apply` where a sensor was swapped.
     ``format``, or the format's type in Accept: the same as a file for another program.
     """
     vehicle = access.find(Vehicle, vehicle_id)
-    document = jsonable_encoder(current_document(access.session, vehicle.id, camera))
-    if document is None:
-        raise Problem(
-            404,
-            "no_calibration_yet",
-            f"Nothing has been published for the camera {camera!r} of {vehicle.name!r}.",
-            "Publish a result: POST /v1/results/{id}/publication, or ask for a calibration with "
-            '"publish": "recommended".',
-        )
+    asked = asked._replace(cameras=[camera])
     if wanted is not None:
-        return exported(wanted, of_publication(access.session, vehicle.id, camera), conditions)
+        return exported(wanted, of_given(access.session, vehicle, asked), conditions)
+    document = jsonable_encoder(given_documents(access.session, vehicle, asked)[camera])
     conditions.offer(content_etag(content_hash(document)))
     return document

@@ -1,23 +1,23 @@
-"""Current and earlier publications of cameras: by whom, when, why, and against which objections."""
+"""Publications of cameras and moves of their aliases: by whom, when, why, and against which objections."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from datetime import datetime
+from collections.abc import Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import Row, Select, Uuid, literal, select, tuple_
+from sqlalchemy import Row, Select, Uuid, func, literal, select, tuple_
 from sqlalchemy.exc import NoResultFound
 from sqlalchemy.orm import Session
 
-from apexcal.documents.publications import OverrideView, PublicationView
-from service.calibration_runs.publication_actions import current_id, current_ids
-from service.db.base import Json
-from service.db.calibrations import NEWNESS, Calibration, Publication, Result
+from apexcal.documents.base import stored
+from apexcal.documents.publications import AliasMoveView, OverrideView, PublicationView, WithdrawalView
+from service.calibration_runs.publication_actions import current_publication, is_withdrawn, withdrawal_of
+from service.db.aliases import AliasMove, Withdrawal
+from service.db.calibrations import NEWNESS, Publication, Result
 from service.db.clock import Instant
-from service.db.fleets import Rig
 from service.db.people import Person
+from service.exports.given_queries import withdrawals
 from service.http.pages import Page, Window
 from service.http.problems import Problem
 
@@ -28,70 +28,73 @@ def publication_page(session: Session, vehicle_id: UUID, camera: str, window: Wi
     if window.after is not None:
         statement = statement.where(_older_than(session, vehicle_id, camera, window.after))
     rows = session.execute(statement.order_by(*(key.desc() for key in NEWNESS)).limit(window.limit + 1)).all()
-    current = session.scalar(current_id(vehicle_id, camera))
-    items = [_view(row, is_current=row[0].id == current) for row in rows[: window.limit]]
+    newest = current_publication(session, vehicle_id, camera)
+    current = newest.id if newest and not is_withdrawn(session, newest) else None
+    of_camera = (Withdrawal.vehicle_id == vehicle_id, Withdrawal.camera == camera)
+    withdrawn = {row.number: _withdrawal(row, by) for row, by in session.execute(withdrawals(*of_camera))}
+    items = [_view(row, withdrawn, is_current=row[0].id == current) for row in rows[: window.limit]]
     return Page(items=items, next=items[-1].id.hex if len(rows) > window.limit else None)
 
 
 def publication_view(session: Session, publication: Publication) -> PublicationView:
-    """A publication that is its camera's current one."""
-    return _view(session.execute(_rows().where(Publication.id == publication.id)).one(), is_current=True)
+    """A publication that was its camera's newest one a moment ago; current unless it is withdrawn."""
+    row = session.execute(_rows().where(Publication.id == publication.id)).one()
+    known = withdrawal_of(session, publication)
+    of_row = session.execute(withdrawals(Withdrawal.id == known.id)).all() if known else ()
+    withdrawn = {one.number: _withdrawal(one, by) for one, by in of_row}
+    return _view(row, withdrawn, is_current=not withdrawn)
 
 
-def current_document(session: Session, vehicle_id: UUID, camera: str) -> Json | None:
-    """What a camera is given now: intrinsics and transform together, both frames named. None: nothing yet."""
-    current = Publication.id == current_id(vehicle_id, camera).scalar_subquery()
-    found = session.execute(_given().where(current)).one_or_none()
-    return None if found is None else _document(found)
+def alias_moves(session: Session, vehicle_id: UUID, camera: str, alias: str, window: Window) -> Page[AliasMoveView]:
+    """One page of the moves of an alias, the newest first. The cursor is the number of the last on the page."""
+    where = (AliasMove.vehicle_id == vehicle_id, AliasMove.camera == camera, AliasMove.alias == alias)
+    statement = _moves().where(*where).order_by(AliasMove.number.desc()).limit(window.limit + 1)
+    if window.after is not None:
+        if not (window.after.isdecimal() and len(window.after) < 10):
+            raise _no_cursor(window.after)
+        statement = statement.where(AliasMove.number < int(window.after))
+    newest = session.scalar(select(func.max(AliasMove.number)).where(*where))
+    rows = session.execute(statement).all()
+    items = [_move_view(row, is_current=row[0].number == newest) for row in rows[: window.limit]]
+    return Page(items=items, next=str(rows[window.limit - 1][0].number) if len(rows) > window.limit else None)
 
 
-def vehicle_documents(
-    session: Session, vehicle_id: UUID, cameras: Sequence[str], as_of: datetime | None
-) -> dict[str, Json]:
-    """What each camera of a vehicle is given now, or was at a moment; ``cameras`` limits it to some. By camera."""
-    of = [Publication.vehicle_id == vehicle_id]
-    if cameras:
-        of.append(Publication.camera.in_(cameras))
-    if as_of is not None:
-        of.append(Publication.created_at <= as_of)
-    rows = session.execute(_given().where(Publication.id.in_(current_ids(*of))).order_by(Publication.camera)).all()
-    return {row[0].camera: _document(row) for row in rows}
+def newest_moves_view(session: Session, moves: Sequence[AliasMove]) -> list[AliasMoveView]:
+    """The last move of each alias, by its name."""
+    rows = session.execute(_moves().where(AliasMove.id.in_([one.id for one in moves])).order_by(AliasMove.alias))
+    return [_move_view(row, is_current=True) for row in rows]
 
 
-def _given() -> Select[Publication, Result, Calibration, Rig, str]:
-    """A query that reads all in one statement: rows may be deleted between two."""
+def _moves() -> Select[AliasMove, UUID, str, str]:
     return (
-        select(Publication, Result, Calibration, Rig, Person.name)
-        .join(Result, Result.id == Publication.result_id)
-        .join(Calibration, Calibration.id == Result.calibration_id)
-        .join(Rig, Rig.id == Calibration.rig_id)
-        .outerjoin(Person, Person.id == Publication.published_by)
+        select(AliasMove, Result.calibration_id, Result.model, Person.name)
+        .outerjoin(Result, Result.id == AliasMove.result_id)
+        .outerjoin(Person, Person.id == AliasMove.said_by)
     )
 
 
-def _document(found: Row[Publication, Result, Calibration, Rig, str]) -> Json:
-    publication, result, calibration, rig, published_by = found
-    document: dict[str, Any] = {
-        "vehicle_id": str(publication.vehicle_id),
-        "camera": publication.camera,
-        "published_at": publication.created_at,
-        "published_by": published_by,
-        "reason": publication.reason,
-        "override": _override(publication),
-        "publication_id": str(publication.id),
-        "result_id": str(result.id),
-        "calibration_id": str(calibration.id),
-        "model": result.model,
-        "intrinsics": result.document["intrinsics"],
-        "T_camera_lidar": result.document["transform"],
-        "quality": _quality(result, calibration),
-    }
-    if rig.T_vehicle_lidar:
-        # Imported here: it needs NumPy, which takes a twentieth of the start.
-        from service.calibration_runs.transforms import T_vehicle_camera
+def _move_view(row: Row[AliasMove, UUID, str, str], *, is_current: bool) -> AliasMoveView:
+    move, calibration_id, model, moved_by = row
+    return AliasMoveView(
+        id=move.id,
+        fleet_id=move.fleet_id,
+        vehicle_id=move.vehicle_id,
+        camera=move.camera,
+        alias=move.alias,
+        result_id=move.result_id,
+        calibration_id=calibration_id,
+        model=model,
+        moved_at=move.created_at,
+        moved_by=moved_by,
+        reason=move.reason,
+        override=override_view(move),
+        gate=stored(move.gate),
+        is_current=is_current,
+    )
 
-        document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])
-    return document
+
+def _withdrawal(row: Withdrawal, by: str | None) -> WithdrawalView:
+    return WithdrawalView(withdrawn_at=row.created_at, withdrawn_by=by, reason=row.reason)
 
 
 def _rows() -> Select[Publication, UUID, str, str]:
@@ -109,14 +112,20 @@ def _older_than(session: Session, vehicle_id: UUID, camera: str, cursor: str) ->
     try:
         edge = session.execute(of_camera.where(Publication.id == UUID(hex=cursor))).one()
     except (ValueError, NoResultFound):
-        raise Problem(
-            422, "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of a page."
-        ) from None
+        raise _no_cursor(cursor) from None
     place, created_at, id = edge
     return tuple_(*NEWNESS) < tuple_(place, literal(created_at, Instant()), literal(id, Uuid()))
 
 
-def _view(row: Row[Publication, UUID, str, str], *, is_current: bool) -> PublicationView:
+def _no_cursor(cursor: str) -> Problem:
+    return Problem(
+        422, "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of a page."
+    )
+
+
+def _view(
+    row: Row[Publication, UUID, str, str], withdrawn: Mapping[int, WithdrawalView], *, is_current: bool
+) -> PublicationView:
     publication, calibration_id, model, published_by = row
     return PublicationView(
         id=publication.id,
@@ -129,31 +138,15 @@ def _view(row: Row[Publication, UUID, str, str], *, is_current: bool) -> Publica
         published_at=publication.created_at,
         published_by=published_by,
         reason=publication.reason,
-        override=_override(publication),
+        override=override_view(publication),
         is_current=is_current,
+        withdrawn=None if publication.number is None else withdrawn.get(publication.number),
+        gate=stored(publication.gate),
     )
 
 
-def _override(publication: Publication) -> OverrideView | None:
-    if not publication.overridden:
+def override_view(move: Publication | AliasMove) -> OverrideView | None:
+    """What spoke against it, where it was given all the same."""
+    if not move.overridden:
         return None
-    return OverrideView(reason=publication.reason or "", objections=publication.overridden)
-
-
-def _quality(result: Result, calibration: Calibration) -> Json:
-    cameras: Json = (calibration.summary or {}).get("cameras", {})
-    summary: Json = cameras.get(result.camera, {}).get("models", {}).get(result.model, {})
-    polished = result.document["polished"]
-    # Calibrations before decision 0045 have none.
-    stated: Json = summary.get("between_models") or result.document
-    return {
-        "pairs": result.document.get("pairs"),
-        "mean_px": polished["mean_px"],
-        "rms_px": polished["rms_px"],
-        "heldout_mean_px": summary.get("heldout_mean_px"),
-        "heldout_rms_px": summary.get("heldout_rms_px"),
-        "std": stated.get("std"),
-        "std_of_model": result.document.get("std"),
-        "interval95_half_width": stated.get("interval95_half_width"),
-        "alarms": result.document.get("alarms", []),
-    }
+    return OverrideView(reason=move.reason or "", objections=move.overridden)

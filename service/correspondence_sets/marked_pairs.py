@@ -11,12 +11,16 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.pairs import SIGMAS
-from service.annotations.consensus import Consensus, Outcome, agree
+from service.annotations.consensus import Consensus, Outcome, agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.correspondence_sets.pair_files import Columns
 from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.fleets import RigCamera
 from service.db.recordings import Recording, Sensor
 from service.http.problems import Problem
+
+# A walker's board moves by a millimetre in this time.
+_STILL_NS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,8 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
         .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id)
         .order_by(Vertex.time_ns, Vertex.sweep_index, Vertex.x, Vertex.y, Vertex.z)
     ).all()
-    consensus = {vertex.id: agree(opinions.get(vertex.id, [])) for vertex, _ in vertices}
+    apart_px = _apart_px(session, detection, camera)
+    consensus = {vertex.id: agree(opinions.get(vertex.id, []), apart_px) for vertex, _ in vertices}
     rows = [
         _row(vertex, frame, consensus[vertex.id])
         for vertex, frame in vertices
@@ -65,7 +70,44 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     if not any(row["reviewed"] for row in rows):
         common.remove("reviewed")
     columns = {name: [row[name] for row in rows] for name in common}
-    return Built(columns, _notes(consensus, wanted, exclude_flagged=exclude_flagged))
+    notes = _notes(consensus, wanted, apart_px, exclude_flagged=exclude_flagged)
+    return Built(columns, [*notes, *_pairing_note(detection, columns), *_clock_notes(session, detection)])
+
+
+def _apart_px(session: Session, detection: Detection, camera: Sensor) -> float:
+    """Infinite where the rig does not have the camera any more."""
+    recording = session.get_one(Recording, detection.recording_id)
+    of_rig = session.scalar(
+        select(RigCamera).where(RigCamera.rig_id == recording.rig_id, RigCamera.name == camera.name)
+    )
+    return far_apart_px(of_rig.image_width, of_rig.image_height) if of_rig else math.inf
+
+
+def _pairing_note(detection: Detection, columns: Columns) -> list[str]:
+    """A sentence where vertices of a walk stayed where they were measured."""
+    gaps = sorted(abs(gap) for gap in columns["gap_ns"])
+    if detection.pairing["mode"] != "nearest" or gaps[-1] < _STILL_NS:
+        return []
+    return [
+        f"Vertices were paired with the nearest frame, up to {gaps[-1] / 1e6:.0f} ms away, and not moved to its "
+        "time. If the board moved, detect again with pairing mode auto; marks stay valid."
+    ]
+
+
+def _clock_notes(session: Session, detection: Detection) -> list[str]:
+    """A sentence for each sensor whose clock was set back while it recorded."""
+    sensors = session.scalars(
+        select(Sensor).where(Sensor.recording_id == detection.recording_id).order_by(Sensor.name)
+    )
+    jumps = {sensor.name: (sensor.facts or {}).get("jumps", []) for sensor in sensors}
+    return [
+        f"The clock of {name} was set back by {-jump['duration_ns'] / 1e9:.1f} s at {jump['after_ns'] / 1e9:.1f} s: "
+        "before and after it the clocks of LiDAR and camera differ by different amounts, so only the pairs of one "
+        "part belong together."
+        for name, of_sensor in jumps.items()
+        for jump in of_sensor
+        if jump["duration_ns"] < 0
+    ]
 
 
 def _row(vertex: Vertex, frame: VertexFrame, agreed: Consensus) -> dict[str, Any]:
@@ -96,7 +138,7 @@ def _sigmas(covariance: list[list[float]] | None) -> dict[str, float]:
     return {name: math.sqrt(covariance[place][place]) for place, name in enumerate(SIGMAS)}
 
 
-def _notes(consensus: dict[UUID, Consensus], wanted: int, *, exclude_flagged: bool) -> list[str]:
+def _notes(consensus: dict[UUID, Consensus], wanted: int, apart_px: float, *, exclude_flagged: bool) -> list[str]:
     total = len(consensus)
     answered = [one for one in consensus.values() if one.answers]
     few = sum(one.answers - one.reviewed < wanted for one in answered)
@@ -115,6 +157,11 @@ def _notes(consensus: dict[UUID, Consensus], wanted: int, *, exclude_flagged: bo
         (
             count[Outcome.TIED],
             f"{{n}} of {{total}} vertices {{have}} as many rejections as confirmations; {{they}} {{were}} {tied}.",
+        ),
+        (
+            count[Outcome.APART],
+            f"{{n}} of {{total}} vertices {{are}} left out, because two marks lie more than {apart_px:.0f} px apart; "
+            "have {them} marked once more.",
         ),
         (count[Outcome.UNMARKED], "{n} of {total} vertices {are} left out, because people were unsure of {them}."),
     ]

@@ -102,9 +102,12 @@ async def _imported(
             f"Pairs come as text/csv or application/json, not as {media_type or 'an unnamed type'}.",
             "Name the type in Content-Type.",
         )
+    arriving: Places = request.app.state.arriving_imports
     places: Places = request.app.state.imports
-    async with places.take(identity.person.id):
-        yield await run_in_threadpool(_READERS[media_type], await _whole_body(request))
+    async with arriving.take(identity.person.id):
+        body = await _whole_body(request)
+        async with places.take(identity.person.id):
+            yield await run_in_threadpool(_READERS[media_type], body)
 
 
 async def _whole_body(request: Request) -> bytes:

@@ -156,7 +156,8 @@ class Publication(Base):
     ``number`` counts a camera's publications from 1: by it, and by no clock, one is newer than another. It is null
     where a version of the service before wrote the row; such rows are newer than all that have a number, and the
     next publication numbers them. ``reason`` is why it was published, in the publisher's words. ``overridden`` has
-    what spoke against it, where it was published all the same.
+    what spoke against it, where it was published all the same. ``gate`` is the verdict of the gates of rig and fleet,
+    where there were any.
     """
 
     __tablename__ = "publication"
@@ -177,6 +178,7 @@ class Publication(Base):
     published_by: Mapped[UUID | None] = refers_to("person.id")
     reason: Mapped[str | None] = mapped_column(String(500))
     overridden: Mapped[list[Any] | None]
+    gate: Mapped[Json | None]
     created_at: Mapped[Created]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import BigInteger, Index, UniqueConstraint
+from sqlalchemy import BigInteger, Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from service.db.base import Base, Created, Json, Name, RowId, Version, belongs_to
@@ -14,7 +14,8 @@ from service.db.base import Base, Created, Json, Name, RowId, Version, belongs_t
 class Fleet(Base):
     """What roles are bound to: every row below belongs to exactly one fleet.
 
-    ``quota_bytes`` is what its recordings may take; None: what the settings say.
+    ``quota_bytes`` is what its recordings may take; None: what the settings say. ``gate`` is what its results must
+    show to be published.
     """
 
     __tablename__ = "fleet"
@@ -22,6 +23,7 @@ class Fleet(Base):
     id: Mapped[RowId]
     name: Mapped[Name] = mapped_column(unique=True)
     quota_bytes: Mapped[int | None] = mapped_column(BigInteger)
+    gate: Mapped[Json | None]
     version: Mapped[Version]
     created_at: Mapped[Created]
 
@@ -42,7 +44,8 @@ class Vehicle(Base):
 class Rig(Base):
     """One LiDAR and one or more cameras on a vehicle. ``T_vehicle_lidar`` is a transform document or absent.
 
-    ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations.
+    ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations. What
+    ``gate`` says goes before the fleet's. Serial numbers are those of the mounted sensors, where known.
     """
 
     __tablename__ = "rig"
@@ -54,8 +57,10 @@ class Rig(Base):
     name: Mapped[Name]
     lidar_frame: Mapped[Name]
     lidar_topic: Mapped[str | None]
+    lidar_serial: Mapped[str | None] = mapped_column(String(200), index=True)
     T_vehicle_lidar: Mapped[Json | None]
     camera_transforms: Mapped[list[Any] | None]
+    gate: Mapped[Json | None]
     version: Mapped[Version]
     created_at: Mapped[Created]
     cameras: Mapped[list[RigCamera]] = relationship(order_by="RigCamera.position", passive_deletes=True)
@@ -73,6 +78,7 @@ class RigCamera(Base):
     name: Mapped[Name]
     frame: Mapped[Name]
     topic: Mapped[str | None]
+    serial: Mapped[str | None] = mapped_column(String(200), index=True)
     image_width: Mapped[int]
     image_height: Mapped[int]
     nominal: Mapped[Json]

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
-from sqlalchemy import Connection, Engine, text
+from sqlalchemy import Connection, Engine, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
@@ -38,6 +38,10 @@ _LOOKS_AGAIN_S = 0.2
 log = logging.getLogger(__name__)
 
 
+class NewerSchemaError(RuntimeError):
+    """A newer version of apexcal has migrated the database."""
+
+
 def config(url: str) -> Config:
     """Alembic's configuration for a database."""
     found = Config()
@@ -49,16 +53,30 @@ def config(url: str) -> Config:
 def upgrade(url: str, to: str = "head", *, patience_s: float = _PATIENCE_S) -> None:
     """Create or migrate the schema of ``url``. A second call, or one beside it, changes nothing.
 
-    Raises :class:`sqlalchemy.exc.OperationalError` where the locks that it needs are not free within ``patience_s``.
+    Raises :class:`sqlalchemy.exc.OperationalError` where the locks that it needs are not free within ``patience_s``,
+    and :class:`NewerSchemaError`.
     """
     parsed = make_url(url)
     if parsed.get_backend_name() == "sqlite" and parsed.database:
         Path(parsed.database).parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     engine = open_engine(url, patient=True)
     try:
+        _refuse_newer(engine)
         _with_patience(engine, url, to, time.monotonic() + patience_s)
     finally:
         engine.dispose()
+
+
+def _refuse_newer(engine: Engine) -> None:
+    with engine.connect() as connection:
+        if not inspect(connection).has_table("alembic_version"):
+            return
+        revision = connection.scalar(text("SELECT version_num FROM alembic_version"))
+    if revision is not None and revision not in known():
+        raise NewerSchemaError(
+            f"The database has revision {revision} of the schema; this version of apexcal knows {known()[0]} as the "
+            "newest. Start the version that migrated the database, or a later one."
+        )
 
 
 def _with_patience(engine: Engine, url: str, to: str, deadline: float) -> None:
@@ -130,6 +148,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logs.configure(settings.log_form)
     try:
         upgrade(settings.database)
+    except NewerSchemaError as error:
+        sys.exit(str(error))
     except OperationalError as error:
         sys.exit(f"The schema was not changed completely: {error.orig}. Every step is whole or absent; run it again.")
 

@@ -1,5 +1,6 @@
 """All tables in one place, for the code that asks and for migrations."""
 
+from service.db.aliases import AliasMove, Withdrawal
 from service.db.annotations import AnnotationRevision, Answer, Disclosure, Mark, MarkingFrontier, MarkingTask, Verdict
 from service.db.base import Base
 from service.db.calibrations import (
@@ -28,6 +29,7 @@ from service.db.recordings import (
 from service.db.studies import Study
 
 __all__ = [
+    "AliasMove",
     "AnnotationRevision",
     "Answer",
     "Apex",
@@ -71,5 +73,6 @@ __all__ = [
     "Verdict",
     "Vertex",
     "VertexFrame",
+    "Withdrawal",
     "Worker",
 ]

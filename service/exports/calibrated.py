@@ -6,13 +6,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Literal
 
+from apexcal.documents.camera_models import CAMERA_MODELS, CameraModel, ModelName, WrittenAs
 from service.exports.transform import Transform
-
-Lens = Literal["pinhole", "brown_conrady", "kannala_brandt"]
-# OpenCV's order, which is ours: k1 k2 p1 p2 k3, and k1 k2 k3 k4.
-_COEFFICIENTS = {"pinhole": 0, "brown_conrady": 5, "kannala_brandt": 4}
 
 
 @dataclass(frozen=True)
@@ -27,7 +23,7 @@ class CalibratedCamera:
     topic: str | None
     width: int
     height: int
-    model: str
+    model: ModelName
     intrinsics: Mapping[str, float]
     T_camera_lidar: Transform
     T_vehicle_lidar: Transform | None
@@ -41,21 +37,25 @@ class CalibratedCamera:
         return float(self.intrinsics.get("skew", 0.0))
 
     @property
-    def coefficients(self) -> list[float]:
-        """The distortion: k1 k2 p1 p2 k3 of ``brown_conrady``, k1 k2 k3 k4 of ``kannala_brandt``."""
-        return [float(self.intrinsics[f"k{place}"]) for place in range(1, _COEFFICIENTS[self.model] + 1)]
+    def _record(self) -> CameraModel:
+        return CAMERA_MODELS[self.model]
 
     @property
-    def lens(self) -> Lens:
+    def D(self) -> list[float]:  # noqa: N802 - a vector
+        """The distortion in OpenCV's order; k1 k2 p1 p2 k3, all 0, of a pinhole."""
+        return [float(self.intrinsics[name]) for name in self._record.distortion] or [0.0] * 5
+
+    @property
+    def lens(self) -> ModelName:
         """The model that a format must know: a ``brown_conrady`` without distortion is a pinhole's."""
-        if self.model == "kannala_brandt":
-            return "kannala_brandt"
-        return "brown_conrady" if any(self.coefficients) else "pinhole"
+        return "pinhole" if self._record.is_radial_tangential and not any(self.D) else self.model
 
     @property
-    def plumb_bob(self) -> list[float]:
-        """k1 k2 p1 p2 k3, zeros of a pinhole."""
-        return self.coefficients or [0.0] * 5
+    def written_as(self) -> WrittenAs:
+        """The model's names in other programs' files; formats whose ``lenses`` have it need one."""
+        names = self._record.written_as
+        assert names is not None
+        return names
 
     @property
     def K(self) -> list[list[float]]:  # noqa: N802 - a matrix

@@ -9,17 +9,14 @@ from service.exports.transform import yaml_list
 
 def camera_info(camera: CalibratedCamera) -> str:
     """One camera. The rectified image is the undistorted one: R is the identity, P is K."""
-    model, D = (
-        ("equidistant", camera.coefficients) if camera.lens == "kannala_brandt" else ("plumb_bob", camera.plumb_bob)
-    )
     P = [entry for row in camera.K for entry in (*row, 0.0)]
     lines = [
         f"image_width: {camera.width}",
         f"image_height: {camera.height}",
         f'camera_name: "{file_name(camera.name)}"',
         *_matrix("camera_matrix", 3, 3, [entry for row in camera.K for entry in row]),
-        f"distortion_model: {model}",
-        *_matrix("distortion_coefficients", 1, len(D), D),
+        f"distortion_model: {camera.written_as.camera_info}",
+        *_matrix("distortion_coefficients", 1, len(camera.D), camera.D),
         *_matrix("rectification_matrix", 3, 3, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
         *_matrix("projection_matrix", 3, 4, P),
     ]

@@ -8,17 +8,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.exports.calibrated import Calibrated, CalibratedCamera, Lens, file_name
+from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
+from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.transform import Transform
 
 # Name inside the export -> text.
 Files = dict[str, str]
 
-PLAIN: frozenset[Lens] = frozenset({"pinhole"})
+PLAIN: frozenset[ModelName] = frozenset({"pinhole"})
 # What neither a shell, nor the substitutions of ROS 2's launch and of xacro, take for more than a name.
 _PLAIN_FRAME = re.compile(r"[A-Za-z0-9_/][A-Za-z0-9_./-]*")
-RADIAL_TANGENTIAL: frozenset[Lens] = frozenset({"pinhole", "brown_conrady"})
-EVERY_LENS: frozenset[Lens] = frozenset({"pinhole", "brown_conrady", "kannala_brandt"})
+RADIAL_TANGENTIAL: frozenset[ModelName] = frozenset(
+    name for name, model in CAMERA_MODELS.items() if model.is_radial_tangential
+)
+KNOWN_ELSEWHERE: frozenset[ModelName] = frozenset(name for name, model in CAMERA_MODELS.items() if model.written_as)
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class Format:
     write: Callable[[Calibrated], Files]
     kind: str
     direction: str
-    lenses: frozenset[Lens] = EVERY_LENS
+    lenses: frozenset[ModelName] = KNOWN_ELSEWHERE
     skew: bool = False
     third_radial: bool = True
     takes_lens: bool = True
@@ -116,7 +119,7 @@ def _of_lens(wanted: Format, camera: CalibratedCamera) -> str | None:
 
 
 def _third_radial(camera: CalibratedCamera) -> bool:
-    return camera.lens == "brown_conrady" and bool(camera.coefficients[4])
+    return camera.lens in RADIAL_TANGENTIAL and bool(camera.D[4])
 
 
 def _of_mount(wanted: Format, camera: CalibratedCamera) -> str | None:

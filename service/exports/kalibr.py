@@ -10,14 +10,13 @@ from service.exports.transform import yaml_list
 
 
 def _camera(place: int, camera: CalibratedCamera, before: CalibratedCamera | None) -> list[str]:
-    fisheye = camera.lens == "kannala_brandt"
     (f_x, _, c_x), (_, f_y, c_y), _ = camera.K
     lines = [
         f"cam{place}:",
         "  camera_model: pinhole",
         f"  intrinsics: {yaml_list([f_x, f_y, c_x, c_y])}",
-        f"  distortion_model: {'equidistant' if fisheye else 'radtan'}",
-        f"  distortion_coeffs: {yaml_list(camera.coefficients if fisheye else camera.plumb_bob[:4])}",
+        f"  distortion_model: {camera.written_as.kalibr}",
+        f"  distortion_coeffs: {yaml_list(camera.D[:4])}",
         f"  resolution: [{camera.width}, {camera.height}]",
         f"  rostopic: {json.dumps(camera.topic or f'/{camera.name}/image_raw', ensure_ascii=False)}",
     ]

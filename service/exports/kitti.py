@@ -37,7 +37,7 @@ def _camera(place: int, camera: CalibratedCamera, T_camera_first: Transform) -> 
     named = (
         ("S", size),
         ("K", K),
-        ("D", camera.plumb_bob),
+        ("D", camera.D),
         ("R", T_camera_first.R),
         ("T", T_camera_first.t),
         ("S_rect", size),

@@ -19,15 +19,14 @@ def _matrix(name: str, values: Floats) -> list[str]:
 
 
 def _camera(camera: CalibratedCamera) -> str:
-    fisheye = camera.lens == "kannala_brandt"
     lines = [
         "%YAML:1.0",
         "---",
         f"image_width: {camera.width}",
         f"image_height: {camera.height}",
-        f"fisheye_model: {int(fisheye)}",
+        f"fisheye_model: {int(camera.written_as.is_cv2_fisheye)}",
         *_matrix("camera_matrix", np.array(camera.K)),
-        *_matrix("distortion_coefficients", np.array([camera.coefficients if fisheye else camera.plumb_bob]).T),
+        *_matrix("distortion_coefficients", np.array([camera.D]).T),
         f"camera_frame: {json.dumps(camera.frame, ensure_ascii=False)}",
         f"lidar_frame: {json.dumps(camera.lidar_frame, ensure_ascii=False)}",
         *_matrix("T_camera_lidar", camera.T_camera_lidar.matrix),

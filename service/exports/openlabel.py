@@ -31,7 +31,7 @@ def _stream(camera: CalibratedCamera) -> Json:
         "width_px": camera.width,
         "height_px": camera.height,
         "camera_matrix_3x4": [entry for row in camera.K for entry in (*row, 0.0)],
-        "distortion_coeffs_1xN": camera.plumb_bob,
+        "distortion_coeffs_1xN": camera.D,
     }
     return {
         "type": "camera",

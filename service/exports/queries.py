@@ -9,10 +9,11 @@ from uuid import UUID
 from sqlalchemy import Select, and_, select
 from sqlalchemy.orm import Session
 
-from service.calibration_runs.publication_actions import current_id
-from service.db.calibrations import Calibration, Publication, Result
+from apexcal.documents.camera_models import parse_model
+from service.db.calibrations import Calibration, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
-from service.http.problems import not_found
+from service.exports.given_queries import Asked, given
+from service.http.problems import Problem, not_found
 
 if TYPE_CHECKING:
     from service.exports.calibrated import Calibrated, CalibratedCamera
@@ -25,10 +26,13 @@ def of_result(session: Session, result_id: UUID) -> Calibrated:
     return _of(session, _cameras().where(Result.id == result_id))
 
 
-def of_publication(session: Session, vehicle_id: UUID, camera: str) -> Calibrated:
-    """What a camera is given now. Raises :class:`Problem` 404 where that is nothing."""
-    current = Publication.id == current_id(vehicle_id, camera).scalar_subquery()
-    return _of(session, _cameras().join(Publication, Publication.result_id == Result.id).where(current))
+def of_given(session: Session, vehicle: Vehicle, asked: Asked) -> Calibrated:
+    """What cameras are given. Raises :class:`Problem` as :func:`given`, and 409 where it is deleted meanwhile."""
+    results = [one.result.id for one in given(session, vehicle, asked).values()]
+    found = of_results(session, results)
+    if len(found.cameras) < len(results):
+        raise Problem(409, "conflict", "One of the calibrations was deleted at this moment.", "Ask again.")
+    return found
 
 
 def of_results(session: Session, result_ids: Sequence[UUID]) -> Calibrated:
@@ -66,7 +70,7 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         topic=camera.topic,
         width=camera.image_width,
         height=camera.image_height,
-        model=result.model,
+        model=parse_model(result.model),
         intrinsics=result.document["intrinsics"],
         T_camera_lidar=Transform.of(result.document["transform"]),
         T_vehicle_lidar=Transform.of(rig.T_vehicle_lidar) if rig.T_vehicle_lidar else None,

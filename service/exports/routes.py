@@ -14,7 +14,8 @@ from service.auth.access import CurrentIdentity, ReadAccess
 from service.db.calibrations import Result
 from service.db.fleets import Vehicle
 from service.exports.answers import table
-from service.exports.queries import of_publication, of_result
+from service.exports.given_queries import Asked
+from service.exports.queries import of_given, of_result
 from service.http.bodies import DOCUMENT
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def patch_urdf(vehicle_id: UUID, camera: Sought, body: UrdfRequest, access: Read
 
     Nothing is stored.
     """
-    return _patched(body, of_publication(access.session, access.find(Vehicle, vehicle_id).id, camera))
+    return _patched(body, of_given(access.session, access.find(Vehicle, vehicle_id), Asked([camera])))
 
 
 @router.post("/results/{result_id}/urdf", max_body_size=DOCUMENT, response_class=Response, responses=_XML)

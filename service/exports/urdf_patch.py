@@ -27,6 +27,15 @@ def patched(document: bytes, joint_name: str, T_camera_lidar: Transform) -> byte
         raise refused(f"There is no joint {joint_name!r}.", f"The joints are {', '.join(joints)[:500] or 'none'}.")
     if joint.kind != "fixed":
         raise refused(f"The joint {joint_name!r} is {joint.kind}.", "A calibration is of a fixed joint.")
+    twins = [
+        name
+        for name, one in joints.items()
+        if name != joint_name and {one.parent, one.child} == {joint.parent, joint.child}
+    ]
+    if twins:
+        raise refused(
+            f"The joint {twins[0]!r} joins the same links as {joint_name!r}.", "Take the one out that is not meant."
+        )
     others = {name: one for name, one in joints.items() if name != joint_name}
     T_parent_child = _solved(joint, others, T_camera_lidar)
     element = origin(T_parent_child).encode()

@@ -14,7 +14,9 @@ from service.exports.transform import Floats, Transform
 from service.http.problems import Problem
 
 _MOST_JOINTS = 2000
-_SAFE_ENCODINGS = ("utf-8", "us-ascii", "ascii")
+# Metres or radians, as of the transforms that requests bring: products of larger ones are no numbers.
+_LARGEST = 1e6
+_SAFE_ENCODINGS = ("utf-8", "utf8", "us-ascii", "ascii")
 
 
 class Span(NamedTuple):
@@ -76,7 +78,8 @@ class _Reader:
         self._document = document
         self._path: list[str] = []
         self._joint: Joint | None = None
-        self.parser = expat.ParserCreate()
+        # Expat does not know every name of UTF-8; other encodings are refused by the declaration.
+        self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
         self.parser.StartDoctypeDeclHandler = self._doctype
@@ -148,7 +151,7 @@ def _three(joint: Joint, text: str) -> Floats:
         values = [float(part) for part in text.split()]
     except ValueError:
         values = []
-    if len(values) != 3 or not all(isfinite(value) for value in values):
+    if len(values) != 3 or not all(isfinite(value) and abs(value) <= _LARGEST for value in values):
         raise refused(f"The origin of the joint {joint.name!r} says {text!r}.", "Three numbers are needed.")
     return np.array(values)
 

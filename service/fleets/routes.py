@@ -11,11 +11,14 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 from sqlalchemy.orm import selectinload
 
-from apexcal.documents.fleets import FleetOut, Named, NewRig, RigOut, VehicleOut
+from apexcal.documents.base import stored
+from apexcal.documents.fleets import FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
+from apexcal.documents.gates import Gate
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.ids import new_id
+from service.fleets.queries import rig_camera
 from service.fleets.views import rig_view
 from service.http.bodies import DOCUMENT
 from service.http.etags import Conditional, version_etag
@@ -124,6 +127,7 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
         name=body.name,
         lidar_frame=body.lidar.frame,
         lidar_topic=body.lidar.topic,
+        lidar_serial=body.lidar.serial,
         T_vehicle_lidar=body.T_vehicle_lidar and body.T_vehicle_lidar.model_dump(mode="json"),
         camera_transforms=[one.model_dump(mode="json") for one in body.camera_transforms],
         version=1,
@@ -134,6 +138,7 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
                 name=camera.name,
                 frame=camera.frame,
                 topic=camera.topic,
+                serial=camera.serial,
                 image_width=camera.image_size[0],
                 image_height=camera.image_size[1],
                 nominal=camera.nominal.model_dump(mode="json"),
@@ -164,6 +169,46 @@ def get_rig(id: UUID, access: ReadAccess, conditions: Conditional) -> RigOut:
     return rig_view(rig)
 
 
+@router.patch("/rigs/{id}/serials")
+def patch_serials(id: UUID, body: SensorSerials, access: WriteAccess, conditions: Conditional) -> RigOut:
+    """Correct or complete the serial numbers of a rig's sensors; what is left out stays. [engineer]
+
+    A swapped sensor takes a new rig.
+    """
+    rig = access.find(Rig, id, "engineer", lock=True)
+    conditions.require(version_etag(rig.version))
+    if "lidar" in body.model_fields_set:
+        rig.lidar_serial = body.lidar
+    for name, serial in body.cameras.items():
+        rig_camera(access.session, rig, name).serial = serial
+    rig.version += 1
+    access.session.flush()
+    conditions.offer(version_etag(rig.version))
+    return rig_view(rig)
+
+
+@router.put("/rigs/{id}/gate")
+def put_rig_gate(id: UUID, body: Gate, access: WriteAccess, conditions: Conditional) -> RigOut:
+    """State what this rig's results must show to be published; `{}` states nothing. [admin]"""
+    rig = access.find(Rig, id, "admin", lock=True)
+    conditions.require(version_etag(rig.version))
+    rig.gate = body.model_dump(exclude_none=True) or None
+    rig.version += 1
+    conditions.offer(version_etag(rig.version))
+    return rig_view(rig)
+
+
+@router.put("/fleets/{id}/gate")
+def put_fleet_gate(id: UUID, body: Gate, request: Request, access: WriteAccess, conditions: Conditional) -> FleetOut:
+    """State what all results of the fleet must show to be published; `{}` states nothing. [admin]"""
+    fleet = access.find(Fleet, id, "admin", lock=True)
+    conditions.require(version_etag(fleet.version))
+    fleet.gate = body.model_dump(exclude_none=True) or None
+    fleet.version += 1
+    conditions.offer(version_etag(fleet.version))
+    return _fleets(access, [fleet], request)[0]
+
+
 def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[FleetOut]:
     settings: Settings = request.app.state.settings
     use = uses(access.session, fleets, settings.fleet_quota_bytes)
@@ -174,6 +219,7 @@ def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[F
             role=access.role(fleet.id),
             taken_bytes=use[fleet.id].taken,
             quota_bytes=use[fleet.id].allowed,
+            gate=stored(fleet.gate),
             version=fleet.version,
             created_at=fleet.created_at,
         )

@@ -14,7 +14,7 @@ def rig_view(rig: Rig) -> RigOut:
         fleet_id=rig.fleet_id,
         vehicle_id=rig.vehicle_id,
         name=rig.name,
-        lidar=stored({"frame": rig.lidar_frame, "topic": rig.lidar_topic}),
+        lidar=stored({"frame": rig.lidar_frame, "topic": rig.lidar_topic, "serial": rig.lidar_serial}),
         T_vehicle_lidar=stored(rig.T_vehicle_lidar),
         cameras=stored(
             [
@@ -22,6 +22,7 @@ def rig_view(rig: Rig) -> RigOut:
                     "name": camera.name,
                     "frame": camera.frame,
                     "topic": camera.topic,
+                    "serial": camera.serial,
                     "image_size": [camera.image_width, camera.image_height],
                     "nominal": camera.nominal,
                     "bounds": camera.bounds,
@@ -30,6 +31,7 @@ def rig_view(rig: Rig) -> RigOut:
             ]
         ),
         camera_transforms=stored(rig.camera_transforms or []),
+        gate=stored(rig.gate),
         version=rig.version,
         created_at=rig.created_at,
     )

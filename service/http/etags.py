@@ -43,7 +43,7 @@ class Conditions:
         self._response.headers["ETag"] = etag
         if more_changes:
             return
-        if self._request.method in ("GET", "HEAD") and _names(self._request.headers.get("if-none-match"), etag):
+        if self._request.method in ("GET", "HEAD") and names(self._request.headers.get("if-none-match"), etag):
             raise NotModified(etag)
 
     def require(self, etag: str) -> None:
@@ -56,7 +56,7 @@ class Conditions:
                 "This edit does not say which version it changes.",
                 "Read the resource and send its ETag as If-Match.",
             )
-        if not _names(given, etag):
+        if not names(given, etag):
             raise Problem(
                 412,
                 "version_conflict",
@@ -69,7 +69,8 @@ class Conditions:
         return self._request.headers.get("if-none-match", "").strip() == "*"
 
 
-def _names(header: str | None, etag: str) -> bool:
+def names(header: str | None, etag: str) -> bool:
+    """Whether a header with entity tags names this one."""
     if header is None:
         return False
     # If-None-Match compares weakly: proxies that compress make W/"v3" of "v3".

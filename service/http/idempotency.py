@@ -31,10 +31,11 @@ _NONCE = 12
 class Repeated(Exception):  # noqa: N818 - an answer, not an error
     """This request was answered before."""
 
-    def __init__(self, status: int, body: dict[str, Any]) -> None:
+    def __init__(self, status: int, body: dict[str, Any], *, secret: bool = False) -> None:
         super().__init__(status)
         self.status = status
         self.body = body
+        self.secret = secret
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ def repeat(kept: IdempotencyKey, credential: str) -> Repeated:
             "This request was done before, and its answer can no longer be opened.",
             "Send it with a fresh Idempotency-Key, and remove what the first one made.",
         ) from None
-    return Repeated(kept.status, json.loads(text))
+    return Repeated(kept.status, json.loads(text), secret=True)
 
 
 def sealed(row_id: UUID, body: dict[str, Any], credential: str) -> dict[str, Any]:
@@ -128,4 +129,5 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(Repeated)
     async def on_repeated(request: Request, found: Repeated) -> Response:
-        return JSONResponse(found.body, status_code=found.status, headers={"Idempotency-Replayed": "true"})
+        headers = {"Idempotency-Replayed": "true"} | ({"Cache-Control": "no-store"} if found.secret else {})
+        return JSONResponse(found.body, status_code=found.status, headers=headers)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from typing import NamedTuple
-
-from celery import Celery
-from kombu.exceptions import OperationalError
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 from service.broker.connection import TCP
+
+if TYPE_CHECKING:
+    from celery import Celery
 
 RUN_JOB = "apexcal.run_job"
 SWEEP = "apexcal.sweep"
@@ -29,8 +30,14 @@ class Sender:
     """Sends messages; one that cannot be sent now is sent by the sweep later."""
 
     def __init__(self, broker_url: str) -> None:
-        self._app = Celery("apexcal-sender", broker=broker_url, set_as_current=False)
-        self._app.conf.update(
+        self._broker_url = broker_url
+
+    @cached_property
+    def _app(self) -> Celery:
+        from celery import Celery  # a tenth of the service's start, so it waits for the first message
+
+        app = Celery("apexcal-sender", broker=self._broker_url, set_as_current=False)
+        app.conf.update(
             task_ignore_result=True,
             broker_connection_retry=False,
             # A broker that is away must not hold up the request that posts to it: kombu would try for seconds.
@@ -44,9 +51,12 @@ class Sender:
                 "interval_max": 0.05,
             },
         )
+        return app
 
     def __call__(self, messages: Sequence[Message]) -> None:
         """The courier that a database hands committed messages to."""
+        from kombu.exceptions import OperationalError
+
         try:
             with self._app.producer_pool.acquire(block=True, timeout=5) as producer:
                 for message in messages:
@@ -57,5 +67,6 @@ class Sender:
             log.warning("the broker does not answer (%s); the sweep sends %d messages later", error, len(messages))
 
     def close(self) -> None:
-        """Close the connections to the broker."""
-        self._app.close()
+        """Close the connections to the broker, if there were messages."""
+        if "_app" in self.__dict__:
+            self._app.close()

@@ -9,6 +9,7 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import VehicleState
+from service.calibration_runs.alias_actions import aliases_to
 from service.calibration_runs.fleet_request_actions import drop_calibrations
 from service.calibration_runs.publication_actions import current_ids, hold_publications
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
@@ -25,8 +26,8 @@ from service.storage.blobs import condemn
 def delete_recording(session: Session, recording_id: UUID, *, with_published: bool) -> None:
     """Delete a recording, its marks, detections, correspondence sets and every calibration that used them.
 
-    Raises :class:`Problem` 409 ``calibration_in_use`` where one of these calibrations is a vehicle's current one,
-    unless ``with_published``.
+    Raises :class:`Problem` 409 ``calibration_in_use`` where one of these calibrations is a vehicle's current one
+    or an alias leads to it, unless ``with_published``.
     """
     # Jobs first, as workers lock them before the rows that they work for; then again, for one made meanwhile.
     abandon(session, _subjects(session, recording_id))
@@ -91,10 +92,12 @@ def _refuse_in_use(session: Session, vehicle_id: UUID, calibrations: Sequence[UU
             Result.calibration_id.in_(calibrations),
         )
     ).all()
-    if cameras:
+    used = [f"current calibration of {camera}" for camera in sorted(cameras)]
+    used += [f"alias {alias} of {camera}" for alias, camera in aliases_to(session, vehicle_id, calibrations)]
+    if used:
         raise Problem(
             409,
             "calibration_in_use",
-            f"The vehicle's current calibration of {', '.join(sorted(cameras))} came from this recording.",
+            f"The vehicle's {' and '.join(used)} came from this recording.",
             "Publish another calibration first, or delete with ?with_published=true and lose that one too.",
         )

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import parse_model
 from apexcal.documents.schedules import PRESETS
-from service.annotations.consensus import agree
+from service.annotations.consensus import agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.calibrations.fit_documents import describe_camera
 from service.calibrations.work_rules import check_job, cost_of
@@ -42,7 +42,9 @@ def what_is_known(session: Session, recording: Recording, detection: Detection, 
         .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id)
         .order_by(CameraFrame.stamp_ns, Vertex.id)
     )
-    agreed = [(stamp_ns, agree(opinions.get(vertex_id, [])).pixel) for vertex_id, stamp_ns in stamps]
+    of_rig = rig_camera(session, session.get_one(Rig, recording.rig_id), camera.name)
+    apart_px = far_apart_px(of_rig.image_width, of_rig.image_height)
+    agreed = [(stamp_ns, agree(opinions.get(vertex_id, []), apart_px).pixel) for vertex_id, stamp_ns in stamps]
     marks = [(stamp_ns, *pixel) for stamp_ns, pixel in agreed if pixel]
     if not marks:
         raise Problem(
@@ -54,7 +56,6 @@ def what_is_known(session: Session, recording: Recording, detection: Detection, 
     # At worst it searches as a calibration does, and polishes.
     seconds = cost_of(parse_model(model), len(marks), PRESETS["default"]).seconds + 1e-6 * _MARK_US * len(marks)
     check_job(f"an offset from {len(marks):,} marks", seconds, "Detect in a shorter part of the recording.")
-    of_rig = rig_camera(session, session.get_one(Rig, recording.rig_id), camera.name)
     columns = zip(("stamp_ns", "u", "v"), zip(*marks, strict=True), strict=True)
     return {
         "camera": camera.name,

@@ -11,10 +11,13 @@ from http.server import BaseHTTPRequestHandler
 from urllib.request import Request, urlopen
 
 import pytest
+from sqlalchemy import update
 from typer.testing import CliRunner
 
 from apexcal.cli import app
 from service.db.calibrations import Result
+from service.db.fleets import Rig, RigCamera
+from tests.service.calibrations.given import another_rig
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, seed_results
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
@@ -43,6 +46,14 @@ class Car:
     def pull(self, *more: str, url: str | None = None):
         words = ["pull", "-o", str(self.file), "--token", self.viewer.token, "--url", url or self.url, *more]
         return CliRunner().invoke(app, words)
+
+    @property
+    def history(self) -> str:
+        return f"/vehicles/{self.rig.vehicle_id}/cameras/front/publications"
+
+    def withdraw(self, publication) -> int:
+        body = {"reason": "It pulls to the left"}
+        return self.reviewer.post(f"/publications/{publication['id']}/withdrawal", body).status_code
 
     def kept(self) -> str:
         return json.loads(self.file.read_text())["cameras"]["front"]["result_id"]
@@ -113,6 +124,59 @@ def test_another_programs_format(car):
     good = car.file.read_bytes()
     refused = car.pull("--format", "kitti")
     assert refused.exit_code == 1 and "kannala_brandt" in refused.stderr and car.file.read_bytes() == good
+
+
+def test_what_was_withdrawn_keeps_the_last_file_and_says_so(car):
+    first = car.viewer.get(car.history).json()["items"][0]
+    assert car.withdraw(first) == 201
+    none = car.pull()
+    assert none.exit_code == 4 and "calibration_withdrawn" in none.stderr and not car.file.exists()
+    second = car.publish()
+    assert car.pull().exit_code == 0
+    good = car.file.read_bytes()
+    assert car.withdraw(car.viewer.get(car.history).json()["items"][0]) == 201
+    gone = car.pull()
+    assert gone.exit_code == 5 and car.file.read_bytes() == good
+    assert "It pulls to the left" in gone.stderr and "as it was pulled last" in gone.stderr
+    assert car.kept() == second
+    third = car.publish()
+    assert car.pull().exit_code == 0 and car.kept() == third
+
+
+def test_a_swapped_sensor_keeps_the_last_file_and_says_so(car):
+    with car.api.database.writing() as session:
+        session.execute(update(Rig).values(lidar_serial="L-1"))
+        session.execute(update(RigCamera).values(serial="C-1"))
+    assert car.pull("--serial", "front=C-1", "--serial", "lidar=L-1").exit_code == 0
+    good = car.file.read_bytes()
+    swapped = car.pull("--serial", "front=C-2")
+    assert swapped.exit_code == 6 and "C-1" in swapped.stderr and "C-2" in swapped.stderr
+    assert car.file.read_bytes() == good
+    another_rig(car.api, car.rig, "roof 2", lidar_serial="L-2")
+    swapped = car.pull()
+    assert swapped.exit_code == 6 and "'roof 2'" in swapped.stderr and car.file.read_bytes() == good
+    assert car.pull("--serial", "front").exit_code == 1
+
+
+def test_a_car_that_knows_its_name_or_a_sensor_and_no_id(car):
+    with car.api.database.writing() as session:
+        session.execute(update(Rig).values(lidar_serial="L-1"))
+    for words in (("--vehicle", "car"), ("--sensor", "L-1"), ("--vehicle", "car", "--fleet", "fleet 1")):
+        assert car.pull(*words).exit_code == 0 and car.kept()
+        assert "has not changed" in car.pull(*words).stderr
+    good = car.file.read_bytes()
+    unknown = car.pull("--sensor", "L-2")
+    assert unknown.exit_code == 1 and "no_such_vehicle" in unknown.stderr and car.file.read_bytes() == good
+
+
+def test_an_alias_is_pulled_by_its_name(car):
+    result = car.publish()
+    older = car.viewer.get(car.history).json()["items"][1]["result_id"]
+    assert car.pull("--alias", "canary").exit_code == 4
+    moves = f"/vehicles/{car.rig.vehicle_id}/cameras/front/aliases/canary/moves"
+    assert car.reviewer.post(moves, {"result_id": older, "reason": "To try."}).status_code == 201
+    assert car.pull("--alias", "canary").exit_code == 0 and car.kept() == older
+    assert car.pull().exit_code == 0 and car.kept() == result
 
 
 @contextmanager

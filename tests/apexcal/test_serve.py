@@ -19,7 +19,8 @@ from pathlib import Path
 import pytest
 
 from apexcal.documents.recordings import RecordingView
-from apexcal.embedded.folder import DataFolder, FolderInUseError, is_served, read_status
+from apexcal.documents.served_folder import is_served, read_status
+from apexcal.embedded.folder import DataFolder, FolderInUseError
 from apexcal.rigs import read_rig
 from service.storage.marker import MARKER
 from tests.apexcal.conftest import SERVE, start, stop

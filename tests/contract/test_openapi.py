@@ -32,6 +32,7 @@ UNTYPED = {
     "get /readyz",
     "get /v1/events",
     "get /v1/recordings/{id}/cameras/{camera}/frames/{index}",
+    "get /v1/recordings/{id}/sweeps/{index}",
     "get /v1/recordings/{id}/original",
     "Provenance.request",
 }

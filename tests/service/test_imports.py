@@ -9,7 +9,7 @@ import pytest
 @pytest.mark.parametrize(
     ("module", "never"),
     [
-        ("service.app", {"alembic", "mako", "numba", "numpy", "scipy", "cv2"}),
+        ("service.app", {"alembic", "mako", "numba", "numpy", "scipy", "cv2", "celery", "rich"}),
         ("workers.app", {"sqlalchemy", "fastapi", "redis", "numpy", "numba"}),
         ("workers.tasks.entry", {"fastapi", "alembic", "cv2", "scipy"}),
         ("service.prepare", {"alembic", "celery", "numpy"}),

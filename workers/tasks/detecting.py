@@ -23,7 +23,7 @@ from workers.tasks.context import Context
 from workers.tasks.loading import lidar_key, open_lidar
 from workers.vertices.detectors import detect_range
 from workers.vertices.order import spread_order
-from workers.vertices.pairing import pair, pair_interpolated
+from workers.vertices.pairing import on_track, pair, pair_interpolated
 from workers.vertices.region import Region
 from workers.vertices.tracks import MARGIN_SWEEPS
 from workers.vertices.vertex import Detections
@@ -67,7 +67,7 @@ def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
             if (index - shard.start) % _REPORT_EVERY == 0:
                 lease.report((index - shard.start) / max(len(shard), 1), "looking for vertices")
 
-        margin = MARGIN_SWEEPS if asked.pairing["mode"] == "interpolate" else 0
+        margin = 0 if asked.pairing["mode"] == "nearest" else MARGIN_SWEEPS
         found = detect_range(
             lidar, region, asked.detector, asked.options, indices=shard, on_sweep=report, margin=margin
         )
@@ -106,14 +106,21 @@ def _camera_stamps(session: Session, recording_id: UUID) -> dict[UUID, np.ndarra
 def _pair(found: Detections, stamps: np.ndarray, pairing: Json) -> list[Pair | None]:
     """Each vertex's frame, or None where there is none near enough."""
     near = {"offset_ns": pairing["offset_ns"], "max_gap_ns": pairing["max_gap_ns"]}
+    times = np.array([vertex.time_ns for vertex in found.vertices], np.int64)
+    index, gap = pair(times, stamps, **near)
+    rows = zip(index.tolist(), gap.tolist(), strict=True)
+    nearest = [Pair(frame, gap_ns) if frame >= 0 else None for frame, gap_ns in rows]
     if pairing["mode"] == "nearest":
-        times = np.array([vertex.time_ns for vertex in found.vertices], np.int64)
-        index, gap = pair(times, stamps, **near)
-        rows = zip(index.tolist(), gap.tolist(), strict=True)
-        return [Pair(frame, gap_ns) if frame >= 0 else None for frame, gap_ns in rows]
-    moved = pair_interpolated(found.vertices, stamps, context=found.context, **near)
-    rows = zip(moved.index.tolist(), moved.xyz.tolist(), moved.covariance.tolist(), strict=True)
-    return [Pair(frame, 0, tuple(xyz), covariance) if frame >= 0 else None for frame, xyz, covariance in rows]
+        return nearest
+    track = pair_interpolated(found.vertices, stamps, context=found.context, **near)
+    rows = zip(track.index.tolist(), track.xyz.tolist(), track.covariance.tolist(), strict=True)
+    along = [Pair(frame, 0, tuple(xyz), covariance) if frame >= 0 else None for frame, xyz, covariance in rows]
+    if pairing["mode"] == "interpolate":
+        return along
+    # The ring rules state no covariances: a moved vertex beside one that stayed would state what the other does not.
+    tracked = on_track(found.vertices, found.context).tolist()
+    moves = [yes and vertex.covariance is not None for yes, vertex in zip(tracked, found.vertices, strict=True)]
+    return [moved if yes else stayed for yes, moved, stayed in zip(moves, along, nearest, strict=True)]
 
 
 def _write_vertices(session: Session, asked: Detection, found: Detections, pairs: Pairs) -> None:

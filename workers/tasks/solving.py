@@ -23,9 +23,11 @@ from workers.solver.blocks import blocks_of
 from workers.solver.covariances import COLUMNS as COVARIANCE_COLUMNS
 from workers.solver.covariances import covariances_of
 from workers.solver.errors import SolveError
+from workers.solver.field import field
 from workers.solver.folds import Fold, folds
 from workers.solver.held_out import held_out
 from workers.solver.motion import velocities_of
+from workers.solver.pair_errors import explained_px, marks_outside, nearest_frames
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
 from workers.solver.provenance import pairs_sha256, sources_sha256
@@ -196,6 +198,11 @@ def solved(given: RunInput, state: State) -> Json:
     document = solve_finish(given.problem, state)
     if given.heldout:
         document["heldout"] = held_out(given.problem, given.whole, given.heldout, document)
+        return document
+    document["explained_px"] = explained_px(given.problem, document)
+    document["marks_outside"] = marks_outside(given.problem)
+    document["field"] = field(given.problem, document)
+    document["alarms"] += nearest_frames(document, given.pairs)
     return document
 
 

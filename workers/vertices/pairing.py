@@ -12,12 +12,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.vertices.tracks import Track
+from workers.vertices.tracks import MARGIN_SWEEPS, Track
 from workers.vertices.vertex import Vertex
 
 # How far from the nearest vertex the track is followed. Within a second a walker at 1.2 m/s turns round; farther away
 # a straight line goes on to where nobody walked.
 REACH_NS: Final = 1_000_000_000
+
+# People walk at 0.5 to 1.6 m/s and run at 3; a vertex is off by centimetres.
+_FASTEST_M_S: Final = 3.0
+_NOISE_M: Final = 0.1
+_LEAST_STEPS: Final = 3
+_MOST_FAST: Final = 0.1
 
 # The gap of a vertex that has no frame at all to be compared with.
 NO_FRAME_GAP_NS = int(np.iinfo(np.int64).max)
@@ -78,6 +84,28 @@ class MovedVertices:
     xyz: NDArray[np.float64]
     covariance: NDArray[np.float64]
     moved_ns: NDArray[np.int64]
+
+
+def on_track(vertices: Sequence[Vertex], context: Sequence[Vertex] = ()) -> NDArray[np.bool_]:
+    """(N,) whether the vertices within `tracks.MARGIN_SWEEPS` sweeps of each make a track that one can walk.
+
+    Of their steps within a second from one to the next there are at least three, and at most a tenth is faster than
+    anybody goes with a board. Still poses, whose board is elsewhere in the next sweep, make none.
+    """
+    whole = sorted([*vertices, *context], key=lambda vertex: (vertex.time_ns, vertex.sweep_index))
+    times = np.array([vertex.time_ns for vertex in whole], np.int64)
+    sweeps = np.array([vertex.sweep_index for vertex in whole], np.int64)
+    xyz = np.array([vertex.xyz for vertex in whole], np.float64).reshape(-1, 3)
+    gap = np.diff(times)
+    near = (gap > 0) & (gap <= REACH_NS)
+    fast = near & (np.linalg.norm(np.diff(xyz, axis=0), axis=1) > _FASTEST_M_S * gap * 1e-9 + _NOISE_M)
+    found = np.zeros(len(vertices), np.bool_)
+    for number, vertex in enumerate(vertices):
+        close = np.abs(sweeps - vertex.sweep_index) <= MARGIN_SWEEPS
+        steps = close[:-1] & close[1:] & near
+        count = np.count_nonzero(steps)
+        found[number] = count >= _LEAST_STEPS and np.count_nonzero(steps & fast) <= _MOST_FAST * count
+    return found
 
 
 def pair_interpolated(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Final, TypedDict
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,31 +42,12 @@ _POST_M: Final = 1.5
 _MOST_POSTS: Final = 16
 
 
-class SuggestionFacts(TypedDict):
-    """What the suggestion rests on: plain JSON, for the person who decides.
-
-    sweeps_read, and sweeps_moving of them in which something of a person's size moved; points_per_sweep, the
-    median number of points that the suggested region keeps in these; area_m2 of the polygon; ground_z in its middle
-    and z_low, z_high of the region, metres; posts, how many things that stand still were cut out; notes, sentences.
-    """
-
-    sweeps_read: int
-    sweeps_moving: int
-    points_per_sweep: float
-    area_m2: float
-    ground_z: float
-    z_low: float
-    z_high: float
-    posts: int
-    notes: list[str]
-
-
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """A region document (see `region_document`) and what it rests on."""
+    """A region document (see `region_document`), and what it rests on (apexcal.documents.studies.SuggestionFacts)."""
 
     document: Document
-    facts: SuggestionFacts
+    facts: Document
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,17 +205,17 @@ def _describe(things: list[list[_Thing]], seen: _Seen, margin_m: float) -> Sugge
         document = {"and": [document, *cut]}
     region = Region.from_document(document)
     kept = [int(np.count_nonzero(region.mask(xyz))) for number, xyz in seen.clouds.items() if things[number]]
-    facts = SuggestionFacts(
-        sweeps_read=len(things),
-        sweeps_moving=sum(bool(some) for some in things),
-        points_per_sweep=float(np.median(kept)) if kept else 0.0,
-        area_m2=round(area_m2(corners), 1),
-        ground_z=round(ground, 2),
-        z_low=round(z_low, 2),
-        z_high=round(z_high, 2),
-        posts=len(posts),
-        notes=notes,
-    )
+    facts: Document = {
+        "sweeps_read": len(things),
+        "sweeps_moving": sum(bool(some) for some in things),
+        "points_per_sweep": float(np.median(kept)) if kept else 0.0,
+        "area_m2": round(area_m2(corners), 1),
+        "ground_z": round(ground, 2),
+        "z_low": round(z_low, 2),
+        "z_high": round(z_high, 2),
+        "posts": len(posts),
+        "notes": notes,
+    }
     return Suggestion(document, facts)
 
 

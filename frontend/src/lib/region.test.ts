@@ -1,14 +1,14 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { DEFAULT_ROWS, describe, leavesOf, parseRegion } from "./region.ts";
+import { DEFAULT_ROWS, describe, partsOf, parseRegion } from "./region.ts";
 
 test("rows become a conjunction and come back", () => {
-  assert.deepEqual(leavesOf(parseRegion(JSON.stringify({ and: DEFAULT_ROWS }))), [...DEFAULT_ROWS]);
+  assert.deepEqual(partsOf(parseRegion(JSON.stringify({ and: DEFAULT_ROWS }))), [...DEFAULT_ROWS]);
 });
 
 test("a region with an alternative is no list of rows", () => {
   const text = '{"or": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "y", "op": "<", "value": 1}]}';
-  assert.equal(leavesOf(parseRegion(text)), null);
+  assert.equal(partsOf(parseRegion(text)), null);
   assert.equal(describe(parseRegion(text)), "x > 0 or y < 1");
 });
 
@@ -30,8 +30,8 @@ const SHAPES = {
 test("shapes are leaves: they come back as they were", () => {
   const region = parseRegion(JSON.stringify(SHAPES));
   assert.deepEqual(region, SHAPES);
-  assert.deepEqual(leavesOf(region), SHAPES.and);
-  assert.equal(leavesOf({ or: [region] }), null);
+  assert.deepEqual(partsOf(region), SHAPES.and);
+  assert.equal(partsOf({ or: [region] }), null);
 });
 
 test("shapes and their opposite are described", () => {

@@ -43,11 +43,23 @@ export const DEFAULT_ROWS: readonly Inequality[] = [
   { quantity: "z", divided_by: null, op: ">", value: -1.7 },
 ];
 
-/** The leaves of a region that is a plain list of leaves that all hold, else null. */
-export function leavesOf(region: Region): Leaf[] | null {
-  if (isLeaf(region)) return [region];
-  if (!("and" in region) || !region.and.every(isLeaf)) return null;
+/** A line of a list of parts that all hold: a leaf, or what is cut out. */
+export type Part = Leaf | { not: Leaf };
+
+/** The parts of a region that is a plain list of parts that all hold, else null. */
+export function partsOf(region: Region): Part[] | null {
+  if (isPart(region)) return [region];
+  if (!("and" in region) || !region.and.every(isPart)) return null;
   return [...region.and];
+}
+
+function isPart(node: Region): node is Part {
+  return isLeaf(node) || ("not" in node && isLeaf(node.not));
+}
+
+/** The region with one more part that must hold. */
+export function withPart(region: Region, part: Part): Region {
+  return { and: [...("and" in region ? region.and : [region]), part] };
 }
 
 /** The region in words, for lists. */

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.annotations.consensus import Opinion, Outcome, agree, combine, geometric_median
+from service.annotations.consensus import Opinion, Outcome, agree, combine, far_apart_px, geometric_median
 
 coordinate = st.floats(-0.5, 2000.0).map(lambda value: round(value, 3))
 pixel = st.tuples(coordinate, coordinate)
@@ -80,6 +80,17 @@ def test_a_confirmation_without_a_mark_gives_nothing_but_still_outvotes():
     assert agree([Opinion("confirmed")]).outcome is Outcome.UNMARKED
     found = agree([confirmed(1.0, 1.0), Opinion("confirmed"), Opinion("rejected")])
     assert (found.outcome, found.marks) == (Outcome.KEPT, 1)
+
+
+def test_two_marks_that_cannot_both_be_right_give_no_mean():
+    apart = far_apart_px(1920, 1200)
+    assert apart == pytest.approx(22.64, abs=0.01)
+    found = agree([confirmed(100.0, 100.0), confirmed(127.0, 136.0)], apart)
+    assert (found.outcome, found.pixel, found.answers) == (Outcome.APART, None, 2)
+    near = agree([confirmed(100.0, 100.0), confirmed(104.0, 103.0)], apart)
+    assert near.pixel == (102.0, 101.5)
+    third = agree([confirmed(100.0, 100.0), confirmed(127.0, 136.0), confirmed(101.0, 100.0)], apart)
+    assert third.pixel == pytest.approx((101.0, 100.0), abs=1.0)
 
 
 def test_no_mark_at_all_is_a_programming_error():

@@ -22,6 +22,7 @@ from service.db.models import (
     Job,
     MarkingTask,
     Person,
+    Publication,
     Recording,
     Result,
     Rig,
@@ -30,6 +31,7 @@ from service.db.models import (
     Vehicle,
     Vertex,
 )
+from tests.service.calibrations.test_results import DOCUMENT
 from tests.support.databases import one_database
 from tests.support.people import Api
 from tests.support.uploads import RIG
@@ -46,6 +48,7 @@ OF_ANYBODY = {
     ("get", "/v1/recordings"),
     ("get", "/v1/jobs"),
     ("get", "/v1/export-formats"),
+    ("get", "/v1/calibration"),
 }
 WORTHLESS = "00000000-0000-7000-8000-000000000000"
 # Bodies that cannot be made from their schema alone, by the end of the path.
@@ -158,7 +161,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     )
     run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {}
     result = Result(id=new_id(), fleet_id=rig.fleet_id, calibration_id=calibration.id, run_id=run.id, camera="front")
-    result.model, result.fold, result.document = "pinhole", -1, {}
+    result.model, result.fold, result.document = "pinhole", -1, DOCUMENT
     person = session.scalars(select(Person)).first()
     token = ApiToken(id=new_id(), secret_hash="0", name="t", person_id=person.id, fleet_id=rig.fleet_id)
     task = MarkingTask(
@@ -174,6 +177,9 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         remaining=0,
         wave=0,
     )
+    publication = Publication(
+        id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", result_id=result.id
+    )
     own = (
         detection,
         preview,
@@ -186,6 +192,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         calibration,
         run,
         result,
+        publication,
         token,
         task,
     )
@@ -202,6 +209,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         "correspondence-sets": pairs.id,
         "calibrations": calibration.id,
         "results": result.id,
+        "publications": publication.id,
         "tokens": token.id,
         "tasks": task.id,
         "fleet-requests": request.id,
@@ -212,6 +220,7 @@ def address(path: str, rows: dict[str, str]) -> str:
     """A path with the ids of ``rows`` in it; ids of other rooms are worthless ones."""
     room = path.removeprefix("/v1/").split("/")[0]
     filled = path.replace("{camera}", "front").replace("{index}", "0").replace("{number}", "1")
+    filled = filled.replace("{alias}", "canary")
     filled = re.sub(r"/(\w[\w-]*)/\{(\w+)\}", lambda at: f"/{at[1]}/{rows.get(at[1], WORTHLESS)}", filled, count=1)
     assert room
     return re.sub(r"\{\w+\}", WORTHLESS, filled)

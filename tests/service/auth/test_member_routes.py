@@ -122,6 +122,7 @@ def test_a_repeated_invitation_shows_its_link_again_without_storing_it(api: Api)
     again = engineer.post(f"/fleets/{fleet}/invitations", **ask)
     assert (again.status_code, again.json()) == (201, first.json())
     assert again.headers["idempotency-replayed"] == "true"
+    assert first.headers["cache-control"] == again.headers["cache-control"] == "no-store"
     with api.database.reading() as session:
         body = str(session.scalars(select(IdempotencyKey.body)).one())
     assert first.json()["link"].split("#")[1] not in body and "Bo Ek" not in body

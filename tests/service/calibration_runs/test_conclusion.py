@@ -269,6 +269,26 @@ def test_a_result_that_foretells_worse_than_the_current_one_does_not_publish_its
     ]
 
 
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ({"marks_outside": 26}, "26 of 20 marks lie outside of the image"),
+        (
+            {"explained_px": 0.1},
+            "what is stated of marks and vertices explains 0.1",
+        ),
+    ],
+)
+def test_what_marks_and_vertices_do_not_explain_does_not_publish_itself(database, more, says):
+    calibration_id, runs = two_models(database)
+    end_model(database, runs["pinhole"], 5.0, "pinhole")
+    end_model(database, runs["brown_conrady"], 1.0, "brown_conrady", **more)
+    _, summary, published = ended(database, calibration_id)
+    assert published == []
+    (reason,) = summary["cameras"]["front"]["not_published"]
+    assert says in reason
+
+
 def test_pairs_that_every_fit_left_out_are_not_held_against_any_model(database):
     calibration_id, runs = two_models(database)
     excluded = {"pinhole": (3, 4), "brown_conrady": (4,)}

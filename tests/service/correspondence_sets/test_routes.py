@@ -3,10 +3,11 @@
 from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 
 from service.db.calibrations import CorrespondenceSet
 from service.db.detections import VertexFrame
-from service.db.recordings import Recording
+from service.db.recordings import Recording, Sensor
 from tests.service.detections.seeding import (
     Seed,
     seed_answer,
@@ -56,7 +57,7 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
         seed,
         two,
         ("confirmed", (102.0, 50.0)),
-        ("confirmed", (100.0, 60.0)),
+        ("confirmed", (100.0, 54.0)),
         ("rejected", None),
         ("rejected", None),
     )
@@ -75,10 +76,10 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
     pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
     assert [(pair["u"], pair["v"], pair["marks"], pair["flagged"]) for pair in pairs] == [
         (101.0, 50.0, 3, False),
-        (100.0, 55.0, 2, False),
+        (100.0, 52.0, 2, False),
         (100.0, 50.0, 1, True),
     ]
-    assert (pairs[1]["spread_px"], pairs[1]["stamp_ns"], pairs[1]["gap_ns"]) == (5.0, 100_000_000, 1)
+    assert (pairs[1]["spread_px"], pairs[1]["stamp_ns"], pairs[1]["gap_ns"]) == (2.0, 100_000_000, 1)
     strict = build(engineer, seed, exclude_flagged=True).json()
     assert (strict["count"], strict["flagged"]) == (2, 0)
     assert "it was left out" in strict["notes"][3]
@@ -221,3 +222,28 @@ def test_who_marks_does_not_read_the_pairs_made_of_marks(api, fleet, engineer):
     reviewer = api.member(fleet, "reviewer")
     assert reviewer.get(address).json()["items"] == [brought, built]
     assert reviewer.get(f"/correspondence-sets/{built['id']}").json()["pairs"]
+
+
+def test_two_marks_far_apart_give_no_pair_and_that_is_said(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=2, marks_per_vertex=2)
+    say(api, seed, api.member(fleet, "annotator", "one"), *[("confirmed", (100.0, 50.0))] * 2)
+    say(api, seed, api.member(fleet, "annotator", "two"), ("confirmed", (101.0, 50.0)), ("confirmed", (127.0, 86.0)))
+    made = build(engineer, seed).json()
+    assert made["count"] == 1
+    assert any("1 of 2 vertices is left out, because two marks lie more than" in note for note in made["notes"])
+
+
+def test_vertices_that_stayed_where_they_were_measured_and_a_clock_that_was_set_back_are_said(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=2)
+    say(api, seed, api.member(fleet, "annotator"), *[("confirmed", (1.0, 2.0))] * 2)
+    assert build(engineer, seed).json()["notes"] == []
+    with api.database.writing() as session:
+        session.get_one(VertexFrame, (seed.vertices[0], seed.camera_id)).gap_ns = -20_000_000
+        lidar = session.scalars(select(Sensor).where(Sensor.kind == "lidar")).one()
+        lidar.facts = {**lidar.facts, "jumps": [{"after_ns": 9_900_000_000, "duration_ns": -500_000_000}]}
+        name = lidar.name
+    nearest, clock = build(engineer, seed).json()["notes"]
+    assert (
+        nearest.startswith("Vertices were paired with the nearest frame, up to 20 ms away") and "mode auto" in nearest
+    )
+    assert clock.startswith(f"The clock of {name} was set back by 0.5 s at 9.9 s")

@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
@@ -122,3 +123,34 @@ def test_imports_share_places_too(api: Api, given: bytes) -> None:
         assert engineer.post(path, content=given, headers=headers).status_code in (200, 201)
     api.app.state.imports = Places(total=0, each=1, patience_s=0.1)
     assert engineer.post(path, content=given, headers=headers).json()["code"] == "busy"
+
+
+@one_database
+def test_bodies_that_are_still_on_their_way_hold_no_place_of_an_import(served: tuple[Api, str]) -> None:
+    api, url = served
+    api.app.state.imports = Places(total=1, each=1, patience_s=0.2)
+    fleet = api.fleet()
+    rig = seed_rig(api.database, fleet)
+    path = f"{url}/v1/rigs/{rig.id}/correspondence-sets?camera=front"
+    slow, quick = api.member(fleet, "engineer"), api.member(fleet, "engineer")
+    began, go_on = threading.Event(), threading.Event()
+    statuses: list[int] = []
+
+    def slowly() -> Iterator[bytes]:
+        yield b"x,y,z,u,v\n"
+        began.set()  # asked for only once the line before is sent
+        go_on.wait(20)
+        yield b"1,2,3,4,5\n"
+
+    def post_slowly() -> None:
+        answer = httpx.post(path, content=slowly(), headers={**slow.headers, "Content-Type": "text/csv"}, timeout=60)
+        statuses.append(answer.status_code)
+
+    thread = threading.Thread(target=post_slowly)
+    thread.start()
+    assert began.wait(20)
+    given = b"x,y,z,u,v\n5,4,3,2,1\n"
+    answer = httpx.post(path, content=given, headers={**quick.headers, "Content-Type": "text/csv"}, timeout=60)
+    go_on.set()
+    thread.join()
+    assert (answer.status_code, statuses) == (201, [201])

@@ -15,12 +15,14 @@ from service.auth.access import Access, Identity
 from service.auth.retention import remove_ended
 from service.calibration_runs.publication_actions import current_publication
 from service.calibrations.actions import waiting_runs
-from service.calibrations.publication_views import current_document
+from service.calibrations.given_state import Look, read_states
 from service.calibrations.routes import list_calibrations
 from service.correspondence_sets.routes import list_sets
 from service.db.clock import utc_now
-from service.db.models import Detection, Person, Sensor
+from service.db.models import Detection, Person, Sensor, Vehicle
 from service.db.session import Database
+from service.exports.given_queries import Asked as Question
+from service.exports.given_queries import given
 from service.fleet_requests.routes import list_request_vehicles
 from service.fleet_requests.vehicle_queries import choose
 from service.fleets.routes import get_vehicles
@@ -72,6 +74,13 @@ def requests(database: Database) -> dict[str, Asked]:
 
         return _reading(database, ask)
 
+    def given_now(session: Session) -> Any:
+        return given(session, session.get_one(Vehicle, vehicle), Question(["front"]))
+
+    def look() -> Any:
+        with database.alone() as connection:
+            return read_states(connection, "current", [Look("apx_x", vehicle, "current")])
+
     return {
         "runs that wait": _reading(database, lambda session: waiting_runs(session, 8)),
         "jobs": asking(lambda access: get_jobs(access, page, None, None)),
@@ -84,7 +93,8 @@ def requests(database: Database) -> dict[str, Asked]:
         "calibrations": asking(lambda access: list_calibrations(vehicle, access, page)),
         "sets": asking(lambda access: list_sets(history.RIG, access, page)),
         "vehicles of a request": asking(lambda access: list_request_vehicles(request, access, page, None)),
-        "the current calibration": _reading(database, lambda session: current_document(session, vehicle, "front")),
+        "the current calibration": _reading(database, given_now),
+        "what decides the current calibration": look,
         "the current publication": _reading(database, lambda session: current_publication(session, vehicle, "front")),
     }
 

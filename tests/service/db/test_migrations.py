@@ -3,10 +3,11 @@
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from sqlalchemy import inspect
+from sqlalchemy import inspect, text
 
-from service.db.migrate import upgrade
+from service.db.migrate import NewerSchemaError, upgrade
 from service.db.models import Base
+from service.db.revisions import known
 from service.db.session import Database
 
 
@@ -23,4 +24,21 @@ def test_every_table_is_there_and_a_second_upgrade_changes_nothing(database_url:
     upgrade(database_url)
     opened = Database(database_url)
     assert set(inspect(opened.engine).get_table_names()) == {*Base.metadata.tables, "alembic_version"}
+    opened.close()
+
+
+def test_a_schema_of_a_newer_version_is_named_and_left(database_url: str) -> None:
+    upgrade(database_url)
+    _call_revision(database_url, "9999")
+    try:
+        with pytest.raises(NewerSchemaError, match=f"revision 9999 .* knows {known()[0]} as the newest"):
+            upgrade(database_url)
+    finally:
+        _call_revision(database_url, known()[0])
+
+
+def _call_revision(database_url: str, version: str) -> None:
+    opened = Database(database_url)
+    with opened.engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = :version"), {"version": version})
     opened.close()

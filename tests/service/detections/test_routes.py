@@ -35,7 +35,7 @@ def test_a_detection_is_stored_with_all_its_options_and_its_jobs(make_api):
     assert found["options"] == {
         "min_points": 5, "max_top_points": 3, "max_spread_m": 0.05, "min_points_two_below": 3
     }  # fmt: skip
-    assert found["pairing"] == {"mode": "nearest", "offset_ns": -7, "max_gap_ns": 50_000_000}
+    assert found["pairing"] == {"mode": "auto", "offset_ns": -7, "max_gap_ns": 50_000_000}
     assert found["state"] == "queued"
     assert found["job"]["kind"] == "detect"
     with api.database.reading() as session:

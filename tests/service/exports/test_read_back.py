@@ -106,7 +106,7 @@ def test_the_page_about_exports_has_every_format_in_its_table():
     assert list(rows) == ["json", *FORMATS]
     for name, one in FORMATS.items():
         said = rows[name].split("|")[4]
-        assert ("skew" in said and "no skew" not in said) == (one.skew and one.lenses != {"pinhole"})
+        assert ("skew" in said and "no skew" not in said) == one.skew
         assert ("k5" in said) != one.third_radial
         assert ("none" in said) != one.takes_lens and (("all" in said) == (len(one.lenses) == 3 and one.takes_lens))
 

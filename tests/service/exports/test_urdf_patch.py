@@ -135,3 +135,27 @@ def test_frames_may_have_other_names_than_links():
     other = Transform("front_optical", "top_lidar", T.R, T.t)
     with pytest.raises(Problem, match="front_optical"):
         patched(FILE, "mast_joint", other)
+
+
+@pytest.mark.parametrize("encoding", ["UTF8", "utf8", "US-ASCII"])
+def test_utf_8_by_any_of_its_names(encoding):
+    named = FILE.replace(b"utf-8", encoding.encode())
+    assert patched(named, "mast_joint", T) == patched(FILE, "mast_joint", T).replace(b"utf-8", encoding.encode())
+    with_mark = b"\xef\xbb\xbf" + named
+    assert patched(with_mark, "mast_joint", T).startswith(b"\xef\xbb\xbf<?xml")
+
+
+@pytest.mark.parametrize("number", ["1e308", "-1e7", "nan", "inf"])
+def test_a_joint_that_no_vehicle_has_is_refused(number):
+    """Products of such numbers are infinite, or none."""
+    with pytest.raises(Problem) as refused:
+        patched(FILE.replace(b"1.2 0 1.9", f"{number} 0 1.9".encode()), "mast_joint", T)
+    assert "roof_joint" in refused.value.detail
+
+
+def test_a_second_joint_between_the_same_links_is_refused():
+    """Which of the two a program reads is its own choice."""
+    twin = b'<joint name="twin" type="fixed"><parent link="base_link"/><child link="mast"/></joint></robot>'
+    with pytest.raises(Problem) as refused:
+        patched(FILE.replace(b"</robot>", twin), "mast_joint", T)
+    assert "'twin'" in refused.value.detail

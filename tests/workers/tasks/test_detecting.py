@@ -2,6 +2,7 @@
 
 import threading
 
+import numpy as np
 import pytest
 from sqlalchemy import select
 
@@ -143,3 +144,24 @@ def test_what_a_detector_says_of_its_vertices_is_kept_and_counted_over_shards(da
         counts = session.get_one(Detection, run.id).counts
     assert (counts["quality"], counts["flags"]) == ({"fine": 1, "usable": 1}, {"head_above": 1})
     assert counts["paired"] == 1
+
+
+def test_by_default_vertices_of_a_walk_move_to_their_frames_and_still_poses_stay():
+    times = [100 * sweep for sweep in range(12)]
+    pairing = {"mode": "auto", "offset_ns": 0, "max_gap_ns": 50_000_000}
+    stamps = np.array([time + 20 for time in times], np.int64) * 1_000_000
+    covariance = ((1e-8, 0.0, 0.0), (0.0, 1e-8, 0.0), (0.0, 0.0, 1e-4))
+
+    def paired(step_m, stated=covariance):
+        places = [(5.0 + step_m * (-1) ** sweep * (sweep % 7), 0.1 * sweep, 0.5) for sweep in range(len(times))]
+        vertices = [
+            Found(place, 1_000_000 * time, 7, sweep, 2, "refined", covariance=stated)
+            for sweep, (place, time) in enumerate(zip(places, times, strict=True))
+        ]
+        return detecting._pair(Detections(vertices, 12, {}), stamps, pairing)
+
+    walked = paired(0.0)
+    assert all(pair.gap_ns == 0 and pair.xyz is not None for pair in walked)
+    assert walked[5].xyz[1] == pytest.approx(0.52, abs=0.02), "20 ms at 1 m/s"
+    assert all((pair.gap_ns, pair.xyz) == (20_000_000, None) for pair in paired(0.5))
+    assert all((pair.gap_ns, pair.xyz) == (20_000_000, None) for pair in paired(0.0, None))

@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.workers.vertices.walks import START_NS, seconds, spherical, vertices, walk
-from workers.vertices.pairing import NO_FRAME_GAP_NS, REACH_NS, pair, pair_interpolated
+from workers.vertices.pairing import NO_FRAME_GAP_NS, REACH_NS, on_track, pair, pair_interpolated
 from workers.vertices.tracks import MARGIN_SWEEPS
 
 MS = 1_000_000
@@ -116,3 +118,25 @@ def test_the_track_is_not_followed_to_where_no_vertex_is_near():
     whole = pair_interpolated(found, frames, max_gap_ns=minute)
     shard = pair_interpolated(found[25:], frames, context=found[25 - MARGIN_SWEEPS : 25], max_gap_ns=minute)
     np.testing.assert_array_equal(shard.index, whole.index[25:])
+
+
+def test_a_walk_is_a_track_and_still_poses_are_none():
+    found = vertices(walk(1), 1)
+    assert on_track(found).mean() > 0.99
+    jumps = np.random.default_rng(2).uniform((2.0, -1.0, 0.0), (4.0, 1.0, 1.0), (len(found), 3))
+    poses = [replace(vertex, xyz=tuple(place)) for vertex, place in zip(found, jumps.tolist(), strict=True)]
+    assert not on_track(poses).any()
+
+
+def test_a_track_is_one_however_the_recording_is_cut():
+    found = vertices(walk(2), 2)
+    shard, around = found[20:40], found[20 - MARGIN_SWEEPS : 20] + found[40 : 40 + MARGIN_SWEEPS]
+    assert on_track(shard, around).tolist() == on_track(found)[20:40].tolist()
+
+
+def test_vertices_without_neighbours_and_one_outlier():
+    found = vertices(walk(3), 3)
+    assert not on_track(found[::25]).any(), "more than two seconds apart"
+    spoiled = [*found[:10], replace(found[10], xyz=(20.0, 0.0, 0.0)), *found[11:]]
+    assert on_track(spoiled)[30:].all()
+    assert on_track([]).tolist() == []

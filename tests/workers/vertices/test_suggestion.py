@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from apexcal.documents.studies import SuggestionFacts
 from workers.geometry.errors import InputError
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
@@ -50,6 +51,7 @@ def test_the_suggestion_keeps_the_board_and_next_to_nothing_else(seed):
     assert share >= 0.99
     assert others < 0.1
     facts = suggestion.facts
+    assert set(facts) == set(SuggestionFacts.model_fields)
     assert (facts["sweeps_read"], facts["sweeps_moving"]) == (100, pytest.approx(100, abs=5))
     assert facts["ground_z"] == pytest.approx(-1.85, abs=0.02)
     assert facts["notes"] == []

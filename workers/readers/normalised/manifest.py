@@ -53,8 +53,8 @@ class SensorManifest:
         rate_hz: from the median step between stamps; None for fewer than two.
         gaps: pauses of more than 1.75 steps, the first :data:`MAX_GAPS_LISTED`; ``gap_count`` counts all.
         missing: messages that these gaps would have held.
-        jumps: steps of the clock: pauses of over an hour, and steps back (negative) of over a second, in recorded
-            order.
+        jumps: steps of the clock: pauses of over an hour, and steps back (negative) of a second or for several
+            messages, in recorded order.
         backwards, twins: messages with an earlier stamp than the one before, and with the same.
         stamp_convention, time_source, ring_count: of a LiDAR; None for a camera.
         points: of a LiDAR: points of a usual sweep (the median).

@@ -14,6 +14,8 @@ from workers.readers.normalised.manifest import MAX_GAPS_LISTED, Gap
 _GAP_STEPS: Final = 1.75
 _JUMP_NS: Final = 3_600_000_000_000
 _JUMP_BACK_NS: Final = 1_000_000_000
+# Messages in a row that are stamped before one that came earlier: a single late message is no clock that was set.
+_SET_BACK_FOR: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +80,14 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
 
 
 def _jumps(stamps_ns: NDArray[np.int64]) -> list[Gap]:
-    """Steps in recorded order that no pause explains: over an hour, or more than a second back."""
+    """Steps in recorded order that no pause explains: over an hour, or back by a second or for several messages."""
     steps = np.diff(stamps_ns)
-    places = np.flatnonzero((steps > _JUMP_NS) | (steps < -_JUMP_BACK_NS))
+    stays = np.zeros(len(steps), np.bool_)
+    if len(steps) >= _SET_BACK_FOR:
+        after = np.lib.stride_tricks.sliding_window_view(stamps_ns[1:], _SET_BACK_FOR)
+        stays[: len(after)] = np.max(after, axis=1) < stamps_ns[: len(after)]
+    back = (steps < -_JUMP_BACK_NS) | ((steps < 0) & stays)
+    places = np.flatnonzero((steps > _JUMP_NS) | back)
     return [Gap(int(stamps_ns[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
 
 

@@ -16,6 +16,9 @@ from typing import Final, TypeVar
 
 import numpy as np
 import zstandard
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Schema
 from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 
@@ -24,15 +27,9 @@ from workers.readers.pulse import beat
 from workers.readers.recording import ReadError
 from workers.readers.ros.foxglove import foxglove_decoder
 from workers.readers.ros.mcap_records import (
-    CHANNEL,
-    CHUNK,
-    DATA_END,
-    FOOTER,
     FOOTER_BYTES,
     MAGIC,
     MAX_CHUNK_BYTES,
-    MESSAGE,
-    SCHEMA,
     ChunkPlace,
     Contents,
     RecordError,
@@ -49,6 +46,8 @@ _Item = TypeVar("_Item")
 _TIMES: Final = 64
 _SUMMARY_BYTES: Final = 64 * 1024**2
 _HINT: Final = "Copy or upload the file again; `mcap doctor` says what is wrong, `mcap recover` saves the rest."
+
+_NO_SCHEMA: Final = Schema(id=0, data=b"", encoding="", name="")
 
 
 class McapBag:
@@ -83,7 +82,7 @@ class McapBag:
 
     @contextmanager
     def _damage(self) -> Generator[None]:
-        kinds = (zstandard.ZstdError, SerdeError, WireError, RecordError)
+        kinds = (zstandard.ZstdError, SerdeError, WireError, RecordError, McapError)
         with damage(self._path.name, "an MCAP file", _HINT, *kinds):
             yield
 
@@ -93,7 +92,7 @@ class McapBag:
             return None
         self._file.seek(self._size - FOOTER_BYTES)
         tail = self._file.read(FOOTER_BYTES)
-        if tail[-len(MAGIC) :] != MAGIC or tail[0] != FOOTER:
+        if tail[-len(MAGIC) :] != MAGIC or tail[0] != Opcode.FOOTER:
             return None
         (start,) = struct.unpack_from("<Q", tail, 9)
         length = self._size - FOOTER_BYTES - start
@@ -109,21 +108,21 @@ class McapBag:
     def _look_through(self) -> Contents:
         contents = Contents()
         for place, kind, body in self._records(whole=True):
-            if kind == CHUNK:
+            if kind == Opcode.CHUNK:
                 present: set[int] = set()
                 for inner, part in records(unpacked_chunk(body)):
-                    if inner in (SCHEMA, CHANNEL):
+                    if inner in (Opcode.SCHEMA, Opcode.CHANNEL):
                         contents.take(inner, part)
-                    elif inner == MESSAGE:
+                    elif inner == Opcode.MESSAGE:
                         (channel,) = struct.unpack_from("<H", part)
                         contents.counts[channel] = contents.counts.get(channel, 0) + 1
                         present.add(channel)
                 contents.chunks.append(ChunkPlace(place, 9 + len(body), frozenset(present)))
-            elif kind == MESSAGE:
+            elif kind == Opcode.MESSAGE:
                 (channel,) = struct.unpack_from("<H", body)
                 contents.counts[channel] = contents.counts.get(channel, 0) + 1
                 self._loose.setdefault(channel, array("q")).append(place)
-            elif kind in (SCHEMA, CHANNEL):
+            elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
                 contents.take(kind, body)
         contents.counts = {number: contents.counts.get(number, 0) for number in contents.channels}
         return contents
@@ -145,13 +144,13 @@ class McapBag:
                 return
             beat()
             kind, size = head
-            if kind in (DATA_END, FOOTER):
+            if kind in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             if size > self._size - place - 9:
                 if whole:
                     self._note_end(place)
                 return
-            if kind in (SCHEMA, CHANNEL, MESSAGE, CHUNK) and place not in skip:
+            if kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK) and place not in skip:
                 if size > MAX_CHUNK_BYTES:
                     raise RecordError(f"a record claims {size} bytes; at most {MAX_CHUNK_BYTES} are read")
                 yield place, kind, memoryview(self._file.read(size))
@@ -173,13 +172,14 @@ class McapBag:
         """Topics in the order of the file."""
         found: dict[str, Topic] = {}
         for channel in self._contents.channels.values():
-            count = self._contents.counts.get(channel.number)
+            count = self._contents.counts.get(channel.id)
             known = found.get(channel.topic)
             if known is not None and known.count is not None and count is not None:
                 count += known.count
-            definition = "" if channel.schema_encoding == "protobuf" else channel.schema.decode(errors="replace")
+            schema = self._contents.schemas.get(channel.schema_id, _NO_SCHEMA)
+            definition = "" if schema.encoding == "protobuf" else schema.data.decode(errors="replace")
             found[channel.topic] = Topic(
-                channel.topic, channel.schema_name, channel.encoding, definition, channel.schema_encoding, count
+                channel.topic, schema.name, channel.message_encoding, definition, schema.encoding, count
             )
         return list(found.values())
 
@@ -194,16 +194,16 @@ class McapBag:
         return None if decode is None else damage_proof(decode, self._damage)
 
     def _numbers(self, names: Collection[str]) -> dict[int, str]:
-        return {c.number: c.topic for c in self._contents.channels.values() if c.topic in names}
+        return {c.id: c.topic for c in self._contents.channels.values() if c.topic in names}
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """See :class:`Container`; within a chunk and from chunk to chunk in the order of the file."""
         numbers = self._numbers(names)
         with self._damage():
             for _, kind, body in self._records(whole=False, wanted=frozenset(numbers)):
-                parts = records(unpacked_chunk(body)) if kind == CHUNK else ((kind, body),)
+                parts = records(unpacked_chunk(body)) if kind == Opcode.CHUNK else ((kind, body),)
                 for inner, part in parts:
-                    if inner == MESSAGE and struct.unpack_from("<H", part)[0] in numbers:
+                    if inner == Opcode.MESSAGE and struct.unpack_from("<H", part)[0] in numbers:
                         number, log_ns, data = message_of(part)
                         yield numbers[number], log_ns, data
 
@@ -232,10 +232,10 @@ class McapBag:
         for number, chunk in enumerate(chosen):
             self._file.seek(chunk.start)
             head = head_of(self._file)
-            if head is None or head[0] != CHUNK or head[1] > MAX_CHUNK_BYTES:
+            if head is None or head[0] != Opcode.CHUNK or head[1] > MAX_CHUNK_BYTES:
                 raise RecordError(f"there is no chunk at byte {chunk.start}, where the index has one")
             parts = records(unpacked_chunk(memoryview(self._file.read(head[1]))))
-            found = (message_of(part) for kind, part in parts if kind == MESSAGE)
+            found = (message_of(part) for kind, part in parts if kind == Opcode.MESSAGE)
             ours = ((log_ns, data) for channel, log_ns, data in found if channel in numbers)
             share = (number + 1) * count // len(chosen) - number * count // len(chosen)
             yield from islice(ours, share)

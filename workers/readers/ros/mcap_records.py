@@ -1,4 +1,8 @@
-"""The records of an MCAP file that reading needs, after mcap.dev/spec, and their bounds."""
+"""The records of an MCAP file. What is read once for a file is parsed by the library mcap.
+
+Messages and chunks are parsed here: without a copy, and a chunk never unpacks to more than it says or than is read
+(docs/decisions/0039).
+"""
 
 from __future__ import annotations
 
@@ -6,36 +10,26 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from typing import BinaryIO, Final
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
 from workers.readers.bounded import ExpandsError, decompress_lz4, decompress_zstd
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 FOOTER_BYTES: Final = 9 + 20 + len(MAGIC)
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = (
-    *(1, 2, 3, 4, 5, 6, 7, 8, 11, 15),
-)
 # One message is all that a chunk must hold; no sensor's is larger.
 MAX_CHUNK_BYTES: Final = 160 * 1024**2
 _HEAD: Final = struct.Struct("<BQ")
 _MESSAGE: Final = struct.Struct("<HIQQ")
-_CHUNK: Final = struct.Struct("<QQQI")
+_CHUNK: Final = struct.Struct("<16xQII")  # two times, size unpacked, checksum, length of a name
 
 
 class RecordError(ValueError):
     """Bytes that are no MCAP record."""
-
-
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """A channel with its schema."""
-
-    number: int
-    topic: str
-    encoding: str
-    schema_name: str
-    schema_encoding: str
-    schema: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,56 +47,35 @@ class Contents:
 
     Attributes:
         channels: by number.
+        schemas: by number.
         chunks: in the order of the file.
         counts: messages of each channel where known.
     """
 
     channels: dict[int, Channel] = field(default_factory=dict[int, Channel])
+    schemas: dict[int, Schema] = field(default_factory=dict[int, Schema])
     chunks: list[ChunkPlace] = field(default_factory=list[ChunkPlace])
     counts: dict[int, int] = field(default_factory=dict[int, int])
-    schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict[int, tuple[str, str, bytes]])
 
     def take(self, kind: int, body: memoryview) -> None:
         """Learn from a record; kinds that tell nothing here are passed over.
 
         Raises:
-            RecordError, struct.error, UnicodeDecodeError: it contradicts itself.
+            McapError, struct.error, UnicodeDecodeError: it contradicts itself.
         """
-        if kind == SCHEMA:
-            (number,) = struct.unpack_from("<H", body)
-            name, place = _text(body, 2)
-            encoding, place = _text(body, place)
-            data, _ = _sized(body, place)
-            self.schemas[number] = (name, encoding, bytes(data))
-        elif kind == CHANNEL:
-            number, schema = struct.unpack_from("<HH", body)
-            topic, place = _text(body, 4)
-            encoding, _ = _text(body, place)
-            self.channels[number] = Channel(number, topic, encoding, *self.schemas.get(schema, ("", "", b"")))
-        elif kind == CHUNK_INDEX:
-            _, _, start, length = struct.unpack_from("<QQQQ", body)
-            offsets, _ = _sized(body, 32)
-            if len(offsets) % 10:
-                raise RecordError("a chunk's index is not whole")
-            channels = frozenset(int(number) for number, _ in struct.iter_unpack("<HQ", offsets))
-            self.chunks.append(ChunkPlace(start, length, channels))
-        elif kind == STATISTICS:
-            counts, _ = _sized(body, 42)
-            if len(counts) % 10:
-                raise RecordError("the statistics are not whole")
-            self.counts = dict(struct.iter_unpack("<HQ", counts))
-
-
-def _sized(body: memoryview, place: int) -> tuple[memoryview, int]:
-    (size,) = struct.unpack_from("<I", body, place)
-    if size > len(body) - place - 4:
-        raise RecordError(f"a part of {size} bytes goes past the end of its record")
-    return body[place + 4 : place + 4 + size], place + 4 + size
-
-
-def _text(body: memoryview, place: int) -> tuple[str, int]:
-    data, place = _sized(body, place)
-    return bytes(data).decode(), place
+        stream = ReadDataStream(BytesIO(body))
+        if kind == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            self.schemas[schema.id] = schema
+        elif kind == Opcode.CHANNEL:
+            channel = Channel.read(stream)
+            self.channels[channel.id] = channel
+        elif kind == Opcode.CHUNK_INDEX:
+            index = ChunkIndex.read(stream)
+            channels = frozenset(index.message_index_offsets)
+            self.chunks.append(ChunkPlace(index.chunk_start_offset, index.chunk_length, channels))
+        elif kind == Opcode.STATISTICS:
+            self.counts = Statistics.read(stream).channel_message_counts
 
 
 def records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -148,10 +121,12 @@ def unpacked_chunk(body: memoryview) -> memoryview:
     Raises:
         RecordError: a compression or a size that cannot be.
         ExpandsError: more comes out than the chunk says, or than is read.
+        struct.error, UnicodeDecodeError: it ends too early.
         zstandard.ZstdError, RuntimeError: it does not decompress.
     """
-    _, _, size, checksum = _CHUNK.unpack_from(body)
-    compression, place = _text(body, _CHUNK.size)
+    size, checksum, length = _CHUNK.unpack_from(body)
+    place = _CHUNK.size + length
+    compression = bytes(body[_CHUNK.size : place]).decode()
     (stored,) = struct.unpack_from("<Q", body, place)
     data = body[place + 8 :]
     if stored > len(data):

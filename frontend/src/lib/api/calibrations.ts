@@ -4,6 +4,7 @@ import { bodyOf, client, once, send, type Page } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
 import {
   isUnderWay,
+  type AliasMove,
   type Calibration,
   type CalibrationRequest,
   type CorrespondenceSet,
@@ -54,6 +55,32 @@ export const publish = (result_id: string, reason?: string, against = false): Pr
     body: against && reason ? { override: { reason } } : reason ? { reason } : {},
     ...once(),
   });
+
+/** Takes back what a camera was given. It is given nothing until something is published. */
+export const withdraw = (publication_id: string, reason: string): Promise<unknown> =>
+  client.POST("/v1/publications/{publication_id}/withdrawal", {
+    params: { path: { publication_id } },
+    body: { reason },
+    ...once(),
+  });
+
+/** Where each alias of a camera leads, beside `current`. */
+export const aliases = (vehicle_id: string, camera: string): Read<Page<AliasMove>> =>
+  read("/v1/vehicles/{vehicle_id}/cameras/{camera}/aliases", { vehicle_id, camera });
+
+export const ALIAS_MOVES_PER_PAGE = 10;
+
+export const aliasMoves = (
+  vehicle_id: string,
+  camera: string,
+  alias: string,
+  after: string | undefined,
+): Read<Page<AliasMove>> =>
+  read(
+    "/v1/vehicles/{vehicle_id}/cameras/{camera}/aliases/{alias}/moves",
+    { vehicle_id, camera, alias },
+    { after, limit: ALIAS_MOVES_PER_PAGE },
+  );
 
 export const PUBLICATIONS_PER_PAGE = 10;
 

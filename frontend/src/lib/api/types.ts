@@ -80,6 +80,7 @@ export type RigConsistency = Schemas["RigSummary"];
 export type Result = Schemas["ResultView"];
 export type Outlier = Schemas["Outlier"];
 export type Publication = Schemas["PublicationView"];
+export type AliasMove = Schemas["AliasMoveView"];
 export type CurrentCalibration = Schemas["CurrentCalibration"];
 /** The camera models, in the order in which people read them. */
 export const MODELS = ["pinhole", "brown_conrady", "kannala_brandt"] as const;

@@ -49,8 +49,6 @@ const [NEAR_M, FAR_M] = [0.05, 2000];
 const [QUICK_MS, SLOW_MS] = [20, 34];
 const FEWEST_POINTS = 20_000;
 const AT_REST_MS = 180;
-// Longer than this between two pictures nothing moved.
-const PAUSE_MS = 400;
 
 const VERTICES = `
 precision highp float;
@@ -96,7 +94,7 @@ export class PointScene {
   #rest: ReturnType<typeof setTimeout> | undefined;
   #moving = false;
   #budget = Infinity;
-  #before = 0;
+  #askedAt = 0;
   #pictures = 0;
 
   /** Throws an Error where the browser has no WebGL 2. */
@@ -262,12 +260,14 @@ export class PointScene {
 
   /** Asks for a picture. */
   draw(): void {
-    if (this.#asked === 0) this.#asked = requestAnimationFrame((now) => this.#picture(now));
+    if (this.#asked !== 0) return;
+    this.#askedAt = performance.now();
+    this.#asked = requestAnimationFrame(() => this.#picture());
   }
 
-  #picture(now: number): void {
+  #picture(): void {
     this.#asked = 0;
-    this.#pace(now);
+    this.#pace();
     const count = this.#points?.geometry.getAttribute("position").count ?? 0;
     this.#points?.geometry.setDrawRange(0, this.#moving ? Math.min(this.#budget, count) : count);
     this.#renderer.render(this.#scene, this.#camera);
@@ -276,11 +276,10 @@ export class PointScene {
     this.#onpicture({ matrix, ...this.#size, pictures: this.#pictures });
   }
 
-  /** Draws fewer points where the last picture took long, and more where it was quick. */
-  #pace(now: number): void {
-    const took = now - this.#before;
-    this.#before = now;
-    if (!this.#moving || took > PAUSE_MS) return;
+  /** Draws fewer points where the browser was long busy with the last picture, and more where it was not. */
+  #pace(): void {
+    if (!this.#moving) return;
+    const took = performance.now() - this.#askedAt;
     const count = this.#points?.geometry.getAttribute("position").count ?? 0;
     if (took > SLOW_MS) this.#budget = Math.max(FEWEST_POINTS, Math.min(this.#budget, count) * 0.7);
     else if (took < QUICK_MS) this.#budget = Math.min(count, this.#budget * 1.1);

@@ -48,6 +48,16 @@ def test_a_clock_that_was_set_back():
     assert any("set back by 5.9 s after 9.900 s" in said for said in report.warnings)
 
 
+def test_a_clock_that_was_set_back_by_half_a_second():
+    report = report_stamps(stamps(*range(100), *range(95, 195)), "lidar")
+    assert [(j.after_ns, j.duration_ns) for j in report.jumps] == [(99 * S // 10, -4 * S // 10)]
+    assert any("set back by 0.4 s after 9.900 s" in said for said in report.warnings)
+
+
+def test_a_message_that_came_late_is_no_clock_that_was_set_back():
+    assert list(report_stamps(stamps(0, 1, 2, 6, 3, 4, 7, 8, 9, 10), "lidar").jumps) == []
+
+
 def test_one_message_has_no_rate():
     report = report_stamps(stamps(7), "lidar")
     assert report.rate_hz is None and report.first_ns == report.last_ns

@@ -1,0 +1,54 @@
+"""`python -m benchmarks.coverage`: does what a calibration publishes hold, end to end?
+
+Walks are simulated, their vertices detected, paired at the estimated offset, marked by simulated people (a bias of
+each person, noise, some marks on another corner of the board), and calibrated by all models. Each recording gives one
+calibration to every cell. RUNS: recordings (default 10); CELLS: parts of the names of some cells; SEED: of the first.
+
+`worst_coverage95`, `best_coverage95`: over the cells, the share of published 95 % intervals that hold, of rotation,
+translation, and of pixels over the marked field. `sound_accused`: sound runs whose status is not `ok`. `right_model`:
+runs whose recommended lens is the true one, or predicts within 0.5 px of it with the mount within what is stated.
+`halves_ratio_median`: of sound runs. `shared_error_named`: runs with errors shared by a pose, or a turned second
+half, of which the result says so; `sound_doubted`: sound runs of which it says so.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from benchmarks.coverage.figures import summary  # noqa: E402
+from benchmarks.coverage.runs import recording  # noqa: E402
+from workers.solver.slot import warm_up  # noqa: E402
+
+
+def main() -> None:
+    """Print the cells to stderr and one line of JSON to stdout."""
+    runs, seed = int(os.environ.get("RUNS", "10")), int(os.environ.get("SEED") or secrets.randbelow(10**9))
+    chosen = [name for name in os.environ.get("CELLS", "").split(",") if name]
+    began = time.perf_counter()
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), warm_up) as pool:
+        scored = [one for found in pool.map(partial(recording, seed, chosen), range(runs)) for one in found]
+    figures = summary(scored)
+    print(
+        json.dumps(
+            {
+                "bench": "coverage",
+                "seed": seed,
+                "runs": runs,
+                **figures,
+                "seconds": round(time.perf_counter() - began, 1),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""One calibration by the product's own path: planned by the service, fitted by a worker, concluded by the service.
+
+Some things are spared. A model's search runs once on a walk's clean marks, and every fit of that model there is
+finished from its end: searches from anywhere end in the same optimum (`make bench-accuracy`), so nothing else is
+looked for among the bests of its slots. The baselines of fits to a part of the pairs are left out, because nothing
+reads them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from typing import Any, Final
+from uuid import uuid4
+
+import numpy as np
+from numpy.typing import NDArray
+
+from apexcal.documents.calibrations import CalibrationTemplate
+from apexcal.documents.camera_models import MODELS, ModelName
+from benchmarks.coverage.marks import Errors, columns
+from benchmarks.coverage.walks import Paired, Walked, pair
+from service.calibration_runs.camera_summary import camera_summary
+from service.calibrations.cameras import CameraPairs
+from service.calibrations.plan import CalibrationPlan, plan_request
+from service.db.base import Json
+from service.db.calibrations import FULL, CorrespondenceSet, Result
+from service.db.fleets import RigCamera
+from workers.geometry.transforms import to_document
+from workers.simulation.camera import FRONT
+from workers.solver.degeneracy import is_determined
+from workers.solver.estimate import estimate
+from workers.solver.held_out import held_out
+from workers.solver.residuals import transform_of
+from workers.solver.schedule import State, run_schedule
+from workers.solver.solution import intrinsics_document
+from workers.tasks.solving import RunInput, read_run, solved
+
+Floats = NDArray[np.float64]
+Request = dict[str, Any]
+_NO_WORK: Final[Json] = {"workers": [], "ga_seconds": 0.0, "evaluations": 0}
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The camera's summary, and each model's result of a fit to all pairs."""
+
+    paired: Paired
+    errors: Errors
+    summary: Json
+    results: dict[str, Json]
+
+
+class Bench:
+    """A walk seen through each lens, and the ends of the searches on it."""
+
+    def __init__(self, walked: Walked) -> None:
+        self._walked = walked
+        self._paired: dict[ModelName, Paired] = {}
+        self._searched: dict[tuple[ModelName, str], State] = {}
+
+    def calibrate(self, lens: ModelName, errors: Errors, request: Request, draw: int) -> Calibration:
+        """Marks of this draw, calibrated by all models as the request asks."""
+        paired = self._pairs(lens)
+        random = np.random.default_rng([self._walked.rig.settings.seed, 41, draw])
+        known = columns(paired, errors, random)
+        plan = _plan(paired, known, request)
+        states = self._states(lens, paired)
+        results: list[Result] = []
+        for fit in plan.fits:
+            for fold in range(FULL, fit.folds):
+                given = read_run(fit.problem | {"fold": fold}, fold, known)
+                document = (solved if fold == FULL else _held_out)(given, states[fit.model])
+                of = {"id": uuid4(), "run_id": uuid4(), "camera": FRONT, "model": fit.model, "fold": fold}
+                results.append(Result(**of, document=document))
+        summary = camera_summary(results, defaultdict(lambda: _NO_WORK))
+        full = {result.model: result.document for result in results if result.fold == FULL}
+        return Calibration(paired, errors, summary, full)
+
+    def _pairs(self, lens: ModelName) -> Paired:
+        if lens not in self._paired:
+            self._paired[lens] = pair(self._walked, lens)
+        return self._paired[lens]
+
+    def _states(self, lens: ModelName, paired: Paired) -> dict[str, State]:
+        clean = columns(paired, Errors(), np.random.default_rng(self._walked.rig.settings.seed))
+        for fit in _plan(paired, clean, {}).fits:
+            if (lens, fit.model) not in self._searched:
+                problem = read_run(fit.problem | {"fold": FULL}, FULL, clean).problem
+                self._searched[lens, fit.model] = replace(run_schedule(problem)[0], first_slot_parameters=())
+        return {model: self._searched[lens, model] for model in MODELS}
+
+
+def _held_out(given: RunInput, state: State) -> Json:
+    """What the end of a calibration reads of a fit to a part of the pairs."""
+    problem = given.problem
+    found = estimate(problem, np.array(state.best_parameters))
+    p = found.parameters
+    document: Json = {
+        "status": "ok" if is_determined(found.fitted, p, found.spread) else "not_determined",
+        "intrinsics": intrinsics_document(problem, p),
+        "transform": to_document(transform_of(problem, p)),
+        "polished": {"parameters": dict(zip(problem.names, p.tolist(), strict=True))},
+        "outliers": [one.to_document(excluded=False) for one in found.outliers],
+    }
+    assert given.heldout is not None
+    return document | {"heldout": held_out(problem, given.whole, given.heldout, document)}
+
+
+def _plan(paired: Paired, known: Json, request: Request) -> CalibrationPlan:
+    width, height = paired.camera.image_size
+    camera = RigCamera(name=FRONT, image_width=width, image_height=height, nominal=paired.nominal, bounds={})
+    pairs = CorrespondenceSet(pairs=known, count=len(known["x"]), notes=[], source="annotations")
+    return plan_request(CalibrationTemplate.model_validate(request), [CameraPairs(camera, pairs)])

@@ -1,0 +1,68 @@
+"""What is asked and what is wrong in each cell of the bench."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from apexcal.documents.calibrations import CalibrationTemplate
+from apexcal.documents.camera_models import MODELS, ModelName
+from benchmarks.coverage.marks import Errors
+from workers.simulation.rig import Rig
+
+BLUNDERS: Final = (0.0, 0.02, 0.10)
+RULES: Final[dict[str, dict[str, Any]]] = {
+    "keep": {},
+    "exclude": {"outliers": "exclude"},
+    "saturating": {"loss": "saturating"},
+}
+_PRIOR_M: Final = 0.02
+_ELEVATION_DEG: Final = 0.03
+_LINE_TIME_US: Final = 30.0
+_POSE_M: Final = 0.01
+_TURN_DEG: Final = 0.08
+COVERED: Final = ("prior_t", "weights", "common_vertex", "four_a_pose", "rolling_shutter")
+SHARED: Final = ("four_a_pose", "second_half")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A name, the true lens, what is wrong, and what the request says."""
+
+    name: str
+    lens: ModelName
+    errors: Errors
+    request: dict[str, Any]
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong but noise."""
+        return self.name.startswith("clean")
+
+
+def cells(rig: Rig, draw: int) -> Iterator[Cell]:
+    """The cells of one recording; the special ones take the lenses in turn."""
+    for share in BLUNDERS:
+        for rule, request in RULES.items():
+            name = f"{'clean' if share == 0.0 else f'{share:.0%}'} {rule}"
+            yield from (Cell(name, lens, Errors(blunders=share), request) for lens in MODELS)
+    lens = MODELS[draw % len(MODELS)]
+    random = np.random.default_rng([rig.settings.seed, 43])
+    offset = rig.camera.T_camera_lidar.t + random.normal(0.0, _PRIOR_M, 3)
+    priors = {f"t_{axis}": {"mean": float(mean), "sigma": _PRIOR_M} for axis, mean in zip("xyz", offset, strict=True)}
+    yield Cell("prior_t", lens, Errors(), {"priors": priors})
+    yield Cell("weights", lens, Errors(noises_px=(0.5, 2.0)), {})
+    elevation = Errors(elevation_deg=float(random.normal(0.0, _ELEVATION_DEG)))
+    yield Cell("common_vertex", lens, elevation, _stated("common_errors", {"elevation_deg": _ELEVATION_DEG}))
+    yield Cell("four_a_pose", lens, Errors(pose_m=_POSE_M), {})
+    shutter = Errors(line_time_us=_LINE_TIME_US)
+    yield Cell("rolling_shutter", lens, shutter, _stated("line_time_us", _LINE_TIME_US))
+    yield Cell("second_half", lens, Errors(second_half_deg=_TURN_DEG), {})
+
+
+def _stated(name: str, value: Any) -> dict[str, Any]:
+    """Nothing where requests cannot say it."""
+    return {name: value} if name in CalibrationTemplate.model_fields else {}

@@ -1,0 +1,110 @@
+"""Simulated walks with the refined detector's vertices, paired with a camera's frames at the estimated offset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.geometry.models import ModelName
+from workers.geometry.transforms import to_document
+from workers.simulation.camera import FRONT, IMAGE_SIZE, Camera, make_camera, nominal_mount
+from workers.simulation.rig import START_NS, Rig
+from workers.simulation.scene import WALKER_REGION
+from workers.simulation.settings import Settings
+from workers.simulation.walker import BOARD_EDGES_M, Poses
+from workers.solver.clock_offset import estimate_offset
+from workers.vertices.detectors import detect_range
+from workers.vertices.pairing import pair_interpolated
+from workers.vertices.region import Region
+from workers.vertices.sweep_source import Listed
+from workers.vertices.tracks import Track
+from workers.vertices.vertex import Vertex
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SECONDS: Final = 60.0
+PAIRS: Final = 222
+_CLOCK_MS: Final = 30.0
+_MAX_GAP_NS: Final = 50_000_000
+_BOARD: Final = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
+
+
+@dataclass(frozen=True, eq=False)
+class Walked:
+    """A walk and the vertices that were found in it."""
+
+    rig: Rig
+    vertices: list[Vertex]
+
+    def poses(self, times_ns: Integers) -> Poses:
+        """Board and people at moments of the LiDAR's clock."""
+        return self.rig.walk.poses((times_ns - START_NS).astype(np.float64) * 1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class Paired:
+    """N vertices moved to the moments of their frames.
+
+    ``xyz`` metres, ``sigmas`` (N, 3) of azimuth, elevation (rad) and range (m), ``taken_ns`` when the frames were
+    truly taken by the LiDAR's clock, ``stamps_ns`` of the vertices, ``sweeps`` and ``frames`` their numbers.
+    """
+
+    walked: Walked
+    camera: Camera
+    nominal: dict[str, object]
+    xyz: Floats
+    sigmas: Floats
+    taken_ns: Integers
+    stamps_ns: Integers
+    sweeps: Integers
+    frames: Integers
+
+
+def walk(seed: int) -> Walked:
+    """Simulate a walk and look for vertices in it."""
+    rig = Rig(Settings(seconds=SECONDS, seed=seed, walk="rows", clock_offset_ms=_CLOCK_MS))
+    sweeps = list(rig.sweeps())
+    region = Region.from_document(WALKER_REGION)
+    found = detect_range(Listed(sweeps), region, "refined", _BOARD, indices=range(len(sweeps)))
+    return Walked(rig, found.vertices)
+
+
+def pair(walked: Walked, model: ModelName) -> Paired:
+    """The pairs of a camera with that lens, at the offset that marks of 1 px tell."""
+    mounted = walked.rig.cameras[0]
+    camera = make_camera(model, walked.rig.settings.seed)
+    about = _pair(walked, camera, round(_CLOCK_MS * 1e6))
+    random = np.random.default_rng([walked.rig.settings.seed, 31])
+    seen = camera.project(walked.poses(about.taken_ns).apex)
+    marks = seen + random.normal(0.0, 1.0, seen.shape)
+    request = {"model": model, "image_size": list(IMAGE_SIZE), "nominal": about.nominal, "mark_sigma_px": 1.0}
+    offset = estimate_offset(Track.of(walked.vertices), mounted.stamps_ns[about.frames], marks, request)
+    return _pair(walked, camera, offset.offset_ns)
+
+
+def _pair(walked: Walked, camera: Camera, offset_ns: int) -> Paired:
+    mounted = walked.rig.cameras[0]
+    moved = pair_interpolated(walked.vertices, mounted.stamps_ns, offset_ns=offset_ns, max_gap_ns=_MAX_GAP_NS)
+    paired = np.flatnonzero(moved.index >= 0)
+    _, first = np.unique(moved.index[paired], return_index=True)
+    usable = np.sort(paired[first])
+    taken = mounted.times_ns[moved.index[usable]]
+    usable = usable[camera.sees(camera.project(walked.poses(taken).apex))]
+    if len(usable) > PAIRS:
+        usable = usable[np.round(np.linspace(0, len(usable) - 1, PAIRS)).astype(np.int64)]
+    frames = moved.index[usable]
+    return Paired(
+        walked,
+        camera,
+        to_document(nominal_mount(FRONT)),
+        moved.xyz[usable],
+        np.sqrt(np.diagonal(moved.covariance[usable], axis1=1, axis2=2)),
+        mounted.times_ns[frames],
+        np.array([walked.vertices[index].time_ns for index in usable], np.int64),
+        np.array([walked.vertices[index].sweep_index for index in usable], np.int64),
+        frames,
+    )

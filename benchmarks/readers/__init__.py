@@ -1,0 +1,1 @@
+"""Our readers of containers beside the libraries that read them too."""

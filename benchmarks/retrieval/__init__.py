@@ -1,0 +1,1 @@
+"""How fast a vehicle gets its calibration."""

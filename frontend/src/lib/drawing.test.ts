@@ -1,0 +1,125 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { drawingOf, type Handle, type Plane, type Reach } from "./drawing.ts";
+import { maskOf } from "./mask.ts";
+import { metresAt, pixelsOf } from "./points/flat.ts";
+import { parseRegion, partsOf, withPart, type Region } from "./region.ts";
+
+const REACH: Reach = { min: [-5, -10, -2], max: [40, 10, 3] };
+const BOX: Region = { box: { min: [2, -3, -1], max: [6, 3, 1], yaw_deg: 30 } };
+const POLYGON: Region = {
+  polygon: [
+    [2, -3],
+    [10, -6],
+    [10, 6],
+  ],
+  z: [-1, 1],
+};
+
+function handle(region: Region, plane: Plane, key: string): Handle {
+  const { handles } = drawingOf(region, plane, REACH);
+  const found = handles.find((one) => one.key === key);
+  assert.ok(found, `${key} of ${handles.map((one) => one.key).join(" ")}`);
+  return found;
+}
+
+function near(a: readonly number[], b: readonly number[], within: number): void {
+  a.forEach((value, i) => assert.ok(Math.abs(value - (b[i] ?? NaN)) <= within, `${a.join()} is not ${b.join()}`));
+}
+
+test("a corner of a turned box goes where it is put, and the opposite one stays", () => {
+  const opposite = handle(BOX, "top", ".c2").at;
+  const moved = handle(BOX, "top", ".c0").move([0, -4]);
+  near(handle(moved, "top", ".c0").at, [0, -4], 0.02);
+  near(handle(moved, "top", ".c2").at, opposite, 0.02);
+  assert.deepEqual(parseRegion(JSON.stringify(moved)), moved);
+});
+
+test("a box is moved, turned, and never turned inside out", () => {
+  const there = handle(BOX, "top", ".m").move([20, 5]);
+  near(handle(there, "top", ".m").at, [20, 5], 0.01);
+  const turned = handle(BOX, "top", ".t").move([4, 10]);
+  assert.ok("box" in turned && turned.box.yaw_deg === 90);
+  const flat = handle({ box: { min: [2, -3, -1], max: [6, 3, 1] } }, "side", ".zmin").move([0, 9]);
+  assert.ok("box" in flat && flat.box.min[2] < flat.box.max[2]);
+  const thin = handle({ box: { min: [2, -3, -1], max: [6, 3, 1] } }, "front", ".max").move([-9, 0]);
+  assert.ok("box" in thin && thin.box.min[1] < thin.box.max[1]);
+});
+
+test("a polygon's corners are moved, added and removed, down to three", () => {
+  const grown = handle(POLYGON, "top", ".n0").move([6, -8]);
+  assert.ok("polygon" in grown);
+  assert.deepEqual(grown.polygon, [
+    [2, -3],
+    [6, -8],
+    [10, -6],
+    [10, 6],
+  ]);
+  assert.deepEqual(handle(grown, "top", ".c1").remove?.(), POLYGON);
+  assert.equal(handle(POLYGON, "top", ".c1").remove, undefined);
+  const lower = handle(POLYGON, "side", ".zmin").move([0, -1.5]);
+  assert.ok("polygon" in lower && lower.z?.[0] === -1.5 && lower.z[1] === 1);
+});
+
+test("inequalities are lines, circles and rays; what a plane does not show has no handle", () => {
+  const of = (quantity: string, value: number, divided_by?: string): Region =>
+    parseRegion(JSON.stringify({ quantity, divided_by, op: ">", value }));
+  const cases: [Region, Plane, [number, number], number][] = [
+    [of("x", 2), "top", [3.5, 0], 3.5],
+    [of("y", 2), "top", [0, -4], -4],
+    [of("z", -1.7), "side", [9, -1.2], -1.2],
+    [of("range", 20), "top", [3, 4], 5],
+    [of("azimuth_deg", 10), "top", [5, 5], 45],
+    [of("elevation_deg", 1), "side", [10, 10], 45],
+    [of("z", 0.1, "x"), "side", [10, 2], 0.2],
+  ];
+  for (const [region, plane, to, value] of cases) {
+    const moved = drawingOf(region, plane, REACH).handles[0]?.move(to);
+    assert.ok(moved && "quantity" in moved && Math.abs(moved.value - value) < 1e-9, JSON.stringify(moved));
+  }
+  for (const [region, plane] of [
+    [of("z", 0), "top"],
+    [of("azimuth_deg", 5), "front"],
+    [of("range", 5, "x"), "top"],
+  ] as const) {
+    assert.deepEqual(drawingOf(region, plane, REACH), { outlines: [], handles: [] });
+  }
+});
+
+test("a part deep inside is changed where it stands, and what is cut out is drawn as cut", () => {
+  const region: Region = { and: [POLYGON, { or: [{ not: BOX }, { quantity: "x", op: "<", value: 4 }] }] };
+  const { outlines } = drawingOf(region, "top", REACH);
+  assert.deepEqual(
+    outlines.map((one) => [one.closed, one.cut]),
+    [
+      [true, false],
+      [true, true],
+      [false, false],
+    ],
+  );
+  const moved = handle(region, "top", ".1.0.n.m").move([9, 9]);
+  assert.ok("and" in moved && moved.and[0] === POLYGON);
+  near(handle(moved, "top", ".1.0.n.m").at, [9, 9], 0.01);
+});
+
+test("parts are added to any region, and cut-outs are rows of the list", () => {
+  const region = withPart(withPart(BOX, POLYGON), { not: BOX });
+  assert.deepEqual(partsOf(region), [BOX, POLYGON, { not: BOX }]);
+  assert.equal(partsOf({ and: [{ not: { or: [BOX] } }] }), null);
+});
+
+test("pixels and metres of a flat picture are each other's inverse", () => {
+  // 20 m across 400 px, y to the left as the LiDAR looks.
+  const seen = {
+    matrix: [0, 0, 0.01, 0, -0.1, 0, 0, 0, 0, 0.2, 0, 0, 0.1, -0.2, 0, 1],
+    width: 400,
+    height: 200,
+    pictures: 1,
+  };
+  near(metresAt(seen, "front", pixelsOf(seen, "front", [3, -1.5])), [3, -1.5], 1e-9);
+});
+
+test("points outside of the bounding box of a shape are cut, on its bound they are kept", () => {
+  const points = Float32Array.from([2, -3, 0, 6.01, 0, 0, 4, 0, 1, 4, 0, 1.01]);
+  assert.deepEqual([...maskOf({ box: { min: [2, -3, -1], max: [6, 3, 1] } }, points)], [1, 0, 1, 0]);
+});

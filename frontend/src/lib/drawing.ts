@@ -1,0 +1,294 @@
+/** A region as lines and handles in a plane: moving a handle gives another region. Metres. */
+
+import { cornersOf } from "./plan.ts";
+import { MAX_CORNERS, type Box, type Inequality, type Polygon, type Region } from "./region.ts";
+
+export type Plane = "top" | "front" | "side";
+type Axis = 0 | 1 | 2;
+/** Two of x, y and z: those that the plane shows. */
+export type Spot = [number, number];
+
+export const AXES: Record<Plane, [Axis, Axis]> = { top: [0, 1], front: [1, 2], side: [0, 2] };
+const LETTERS = ["x", "y", "z"] as const;
+
+export interface Outline {
+  spots: Spot[];
+  closed: boolean;
+  /** What lies inside is cut out. */
+  cut: boolean;
+}
+
+export interface Handle {
+  /** The same while the handle is moved. */
+  key: string;
+  label: string;
+  kind: "corner" | "edge" | "middle" | "turn" | "new";
+  at: Spot;
+  move: (to: Spot) => Region;
+  remove?: () => Region;
+}
+
+export interface Drawing {
+  outlines: Outline[];
+  handles: Handle[];
+}
+
+/** What the plane shows at least: lines of inequalities end there. */
+export interface Reach {
+  min: [number, number, number];
+  max: [number, number, number];
+}
+
+/** Puts another node where a node was, and returns the whole region. */
+type Put = (node: Region) => Region;
+
+interface Found {
+  node: Region;
+  put: Put;
+  cut: boolean;
+  key: string;
+}
+
+const SMALLEST_M = 0.1;
+
+/** All that the plane shows of a region. */
+export function drawingOf(region: Region, plane: Plane, reach: Reach): Drawing {
+  const parts = found(region, (node) => node, false, "").map((one) => drawn(one, plane, reach));
+  // Later ones lie over earlier ones: a corner is taken, not the middle that lies under it.
+  const handles = parts.flatMap((one) => one.handles).sort((a, b) => RANKS[a.kind] - RANKS[b.kind]);
+  return { outlines: parts.flatMap((one) => one.outlines), handles };
+}
+
+const RANKS: Record<Handle["kind"], number> = { middle: 0, new: 1, turn: 2, edge: 3, corner: 4 };
+
+function found(node: Region, put: Put, cut: boolean, key: string): Found[] {
+  if ("and" in node) {
+    const { and } = node;
+    return and.flatMap((child, i) => found(child, (made) => put({ and: and.with(i, made) }), cut, `${key}.${i}`));
+  }
+  if ("or" in node) {
+    const { or } = node;
+    return or.flatMap((child, i) => found(child, (made) => put({ or: or.with(i, made) }), cut, `${key}.${i}`));
+  }
+  if ("not" in node) return found(node.not, (made) => put({ not: made }), !cut, `${key}.n`);
+  return [{ node, put, cut, key }];
+}
+
+function drawn({ node, put, cut, key }: Found, plane: Plane, reach: Reach): Drawing {
+  if ("box" in node) return plane === "top" ? boxAbove(node, put, cut, key) : boxBeside(node, put, cut, key, plane);
+  if ("polygon" in node) {
+    return plane === "top" ? polygonAbove(node, put, cut, key) : polygonBeside(node, put, cut, key, plane, reach);
+  }
+  return "quantity" in node ? limit(node, put, key, plane, reach) : { outlines: [], handles: [] };
+}
+
+function boxAbove({ box }: Box, put: Put, cut: boolean, key: string): Drawing {
+  const corners = cornersOf(box);
+  const yaw = ((box.yaw_deg ?? 0) * Math.PI) / 180;
+  const middle: Spot = [(box.min[0] + box.max[0]) / 2, (box.min[1] + box.max[1]) / 2];
+  const sized = (at: Spot, half: Spot, yaw_deg = box.yaw_deg): Region =>
+    put({
+      box: {
+        min: [cm(at[0] - half[0]), cm(at[1] - half[1]), box.min[2]],
+        max: [cm(at[0] + half[0]), cm(at[1] + half[1]), box.max[2]],
+        ...(yaw_deg ? { yaw_deg } : {}),
+      },
+    });
+  const half: Spot = [(box.max[0] - box.min[0]) / 2, (box.max[1] - box.min[1]) / 2];
+  const handles: Handle[] = corners.map((at, i) => ({
+    key: `${key}.c${i}`,
+    label: `Corner ${i + 1} of the box`,
+    kind: "corner",
+    at,
+    // The opposite corner stays where it is.
+    move: (to) => {
+      const fixed = corners[(i + 2) % 4] ?? middle;
+      const across = turned([(to[0] - fixed[0]) / 2, (to[1] - fixed[1]) / 2], -yaw);
+      const size = across.map((one) => Math.max(SMALLEST_M / 2, Math.abs(one))) as Spot;
+      return sized([(to[0] + fixed[0]) / 2, (to[1] + fixed[1]) / 2], size);
+    },
+  }));
+  handles.push(
+    { key: `${key}.m`, label: "The box", kind: "middle", at: middle, move: (to) => sized(to, half) },
+    {
+      key: `${key}.t`,
+      label: "Turn the box",
+      kind: "turn",
+      at: plus(middle, turned([half[0] + 1.2, 0], yaw)),
+      move: (to) => sized(middle, half, tenth((Math.atan2(to[1] - middle[1], to[0] - middle[0]) * 180) / Math.PI)),
+    },
+  );
+  return { outlines: [{ spots: corners, closed: true, cut }], handles };
+}
+
+function boxBeside({ box }: Box, put: Put, cut: boolean, key: string, plane: Plane): Drawing {
+  const [across] = AXES[plane];
+  const seen = cornersOf(box).map((corner) => corner[across as 0 | 1]);
+  const [left, right] = [Math.min(...seen), Math.max(...seen)];
+  const side = (which: "min" | "max", axis: Axis, value: number): Region => {
+    const limits = { min: [...box.min], max: [...box.max] } as Box["box"];
+    const other = which === "min" ? box.max[axis] - SMALLEST_M : box.min[axis] + SMALLEST_M;
+    limits[which][axis] = cm(which === "min" ? Math.min(value, other) : Math.max(value, other));
+    return put({ box: { ...box, ...limits } });
+  };
+  const handles = heightHandles(key, "the box", [box.min[2], box.max[2]], (left + right) / 2, (which, value) =>
+    side(which, 2, value),
+  );
+  // Turned, its sides are not seen from here.
+  if (!box.yaw_deg) {
+    for (const which of ["min", "max"] as const) {
+      handles.push({
+        key: `${key}.${which}`,
+        label: `${LETTERS[across]} ${which === "min" ? "from" : "to"} of the box`,
+        kind: "edge",
+        at: [box[which][across], (box.min[2] + box.max[2]) / 2],
+        move: (to) => side(which, across, to[0]),
+      });
+    }
+  }
+  return { outlines: [rectangle(left, right, box.min[2], box.max[2], cut)], handles };
+}
+
+function polygonAbove(node: Polygon, put: Put, cut: boolean, key: string): Drawing {
+  const corners = node.polygon;
+  const made = (polygon: Spot[]): Region => put({ ...node, polygon });
+  const handles: Handle[] = corners.map((at, i) => ({
+    key: `${key}.c${i}`,
+    label: `Corner ${i + 1} of the polygon`,
+    kind: "corner",
+    at,
+    move: (to) => made(corners.with(i, rounded(to))),
+    ...(corners.length > 3 ? { remove: () => made(corners.toSpliced(i, 1)) } : {}),
+  }));
+  if (corners.length < MAX_CORNERS) {
+    corners.forEach((corner, i) => {
+      const next = corners[(i + 1) % corners.length] ?? corner;
+      handles.push({
+        key: `${key}.n${i}`,
+        label: `New corner after corner ${i + 1}`,
+        kind: "new",
+        at: [(corner[0] + next[0]) / 2, (corner[1] + next[1]) / 2],
+        move: (to) => made(corners.toSpliced(i + 1, 0, rounded(to))),
+      });
+    });
+  }
+  const mean = (axis: 0 | 1): number => corners.reduce((sum, corner) => sum + corner[axis], 0) / corners.length;
+  const middle: Spot = [mean(0), mean(1)];
+  handles.push({
+    key: `${key}.m`,
+    label: "The polygon",
+    kind: "middle",
+    at: middle,
+    move: (to) => made(corners.map((corner) => rounded(plus(corner, [to[0] - middle[0], to[1] - middle[1]])))),
+  });
+  return { outlines: [{ spots: corners, closed: true, cut }], handles };
+}
+
+function polygonBeside(node: Polygon, put: Put, cut: boolean, key: string, plane: Plane, reach: Reach): Drawing {
+  const seen = node.polygon.map((corner) => corner[AXES[plane][0] as 0 | 1]);
+  const [left, right] = [Math.min(...seen), Math.max(...seen)];
+  const z: Spot = node.z ?? [reach.min[2], reach.max[2]];
+  const handles = heightHandles(key, "the polygon", z, (left + right) / 2, (which, value) =>
+    put({
+      ...node,
+      z:
+        which === "min"
+          ? [cm(Math.min(value, z[1] - SMALLEST_M)), z[1]]
+          : [z[0], cm(Math.max(value, z[0] + SMALLEST_M))],
+    }),
+  );
+  return { outlines: [rectangle(left, right, z[0], z[1], cut)], handles };
+}
+
+function heightHandles(
+  key: string,
+  what: string,
+  z: Spot,
+  across: number,
+  moved: (which: "min" | "max", value: number) => Region,
+): Handle[] {
+  return (["min", "max"] as const).map((which, i) => ({
+    key: `${key}.z${which}`,
+    label: `z ${which === "min" ? "from" : "to"} of ${what}`,
+    kind: "edge",
+    at: [across, z[i] ?? 0],
+    move: (to) => moved(which, to[1]),
+  }));
+}
+
+/** The line of an inequality, where this plane shows it as one. */
+function limit(node: Inequality, put: Put, key: string, plane: Plane, reach: Reach): Drawing {
+  const [a, b] = AXES[plane];
+  const [low, high]: [Spot, Spot] = [
+    [reach.min[a], reach.min[b]],
+    [reach.max[a], reach.max[b]],
+  ];
+  const label = `${node.quantity}${node.divided_by ? ` / ${node.divided_by}` : ""} ${node.op}`;
+  const one = (spots: Spot[], at: Spot, value: (to: Spot) => number): Drawing => ({
+    outlines: [{ spots, closed: false, cut: false }],
+    handles: [{ key, label, kind: "edge", at, move: (to) => put({ ...node, value: value(to) }) }],
+  });
+  const [first, second] = [LETTERS[a], LETTERS[b]];
+  if (node.divided_by) {
+    // A line through the LiDAR: what is divided by goes along it.
+    const far = Math.max(...high.map(Math.abs), ...low.map(Math.abs));
+    if (node.quantity === second && node.divided_by === first) {
+      const at: Spot = [far / 2, (node.value * far) / 2];
+      return one(
+        [
+          [0, 0],
+          [far, node.value * far],
+        ],
+        at,
+        (to) => thousandth(to[1] / (to[0] || SMALLEST_M)),
+      );
+    }
+    return { outlines: [], handles: [] };
+  }
+  const middle: Spot = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
+  if (node.quantity === first) {
+    const spots: Spot[] = [
+      [node.value, low[1]],
+      [node.value, high[1]],
+    ];
+    return one(spots, [node.value, middle[1]], (to) => cm(to[0]));
+  }
+  if (node.quantity === second) {
+    const spots: Spot[] = [
+      [low[0], node.value],
+      [high[0], node.value],
+    ];
+    return one(spots, [middle[0], node.value], (to) => cm(to[1]));
+  }
+  if (node.quantity === "range") {
+    const spots = Array.from({ length: 97 }, (_, i) => turned([node.value, 0], (i * Math.PI) / 48));
+    return one(spots, turned([node.value, 0], Math.PI / 8), (to) => cm(Math.hypot(...to)));
+  }
+  const isAngle =
+    plane === "top" ? node.quantity === "azimuth_deg" : plane === "side" && node.quantity === "elevation_deg";
+  if (!isAngle) return { outlines: [], handles: [] };
+  const end = turned([Math.max(high[0], SMALLEST_M), 0], (node.value * Math.PI) / 180);
+  return one([[0, 0], end], [end[0] / 2, end[1] / 2], (to) => tenth((Math.atan2(to[1], to[0]) * 180) / Math.PI));
+}
+
+function rectangle(left: number, right: number, low: number, high: number, cut: boolean): Outline {
+  const spots: Spot[] = [
+    [left, low],
+    [right, low],
+    [right, high],
+    [left, high],
+  ];
+  return { spots, closed: true, cut };
+}
+
+const plus = (a: Spot, b: Spot): Spot => [a[0] + b[0], a[1] + b[1]];
+
+function turned([x, y]: Spot, angle: number): Spot {
+  const [cos, sin] = [Math.cos(angle), Math.sin(angle)];
+  return [x * cos - y * sin, x * sin + y * cos];
+}
+
+const cm = (value: number): number => Math.round(value * 100) / 100;
+const tenth = (value: number): number => Math.round(value * 10) / 10;
+const thousandth = (value: number): number => Math.round(value * 1000) / 1000;
+const rounded = (spot: Spot): Spot => [cm(spot[0]), cm(spot[1])];

@@ -1,0 +1,88 @@
+/** Which points a region keeps: the rules of `workers/vertices/region.py`, to which a test holds this. */
+
+import { cornersOf } from "./plan.ts";
+import type { Operator, Quantity } from "./api/types.ts";
+import type { Box, Polygon, Region } from "./region.ts";
+
+type Test = (x: number, y: number, z: number) => boolean;
+type Measure = (x: number, y: number, z: number) => number;
+
+const DEGREES = 180 / Math.PI;
+
+const QUANTITIES: Record<Quantity, Measure> = {
+  x: (x) => x,
+  y: (_, y) => y,
+  z: (_, __, z) => z,
+  range: (x, y, z) => Math.sqrt(x * x + y * y + z * z),
+  azimuth_deg: (x, y) => Math.atan2(y, x) * DEGREES,
+  elevation_deg: (x, y, z) => Math.atan2(z, Math.sqrt(x * x + y * y)) * DEGREES,
+};
+
+const OPERATORS: Record<Operator, (value: number, limit: number) => boolean> = {
+  "<": (value, limit) => value < limit,
+  "<=": (value, limit) => value <= limit,
+  ">": (value, limit) => value > limit,
+  ">=": (value, limit) => value >= limit,
+};
+
+/** 1 for each point (x, y, z each, metres) that lies inside, 0 for others. */
+export function maskOf(region: Region, positions: Float32Array): Uint8Array {
+  const test = testOf(region);
+  const kept = new Uint8Array(positions.length / 3);
+  for (let i = 0; i < kept.length; i += 1) {
+    kept[i] = test(positions[3 * i] ?? 0, positions[3 * i + 1] ?? 0, positions[3 * i + 2] ?? 0) ? 1 : 0;
+  }
+  return kept;
+}
+
+function testOf(node: Region): Test {
+  if ("and" in node) {
+    const tests = node.and.map(testOf);
+    return (x, y, z) => tests.every((test) => test(x, y, z));
+  }
+  if ("or" in node) {
+    const tests = node.or.map(testOf);
+    return (x, y, z) => tests.some((test) => test(x, y, z));
+  }
+  if ("not" in node) {
+    const test = testOf(node.not);
+    return (x, y, z) => !test(x, y, z);
+  }
+  if ("box" in node) return boxTest(node.box);
+  if ("polygon" in node) return polygonTest(node.polygon, node.z);
+  const measure = QUANTITIES[node.quantity];
+  const compare = OPERATORS[node.op];
+  const limit = node.value;
+  if (!node.divided_by) return (x, y, z) => compare(measure(x, y, z), limit);
+  const divisor = QUANTITIES[node.divided_by];
+  return (x, y, z) => compare(measure(x, y, z) / divisor(x, y, z), limit);
+}
+
+function boxTest(box: Box["box"]): Test {
+  const { min, max } = box;
+  if (box.yaw_deg) return polygonTest(cornersOf(box), [min[2], max[2]]);
+  return (x, y, z) => x >= min[0] && x <= max[0] && y >= min[1] && y <= max[1] && z >= min[2] && z <= max[2];
+}
+
+function polygonTest(corners: Polygon["polygon"], heights?: [number, number]): Test {
+  const across = corners.map(([x]) => x);
+  const along = corners.map(([, y]) => y);
+  const [left, right] = [Math.min(...across), Math.max(...across)];
+  const [low, high] = [Math.min(...along), Math.max(...along)];
+  const [bottom, top] = heights ?? [-Infinity, Infinity];
+  return (x, y, z) =>
+    z >= bottom && z <= top && x >= left && x <= right && y >= low && y <= high && isWithin(x, y, corners);
+}
+
+/** Even-odd rule: does a ray to the right of (x, y) cross an odd number of sides? */
+function isWithin(x: number, y: number, corners: Polygon["polygon"]): boolean {
+  let inside = false;
+  let before = corners.at(-1);
+  for (const here of corners) {
+    if (before && before[1] > y !== here[1] > y) {
+      if (x < before[0] + ((here[0] - before[0]) * (y - before[1])) / (here[1] - before[1])) inside = !inside;
+    }
+    before = here;
+  }
+  return inside;
+}

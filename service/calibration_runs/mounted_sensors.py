@@ -1,0 +1,91 @@
+"""Which sensors a vehicle carries now, by their serial numbers, and whether a result was made with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import NamedTuple
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.fleets import Rig, RigCamera
+
+LIDAR = "lidar"
+
+
+class Calibrated(NamedTuple):
+    """A camera of a rig that something was calibrated on."""
+
+    camera: str
+    serial: str | None
+    rig: Rig
+
+
+class Swapped(NamedTuple):
+    """A sensor whose serial number is another one than what was calibrated. ``rig`` states it; None: the asker."""
+
+    camera: str
+    sensor: str
+    calibrated: str
+    mounted: str
+    rig: str | None
+
+    @property
+    def sentence(self) -> str:
+        """What was swapped."""
+        what = f"camera {self.camera}" if self.sensor == self.camera else f"LiDAR of {self.camera}"
+        by = f"the rig {self.rig!r}" if self.rig else "the vehicle"
+        return f"It is of the {what} with the serial number {self.calibrated}; {by} now says {self.mounted}."
+
+
+def swapped_sensors(
+    session: Session,
+    vehicle_id: UUID,
+    calibrated: Sequence[Calibrated],
+    read_off: Mapping[str, str] | None = None,
+    as_of: datetime | None = None,
+) -> list[Swapped]:
+    """Which sensors are not those that were calibrated.
+
+    By ``read_off``, the serial numbers that the asker read off its sensors (by the camera's name, or ``lidar``), and
+    for others by the vehicle's newest rig that states one. Where either side states none, nothing can be said.
+    """
+    cameras, lidars = _mounted(session, vehicle_id, as_of)
+    found: list[Swapped] = []
+    for one in calibrated:
+        lidar = one.rig.lidar_serial
+        for sensor, known, stated in (
+            (one.camera, one.serial, cameras.get(one.camera)),
+            (LIDAR, lidar, lidars.get(one.rig.lidar_frame)),
+        ):
+            said = (read_off or {}).get(sensor)
+            now, rig = (said, None) if said is not None else (stated or (None, None))
+            if known is not None and now is not None and known != now:
+                found.append(Swapped(one.camera, sensor, known, now, rig))
+    return found
+
+
+_Stated = dict[str, tuple[str, str]]
+
+
+def _mounted(session: Session, vehicle_id: UUID, as_of: datetime | None) -> tuple[_Stated, _Stated]:
+    """Serial numbers by camera and by the LiDAR's frame, each with the name of the newest rig that states it."""
+    rigs = [Rig.vehicle_id == vehicle_id]
+    if as_of is not None:
+        rigs.append(Rig.created_at <= as_of)
+    rows = session.execute(
+        select(Rig.name, Rig.lidar_frame, Rig.lidar_serial, RigCamera.name, RigCamera.serial)
+        .join(RigCamera, RigCamera.rig_id == Rig.id)
+        .where(*rigs)
+        .order_by(Rig.created_at, Rig.id)
+    )
+    cameras: _Stated = {}
+    lidars: _Stated = {}
+    for rig, frame, lidar_serial, camera, serial in rows:
+        if lidar_serial is not None:
+            lidars[frame] = (lidar_serial, rig)
+        if serial is not None:
+            cameras[camera] = (serial, rig)
+    return cameras, lidars

@@ -1,0 +1,53 @@
+"""What a request asks of a vehicle's calibration: cameras, alias, moment, and the sensors that are mounted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated
+
+from fastapi import Depends, Query
+from pydantic import AwareDatetime
+
+from apexcal.documents.base import Sought
+from apexcal.documents.publications import CURRENT, AliasName
+from service.exports.given_queries import Asked
+from service.http.problems import Problem
+
+_ALIAS = "`current`, or another alias of the cameras, such as `canary`"
+_AS_OF = "a moment in the past"
+_SERIAL = "`NAME=SERIAL`, as read off the mounted sensor; NAME is a camera or `lidar`"
+
+AliasQuery = Annotated[AliasName, Query(description=_ALIAS)]
+MomentQuery = Annotated[AwareDatetime | None, Query(description=_AS_OF)]
+SerialQuery = Annotated[list[Sought] | None, Query(max_length=64, description=_SERIAL)]
+CameraQuery = Annotated[list[Sought] | None, Query(max_length=64, description="only these cameras; by default all")]
+
+
+async def _of_all(
+    camera: CameraQuery = None, alias: AliasQuery = CURRENT, as_of: MomentQuery = None, serial: SerialQuery = None
+) -> Asked:
+    return Asked(sorted(set(camera or [])), alias, as_of, _mounted(serial or []))
+
+
+async def _of_one(alias: AliasQuery = CURRENT, as_of: MomentQuery = None, serial: SerialQuery = None) -> Asked:
+    return Asked((), alias, as_of, _mounted(serial or []))
+
+
+AskedOfVehicle = Annotated[Asked, Depends(_of_all)]
+AskedOfCamera = Annotated[Asked, Depends(_of_one)]
+
+
+def _mounted(serials: Sequence[str]) -> Mapping[str, str]:
+    """Serial numbers by sensor. Raises :class:`Problem` 422 ``invalid_serial``."""
+    found: dict[str, str] = {}
+    for one in serials:
+        name, equals, serial = one.partition("=")
+        if not (name and equals and serial) or found.get(name, serial) != serial:
+            raise Problem(
+                422,
+                "invalid_serial",
+                f"`serial` is {one!r}, which is not one sensor and its serial number.",
+                "Write front=SN123 for the camera `front`, and lidar=SN456 for the LiDAR.",
+            )
+        found[name] = serial
+    return found

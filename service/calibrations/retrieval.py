@@ -1,0 +1,131 @@
+"""The answer that every vehicle asks for at every start: known by one look at the database, made once, then kept."""
+
+from __future__ import annotations
+
+import json
+from hashlib import sha256
+from uuid import UUID
+
+from fastapi import Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.encoders import jsonable_encoder
+from fastapi.responses import JSONResponse, Response
+from sqlalchemy.orm import Session
+
+from service.auth.access import Identity, identify
+from service.auth.secrets import TOKEN_PREFIX
+from service.calibrations.given_state import Look, Seen, StateReader, read_states
+from service.calibrations.given_views import cameras_of, given_documents
+from service.calibrations.kept_answers import KeptAnswers
+from service.db.fleets import Vehicle
+from service.db.session import Database
+from service.exports.answers import exported
+from service.exports.given_queries import Asked
+from service.exports.queries import of_given
+from service.http.etags import Conditions, content_etag, names
+from service.http.problems import Problem, not_found
+
+# Part of every ETag: a version that answers otherwise takes the next number.
+_FORM = "1"
+# Publications come minutes apart; a state that changes with every reading is a fault.
+_TRIES = 3
+
+
+class Retrieval:
+    """One process's answers. What it keeps is found by an ETag that the database is asked for at every request."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._states = StateReader(database)
+        self._kept = KeptAnswers()
+
+    def close(self) -> None:
+        """End the threads that read."""
+        self._states.close()
+
+    async def answer(self, request: Request, vehicle_id: UUID, asked: Asked, wanted: str | None) -> Response:
+        """The answer to a request. Raises :class:`Problem`."""
+        kind, _, bearer = request.headers.get("authorization", "").partition(" ")
+        by_token = kind.lower() == "bearer" and bearer.startswith(TOKEN_PREFIX)
+        seen = await self._states.read(Look(bearer if by_token else "", vehicle_id, asked.alias))
+        if not seen.may_see:
+            _check(None if seen.is_known else await run_in_threadpool(identify, request), seen)
+        etag = _etag(vehicle_id, asked, wanted, seen.digest)
+        if names(request.headers.get("if-none-match"), etag):
+            return Response(status_code=304, headers=_headers(etag))
+        kept = None if wanted else self._kept.get(etag)
+        if kept is not None:
+            return Response(kept, media_type="application/json", headers=_headers(etag))
+        made, etag = await run_in_threadpool(self._make, request, vehicle_id, asked, wanted, seen.digest)
+        if wanted is None:
+            self._kept.put(etag, bytes(made.body))
+        return made
+
+    def answer_now(
+        self, request: Request, identity: Identity, vehicle_id: UUID, asked: Asked, wanted: str | None
+    ) -> Response:
+        """The same in a thread, for a vehicle that was looked for and found."""
+        seen = self._look(vehicle_id, asked.alias)
+        _check(identity, seen)
+        etag = _etag(vehicle_id, asked, wanted, seen.digest)
+        if names(request.headers.get("if-none-match"), etag):
+            return Response(status_code=304, headers=_headers(etag))
+        return self._make(request, vehicle_id, asked, wanted, seen.digest)[0]
+
+    def _look(self, vehicle_id: UUID, alias: str) -> Seen:
+        with self._database.alone() as connection:
+            return read_states(connection, alias, [Look("", vehicle_id, alias)])[0]
+
+    def _make(
+        self, request: Request, vehicle_id: UUID, asked: Asked, wanted: str | None, digest: str
+    ) -> tuple[Response, str]:
+        """The answer with the ETag of the state that it was made from, which was the same before and after."""
+        for _ in range(_TRIES):
+            with self._database.reading() as session:
+                vehicle = session.get(Vehicle, vehicle_id)
+                if vehicle is None:
+                    raise not_found()
+                etag = _etag(vehicle_id, asked, wanted, digest)
+                made = _made(session, vehicle, asked, wanted, request, etag)
+            after = self._look(vehicle_id, asked.alias).digest
+            if after == digest:
+                return made, etag
+            digest = after
+        raise Problem(409, "conflict", "The vehicle's calibration is changing at this moment.", "Ask again.")
+
+
+def _made(
+    session: Session, vehicle: Vehicle, asked: Asked, wanted: str | None, request: Request, etag: str
+) -> Response:
+    if wanted is not None:
+        made = exported(wanted, of_given(session, vehicle, asked), Conditions(request, Response()))
+        made.headers["ETag"] = etag
+        return made
+    found = given_documents(session, vehicle, asked)
+    without = [] if asked.cameras else sorted(cameras_of(session, vehicle.id) - set(found))
+    document = {
+        "vehicle_id": vehicle.id,
+        "vehicle": vehicle.name,
+        "alias": asked.alias,
+        "as_of": asked.as_of,
+        "cameras": found,
+        "without": without,
+    }
+    return JSONResponse(jsonable_encoder(document), headers=_headers(etag))
+
+
+def _check(identity: Identity | None, seen: Seen) -> None:
+    """Raises :class:`Problem` 404 for what is not there, and for a vehicle of a fleet that the person is not in."""
+    if identity is None or seen.fleet_id is None or identity.role(seen.fleet_id) is None:
+        raise not_found()
+
+
+def _etag(vehicle_id: UUID, asked: Asked, wanted: str | None, digest: str) -> str:
+    """Of what decides the answer, and of the question: an answer to another one has another ETag."""
+    as_of = asked.as_of and asked.as_of.isoformat()
+    question = [_FORM, str(vehicle_id), asked.alias, *asked.cameras, as_of, sorted(asked.mounted.items()), wanted]
+    return content_etag(sha256(json.dumps([question, digest]).encode()).hexdigest())
+
+
+def _headers(etag: str) -> dict[str, str]:
+    return {"ETag": etag, "Vary": "Accept", "Cache-Control": "private, no-cache"}

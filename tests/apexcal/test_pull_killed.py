@@ -1,0 +1,103 @@
+"""`apexcal pull`, killed at many moments of each kind of trouble: the file is the last good one or the new one."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from hashlib import sha256
+
+import pytest
+from sqlalchemy import update
+
+from service.db.fleets import Rig, RigCamera
+from tests.apexcal.test_pull import Car
+from tests.service.calibrations.given import another_rig
+from tests.support.databases import one_database
+
+pytestmark = one_database
+NOBODY = "http://127.0.0.1:9"
+
+
+class Trouble:
+    """A car that pulled a good file; what then lies in its folder is there before each pull that is killed."""
+
+    def __init__(self, served, folder) -> None:
+        self.folder, self.saved = folder / "car", folder / "saved"
+        self.folder.mkdir()
+        self.car = Car(served, self.folder)
+        with self.car.api.database.writing() as session:
+            session.execute(update(Rig).values(lidar_serial="L-1"))
+            session.execute(update(RigCamera).values(serial="C-1"))
+        assert self.car.pull().exit_code == 0
+        self.good = self.digest()
+
+    def digest(self) -> str:
+        return sha256(self.car.file.read_bytes()).hexdigest()
+
+    def fresh(self) -> str:
+        """What a pull without trouble gives, beside the good file."""
+        file = self.folder.parent / "fresh.json"
+        assert self.car.pull("-o", str(file)).exit_code == 0
+        return sha256(file.read_bytes()).hexdigest()
+
+    def kill(self, *more: str, stride: int, room: int = -1, url: str | None = None):
+        shutil.rmtree(self.saved, ignore_errors=True)
+        shutil.copytree(self.folder, self.saved)
+        words = ["pull", "-o", str(self.car.file), "--token", self.car.viewer.token, "--url", url or self.car.url]
+        words += ["--vehicle", str(self.car.rig.vehicle_id), "--timeout", "20", *more]
+        killing = ["-m", "tests.apexcal.killed_pulls", str(self.folder), str(self.saved), str(stride), str(room)]
+        ran = subprocess.run([sys.executable, *killing, *words], capture_output=True, text=True, check=False)
+        assert ran.returncode == 0, ran.stderr
+        said = json.loads(ran.stdout)
+        assert said["killed"] >= 5
+        return said
+
+
+@pytest.fixture
+def trouble(served, tmp_path) -> Trouble:
+    return Trouble(served, tmp_path)
+
+
+def test_something_new_is_there_whole_or_not_at_all(trouble):
+    trouble.car.publish()
+    new = trouble.fresh()
+    said = trouble.kill(stride=3)
+    assert said["found"] == sorted([[trouble.good, True], [new, True]])
+    assert (said["exit_code"], said["there"]) == (0, new) and said["left_behind"] > 0
+
+
+def test_a_half_written_file_is_fetched_again(trouble):
+    trouble.car.file.write_bytes(trouble.car.file.read_bytes()[:1000])
+    half = trouble.digest()
+    said = trouble.kill(stride=5)
+    assert said["found"] == sorted([[half, False], [trouble.good, True]])
+    assert (said["exit_code"], said["there"]) == (0, trouble.good)
+
+
+def test_withdrawn(trouble):
+    trouble.car.withdraw(trouble.car.viewer.get(trouble.car.history).json()["items"][0])
+    said = trouble.kill(stride=7)
+    assert said["found"] == [[trouble.good, True]] and said["exit_code"] == 5
+
+
+def test_a_swapped_sensor(trouble):
+    said = trouble.kill("--serial", "front=C-2", stride=7)
+    assert said["found"] == [[trouble.good, True]] and said["exit_code"] == 6
+    another_rig(trouble.car.api, trouble.car.rig, "roof 2", lidar_serial="L-2")
+    said = trouble.kill(stride=7)
+    assert said["found"] == [[trouble.good, True]] and said["exit_code"] == 6
+
+
+def test_the_network_is_gone(trouble):
+    said = trouble.kill(stride=7, url=NOBODY)
+    assert said["found"] == [[trouble.good, True]] and said["exit_code"] == 3
+
+
+@pytest.mark.parametrize("room", [0, 900])
+def test_the_disk_is_full(trouble, room):
+    """No room for the note, and room for the note but not for the file."""
+    trouble.car.publish()
+    said = trouble.kill(stride=5, room=room)
+    assert said["found"] == [[trouble.good, True]] and said["exit_code"] == 1

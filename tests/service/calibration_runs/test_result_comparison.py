@@ -1,0 +1,60 @@
+"""Two results of one vehicle: how far apart, and whether both can be right."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from service.calibration_runs.result_comparison import compared
+
+NAMES = ["rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z", "f_x"]
+C = np.diag([0.05, 0.04, 0.03, 0.004, 0.005, 0.006, 1.0]) ** 2
+C[0, 4] = C[4, 0] = 0.9 * 0.05 * 0.005
+
+
+def result(turn_deg, t, u=0.0):
+    turned = Rotation.from_rotvec(np.radians(turn_deg)) * Rotation.from_euler("y", 80, degrees=True)
+    return {
+        "transform": {"rotation": {"matrix": turned.as_matrix().tolist()}, "translation_m": t},
+        "intrinsics": {"f_x": 600.0},
+        "std": dict(zip(NAMES, np.sqrt(np.diag(C)).tolist(), strict=True)),
+        "covariance": {"names": NAMES, "units": [], "matrix": C.tolist()},
+        "field": {
+            "number": [3, 5, 9],
+            "u": [10.0 + u, 20.0 + u, 30.0],
+            "v": [1.0, 2.0, 3.0],
+            "sigma_px": [0.5, 1.0, 2.0],
+        },
+    }
+
+
+def test_the_difference_counts_in_what_both_state():
+    one, other = result([0.0, 0.0, 0.0], [0.1, 0.2, 0.3]), result([0.02, 0.01, 0.0], [0.1, 0.203, 0.3])
+    found = compared(one, other, None, None)
+    assert found["rotation_deg"] == pytest.approx(np.hypot(0.02, 0.01), rel=1e-6)
+    assert found["translation_mm"] == pytest.approx(3.0)
+    d = np.array([-0.02, -0.01, 0.0, 0.0, -0.003, 0.0])
+    assert found["sigmas"] == pytest.approx(np.sqrt(d @ np.linalg.inv(2 * C[:6, :6]) @ d / 6), rel=1e-6)
+    assert not found["differs"]
+
+
+def test_half_a_degree_is_no_chance_unless_other_models_say_so():
+    one, other = result([0.0, 0.0, 0.0], [0.1, 0.2, 0.3]), result([0.4, 0.0, 0.0], [0.1, 0.2, 0.314])
+    assert compared(one, other, None, None)["differs"]
+    wide = {"std": one["std"] | {"rotation_x": 0.5, "t_z": 0.05}}
+    assert not compared(one, other, wide, None)["differs"]
+
+
+def test_the_field_is_compared_where_both_see_it():
+    one, other = result([0.0] * 3, [0.0] * 3), result([0.0] * 3, [0.0] * 3, u=3.0)
+    other["field"]["number"] = [5, 9, 11]
+    found = compared(one, other, None, None)
+    # Points 5 and 9: u 20 against 13 and 30 against 23; v 2 against 1 and 3 against 2.
+    assert found["field_px"] == pytest.approx(np.sqrt(((20 - 13) ** 2 + 1 + (30 - 23) ** 2 + 1) / 2))
+    sigma = np.array([np.hypot(1.0, 0.5), np.hypot(2.0, 1.0)])
+    assert found["field_sigmas"] == pytest.approx(np.sqrt(np.mean(50.0 / (2 * sigma**2))))
+
+
+def test_results_of_before_and_without_deviations():
+    one, other = result([0.0] * 3, [0.0] * 3), result([0.1, 0.0, 0.0], [0.0] * 3)
+    assert compared({k: v for k, v in one.items() if k != "field"}, other, None, None)["field_px"] is None
+    assert compared(one, other | {"std": None}, None, None) is None

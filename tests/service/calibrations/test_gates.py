@@ -1,0 +1,136 @@
+"""Gates of rig and fleet: what fails is an objection, and the verdict stays with the publication."""
+
+from __future__ import annotations
+
+import pytest
+from sqlalchemy import select, update
+
+from service.db.calibrations import Publication, Result
+from service.db.fleets import Rig
+from tests.service.calibrations.given import another_rig, history, publish, put_pairs
+from tests.service.calibrations.test_results import DOCUMENT, FOUND, current_address, seed_results
+from tests.service.detections.seeding import seed_rig
+
+STD = {"rotation_x_deg": 0.02, "rotation_y_deg": 0.05, "rotation_z_deg": 0.01} | {
+    "alpha_deg": 3.0, "beta_deg": 3.0, "gamma_deg": 3.0, "t_x_m": 0.004, "t_y_m": 0.002, "t_z_m": 0.007
+}  # fmt: skip
+
+
+@pytest.fixture
+def fleet(api):
+    return api.fleet()
+
+
+@pytest.fixture
+def rig(api, fleet):
+    return seed_rig(api.database, fleet)
+
+
+@pytest.fixture
+def admin(api, fleet):
+    return api.member(fleet, "admin")
+
+
+def state(admin, kind, id, gate):
+    etag = admin.get(f"/{kind}/{id}").headers["etag"]
+    made = admin.put(f"/{kind}/{id}/gate", json=gate, headers={"If-Match": etag})
+    assert made.status_code == 200, made.text
+    return made.json()
+
+
+def test_a_gate_is_stated_by_an_admin(api, fleet, rig, admin):
+    assert state(admin, "fleets", fleet, {"heldout_mean_px": 0.8})["gate"] == {"heldout_mean_px": 0.8}
+    assert admin.get(f"/fleets/{fleet}").json()["gate"] == {"heldout_mean_px": 0.8}
+    assert state(admin, "rigs", rig.id, {"std_mm": 5})["gate"] == {"std_mm": 5.0}
+    assert state(admin, "rigs", rig.id, {})["gate"] is None
+    assert admin.put(f"/rigs/{rig.id}/gate", json={"std_mm": 5}).status_code == 428
+    for wrong in ({"std_mm": 0}, {"coverage": 1.5}, {"heldout": 1}, {"std_deg": "x"}):
+        answer = admin.put(f"/rigs/{rig.id}/gate", json=wrong, headers={"If-Match": '"v3"'})
+        assert answer.status_code == 422, wrong
+    engineer = api.member(fleet, "engineer")
+    assert engineer.put(f"/fleets/{fleet}/gate", json={}, headers={"If-Match": "*"}).status_code == 403
+    assert engineer.put(f"/rigs/{rig.id}/gate", json={}, headers={"If-Match": "*"}).status_code == 403
+
+
+def test_what_fails_is_an_objection_and_the_verdict_is_kept(api, fleet, rig, admin):
+    state(admin, "fleets", fleet, {"heldout_mean_px": 0.8, "std_deg": 0.1, "std_mm": 5})
+    _, (result, _) = seed_results(api, rig)
+    with api.database.writing() as session:
+        session.execute(update(Result).values(document=DOCUMENT | {"std": STD}))
+    refused = admin.post(f"/results/{result}/publication")
+    assert refused.json()["objections"] == [
+        "The gate of the fleet asks for at most 0.8 px as the mean error of held-out pairs; it is 0.9 px.",
+        "The gate of the fleet asks for at most 5 mm as the largest standard deviation of the translation; "
+        "it is 7 mm.",
+    ]
+    made = admin.post(f"/results/{result}/publication", {"override": {"reason": "For the yard only."}}).json()
+    assert made["gate"]["passed"] is False
+    checks = {one["name"]: (one["measured"], one["limit"], one["passed"]) for one in made["gate"]["checks"]}
+    assert checks == {
+        "heldout_mean_px": (0.9, 0.8, False), "std_deg": (0.05, 0.1, True), "std_mm": (7.0, 5.0, False)
+    }  # fmt: skip
+    # A gate that changes later changes no verdict of before.
+    state(admin, "fleets", fleet, {})
+    assert history(admin, rig)[0]["gate"] == made["gate"]
+    publish(api, rig, admin)
+    assert history(admin, rig)[0]["gate"] is None
+
+
+def test_a_rig_replaces_the_limits_of_the_same_name(api, fleet, rig, admin):
+    state(admin, "fleets", fleet, {"heldout_mean_px": 0.8, "std_mm": 1})
+    state(admin, "rigs", rig.id, {"heldout_mean_px": 2, "std_mm": 20})
+    made = publish(api, rig, admin)
+    assert made["gate"]["passed"] and {one["stated_by"] for one in made["gate"]["checks"]} == {"rig"}
+
+
+def test_a_measure_that_a_result_lacks_does_not_pass(api, rig, admin):
+    state(admin, "rigs", rig.id, {"std_deg": 0.1, "coverage": 0.5})
+    _, (result, _) = seed_results(api, rig)
+    against = admin.get(f"/results/{result}").json()["objections"]
+    assert len(against) == 2 and all(one.endswith("this result does not have it.") for one in against)
+    with api.database.writing() as session:
+        std = STD | {"rotation_y_deg": None}
+        session.execute(update(Result).values(document=DOCUMENT | {"std": std}))
+    assert "this result does not have it" in admin.get(f"/results/{result}").json()["objections"][1]
+
+
+def test_halves_and_the_spread_of_the_models_count_where_a_result_has_them(api, rig, admin):
+    state(admin, "rigs", rig.id, {"halves_ratio": 1.5, "std_mm": 5})
+    found = FOUND | {"between_models": {"std": STD | {"t_z_m": 0.006}}}
+    _, (result, _) = seed_results(api, rig, found=found)
+    with api.database.writing() as session:
+        halves = [{"split": "alternating", "ratio": 1.2}, {"split": "first_and_last", "ratio": 1.7}]
+        document = DOCUMENT | {"std": STD | {"t_z_m": 0.004}, "halves": halves}
+        session.execute(update(Result).values(document=document))
+    wide, apart = sorted(admin.get(f"/results/{result}").json()["objections"], reverse=True)
+    assert "the difference of halves" in wide + apart and "it is 1.7" in wide + apart
+    assert "at most 5 mm" in wide + apart and "it is 6 mm" in wide + apart
+
+
+def test_coverage_counts_the_cells_of_the_image_that_hold_pairs(api, rig, admin):
+    """640 x 480: cells of 80 x 80. A pair that was left out, and one outside of the image, cover nothing."""
+    state(admin, "rigs", rig.id, {"coverage": 0.5})
+    cells = [(column, row) for column in range(8) for row in range(3)]
+    u = [80.0 * column + 40 for column, _ in cells]
+    v = [80.0 * row + 79.9 for _, row in cells]
+    _, (result, _) = seed_results(api, rig)
+    put_pairs(api, [*u, -1.0, 5.0], [*v, 5.0, 480.0])
+    assert admin.get(f"/results/{result}").json()["objections"] == []
+    with api.database.writing() as session:
+        left_out = [{"index": 3, "residual_px": 9.0, "score": 9.0, "reason": "x", "excluded": True}]
+        session.execute(update(Result).values(document=DOCUMENT | {"outliers": left_out}))
+    (against,) = admin.get(f"/results/{result}").json()["objections"]
+    assert "at least 0.5" in against and against.endswith("it is 0.479.")
+
+
+def test_the_service_does_not_publish_what_fails(api, fleet, rig, admin):
+    """A gate stated by a newer version, with a limit that this one does not know, is not passed unseen."""
+    with api.database.writing() as session:
+        session.execute(update(Rig).values(gate={"road_score": 0.9}))
+    _, (result, _) = seed_results(api, rig)
+    (against,) = admin.get(f"/results/{result}").json()["objections"]
+    assert "road_score" in against and "does not have it" in against
+    assert admin.get(current_address(rig)).status_code == 404
+    another_rig(api, rig, "roof 2")
+    with api.database.reading() as session:
+        assert session.scalars(select(Publication)).all() == []

@@ -1,0 +1,46 @@
+"""What is to be said of pairs beside their fit: what explains their residuals, marks outside, nearest frames."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from workers.solver.problem import FitProblem
+
+# Largest noise of a plane on real recordings, ring bias included (OS1-64). A vertex that states nothing has that.
+_VERTEX_M: Final = 0.016
+# Scale of stated errors from which they are too small, as in the alarm that says so.
+_UNDERSTATED: Final = 1.5
+_STILL_NS: Final = 1_000_000
+
+
+def explained_px(problem: FitProblem, document: Mapping[str, Any]) -> float:
+    """Noise per coordinate that marks and vertices explain in a typical pair, px.
+
+    Of marks of `mark_sigma_px` and vertices known to 16 mm across their ray; or what pairs state, where that is more.
+    """
+    used = problem.weights > 0.0
+    lens = document["intrinsics"]
+    focal = 0.5 * (lens["f_x"] + lens["f_y"])
+    distance = np.maximum(np.linalg.norm(problem.points[used], axis=1), 1e-3)
+    typical = float(np.sqrt(problem.mark_sigma_px**2 + np.median((focal * _VERTEX_M / distance) ** 2)))
+    scale = document.get("noise_scale")
+    return max(typical, document["sigma_px"] / scale) if scale else typical
+
+
+def marks_outside(problem: FitProblem) -> int:
+    """How many marks lie more than a pixel outside of the image."""
+    size = np.array(problem.image_size)
+    return int(np.count_nonzero(np.any((problem.pixels < -1.5) | (problem.pixels > size + 0.5), axis=1)))
+
+
+def nearest_frames(document: Mapping[str, Any], pairs: Mapping[str, Any]) -> list[str]:
+    """A sentence where errors are larger than stated and vertices were not moved to their frames' times."""
+    gaps = np.abs(np.array(pairs.get("gap_ns") or [0], np.float64))
+    scale = document.get("noise_scale")
+    if not scale or scale <= _UNDERSTATED or np.max(gaps) < _STILL_NS:
+        return []
+    return [
+        f"Vertices were paired with the nearest frame, half of them more than {np.median(gaps) / 1e6:.0f} ms away, "
+        "and not moved to its time. If the board moved, the pairs are wrong: detect again with pairing mode auto."
+    ]
