@@ -70,7 +70,7 @@ def estimate(problem: FitProblem, start: Floats) -> Estimate:
     """
     found = _settled(problem, start)
     weak = lens_priors(problem, found.parameters, found.spread)
-    if weak:
+    if weak and found.spread.sigma_px > 0.0:
         held = problem.priors | {name: (0.0, sigma) for name, sigma in weak.items()}
         scale = found.spread.sigma_px / _stated_px(found)
         again = replace(problem, priors=held, noise_scale=scale)

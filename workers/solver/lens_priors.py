@@ -31,7 +31,8 @@ _TANGENTIAL: Final = {"brown_conrady": ("k3", "k4")}
 def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str, float]:
     """Standard deviations about zero, by coefficient, for a fit that ended at p (D,) with these deviations.
 
-    Empty where the pairs hold all coefficients, or the request says of all what they may be.
+    Empty where the pairs hold all coefficients, or leave others than these open, or the request says of all what they
+    may be.
     """
     corner = 0.5 * problem.diagonal_px / float(np.sqrt(p[6] * p[7]))
     sigmas = {name: _radial(corner, order) for name, order in _RADIAL[problem.model].items()}
@@ -39,6 +40,8 @@ def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str
         sigmas[name] = _DECENTRED * corner * _radial(corner, 1)
     std = dict(zip(spread.names, spread.std.tolist(), strict=True))
     open_names = [name for name in sigmas if name in problem.unstated and name in std]
+    if not all(np.isfinite(one) for name, one in std.items() if name not in open_names):
+        return {}  # what else the pairs leave open no prior of the lens makes good
     # Five of the largest deviation are the bounds: what the pairs hold better than the prior does not come near them.
     if all(std[name] < sigmas[name] for name in open_names):
         return {}

@@ -36,7 +36,7 @@ def test_the_top_vertices_alone_are_said_to_hold_too_little_and_held_out_poses_s
     fitted = solution["polished"]["mean_px"]
     assert fitted < 3.0, "they are fitted well"
     others = evaluate(solution["intrinsics"], solution["transform"], points[~top], pixels[~top])
-    assert others["mean_px"] > 5.0 * fitted, "and say little of the rest"
+    assert others["mean_px"] > 4.0 * fitted, "and say little of the rest"
     errors = []
     for number, (held_out, _) in enumerate(folds(poses[top], 5)):
         kept = np.setdiff1d(np.arange(20), held_out)
