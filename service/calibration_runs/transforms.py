@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Document = dict[str, Any]
+# Cosine of beta below which the other two angles act alike.
+_SINGULAR = 1e-9
+# Radians within which the sums of two triples count as equal.
+_SAME = 1e-9
 
 
 def T_vehicle_camera(T_vehicle_lidar: Document, T_camera_lidar: Document) -> Document:  # noqa: N802 - a transform
@@ -71,16 +75,22 @@ def _from_euler(angles: Floats, order: str) -> Floats:
 
 
 def _euler(R: Floats, order: str) -> Floats:
-    """Angles in radians; at the singular point the last one is 0."""
+    """Of the two triples, in radians, that whose absolute values sum to less; at the singular point the last is 0."""
     if order == "zyx":
-        beta = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-        if np.hypot(R[0, 0], R[1, 0]) < 1e-9:
+        across = np.hypot(R[0, 0], R[1, 0])
+        beta = np.arctan2(-R[2, 0], across)
+        if across < _SINGULAR:
             return np.array([np.arctan2(-R[0, 1], R[1, 1]), beta, 0.0])
-        return np.array([np.arctan2(R[1, 0], R[0, 0]), beta, np.arctan2(R[2, 1], R[2, 2])])
-    beta = np.arctan2(R[0, 2], np.hypot(R[0, 0], R[0, 1]))
-    if np.hypot(R[0, 0], R[0, 1]) < 1e-9:
-        return np.array([np.arctan2(R[2, 1], R[1, 1]), beta, 0.0])
-    return np.array([np.arctan2(-R[1, 2], R[2, 2]), beta, np.arctan2(-R[0, 1], R[0, 0])])
+        first = np.array([np.arctan2(R[1, 0], R[0, 0]), beta, np.arctan2(R[2, 1], R[2, 2])])
+    else:
+        across = np.hypot(R[0, 0], R[0, 1])
+        beta = np.arctan2(R[0, 2], across)
+        if across < _SINGULAR:
+            return np.array([np.arctan2(R[2, 1], R[1, 1]), beta, 0.0])
+        first = np.array([np.arctan2(-R[1, 2], R[2, 2]), beta, np.arctan2(-R[0, 1], R[0, 0])])
+    turned = first * (1.0, -1.0, 1.0) + np.pi
+    second = np.arctan2(np.sin(turned), np.cos(turned))
+    return second if np.abs(second).sum() < np.abs(first).sum() - _SAME else first
 
 
 def _from_quaternion(q: Floats) -> Floats:

@@ -82,6 +82,16 @@ def test_angles_at_their_singular_point_still_give_the_rotation(beta, order):
         np.testing.assert_allclose(again.R, expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("angles", [(90.0, -105.0, 0.0), (90.0, -75.0, 3.0), (-20.0, 100.0, 10.0), (1.0, 2.0, 178.0)])
+def test_of_two_triples_of_angles_both_name_the_same(angles):
+    document = euler_document("base_link", "velodyne", angles, "zyx", (0, 0, 0))
+    identity = euler_document("camera", "velodyne", (0.0, 0.0, 0.0), "zyx", (0, 0, 0))
+    found = transforms.T_vehicle_camera(document, identity)["rotation"]["euler"]
+    expected = worker_transforms.to_document(worker_transforms.from_document(document))["rotation"]["euler"]
+    for ours, theirs in zip(found, expected, strict=True):
+        np.testing.assert_allclose(ours["angles_deg"], theirs["angles_deg"], atol=1e-9)
+
+
 def test_a_matrix_of_few_digits_is_made_a_rotation():
     rough = {"matrix": [[0.0001, -1.0, 0.0], [0.0, 0.0, -0.9999], [1.0, 0.0002, 0.0]]}
     document = {"to_frame": "a", "from_frame": "b", "rotation": rough, "translation_m": [1, 2, 3]}
