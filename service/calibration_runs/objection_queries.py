@@ -219,7 +219,8 @@ def _beside_current(session: Session, result: Result, vehicle_id: UUID) -> list[
         return []
     own, current = found
     reasons: list[str] = []
-    apart = _compared(own, current)
+    # A result that is unsound by itself is no measure of the mount.
+    apart = None if current.found.get("objections") else _compared(own, current)
     if apart and apart["differs"]:
         reasons.append(
             f"The mount differs from the vehicle's current result by {apart['rotation_deg']:.2f} degrees and "

@@ -196,7 +196,9 @@ def test_a_recording_of_an_older_version_is_packed_on_demand(
     page = sign_in("Ola", "engineer")
     page.goto(f"{track.url}/recordings/{dense}")
     page.get_by_role("button", name="Pack them").click()
-    expect(page.get_by_role("application")).to_have_attribute("data-points", "100096", timeout=30_000)
+    # The region's drawing opens beside it and shows the sweeps too.
+    viewer = page.get_by_role("application", name="Sweep 0.")
+    expect(viewer).to_have_attribute("data-points", "100096", timeout=30_000)
 
 
 def forget_packing(served: dict[str, Any], recording_id: str) -> None:
