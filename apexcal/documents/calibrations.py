@@ -97,7 +97,7 @@ class CalibrationTemplate(Received):
     common_errors: Annotated[
         CommonErrors,
         Field(
-            description="what is left out has the default of the pairs' detector; 0 leaves it out of the deviations"
+            description="omitted: the default of the pairs' detector; 0 leaves an error out of the deviations"
         ),
     ] = CommonErrors()
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None

@@ -113,10 +113,10 @@ class Calibrations:
         return self._http.items(at("vehicles", vehicle_id, "cameras", camera, "publications"), PublicationView)
 
     def withdraw(self, publication_id: UUID | str, reason: str) -> PublicationView:
-        """Take back what a camera was given.
+        """Withdraw a publication.
 
-        Where it is the current one, :meth:`current` raises ApiError ``calibration_withdrawn`` until something is
-        published: the one before does not come back by itself.
+        If it is the current one, :meth:`current` raises ApiError ``calibration_withdrawn`` until something is
+        published. The one before does not come back by itself.
         """
         return self._http.post(at("publications", publication_id, "withdrawal"), PublicationView, {"reason": reason})
 
