@@ -491,7 +491,7 @@ class Validity(Document):
 class CurrentCalibration(Sent):
     """What a vehicle's camera is given: intrinsics and transforms, both frames named, and how good they are.
 
-    ``T_vehicle_camera`` is there where the rig says where its LiDAR is. ``clock_offset_ns`` is the camera's clock
+    ``T_vehicle_camera`` is there if the rig states ``T_vehicle_lidar``. ``clock_offset_ns`` is the camera's clock
     minus the LiDAR's with which the pairs were made, null if they were imported. Under an alias other than
     ``current``, ``publication_id`` is the id of the alias's move.
     """

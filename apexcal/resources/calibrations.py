@@ -145,8 +145,8 @@ class Calibrations:
     def current(self, vehicle_id: UUID | str, camera: str, alias: str = CURRENT) -> CurrentCalibration:
         """A camera's current calibration, or what another alias leads to.
 
-        ApiError ``no_calibration_yet`` where there is none, ``calibration_withdrawn`` where it was taken back,
-        ``calibration_does_not_apply`` where a sensor was swapped since.
+        ApiError ``no_calibration_yet`` if there is none, ``calibration_withdrawn`` if it was withdrawn,
+        ``calibration_does_not_apply`` if a sensor was swapped since.
         """
         path = at("vehicles", vehicle_id, "cameras", camera, "calibration")
         return self._http.get(path, CurrentCalibration, alias=alias)

@@ -72,9 +72,9 @@ def given(session: Session, vehicle: Vehicle, asked: Asked) -> dict[str, Given]:
     """What each camera is given, by name.
 
     Raises:
-        Problem: 422 ``unknown_sensor``; 404 ``no_calibration_yet`` where an asked camera, or every camera, was never
-            given anything; 410 ``calibration_withdrawn`` where that was withdrawn; 409 ``calibration_does_not_apply``
-            where a sensor has been swapped since.
+        Problem: 422 ``unknown_sensor``; 404 ``no_calibration_yet`` if an asked camera, or every camera, was never
+            given anything; 410 ``calibration_withdrawn`` if it was withdrawn; 409 ``calibration_does_not_apply`` if a
+            sensor has been swapped since.
     """
     if asked.mounted:
         _check_sensors(session, vehicle, asked.mounted)

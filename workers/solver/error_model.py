@@ -38,12 +38,12 @@ class ErrorModel:
     variances: Floats = field(default_factory=lambda: np.zeros(0))
 
     def inverse(self, used: Used | None = None) -> Floats:
-        """Q (F, F) of the pairs that are used (N,), in scaled parameters; priors count whole."""
+        """Q (F, F) of the used pairs (N,), in scaled parameters; priors count whole."""
         J = self._rows(used).reshape(-1, len(self.scale))
         return np.linalg.pinv(J.T @ J / self.noise + self.fit.prior, rcond=1e-14, hermitian=True).astype(np.float64)
 
     def step(self, used: Used | None = None) -> Floats:
-        """(F,) from the linearisation to the optimum of the pairs that are used and the priors: rad, m, px."""
+        """(F,) the step from the linearisation to the optimum of the used pairs and the priors: rad, m, px."""
         J = self._rows(used).reshape(-1, len(self.scale))
         gradient = J.T @ self.fit.residuals.ravel() / self.noise + self.fit.pull
         return -(self.inverse(used) @ gradient) * self.scale
@@ -75,7 +75,7 @@ class ErrorModel:
         return self._of_arms((self.inverse(), None))
 
     def difference(self, first: Used, second: Used) -> Floats:
-        """(F, F) of the estimate from the first pairs less that from the second, which have none in common."""
+        """(F, F) of the difference of the estimates from the first and the second pairs, which are disjoint."""
         return self._of_arms((self.inverse(first), first), (-self.inverse(second), second))
 
     def independent(self) -> ErrorModel:
