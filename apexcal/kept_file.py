@@ -64,9 +64,9 @@ class KeptFile:
 
 
 def replace_whole(target: Path, content: bytes, name: str) -> None:
-    """Give the file this content, whole or not at all. What is unfinished is ``.NAME.*.part`` beside it.
+    """Give the file this content, whole or not at all. Until then it is ``.NAME.*.part`` beside it.
 
-    Raises OSError, and then the file is what it was.
+    If it raises OSError, the file is unchanged.
     """
     descriptor, unfinished = tempfile.mkstemp(prefix=f".{name}.", suffix=".part", dir=target.parent)
     part = Path(unfinished)
@@ -75,7 +75,7 @@ def replace_whole(target: Path, content: bytes, name: str) -> None:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp's files are for their owner alone; other programs read this one.
+        # mkstemp's files are readable only by their owner, but other programs read this one.
         part.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o644)
         part.replace(target)
     except BaseException:

@@ -206,7 +206,7 @@ def at(*segments: object) -> str:
 
 
 def if_match(version: int) -> dict[str, str]:
-    """The header of an edit of this version of a row."""
+    """The header of an edit of this version of the row."""
     return {"If-Match": f'"v{version}"'}
 
 

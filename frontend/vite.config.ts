@@ -9,7 +9,7 @@ const service = process.env.APEXCAL_URL ?? "http://127.0.0.1:8000";
 
 const OUT = "../service/web";
 
-/** What every page loads, gzipped; and that with what is loaded where points are shown in 3D. */
+/** Limits, gzipped: of what every page loads, and of what pages with points in 3D load. */
 const MOST_BYTES = 100_000;
 const MOST_BYTES_WITH_VIEWER = 300_000;
 

@@ -182,7 +182,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.publisher = Publisher(settings.events)
     # An import of 32 MiB takes some 130 MB while it is read, an answer of 100,000 pairs 20 MB and then 6.
     app.state.imports = Places(total=4, each=1, patience_s=_PATIENCE_S)
-    # Bodies of imports that are still on their way: slow ones, of 32 MiB each, hold none of the places above.
+    # Bodies of imports still arriving: slow ones, of 32 MiB each, take no place from others.
     app.state.arriving_imports = Places(total=32, each=1, patience_s=_PATIENCE_S)
     app.state.long_answers = Places(total=8, each=4, patience_s=_PATIENCE_S)
     app.state.database.couriers.update({JOBS: app.state.sender, HINTS: app.state.publisher})

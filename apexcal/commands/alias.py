@@ -38,7 +38,7 @@ def alias(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """List a camera's aliases, or the moves of one; with --result or --remove move it.
+    """List a camera's aliases, or the moves of one. With --result or --remove, move it.
 
     A vehicle that pulls with --alias NAME gets what the alias leads to. `current` moves with `apexcal publish`.
     """

@@ -51,7 +51,7 @@ def detect(
         bool | None,
         typer.Option(
             "--interpolate/--nearest",
-            help="Move vertices along their track to their frames' times, or none. Default: where there is a track.",
+            help="Move vertices along their track to their frames' times. Default: those that have a track.",
             show_default=False,
         ),
     ] = None,

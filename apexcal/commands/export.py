@@ -43,7 +43,7 @@ def export(
     fleet: FleetOption = "",
     result: Annotated[str, typer.Option(help="Id of one result, instead of the current calibration.")] = "",
     format: FormatOption = "json",
-    alias: Annotated[str, typer.Option(help="What this alias leads to, such as canary.")] = CURRENT,
+    alias: Annotated[str, typer.Option(help="The alias to follow, such as canary.")] = CURRENT,
     urdf: Annotated[
         Path | None, typer.Option(help="The vehicle's own URDF, to replace one joint's origin in.")
     ] = None,

@@ -1,9 +1,8 @@
 """``apexcal pull``: what a vehicle is given, kept in a file. For start-up scripts.
 
 Exit codes: 0 the file is what the vehicle is given now, replaced or not; 1 the service refused, or the file could
-not be written; 2 wrong usage; 3 no answer; 5 it was withdrawn; 6 it is of other sensors than those that are mounted.
-After 1, 3, 5 and 6 the file still is the last that was pulled. 4: as these, and there is no file that was pulled
-whole.
+not be written; 2 wrong usage; 3 no answer; 5 it was withdrawn; 6 it is of other sensors than the mounted ones.
+After 1, 3, 5 and 6 the file is still the last that was pulled. 4: as these, but no file was ever pulled whole.
 """
 
 from __future__ import annotations
@@ -37,10 +36,10 @@ def pull(
     camera: Annotated[list[str] | None, typer.Option(help="Only this camera; may be given several times.")] = None,
     format: Annotated[str, typer.Option("--format", help="json, or a format of `apexcal export`.")] = "json",
     as_of: Annotated[str, typer.Option(help="What it was given at this moment: 2026-03-01T12:00:00Z.")] = "",
-    alias: Annotated[str, typer.Option(help="What this alias leads to, such as canary.")] = CURRENT,
+    alias: Annotated[str, typer.Option(help="The alias to follow, such as canary.")] = CURRENT,
     serial: Annotated[
         list[str] | None,
-        typer.Option(help="NAME=SERIAL, read off a mounted sensor; NAME is a camera or lidar. May be repeated."),
+        typer.Option(help="NAME=SERIAL of a mounted sensor; NAME is a camera or lidar. May be repeated."),
     ] = None,
     timeout: Annotated[float, typer.Option(help="Seconds to wait for each answer.", min=0.1, max=600.0)] = 10.0,
     url: UrlOption = "",
@@ -51,7 +50,7 @@ def pull(
 
     Exit codes: 0 the file is what the vehicle is given now; 1 the service refused, or the file cannot be written;
     2 wrong usage; 3 no answer; 5 the calibration was withdrawn; 6 it is of other sensors than the mounted ones.
-    After 1, 3, 5 and 6 the last good file stays. 4: the same without any good file.
+    After 1, 3, 5 and 6 the last good file stays. 4: as these, but there is no good file.
     """
     output = output.resolve()  # a link stays, and what it leads to is replaced
     if (output.exists() and not output.is_file()) or not output.parent.is_dir():

@@ -52,9 +52,9 @@ def rollback(
 
 
 def _before(publications: list[PublicationView]) -> PublicationView | None:
-    """What came before the current result was first given: going back twice does not return to what was left.
+    """The result given before the current one was first given, so going back twice goes further back.
 
-    Results that were withdrawn are passed over.
+    Withdrawn results are skipped.
     """
     results = [one.result_id for one in publications]
     if not results:

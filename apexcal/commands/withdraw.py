@@ -14,7 +14,7 @@ from apexcal.embedded.folder import DEFAULT
 
 
 def withdraw(
-    reason: Annotated[str, typer.Option(help="Why it is not to be used; cars are told.", show_default=False)],
+    reason: Annotated[str, typer.Option(help="Why it must not be used; cars are told.", show_default=False)],
     vehicle: VehicleOption = "",
     camera: CameraOption = "",
     fleet: FleetOption = "",

@@ -96,9 +96,7 @@ class CalibrationTemplate(Received):
     ] = "auto"
     common_errors: Annotated[
         CommonErrors,
-        Field(
-            description="what is left out has the default of the pairs' detector; 0 leaves it out of the deviations"
-        ),
+        Field(description="omitted: the default of the pairs' detector; 0 leaves an error out of the deviations"),
     ] = CommonErrors()
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
     folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5

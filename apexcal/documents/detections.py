@@ -24,7 +24,7 @@ class Pairing(Received):
     """How vertices are paired with camera frames: each with the frame nearest to its time plus ``offset_ns``.
 
     A frame farther away than ``max_gap_ns`` is no pair. ``mode: interpolate`` moves the vertex along its track to the
-    frame's own time. The gap is zero then, and the covariance includes the interpolation's error. ``auto`` does so
+    frame's own time. The gap is then zero, and the covariance includes the interpolation's error. ``auto`` does so
     with vertices that state a covariance, where those near in time make a track; ``nearest`` leaves vertices where
     they were measured.
     """

@@ -130,9 +130,9 @@ class NewRig(Received):
 
 
 class SensorSerials(Received):
-    """Serial numbers of a rig's sensors, to correct or complete what was stated; null forgets one.
+    """Serial numbers of a rig's sensors, to correct or complete those stated; null removes one.
 
-    Of a sensor that was swapped: describe a new rig instead, for recordings and results belong to what was mounted.
+    For a swapped sensor describe a new rig: recordings and results belong to the sensors that were mounted.
     """
 
     lidar: Serial | None = None

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from itertools import accumulate
 from typing import Any, Final, NamedTuple
 
-# Blocks of each fold. One block would leave a whole part of the walk to extrapolation; more and more of them put more
-# and more frames beside fitted neighbours.
+# Blocks of each fold. With one block, a whole part of the walk would be extrapolated. The more blocks, the more
+# frames lie beside fitted neighbours.
 ROUNDS: Final = 4
 
 
 class HeldOut(NamedTuple):
-    """For each pair the fold that holds it out, and the block of neighbours with which it is held out."""
+    """The fold that holds out each pair, and the block of neighbours that is held out with it."""
 
     fold: list[int]
     block: list[int]
@@ -24,9 +24,9 @@ class HeldOut(NamedTuple):
 
 
 def most_folds(different: int, pairs: int) -> int:
-    """Into how many folds pairs with so many different values can be cut.
+    """The largest number of folds for pairs with so many different values.
 
-    A fold of single frames needs at least two of them, else a frame is held out beside its neighbours.
+    A fold of single frames needs at least two of them. Otherwise a frame is held out beside its neighbours.
     """
     return different // 2 if different == pairs else different
 
@@ -35,12 +35,12 @@ def cut_folds(values: Sequence[Any], count: int) -> HeldOut:
     """The folds of pairs with these values: stamps, or groups. ``count`` is at most `most_folds` of them.
 
     Pairs of equal value stay together. The values are cut in their order into up to `ROUNDS` blocks for each fold,
-    of numbers of pairs as equal as can be, and the folds take turns. So what remains surrounds each block, and no fit
-    has to extrapolate to the pairs that it is judged by.
+    with numbers of pairs as equal as possible, and the folds take turns. So fitted pairs surround each block, and no
+    fit has to extrapolate to the pairs that judge it.
     """
     sizes = Counter(values)
     ordered = sorted(sizes)
-    # Where few values have several pairs, they are frames and not poses.
+    # If few values have several pairs, the values are frames, not poses.
     smallest = 2 if 2 * len(sizes) > len(values) and len(sizes) >= 2 * count else 1
     blocks = count * min(ROUNDS, len(sizes) // (smallest * count))
     block_of = _cut([sizes[value] for value in ordered], blocks, smallest)
@@ -54,7 +54,7 @@ def cut_folds(values: Sequence[Any], count: int) -> HeldOut:
 
 
 def _cut(sizes: Sequence[int], count: int, smallest: int) -> list[int]:
-    """The block of each value: cut where the running number of pairs comes nearest to k / count of all."""
+    """The block of each value. Cuts are where the running number of pairs is nearest to k / count of all."""
     ends = list(accumulate(sizes))
     block: list[int] = []
     for index in range(count):
@@ -68,9 +68,9 @@ def _cut(sizes: Sequence[int], count: int, smallest: int) -> list[int]:
 
 
 def _take_turns(sizes: Sequence[int], count: int) -> list[int]:
-    """The fold of each block. Neighbours go to different folds, the largest of them to the one with fewest pairs.
+    """The fold of each block. Neighbours go to different folds, the largest to the fold with the fewest pairs.
 
-    Where all are alike the turn shifts from round to round: a walk in as many lanes would else give a fold a lane.
+    If all are equal, the order shifts from round to round. Otherwise a walk in as many lanes gives each fold a lane.
     """
     shift = 2 if count > 3 else count - 2
     held = [0] * count

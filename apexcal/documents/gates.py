@@ -15,10 +15,10 @@ _Share = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 class Gate(Received):
     """Limits, each optional. A rig's limit replaces the fleet's of the same name.
 
-    ``heldout_mean_px``: most, of the mean error of held-out pairs. ``std_deg`` and ``std_mm``: most, of the largest
-    standard deviation of a turn and of a component of the translation. ``halves_ratio``: most, of how many times more
-    than stated halves of the pairs differ. ``coverage``: least share of the image, of
-    whose 8 x 6 equal cells so many hold at least one pair.
+    Upper limits: ``heldout_mean_px`` of the mean error of held-out pairs; ``std_deg`` and ``std_mm`` of the largest
+    standard deviation of a turn and of a component of the translation; ``halves_ratio`` of the difference of halves
+    of the pairs over what is stated. Lower limit: ``coverage``, the share of the image's 8 x 6 equal cells that hold
+    a pair.
     """
 
     heldout_mean_px: _Most | None = None
@@ -29,7 +29,7 @@ class Gate(Received):
 
 
 class GateCheck(Document):
-    """One limit of a gate held against a result; ``measured`` is null where the result does not have the measure."""
+    """One limit of a gate, checked on a result; ``measured`` is null if the result lacks the measure."""
 
     name: str
     limit: float
@@ -40,7 +40,7 @@ class GateCheck(Document):
 
 
 class GateVerdict(Document):
-    """Whether a result passed, limit by limit, as of the moment of its publication."""
+    """Whether a result passed, limit by limit, when it was published."""
 
     passed: bool
     checks: list[GateCheck]

@@ -44,7 +44,7 @@ class OverrideView(Sent):
 
 
 class WithdrawalRequest(Received):
-    """Why what a camera was given is not to be used any more."""
+    """Why a publication must no longer be used."""
 
     reason: Reason
 
@@ -61,7 +61,7 @@ class PublicationView(Sent):
     """A result that a vehicle's camera was given: by whom, when, why, and against which objections.
 
     ``published_by`` is a name, null where the person is no longer known. ``reason`` is null where none was given.
-    ``withdrawn`` is null unless it was withdrawn; ``gate`` is null where neither rig nor fleet stated one.
+    ``withdrawn`` is null unless it was withdrawn; ``gate`` is null if neither rig nor fleet stated one.
     """
 
     id: UUID
@@ -81,9 +81,9 @@ class PublicationView(Sent):
 
 
 class AliasMoveRequest(Received):
-    """Where an alias shall lead, and why. Without a ``result_id`` it is taken away.
+    """Where an alias shall lead, and why. Without a ``result_id`` it is removed.
 
-    Against the service's objections only with ``override``; the reason says why all the same.
+    Against the service's objections it needs ``override``; then the reason also says why.
     """
 
     result_id: UUID | None = None
@@ -94,7 +94,7 @@ class AliasMoveRequest(Received):
 class AliasMoveView(Sent):
     """One step of an alias: to which result, by whom, when, why and against which objections.
 
-    ``result_id`` is null where the alias was taken away, or where the result was deleted.
+    ``result_id`` is null if the alias was removed or the result was deleted.
     """
 
     id: UUID

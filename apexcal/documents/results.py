@@ -73,11 +73,11 @@ class Outlier(Document):
 
 
 class HeldOut(Errors):
-    """Errors over the pairs of the held-out fold; ``forbidden`` counts projections that are none.
+    """Errors over the pairs of the held-out fold; ``forbidden`` counts pairs without a projection.
 
-    What models are compared by: ``standard_px`` are the distances in standard deviations of what the pairs state, in
-    pixels of a typical pair and under a fit without outliers, ``stretch`` how that scales lengths; pairs of one of
-    the ``blocks`` err together.
+    Models are compared by ``standard_px``: the distances in standard deviations of what the pairs state, in pixels of
+    a typical pair, under a fit without outliers. ``stretch`` is how that scales lengths. Pairs of one of the
+    ``blocks`` err together.
     """
 
     max_px: float | None = None
@@ -122,10 +122,10 @@ class WorstCorrelation(Document):
 
 
 class Field(Document):
-    """Where a result puts fixed points around the LiDAR that the image shows, and its deviation there, pixels.
+    """Where a result projects fixed points around the LiDAR that the image shows, and its deviation there, pixels.
 
-    The points are the same for all results: each 10 degrees of azimuth and elevation, 5 and 20 m away; ``number``
-    counts them.
+    The points are the same for all results: every 10 degrees of azimuth and elevation, 5 and 20 m away. ``number``
+    identifies a point.
     """
 
     number: list[int]
@@ -138,7 +138,7 @@ class Compared(Document):
     """How far a result is from its camera's current one.
 
     ``sigmas``: the mount's difference in what both state of it, root mean square; ``field_px`` and ``field_sigmas``
-    over the points of ``Field`` that both see. ``differs``: more than chance does once in a thousand times.
+    over the points of ``Field`` that both see. ``differs``: by more than chance does once in 1000.
     """
 
     result_id: UUID
@@ -153,10 +153,10 @@ class Compared(Document):
 class SharedErrors(Document):
     """What pairs of one block share: ``group`` as the pairs name it, or a stretch of a walk (``time``, ``order``).
 
-    ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch;
-    ``noise_px`` is what each mark has besides.
-    ``evidence`` is twice the logarithm of the likelihood's ratio to independent errors, ``widening`` that of the
-    pixels' deviations over the marks. The result's deviations count it where it is ``counted``.
+    ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch.
+    ``noise_px`` is each mark's own noise. ``evidence`` is twice the log likelihood ratio to independent errors.
+    ``widening`` is the ratio of the pixels' deviations over the marks to those of independent errors. The result's
+    deviations include the shared errors if ``counted``.
     """
 
     blocks: int
@@ -171,9 +171,9 @@ class SharedErrors(Document):
 class Halves(Document):
     """How far fits of two disjoint halves differ: every second block and the others, or the first and the last ones.
 
-    ``ratio`` is over the parameters, ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone
-    (``turned_deg``), each against what the fit to all pairs states of such a difference. Beyond its limit it does not
-    hold: one in two hundred sound results does that.
+    Each ratio compares a difference with its stated size under the fit to all pairs: ``ratio`` over the parameters,
+    ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone (``turned_deg``). One in 200 sound
+    results exceeds a limit by chance.
     """
 
     split: Literal["alternating", "first_and_last"]
@@ -193,7 +193,7 @@ class Halves(Document):
 
 
 class PredictedPixel(Document):
-    """Deviations of what projects to a pixel, by the prediction's distances; null where the lens has no ray there."""
+    """Deviations of a point that projects to this pixel, by distance; null if the lens has no ray there."""
 
     u: float
     v: float
@@ -204,8 +204,8 @@ class PredictedPixel(Document):
 class Prediction(Document):
     """How well the result places points of the LiDAR in the image: one standard deviation, under the fitted model.
 
-    ``expected_over_stated`` is how many times more to expect, where halves of the pairs differ by more than
-    is stated.
+    ``expected_over_stated`` is the factor by which to enlarge them if halves of the pairs differ by more than is
+    stated.
     """
 
     distances_m: list[float]
@@ -338,8 +338,8 @@ class ModelSummary(Document):
     """A model's fit to all pairs of a camera, and its errors on held-out ones.
 
     ``objections`` is what speaks against publishing it, whatever its camera has; ``behind`` how far it is behind the
-    model under which held-out pairs are likeliest. ``weight`` is its share among the models; ``heldout_sigma_px``
-    the noise per coordinate of held-out pairs, wrong marks aside; ``heldout_forbidden`` how many have no projection.
+    model under which held-out pairs are likeliest. ``weight`` is its share among the models, ``heldout_sigma_px``
+    the noise per coordinate of held-out pairs without wrong marks, ``heldout_forbidden`` how many have no projection.
     """
 
     result_id: UUID
@@ -477,7 +477,7 @@ class Quality(Document):
 
 
 class Validity(Document):
-    """Since when a calibration is given, and for which sensors. ``until`` is when something else came, of the past.
+    """Since when a calibration is given, and for which sensors. ``until`` (for past moments) is when it was replaced.
 
     Serial numbers are null where the rig states none.
     """
@@ -491,8 +491,8 @@ class Validity(Document):
 class CurrentCalibration(Sent):
     """What a vehicle's camera is given: intrinsics and transforms, both frames named, and how good they are.
 
-    ``T_vehicle_camera`` is there where the rig says where its LiDAR is. ``clock_offset_ns`` is the camera's clock
-    minus the LiDAR's with which the pairs were made, null where they were imported. Under another alias than
+    ``T_vehicle_camera`` is there if the rig states ``T_vehicle_lidar``. ``clock_offset_ns`` is the camera's clock
+    minus the LiDAR's with which the pairs were made, null if they were imported. Under an alias other than
     ``current``, ``publication_id`` is the id of the alias's move.
     """
 

@@ -8,7 +8,7 @@ The body is one gzip member. Unpacked it holds a header of 48 bytes, then for ea
     time        3 bytes: steps of ``time_step_ns``, relative to ``stamp_ns``
 
 A column of b bytes is b planes of one byte, the lowest first. Positions and times are stored as first differences
-modulo 2^24, folded so that small ones of either sign are small: 0, -1, 1, -2, ... become 0, 1, 2, 3, ...
+modulo 2^24, folded so that small differences of either sign give small numbers: 0, -1, 1, -2, ... become 0, 1, 2, 3.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ TIME_STEP_NS: Final = 1000.0
 class SweepHeader(NamedTuple):
     """What stands before a sweep's columns.
 
-    ``sweep_index`` is the number in the recording, ``stamp_ns`` its stamp (UTC). A point's range is that of its
-    position; its ring follows from the counts behind the header.
+    ``sweep_index`` is the number in the recording, ``stamp_ns`` its stamp (UTC). A point's range follows from its
+    position, and its ring from the counts behind the header.
     """
 
     rings: int
@@ -70,7 +70,7 @@ class SweepView(Sent):
 
 
 class Packing(Document):
-    """What was packed: sweeps, their points, and the bytes of all."""
+    """What was packed: numbers of sweeps, points and bytes."""
 
     sweeps: int
     points: int

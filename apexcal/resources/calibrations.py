@@ -113,10 +113,10 @@ class Calibrations:
         return self._http.items(at("vehicles", vehicle_id, "cameras", camera, "publications"), PublicationView)
 
     def withdraw(self, publication_id: UUID | str, reason: str) -> PublicationView:
-        """Take back what a camera was given.
+        """Withdraw a publication.
 
-        Where it is the current one, :meth:`current` raises ApiError ``calibration_withdrawn`` until something is
-        published: the one before does not come back by itself.
+        If it is the current one, :meth:`current` raises ApiError ``calibration_withdrawn`` until something is
+        published. The one before does not come back by itself.
         """
         return self._http.post(at("publications", publication_id, "withdrawal"), PublicationView, {"reason": reason})
 
@@ -145,8 +145,8 @@ class Calibrations:
     def current(self, vehicle_id: UUID | str, camera: str, alias: str = CURRENT) -> CurrentCalibration:
         """A camera's current calibration, or what another alias leads to.
 
-        ApiError ``no_calibration_yet`` where there is none, ``calibration_withdrawn`` where it was taken back,
-        ``calibration_does_not_apply`` where a sensor was swapped since.
+        ApiError ``no_calibration_yet`` if there is none, ``calibration_withdrawn`` if it was withdrawn,
+        ``calibration_does_not_apply`` if a sensor was swapped since.
         """
         path = at("vehicles", vehicle_id, "cameras", camera, "calibration")
         return self._http.get(path, CurrentCalibration, alias=alias)

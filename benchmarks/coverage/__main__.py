@@ -4,11 +4,11 @@ Walks are simulated, their vertices detected, paired at the estimated offset, ma
 each person, noise, some marks on another corner of the board), and calibrated by all models. Each recording gives one
 calibration to every cell. RUNS: recordings (default 10); CELLS: parts of the names of some cells; SEED: of the first.
 
-`worst_coverage95`, `best_coverage95`: over the cells, the share of published 95 % intervals that hold, of rotation,
-translation, and of pixels over the marked field. `sound_accused`: sound runs whose status is not `ok`. `right_model`:
-runs whose recommended lens is the true one, or predicts within 0.5 px of it with the mount within what is stated.
-`halves_ratio_median`: of sound runs. `shared_error_named`: runs with errors shared by a pose, or a turned second
-half, of which the result says so; `sound_doubted`: sound runs of which it says so.
+`worst_coverage95`, `best_coverage95`: the least and largest share over the cells of published 95 % intervals that
+hold, of rotation, translation and pixels over the marked field. `sound_accused`: sound runs whose status is not `ok`.
+`right_model`: runs whose recommended lens is the true one, or predicts within 0.5 px of it with the mount within what
+is stated. `halves_ratio_median`: of sound runs. `shared_error_named`: runs with errors shared by a pose, or with a
+turned second half, whose results report it. `sound_doubted`: sound runs whose results report such errors.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """One calibration by the product's own path: planned by the service, fitted by a worker, concluded by the service.
 
-Some things are spared. A model's search runs once on a walk's clean marks, and every fit of that model there is
-finished from its end: searches from anywhere end in the same optimum (`make bench-accuracy`), so nothing else is
-looked for among the bests of its slots. The baselines of fits to a part of the pairs are left out, because nothing
-reads them.
+Some work is saved. A model's search runs once on a walk's clean marks, and every fit of that model starts from its
+end: searches end in the same optimum wherever they start (`make bench-accuracy`), so the bests of its slots need no
+further look. Fits to a part of the pairs have no baselines, because nothing reads them.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """`python -m benchmarks.readers`: our readers of containers beside the libraries that read them too.
 
-Of each way of reading: processor seconds to import it and to read a simulated walk (SECONDS), what it saves of that
-walk's damaged copies (DAMAGED of each kind), and what it takes on files made to exhaust a reader. Each reading is a
-process of its own, with the limits of an ingestion: 3 GiB of memory, here 20 s of processor time.
+For each way of reading it measures: processor seconds to import it and to read a simulated walk (SECONDS), the share
+of messages saved from the walk's damaged copies (DAMAGED of each kind), and the cost of files made to exhaust a
+reader. Each reading runs in its own process, with the limits of an ingestion: 3 GiB of memory, here 20 s of processor
+time.
 
-What is saved is the share of the messages that come out as they were written, before the file ends or the reader
-gives up. A reader that raises gives up on the whole recording in the product, so the share of the files that were
-read to an end stands beside it.
+"Saved" is the share of messages that are read as written before the file ends or the reader gives up. In the product,
+a reader that raises gives up the whole recording, so the share of files read to an end is given too.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 10,000 vehicles of two cameras with 10 publications each (SHORT: 1,000), PostgreSQL, one API process. An empty route,
 304 of random vehicles at 1,000 requests a second, the whole vehicle at 500 a second, once as the process was never
 asked for it and once as it was. Then publications through one of two API processes under load: after each 201 both
-are asked. Latency counts from the moment when a request was due. The last line is JSON; the machine's load beside it
-says how far the figures can be trusted.
+are asked. Latency counts from when a request was due. The last line is JSON; it includes the machine's load, which
+tells how far to trust the figures.
 """
 
 from __future__ import annotations

@@ -67,9 +67,9 @@ class Consensus:
 
 
 def far_apart_px(width: int, height: int) -> float:
-    """Distance of two marks of one vertex that no care explains: a hundredth of the image's diagonal.
+    """Distance beyond which two marks cannot be of one vertex: a hundredth of the image's diagonal.
 
-    It is where the robust loss of the fit saturates: far above an honest mark's noise, far below a wrong corner.
+    The robust loss of the fit saturates there, far above a mark's noise and far below a wrong corner.
     """
     return 0.01 * math.hypot(width, height)
 

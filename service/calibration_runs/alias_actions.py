@@ -15,7 +15,7 @@ from service.db.calibrations import Result
 
 
 class Words(NamedTuple):
-    """Who publishes and why; ``overridden`` is what speaks against it, where it is published all the same."""
+    """Who publishes and why. ``overridden`` holds the objections, if it is published against any."""
 
     person_id: UUID | None
     reason: str | None
@@ -50,7 +50,7 @@ def move_alias(session: Session, of: OfCamera, alias: str, result: Result | None
 
 
 def newest_moves(session: Session, vehicle_id: UUID, camera: str) -> Sequence[AliasMove]:
-    """Where each alias of a camera is, by its last move; also those that were taken away. By name."""
+    """The last move of each alias of a camera, by name; includes removed aliases."""
     of_camera = (AliasMove.vehicle_id == vehicle_id, AliasMove.camera == camera)
     last = select(AliasMove.alias, func.max(AliasMove.number).label("number")).where(*of_camera)
     last = last.group_by(AliasMove.alias).subquery()

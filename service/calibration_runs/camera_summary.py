@@ -16,8 +16,8 @@ from service.calibration_runs.model_spread import spread_of, spread_sentence
 from service.db.base import Json
 from service.db.calibrations import FULL, Result
 
-# A projection that is none counts in the mean as this share of the image's diagonal, or as the largest error that is
-# one: the distance at which the robust loss of the search saturates.
+# A missing projection counts in the mean as this share of the image's diagonal, or as the largest error, if that is
+# more. The robust loss of the search saturates at this distance.
 _NO_PROJECTION: Final = 0.01
 _STAGES: Final = ("ga", "polished", "baseline", "linear_baseline")
 
@@ -43,7 +43,7 @@ def camera_summary(of_camera: Sequence[Result], work: Mapping[UUID, Json]) -> Js
 
 
 def recommend(of_camera: Sequence[Result]) -> tuple[Choice, dict[str, Candidate]]:
-    """Which model to take of a camera's results, and by what."""
+    """Which model to recommend from a camera's results, and why."""
     full = {result.model: result.document for result in of_camera if result.fold == FULL}
     folds: dict[str, dict[int, Json]] = {name: {} for name in full}
     for result in of_camera:
@@ -56,7 +56,7 @@ def recommend(of_camera: Sequence[Result]) -> tuple[Choice, dict[str, Candidate]
 
 def _candidate(name: str, full: Json, folds: Mapping[int, Json]) -> Candidate:
     determined = {fold: one for fold, one in folds.items() if one["status"] != "not_determined"}
-    # What most folds leave open cannot be judged by the others.
+    # If most folds leave a model open, the others cannot judge it.
     judged = determined if 2 * len(determined) > len(folds) else {}
     parts = [_pairs(one["heldout"], fold) for fold, one in sorted(judged.items())]
     residuals = np.array(full.get("residuals_px") or [full["polished"]["mean_px"]], np.float64)
@@ -73,7 +73,7 @@ def _candidate(name: str, full: Json, folds: Mapping[int, Json]) -> Candidate:
 
 
 def _pairs(heldout: Json, fold: int) -> Pairs:
-    """A block of held-out pairs. Versions before 0045 kept neither blocks nor distances in standard deviations."""
+    """A block of held-out pairs. Versions before decision 0045 kept neither blocks nor standardised distances."""
     errors = np.array(heldout["errors_px"], np.float64)
     number: Integers = np.array(heldout["indices"], np.int64)
     block = np.array(heldout.get("blocks") or [fold] * len(number), np.int64)
@@ -90,8 +90,8 @@ def _joined(parts: Sequence[Pairs]) -> Pairs:
 
 
 def _left_out_by_all(documents: Mapping[str, Json]) -> set[int]:
-    """Pairs that every model's fit left out as outliers. Those that only some leave out count, or a lens that a model
-    lacks would not count against it.
+    """Pairs that every model's fit left out as outliers. Pairs that only some leave out count: they may show that a
+    model lacks the lens.
     """
     left_out = [
         {outlier["index"] for outlier in document.get("outliers", []) if outlier["excluded"]}
@@ -118,7 +118,7 @@ def _heldout(pairs: Pairs | None, wrong: set[int], diagonal_px: float) -> Json:
 
 
 def _diagonal_px(document: Json) -> float:
-    """Infinite where an old document does not say the image's size."""
+    """Infinite if an old document lacks the image's size."""
     size = (document.get("intrinsics") or {}).get("image_size")
     return float(np.hypot(*size)) if size else float("inf")
 
@@ -132,7 +132,7 @@ def _model_summary(full: Result, work: Json) -> Json:
         "message": document["message"],
         "free_parameters": document["free_parameters"],
         "at_bounds": document["at_bounds"],
-        # A worker of the version before does not say it.
+        # The previous version's workers do not send it.
         "several_optima": document.get("several_optima", []),
         "explained_px": document.get("explained_px"),
         "marks_outside": document.get("marks_outside"),

@@ -1,10 +1,9 @@
 """What held-out pairs say of models: robust log likelihoods, their differences, and the models' weights.
 
-A pair's error follows a Gaussian, or with a small probability it lies anywhere in the image; so neither a wrong mark
-nor a projection that is none costs more than a bounded amount. Pairs that the best model rejects count equally little
-for every model. Both parts are fitted to each model's own held-out errors.
-Weights: pseudo Bayesian model averaging with the Bayesian bootstrap (Yao, Vehtari, Simpson and Gelman 2018), over
-blocks, because the pairs of a block err together.
+A pair's error follows a Gaussian, or with a small probability it lies anywhere in the image. So the cost of a wrong
+mark or of a missing projection is bounded. Pairs that the best model rejects count equally little for every model.
+Both parts are fitted to each model's own held-out errors. Weights: pseudo Bayesian model averaging with the Bayesian
+bootstrap (Yao, Vehtari, Simpson and Gelman 2018), over blocks, because the pairs of a block err together.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-# No mark is better than this (as in workers/solver/covariances.py); only made-up pairs show less noise.
+# Real marks are no better than this (as in workers/solver/covariances.py).
 _FLOOR_PX: Final = 0.1
 _ROUNDS: Final = 200
 _DRAWS: Final = 2000
@@ -81,7 +80,7 @@ def weigh(models: Mapping[str, Pairs], area_px2: float) -> Evidence:
 
 
 def standard_error(values: Floats, block: Integers) -> float:
-    """Of the sum of values (N,) that vary together in each block."""
+    """Standard error of the sum of values (N,) that vary together in each block."""
     sums = _sums(values, block)
     count = len(sums)
     return float(np.sqrt(count / max(count - 1, 1) * np.sum((sums - sums.mean()) ** 2)))
@@ -105,7 +104,7 @@ def _mixture(pairs: Pairs, area_px2: float) -> _Mixture:
         belongs = belongs / (belongs + share * anywhere)
         before = variance, share
         variance = max(float(belongs @ square) / (2.0 * max(float(belongs.sum()), 1e-300)), _FLOOR_PX**2)
-        # One pair more that lies anywhere keeps its share, and so any error's cost, bounded.
+        # Adding one pair that lies anywhere bounds the share below, and so any error's cost.
         share = (count - float(belongs.sum()) + 1.0) / (count + 1.0)
         if abs(variance - before[0]) <= 1e-9 * variance and abs(share - before[1]) <= 1e-9:
             break
@@ -126,7 +125,7 @@ def _sums(values: Floats, block: Integers) -> Floats:
 
 def _weights(sums: Floats) -> list[float]:
     blocks = sums.shape[1]
-    # The same numbers at every call: a calibration is judged alike whoever ends it.
+    # Fixed seed: a calibration is judged alike whichever process ends it.
     shares = np.random.default_rng(0).dirichlet(np.ones(blocks), _DRAWS) * blocks
     totals = shares @ sums.T
     likelihood = np.exp(totals - totals.max(axis=1, keepdims=True))

@@ -1,4 +1,4 @@
-"""Holds a result against the gates that its rig and fleet state. What fails becomes objections to publishing it."""
+"""Checks a result against its rig's and fleet's gates. Failed limits become objections to publishing it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SHIFTS = ("t_x_m", "t_y_m", "t_z_m")
 
 
 class _Limit(NamedTuple):
-    """What a gate asks of one measure, in words; ``sign`` is 1 for a most, -1 for a least."""
+    """What a gate asks of one measure, in words; ``sign`` is 1 for an upper limit, -1 for a lower."""
 
     what: str
     unit: str
@@ -56,13 +56,13 @@ def gate_verdict(session: Session, result: Result) -> Json | None:
     if not limits:
         return None
     measured = _measures(result, summary, pairs.pairs, camera, with_coverage="coverage" in limits)
-    # A limit that this version does not know was stated for a newer one; it is not passed unseen.
+    # A limit unknown to this version was stated for a newer one; it must not pass unseen.
     checks = [_check(name, limit, measured.get(name), by) for name, (limit, by) in sorted(limits.items())]
     return {"passed": all(check["passed"] for check in checks), "checks": checks}
 
 
 def failures(verdict: Json | None) -> list[str]:
-    """What a verdict objects to, in sentences."""
+    """The objections of a verdict, in sentences."""
     return [check["reason"] for check in verdict["checks"] if not check["passed"]] if verdict else []
 
 
@@ -85,7 +85,7 @@ def _measures(
 ) -> dict[str, float | None]:
     models: Json = (summary or {}).get("cameras", {}).get(result.camera, {}).get("models", {})
     summed: Json = models.get(result.model, {})
-    # As it is published: with the spread of the models, where they were weighed.
+    # As published: with the spread of the models, if they were weighed.
     stated: Json = summed.get("between_models") or result.document
     std: Mapping[str, float | None] = stated.get("std") or {}
     metres = _largest(std, _SHIFTS)
@@ -100,7 +100,7 @@ def _measures(
 
 
 def _largest(std: Mapping[str, float | None], names: Sequence[str]) -> float | None:
-    """The largest of these deviations; None where one of those that there are is not determined, or there is none."""
+    """The largest of these deviations; None if there is none, or one of them is not determined."""
     found = [std[name] for name in names if name in std]
     known = [one for one in found if one is not None]
     return max(known) if known and len(known) == len(found) else None

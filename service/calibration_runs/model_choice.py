@@ -13,7 +13,7 @@ from service.calibration_runs.evidence import Evidence, Floats, Pairs, standard_
 # Difference of log likelihoods below which models predict alike, and its standard error says little (Sivula,
 # Magnusson and Vehtari 2020).
 _ALIKE: Final = 4.0
-# Times the pairs that there are, above which more of the same kind are no advice.
+# Above this multiple of the present pairs, more of the same kind are no useful advice.
 _TOO_MANY: Final = 10.0
 
 
@@ -21,7 +21,7 @@ _TOO_MANY: Final = 10.0
 class Candidate:
     """A model as it was fitted.
 
-    ``parameters``: all that the model has, ``free_parameters`` those that were not locked. ``sound``: its fit to all
+    ``parameters``: all of the model, ``free_parameters``: those not locked. ``sound``: its fit to all
     pairs determines them. ``fitted`` are the errors of that fit, ``heldout`` those of the folds that determine the
     parameters, None where they are too few; ``undetermined`` counts the other folds.
     """
@@ -39,8 +39,8 @@ class Candidate:
 class Difference:
     """How far a model is behind the likeliest one on held-out pairs.
 
-    ``log_likelihood`` and its standard error over the blocks; the same as the mean distance in px, of the pairs that
-    belong. ``within_noise``: the difference of log likelihoods is below 4.
+    ``log_likelihood`` and its standard error over the blocks; the same for the mean distance in px, over the pairs
+    that belong. ``within_noise``: the difference of log likelihoods is below 4.
     """
 
     px: float
@@ -175,7 +175,7 @@ def _by_fitted(models: Mapping[str, Candidate], area_px2: float) -> Choice:
     return Choice(
         chosen,
         f"None were held out, so errors on the fitted pairs are weighed against the number of parameters: "
-        f"{'; '.join(sentences)}. On the pairs that it was fitted to a larger model always looks better.",
+        f"{'; '.join(sentences)}. A larger model always looks better on the pairs that it was fitted to.",
     )
 
 

@@ -1,7 +1,7 @@
 """What a result's deviations become where other models predict held-out pairs as well: the models' spread is added.
 
-Deviations that a fit states hold if its model is right. Here the second moment of the other models about it, by their
-weights, is added: the variance between models of Bayesian model averaging (Hoeting and others 1999).
+A fit's deviations hold if its model is right. To them this adds the other models' weighted second moment about the
+fit: the between-model variance of Bayesian model averaging (Hoeting and others 1999).
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ _OFFSETS: Final = ("t_x", "t_y", "t_z")
 MOUNT: Final = (*_TURNS, *_OFFSETS)
 # What the parameters of all models mean alike.
 _LENS: Final = ("f_x", "f_y", "c_x", "c_y")
-# A difference of so many stated deviations is no chance of a result's own noise.
+# A difference of so many stated deviations is more than a result's own noise.
 _SURPRISE: Final = 2.0
 
 
 def spread_of(model: str, documents: Mapping[str, Json], weight: Mapping[str, float]) -> Json | None:
     """The deviations of ``model`` with the spread of the models added, by parameter; None where there is no other.
 
-    ``documents``: results of fits to all pairs, by model. ``weight``: of those that were judged. A model that the
-    pairs do not determine takes no part.
+    ``documents``: results of fits to all pairs, by model. ``weight``: of the judged models. Models that the pairs do
+    not determine take no part.
     """
     own = documents[model]
     weights = {
@@ -71,7 +71,7 @@ def difference(one: Json, other: Json) -> dict[str, float]:
 
 
 def spread_sentence(model: str, documents: Mapping[str, Json], spread: Json | None) -> str | None:
-    """A sentence where another model that is not ruled out puts the mount elsewhere by more than is stated."""
+    """A sentence, if a model that is not ruled out gives a mount that differs by more than is stated."""
     if spread is None:
         return None
     own, std = documents[model], documents[model]["std"]

@@ -24,7 +24,7 @@ class Calibrated(NamedTuple):
 
 
 class Swapped(NamedTuple):
-    """A sensor whose serial number is another one than what was calibrated. ``rig`` states it; None: the asker."""
+    """A sensor whose serial number differs from the calibrated one. ``rig`` states it; None: the asker does."""
 
     camera: str
     sensor: str
@@ -49,8 +49,9 @@ def swapped_sensors(
 ) -> list[Swapped]:
     """Which sensors are not those that were calibrated.
 
-    By ``read_off``, the serial numbers that the asker read off its sensors (by the camera's name, or ``lidar``), and
-    for others by the vehicle's newest rig that states one. Where either side states none, nothing can be said.
+    ``read_off`` holds serial numbers that the asker read off its sensors, by the camera's name or ``lidar``. For
+    others the vehicle's newest rig that states one counts. If either side states none, the sensor counts as not
+    swapped.
     """
     cameras, lidars = _mounted(session, vehicle_id, as_of)
     found: list[Swapped] = []

@@ -27,7 +27,7 @@ from service.db.fleets import Rig, RigCamera
 _FAR_HELD_OUT = 3.0
 # Ratio to the current result's held-out error above which the vehicle should keep the current one.
 _WORSE = 1.5
-# Scale of what marks and vertices explain above which held-out pairs contradict it; a few pairs show less by chance.
+# Above this multiple of the noise that marks and vertices explain, held-out pairs contradict it.
 _UNEXPLAINED = 1.5
 # A held-out error below this never blocks publication.
 _FINE_PX = 0.5
@@ -54,7 +54,7 @@ def objections(session: Session, result: Result) -> list[str]:
 
 
 def _said_of_it(session: Session, result: Result, vehicle_id: UUID) -> list[str]:
-    """That it was withdrawn before, and that a sensor was swapped since."""
+    """Objections to a result that was withdrawn before, or whose sensor was swapped since."""
     published = and_(
         *(Publication.vehicle_id == Withdrawal.vehicle_id, Publication.camera == Withdrawal.camera),
         Publication.number == Withdrawal.number,
@@ -188,7 +188,7 @@ def _standing(session: Session, *where: ColumnElement[bool]) -> _Standing | None
 def _own_and_current(session: Session, result: Result, vehicle_id: UUID) -> tuple[_Standing, _Standing] | None:
     """A result and its camera's current one; None where there is none, it was withdrawn, or it is the same."""
     newest = current_publication(session, vehicle_id, result.camera)
-    # What was withdrawn is no measure of anything.
+    # A withdrawn result is no standard.
     if newest is None or is_withdrawn(session, newest):
         return None
     own, current = _standing(session, Result.id == result.id), _standing(session, Result.id == newest.result_id)

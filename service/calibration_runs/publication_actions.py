@@ -89,7 +89,7 @@ def withdrawal_of(session: Session, publication: Publication) -> Withdrawal | No
 
 
 def is_withdrawn(session: Session, publication: Publication) -> bool:
-    """Whether the camera has nothing since, where this is its newest publication."""
+    """Whether this newest publication is withdrawn, so that the camera has nothing."""
     last = _last_withdrawn(session, publication.vehicle_id, publication.camera)
     return publication.number is not None and publication.number <= last
 
@@ -117,7 +117,7 @@ def publish_by_itself(session: Session, calibration: Calibration, result: Result
 
 
 def _next_number(session: Session, vehicle_id: UUID, camera: str) -> int:
-    """One more than the newest, or the last withdrawn one, has."""
+    """One more than the number of the newest publication or withdrawal."""
     return max(_number_all(session, vehicle_id, camera), _last_withdrawn(session, vehicle_id, camera)) + 1
 
 
@@ -127,7 +127,7 @@ def _last_withdrawn(session: Session, vehicle_id: UUID, camera: str) -> int:
 
 
 def _number_all(session: Session, vehicle_id: UUID, camera: str) -> int:
-    """Give rows without a number theirs; the highest number, 0 where there is no row."""
+    """Number the rows that have no number. Returns the highest number, 0 if there is no row."""
     publications = _newest_first(vehicle_id, camera)
     newest = session.scalar(publications.where(Publication.number.is_not(None)).limit(1))
     last = newest.number or 0 if newest else 0

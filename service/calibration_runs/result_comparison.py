@@ -1,4 +1,4 @@
-"""Two results of one camera held against each other: degrees, millimetres, pixels, and what both state of them."""
+"""Compares two results of one camera in degrees, millimetres, pixels and stated deviations."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _ONCE_IN_A_THOUSAND: Final = (10.828, 13.816, 16.266, 18.467, 20.515, 22.458)
 
 
 def compared(document: Json, other: Json, spread: Json | None, other_spread: Json | None) -> Json | None:
-    """How far a result is from another one; None where the deviations of one of them are not known.
+    """How far a result is from another one; None if the deviations of one of them are not known.
 
-    ``spread`` are their deviations with other models counted, where there are any. ``sigmas`` is the root mean
-    square of the mount's difference in what both state together, ``field_px`` that of the pixels of the points that
-    both see, ``field_sigmas`` of these in what both state. ``differs``: by more than chance does once in a thousand
-    times.
+    ``spread`` holds their deviations with other models counted, if there are any. ``sigmas`` is the root mean square
+    of the mount's difference over the deviations that both state. ``field_px`` is that of the pixels of the points
+    that both see, ``field_sigmas`` the same over stated deviations. ``differs``: by more than chance does once in
+    1000.
     """
     names = [name for name in MOUNT if _std(document, spread, name) and _std(other, other_spread, name)]
     if not names:
@@ -52,7 +52,7 @@ def _covariance(document: Json, spread: Json | None, names: list[str]) -> Floats
 
 
 def _field(one: Json | None, other: Json | None) -> Json:
-    """Results of before do not say it."""
+    """Older results do not have it."""
     none: Json = {"field_px": None, "field_sigmas": None}
     if not one or not other:
         return none

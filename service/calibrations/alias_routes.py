@@ -46,7 +46,7 @@ def list_moves(
 def post_move(
     vehicle_id: UUID, camera: Sought, alias: AliasName, body: AliasMoveRequest, access: WriteAccess
 ) -> JSONResponse:
-    """Let an alias lead to a result of the camera, or nowhere, and why. [reviewer]
+    """Let an alias lead to a result of the camera, or nowhere, with a reason. [reviewer]
 
     Against the service's objections only with ``override``, as for a publication. `current` moves by publishing.
     """

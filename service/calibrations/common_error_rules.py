@@ -1,4 +1,4 @@
-"""What all pairs of a camera may have in common: as the request says, or as its vertices' detector is known for."""
+"""Errors that all pairs of a camera share, from the request or from their detector's known error."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _ELEVATION_DEG = {"refined": 0.01, "ring_rules": 0.1}
 
 
 def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
-    """The member of the solver's document that says so; nothing where nothing is known.
+    """The member ``common_errors`` of the solver's document; empty if nothing is known.
 
-    ``asked`` are the deviations that the request gives. Of pairs that were brought nothing is known.
+    ``asked`` are the deviations that the request gives. Nothing is known of imported pairs.
     """
     known: Json = {}
     if pairs.source == "annotations":

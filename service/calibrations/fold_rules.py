@@ -16,9 +16,9 @@ _MOST: Final = 20
 def fold_count(pairs: Json, wanted: int, free: Mapping[str, int], camera: str) -> tuple[dict[str, int], list[str]]:
     """For each model the number of folds, and sentences where it is not the ``wanted`` one.
 
-    Models are compared on the same held-out pairs, so all that can be judged get the same number: the lowest from
-    ``wanted`` on that leaves each at least as many pairs as it has free parameters. ``pairs`` is a set's object of
-    columns; ``free`` the number of free parameters by model.
+    Models are compared on the same held-out pairs, so all that can be judged get the same number: the lowest one,
+    from ``wanted`` on, that leaves each model at least as many pairs as it has free parameters. ``pairs`` is a set's
+    object of columns; ``free`` the number of free parameters by model.
     """
     none = dict.fromkeys(free, 0)
     if wanted == 0:
@@ -27,7 +27,7 @@ def fold_count(pairs: Json, wanted: int, free: Mapping[str, int], camera: str) -
     total, different = len(values), len(set(values))
     most = min(_MOST, most_folds(different, total))
     if most < 2:
-        return none, [f"Nothing is held out of {camera}: {different} frames or poses make no two blocks."]
+        return none, [f"Nothing is held out of {camera}: {different} frames or poses are too few for two blocks."]
     left = {count: total - cut_folds(values, count).largest() for count in range(min(wanted, most), most + 1)}
     judged = {model: number for model, number in free.items() if left[most] >= number}
     sentences = [
@@ -50,6 +50,6 @@ def fold_count(pairs: Json, wanted: int, free: Mapping[str, int], camera: str) -
 
 
 def _more(total: int, left: int, free: int) -> str:
-    """How many more pairs it takes, of which the same share remains."""
+    """How many more pairs are needed, if the same share of them remains."""
     needed = -(-free * total // max(left, 1)) - total
     return f"About {needed} more {'pair' if needed == 1 else 'pairs'} would do."

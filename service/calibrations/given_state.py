@@ -1,8 +1,8 @@
 """What decides a vehicle's calibration and who may see it, read for many requests by one statement.
 
-The statement is look-ups by indexes. A request waits for one that begins after it came, so no answer is older than
-it. While a statement runs, further requests gather for the next one. Nothing is remembered between two statements:
-whatever process or hand changed the database, the next one sees it.
+The statement looks rows up by indexes. A request waits for a statement that begins after it came, so no answer is
+older than the request. While one runs, further requests gather for the next. Nothing is kept between two statements,
+so the next one sees every change, whoever made it.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def _seen(rows: Sequence[tuple[Any, ...]]) -> Seen:
     may_see = is_known and only_fleet in (None, fleet_id) and (is_owner or role is not None)
     if vehicle_id is None:
         return Seen(is_known, False, None, "")
-    # In an order of ours: none was asked of the database.
+    # Sorted here, because the statement has no ORDER BY.
     state = sorted(repr(row[_WHO:]) for row in rows)
     return Seen(is_known, may_see, fleet_id, sha256("\n".join(state).encode()).hexdigest())
 
@@ -193,7 +193,7 @@ class StateReader:
         try:
             return self._read_once(looks)
         except DBAPIError as error:
-            # A connection that was kept may have ended since; a fresh one says what is wrong.
+            # The kept connection may have ended; a fresh one shows what is wrong.
             if not error.connection_invalidated:
                 raise
             return self._read_once(looks)
@@ -211,7 +211,7 @@ class StateReader:
 
     @contextmanager
     def _connection(self) -> Iterator[Connection]:
-        """One that stays open: to take one from the pool costs as much as the statement. An error ends it."""
+        """A connection that stays open: taking one from the pool costs as much as the statement. An error ends it."""
         try:
             kept = self._kept.pop()
         except IndexError:
@@ -233,9 +233,9 @@ class _Kept(NamedTuple):
         stack = ExitStack()
         connection = stack.enter_context(database.alone())
         if connection.dialect.name == "postgresql":
-            # It would plan anew at each execution, in ten times the time of the execution: it expects ten rows of an
-            # array whose length it does not know, and finds that dearer than the one that there mostly is.
+            # Otherwise it plans at each execution, in ten times the time of the execution: it expects ten rows of an
+            # array whose length it does not know, and that seems dearer than the one row that there mostly is.
             connection.exec_driver_sql("SET plan_cache_mode = force_generic_plan")
-            # For no other statement: the connection is closed instead of going back to the pool.
+            # It holds for no other statement: the connection is closed instead of returning to the pool.
             connection.detach()
         return _Kept(connection, stack)

@@ -1,4 +1,4 @@
-"""What vehicles are given, as documents: lens, transforms, how good they are, and for which sensors they hold."""
+"""What vehicles are given, as documents: lens, transforms, quality, and for which sensors they hold."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _document(one: Given, alias: str, until: datetime | None) -> Json:
 
 
 def _until(session: Session, vehicle_id: UUID, alias: str, as_of: datetime) -> dict[str, datetime]:
-    """By camera, when something else came after a moment."""
+    """By camera, when it was next replaced after a moment."""
     tables: tuple[Any, ...] = (Publication, Withdrawal) if alias == CURRENT else (AliasMove,)
     first: dict[str, datetime] = {}
     for table in tables:

@@ -115,11 +115,11 @@ def _words(access: WriteAccess, result: Result, wanted: PublicationRequest) -> W
 
 @router.post("/publications/{publication_id}/withdrawal", status_code=201, response_model=PublicationView)
 def withdraw_publication(publication_id: UUID, body: WithdrawalRequest, access: WriteAccess) -> JSONResponse:
-    """Take back what a camera was given, and why; one that is withdrawn already is answered with 200. [reviewer]
+    """Withdraw a publication, and say why; if it is withdrawn already, the answer is 200. [reviewer]
 
-    Where it is the camera's current one, the camera is given nothing, and `current` answers 410
-    `calibration_withdrawn`, until something is published: the one before does not come back by itself. Aliases that
-    lead to the same result are taken away.
+    If it is the camera's current one, the camera is given nothing and `current` answers 410 `calibration_withdrawn`
+    until something is published: the one before does not come back by itself. Aliases that lead to the same result
+    are removed.
     """
     publication = access.find(Publication, publication_id, "reviewer")
     session = access.session

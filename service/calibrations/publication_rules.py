@@ -1,4 +1,4 @@
-"""What may be given to a vehicle: fits to all pairs, and against the service's objections only with an override."""
+"""What may be published: fits to all pairs; with objections, only under an override."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from service.http.problems import Problem
 
 
 def check_publishable(result: Result) -> None:
-    """Raises :class:`Problem` 409 ``not_publishable`` for a fit that left pairs out to be judged by them."""
+    """Raises :class:`Problem` 409 ``not_publishable`` for a fit that held pairs out."""
     if result.fold != FULL:
         raise Problem(
             409,

@@ -37,7 +37,7 @@ def publication_page(session: Session, vehicle_id: UUID, camera: str, window: Wi
 
 
 def publication_view(session: Session, publication: Publication) -> PublicationView:
-    """A publication that was its camera's newest one a moment ago; current unless it is withdrawn."""
+    """A publication that was its camera's newest when it was read; current unless it is withdrawn."""
     row = session.execute(_rows().where(Publication.id == publication.id)).one()
     known = withdrawal_of(session, publication)
     of_row = session.execute(withdrawals(Withdrawal.id == known.id)).all() if known else ()
@@ -146,7 +146,7 @@ def _view(
 
 
 def override_view(move: Publication | AliasMove) -> OverrideView | None:
-    """What spoke against it, where it was given all the same."""
+    """The objections against which it was published."""
     if not move.overridden:
         return None
     return OverrideView(reason=move.reason or "", objections=move.overridden)

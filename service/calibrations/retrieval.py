@@ -1,4 +1,4 @@
-"""The answer that every vehicle asks for at every start: known by one look at the database, made once, then kept."""
+"""The answer that every vehicle asks for at every start: checked by one read of the database, made once, kept."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from service.exports.queries import of_given
 from service.http.etags import Conditions, content_etag, names
 from service.http.problems import Problem, not_found
 
-# Part of every ETag: a version that answers otherwise takes the next number.
+# Part of every ETag: a version whose answers differ takes the next number.
 _FORM = "1"
-# Publications come minutes apart; a state that changes with every reading is a fault.
+# Publications come minutes apart; a state that changes at every read is a fault.
 _TRIES = 3
 
 
 class Retrieval:
-    """One process's answers. What it keeps is found by an ETag that the database is asked for at every request."""
+    """One process's answers, kept by ETag. Each request reads the state that gives the ETag from the database."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -121,7 +121,7 @@ def _check(identity: Identity | None, seen: Seen) -> None:
 
 
 def _etag(vehicle_id: UUID, asked: Asked, wanted: str | None, digest: str) -> str:
-    """Of what decides the answer, and of the question: an answer to another one has another ETag."""
+    """The hash of the state and the question, so another question has another ETag."""
     as_of = asked.as_of and asked.as_of.isoformat()
     question = [_FORM, str(vehicle_id), asked.alias, *asked.cameras, as_of, sorted(asked.mounted.items()), wanted]
     return content_etag(sha256(json.dumps([question, digest]).encode()).hexdigest())

@@ -12,7 +12,7 @@ from service.http.problems import Problem
 
 
 def vehicle_of(access: Access, name: str | None, fleet: str | None, sensor: str | None) -> Vehicle:
-    """The one vehicle of these among those that the person may see.
+    """The one vehicle that fits, among those that the person may see.
 
     Raises:
         Problem: 422 ``vehicle_missing`` where neither name nor sensor is given; 404 ``no_such_vehicle``; 409

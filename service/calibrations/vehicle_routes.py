@@ -30,8 +30,8 @@ async def read_vehicle_calibration(
     """What all cameras of a vehicle are given, read at one moment: ``cameras`` by name.
 
     ``without`` names the cameras that nothing was published for. ``camera`` narrows to some, and each of these must
-    have a calibration. Where one of the asked cameras was withdrawn the whole answer is 410 `calibration_withdrawn`,
-    where a sensor was swapped 409 `calibration_does_not_apply`. ``format``: all in another program's format.
+    have a calibration. If one of the asked cameras was withdrawn, the whole answer is 410 `calibration_withdrawn`;
+    if a sensor was swapped, 409 `calibration_does_not_apply`. ``format``: all in another program's format.
     """
     retrieval: Retrieval = request.app.state.retrieval
     return await retrieval.answer(request, vehicle_id, asked, wanted)

@@ -75,7 +75,7 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
 
 
 def _apart_px(session: Session, detection: Detection, camera: Sensor) -> float:
-    """Infinite where the rig does not have the camera any more."""
+    """Infinite if the rig no longer has the camera."""
     recording = session.get_one(Recording, detection.recording_id)
     of_rig = session.scalar(
         select(RigCamera).where(RigCamera.rig_id == recording.rig_id, RigCamera.name == camera.name)
@@ -84,7 +84,7 @@ def _apart_px(session: Session, detection: Detection, camera: Sensor) -> float:
 
 
 def _pairing_note(detection: Detection, columns: Columns) -> list[str]:
-    """A sentence where vertices of a walk stayed where they were measured."""
+    """A sentence, if vertices of a walk were not moved to their frames' times."""
     gaps = sorted(abs(gap) for gap in columns["gap_ns"])
     if detection.pairing["mode"] != "nearest" or gaps[-1] < _STILL_NS:
         return []

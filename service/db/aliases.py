@@ -1,4 +1,4 @@
-"""Tables of what moves a camera's names: aliases other than ``current``, and withdrawals."""
+"""Tables of withdrawals, and of the moves of aliases other than ``current``."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from service.db.base import Base, Created, Json, Name, RowId, belongs_to, refers
 
 
 class Withdrawal(Base):
-    """A publication that is no longer to be used: by whom, when and why. Never changed.
+    """A publication that must no longer be used: withdrawn by whom, when and why. Rows never change.
 
     ``number`` is the publication's. The camera is given nothing until there is a publication with a higher number,
-    also where the withdrawn one is deleted meanwhile.
+    even if the withdrawn one is deleted meanwhile.
     """
 
     __tablename__ = "withdrawal"
@@ -32,10 +32,10 @@ class Withdrawal(Base):
 
 
 class AliasMove(Base):
-    """One step of an alias of a camera: by whom, when, why, and to which result. Never changed.
+    """One move of a camera's alias: by whom, when, why, and to which result. Rows never change.
 
-    ``number`` counts the alias's moves from 1; the highest says where it is. ``result_id`` is null where the alias
-    was taken away, and where its result was deleted. ``overridden`` and ``gate`` are as of a publication.
+    ``number`` counts the alias's moves from 1; the highest says where it is. ``result_id`` is null if the alias was
+    removed or its result was deleted. ``overridden`` and ``gate`` are as of a publication.
     """
 
     __tablename__ = "alias_move"

@@ -14,8 +14,8 @@ from service.db.base import Base, Created, Json, Name, RowId, Version, belongs_t
 class Fleet(Base):
     """What roles are bound to: every row below belongs to exactly one fleet.
 
-    ``quota_bytes`` is what its recordings may take; None: what the settings say. ``gate`` is what its results must
-    show to be published.
+    ``quota_bytes`` is what its recordings may take; None: what the settings say. ``gate`` holds the limits that its
+    results must meet to be published.
     """
 
     __tablename__ = "fleet"
@@ -44,8 +44,8 @@ class Vehicle(Base):
 class Rig(Base):
     """One LiDAR and one or more cameras on a vehicle. ``T_vehicle_lidar`` is a transform document or absent.
 
-    ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations. What
-    ``gate`` says goes before the fleet's. Serial numbers are those of the mounted sensors, where known.
+    ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations. Limits
+    of ``gate`` replace the fleet's. Serial numbers are those of the mounted sensors, if known.
     """
 
     __tablename__ = "rig"

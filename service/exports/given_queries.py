@@ -1,7 +1,7 @@
 """What the cameras of a vehicle are given under an alias, now or at a moment; and why they are given nothing.
 
-``current`` leads to the newest publication. A withdrawal takes it away until something is published after it. Every
-other alias leads to where its newest move says.
+``current`` leads to the newest publication, or nowhere if that is withdrawn. Every other alias leads where its newest
+move says.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Given(NamedTuple):
 
 
 class _Withdrawn(NamedTuple):
-    """A camera that has nothing because somebody said so. ``number`` is the last publication that this is about."""
+    """A camera whose publication was withdrawn, or its alias removed. ``number``: of the last one withdrawn."""
 
     camera: str
     number: int
@@ -64,7 +64,7 @@ class _Withdrawn(NamedTuple):
     reason: str
 
     def holds(self, publication: Publication) -> bool:
-        """Whether nothing has come after it. A publication without a number is newer than all that have one."""
+        """Whether no publication came after it. A publication without a number is newer than all that have one."""
         return publication.number is not None and publication.number <= self.number
 
 
@@ -72,9 +72,9 @@ def given(session: Session, vehicle: Vehicle, asked: Asked) -> dict[str, Given]:
     """What each camera is given, by name.
 
     Raises:
-        Problem: 422 ``unknown_sensor``; 404 ``no_calibration_yet`` where an asked camera, or every camera, was never
-            given anything; 410 ``calibration_withdrawn`` where that was withdrawn; 409 ``calibration_does_not_apply``
-            where a sensor has been swapped since.
+        Problem: 422 ``unknown_sensor``; 404 ``no_calibration_yet`` if an asked camera, or every camera, was never
+            given anything; 410 ``calibration_withdrawn`` if it was withdrawn; 409 ``calibration_does_not_apply`` if a
+            sensor has been swapped since.
     """
     if asked.mounted:
         _check_sensors(session, vehicle, asked.mounted)
@@ -93,7 +93,7 @@ def given(session: Session, vehicle: Vehicle, asked: Asked) -> dict[str, Given]:
 
 
 def _rows(vehicle_id: UUID, asked: Asked) -> Select[*tuple[Any, ...]]:
-    """All in one statement, because rows may be deleted between two. It looks up each camera's newest by an index."""
+    """All in one statement, because rows may be deleted between two. An index finds each camera's newest."""
     cameras = select(RigCamera.name).join(Rig, Rig.id == RigCamera.rig_id).where(Rig.vehicle_id == vehicle_id)
     if asked.cameras:
         cameras = cameras.where(RigCamera.name.in_(asked.cameras))
@@ -106,7 +106,7 @@ def _rows(vehicle_id: UUID, asked: Asked) -> Select[*tuple[Any, ...]]:
         of.append(AliasMove.alias == asked.alias)
     newness = (AliasMove.number,) if move is AliasMove else NEWNESS
     newest = select(move.id).where(*of).order_by(*(key.desc() for key in newness)).limit(1)
-    # Joined and not `IN`, for which PostgreSQL would read the other tables whole.
+    # Joined, because for `IN` PostgreSQL would read the other tables whole.
     is_newest = move.id == newest.correlate(names).scalar_subquery()
     by = AliasMove.said_by if move is AliasMove else Publication.published_by
     return (
@@ -131,7 +131,7 @@ def withdrawals(*where: Any) -> Select[Withdrawal, str]:
 
 
 def _withdrawn(session: Session, vehicle_id: UUID, asked: Asked, found: Mapping[str, Given]) -> list[_Withdrawn]:
-    """The cameras of which something was taken away and nothing came after, by name."""
+    """The cameras whose publication was withdrawn, or alias removed, and not replaced, by name."""
     if asked.alias != CURRENT:
         return [
             _Withdrawn(one.camera, 0, one.move.created_at, one.by, one.move.reason or "")
@@ -172,7 +172,7 @@ def _refuse_missing(vehicle: Vehicle, asked: Asked, missing: Sequence[str]) -> P
             404,
             "no_calibration_yet",
             f"The alias {asked.alias!r} led nowhere for {which} of {vehicle.name!r}{when}.",
-            "Move it: POST /v1/vehicles/{id}/cameras/{camera}/aliases/{alias}, or ask for `current`.",
+            "Move it: POST /v1/vehicles/{id}/cameras/{camera}/aliases/{alias}/moves, or ask for `current`.",
         )
     return Problem(
         404,

@@ -34,7 +34,7 @@ def patched(document: bytes, joint_name: str, T_camera_lidar: Transform) -> byte
     ]
     if twins:
         raise refused(
-            f"The joint {twins[0]!r} joins the same links as {joint_name!r}.", "Take the one out that is not meant."
+            f"The joint {twins[0]!r} joins the same links as {joint_name!r}.", "Remove the one that is not meant."
         )
     others = {name: one for name, one in joints.items() if name != joint_name}
     T_parent_child = _solved(joint, others, T_camera_lidar)

@@ -78,7 +78,7 @@ class _Reader:
         self._document = document
         self._path: list[str] = []
         self._joint: Joint | None = None
-        # Expat does not know every name of UTF-8; other encodings are refused by the declaration.
+        # Expat does not know every name of UTF-8. The declaration of any other encoding is refused.
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end

@@ -171,9 +171,9 @@ def get_rig(id: UUID, access: ReadAccess, conditions: Conditional) -> RigOut:
 
 @router.patch("/rigs/{id}/serials")
 def patch_serials(id: UUID, body: SensorSerials, access: WriteAccess, conditions: Conditional) -> RigOut:
-    """Correct or complete the serial numbers of a rig's sensors; what is left out stays. [engineer]
+    """Correct or complete the serial numbers of a rig's sensors; those omitted stay. [engineer]
 
-    A swapped sensor takes a new rig.
+    A swapped sensor needs a new rig.
     """
     rig = access.find(Rig, id, "engineer", lock=True)
     conditions.require(version_etag(rig.version))

@@ -70,7 +70,7 @@ class Conditions:
 
 
 def names(header: str | None, etag: str) -> bool:
-    """Whether a header with entity tags names this one."""
+    """Whether a header of entity tags holds this one."""
     if header is None:
         return False
     # If-None-Match compares weakly: proxies that compress make W/"v3" of "v3".

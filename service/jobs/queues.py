@@ -7,7 +7,7 @@ _CAPS: dict[str, str | None] = {
     # The maker of a file decides how long it takes to read: one fleet must not hold every process.
     "ingest": "fleet_ingests",
     "detect": None,
-    # A run takes half a minute at most (decision 0032): nobody waits longer for a process.
+    # A run takes at most half a minute (decision 0032), so nobody waits longer for a process.
     "solve": None,
     # A queue of its own: the comparison takes a moment and ends a calibration, so it must not wait behind runs.
     "report": None,

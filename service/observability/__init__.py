@@ -3,7 +3,7 @@
 import sys
 from typing import Any
 
-# structlog imports rich where it finds it, to print coloured tracebacks, which nothing here asks for. Rich is a
+# structlog imports rich, if it is installed, to print coloured tracebacks. Nothing here needs these, and rich takes a
 # twentieth of a process's start.
 if "rich" not in sys.modules:
     _modules: dict[str, Any] = sys.modules

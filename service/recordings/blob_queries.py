@@ -1,4 +1,4 @@
-"""Which objects of the store a recording's rows name."""
+"""The objects of the store that a recording's rows name."""
 
 from __future__ import annotations
 

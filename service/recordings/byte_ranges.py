@@ -17,7 +17,7 @@ _FOREVER = "private, max-age=31536000, immutable"
 
 @dataclass(frozen=True)
 class ByteRange:
-    """A range, looked up in a session that has ended: none is held while the store is asked."""
+    """A range, looked up in a session that has ended, so that none is open while the store is asked."""
 
     key: str
     index: int
@@ -27,11 +27,11 @@ class ByteRange:
 
     @property
     def etag(self) -> str:
-        """The range's entity tag: its blob's key is of this blob alone."""
+        """The range's entity tag. The blob's key belongs to this blob alone."""
         return content_etag(hashlib.sha256(f"{self.key}:{self.index}".encode()).hexdigest()[:32])
 
     async def answer(self, request: Request, conditions: Conditions) -> Response:
-        """The bytes, or that the client has them already."""
+        """The bytes, or 304 if the client has them."""
         conditions.offer(self.etag)
         store: Store = request.app.state.store
         data = await store.read(self.key, self.offset, self.length)
@@ -39,9 +39,9 @@ class ByteRange:
         return Response(data, media_type=self.media_type, headers=headers)
 
     def address(self, request: Request) -> BlobAddress:
-        """Where the bytes are read straight from the store, with a Range header; or that they are read here.
+        """Where the bytes are read straight from the store with a Range header, or that they are read here.
 
-        An address and no redirect: the range is one of a large object, and only who sends the Range gets it alone.
+        It is an address, not a redirect, because the client must send the Range header to get only this part.
         """
         presigner = Presigner.of(request)
         return BlobAddress(

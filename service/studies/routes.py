@@ -97,7 +97,7 @@ def read_offset(offset_id: UUID, access: ReadAccess) -> OffsetView:
 
 @router.post("/recordings/{recording_id}/sweep-packings", status_code=202, response_model=PackingView)
 def ask_packing(recording_id: UUID, access: WriteAccess) -> JSONResponse:
-    """Pack a recording's sweeps, so that they can be read; one that is packed stays as it is. [engineer]"""
+    """Pack a recording's sweeps, so that they can be read. A packed recording stays as it is. [engineer]"""
     recording = ready_recording(access, recording_id, "engineer")
     row, job = queue_packing(access.session, recording)
     return access.answer(packing_view(row, job), 202)

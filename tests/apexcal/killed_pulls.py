@@ -1,9 +1,9 @@
 """`apexcal pull` in children that end themselves, as SIGKILL does, before the n-th line of what it executes.
 
-``python -m tests.apexcal.killed_pulls FOLDER SAVED STRIDE ROOM WORDS...``: SAVED is the folder as it lies before
-each pull. ROOM limits the size of what may be written, in bytes; -1 does not. Prints one line of JSON: how many were
-killed, what then lay in the file (SHA-256 and whether it is known as pulled), and how the last one, which nobody
-killed, ended.
+``python -m tests.apexcal.killed_pulls FOLDER SAVED STRIDE ROOM WORDS...``: SAVED is the folder's state before
+each pull. ROOM limits the bytes that may be written; -1 is no limit. Prints one line of JSON: how many were killed,
+what the file then held (SHA-256, and whether it is known as pulled), and how the last one, which was not killed,
+ended.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _pull(words: list[str], moment: int, room: int) -> None:
 
 
 def main() -> None:
-    """Kill at every STRIDE-th line, until one comes to its end."""
+    """Kill at every STRIDE-th line, until one ends by itself."""
     folder, saved, stride, room, *words = sys.argv[1:]
     path = Path(folder) / "calibration.json"
     found, left_behind = set[tuple[str, bool]](), 0

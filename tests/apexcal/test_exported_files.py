@@ -1,4 +1,4 @@
-"""Where an export is written, and what stays where writing fails."""
+"""Where an export is written, and what stays if writing fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`apexcal pull`, killed at many moments of each kind of trouble: the file is the last good one or the new one."""
+"""`apexcal pull`, killed at many moments in each kind of trouble, leaves the last good file or the new one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NOBODY = "http://127.0.0.1:9"
 
 
 class Trouble:
-    """A car that pulled a good file; what then lies in its folder is there before each pull that is killed."""
+    """A car that pulled a good file. Its folder is restored before each killed pull."""
 
     def __init__(self, served, folder) -> None:
         self.folder, self.saved = folder / "car", folder / "saved"

@@ -1,4 +1,4 @@
-"""The short form of `make bench-coverage`: one recording, some cells; its figures fall where nothing holds."""
+"""The short form of `make bench-coverage`: one recording, some cells; its figures fall if nothing holds."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def test_what_is_published_holds_in_the_short_form():
 
 @pytest.mark.slow
 def test_wrong_truth_holds_nothing(walked):
-    """The scores are of this camera: of one that sits 20 cm beside it no interval of the mount holds."""
+    """The scores are of this camera. For a camera 20 cm beside it no interval of the mount holds."""
     done = Bench(walked).calibrate("pinhole", Errors(), {"models": ["pinhole"]}, 0)
     assert np.mean(list(score(done).held.values())) > 0.6
     camera = done.paired.camera

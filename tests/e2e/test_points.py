@@ -22,7 +22,7 @@ from tests.support.uploads import RIG
 
 SignIn = Callable[[str, str], Page]
 FRONTEND = Path(__file__).parents[2] / "frontend"
-# A machine of two cores shows the sweep after 0.15 s, and half as many pictures a second as where nothing is drawn.
+# A machine of two cores shows the sweep after 0.15 s, and half as many pictures a second as an idle page.
 MOST_SECONDS = 2.0
 SHARE_OF_IDLE = 0.25
 

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 Indices = NDArray[np.int64]
 BlockKind = Literal["group", "time", "order"]
 STRETCHES: Final = 8
-"""Stretches of a walk. Of 8, 12, 16, 24 and 36 these covered best where errors last for 8 or 25 of 222 pairs, or half
-of the walk (decision 0044)."""
+"""Stretches of a walk. Of 8, 12, 16, 24 and 36 this number covered best if errors last for 8 or 25 of 222 pairs, or
+half of the walk (decision 0044)."""
 LEAST_PAIRS: Final = 5 * STRETCHES
-"""Fewer pairs in no groups are not cut: a stretch would hold hardly more pairs than what it shares has unknowns."""
+"""Fewer pairs without groups are not cut: a stretch would have hardly more pairs than shared unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Labels (N,) of the pairs' blocks, from 0 in the order of time (or of the pairs); and what the blocks are.
+    """Labels (N,) of the pairs' blocks, from 0 in the order of time (or of the pairs), and the kind of the blocks.
 
     `group`: what the pairs themselves name. `time`, `order`: stretches of equal numbers of pairs, by their stamps or
     by their places.
@@ -43,7 +43,7 @@ class Blocks:
 def blocks_of(pairs: Mapping[str, Sequence[Any]]) -> Blocks | None:
     """The blocks of a correspondence set's pairs (columns); None where they are too few to be cut.
 
-    Groups of which each holds a single pair are no blocks.
+    Groups of a single pair each are no blocks.
     """
     count = len(pairs["x"])
     group = pairs.get("group")

@@ -1,7 +1,7 @@
 """Errors that all pairs of a fit share: consider parameters (Schmidt 1966; Tapley, Schutz and Born 2004, ch. 6).
 
-They are not estimated: the pairs tell them from the mount hardly or not at all. Each enters the covariance with the
-standard deviation that is stated for it, as C + K S K^T.
+They are not estimated, because pairs hardly distinguish them from the mount. Each enters the covariance with its
+stated standard deviation, as C + K S K^T.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,7 +39,7 @@ def parse_common_errors(given: object) -> dict[str, float]:
 
 
 def common_errors(problem: FitProblem, p: Floats) -> Floats:
-    """(N, 2, m) how the residuals of a whitened problem move at p (D,), px by standard deviation of each error."""
+    """(N, 2, m) derivative of a whitened problem's residuals at p (D,), px per standard deviation of each error."""
     columns = [weighed(problem, _SHAPES[name](problem, p)[:, :, None] * sigma) for name, sigma in _stated(problem)]
     return np.concatenate(columns, axis=2) if columns else np.zeros((len(problem.points), 2, 0))
 

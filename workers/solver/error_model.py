@@ -1,4 +1,4 @@
-"""What an estimate's errors are made of, and the covariance that follows, for all pairs or for some of them.
+"""The components of an estimate's errors and the covariance that follows, for all pairs or for some.
 
 The estimate p of least squares with priors is off by Q (J^T e / sigma^2 + P e_p) with Q = (J^T J / sigma^2 + P)^-1.
 The pairs' errors e are noise of variance sigma^2, what blocks of pairs share (`variance_components`), and what all
@@ -26,8 +26,8 @@ class ErrorModel:
     """The errors of a fit that is linearised at its end.
 
     fit: with columns of unit length; scale (F,): what the parameters (rad, m, px) were divided by for that.
-    noise: sigma^2, px^2. shared: what blocks share, of variances (K,), or None. common (N, 2, m): what all share, px
-    by standard deviation.
+    noise: sigma^2, px^2. shared: what blocks share, of variances (K,), or None. common (N, 2, m): what all pairs
+    share, px per standard deviation.
     """
 
     fit: Linearised
@@ -38,18 +38,18 @@ class ErrorModel:
     variances: Floats = field(default_factory=lambda: np.zeros(0))
 
     def inverse(self, used: Used | None = None) -> Floats:
-        """Q (F, F) of the pairs that are used (N,), in scaled parameters; priors count whole."""
+        """Q (F, F) of the used pairs (N,), in scaled parameters; priors count whole."""
         J = self._rows(used).reshape(-1, len(self.scale))
         return np.linalg.pinv(J.T @ J / self.noise + self.fit.prior, rcond=1e-14, hermitian=True).astype(np.float64)
 
     def step(self, used: Used | None = None) -> Floats:
-        """(F,) from the linearisation to the optimum of the pairs that are used and the priors: rad, m, px."""
+        """(F,) the step from the linearisation to the optimum of the used pairs and the priors: rad, m, px."""
         J = self._rows(used).reshape(-1, len(self.scale))
         gradient = J.T @ self.fit.residuals.ravel() / self.noise + self.fit.pull
         return -(self.inverse(used) @ gradient) * self.scale
 
     def with_columns(self, columns: Floats) -> ErrorModel:
-        """The same fit with further unknowns, whose derivatives (N, 2, e) are given and which have no priors."""
+        """The same fit with further unknowns without priors; their derivatives (N, 2, e) are given."""
         more = columns.shape[2]
         lengths = np.sqrt(np.sum(columns**2, axis=(0, 1)))
         scale = 1.0 / np.where(lengths > 0.0, lengths, 1.0)
@@ -75,11 +75,11 @@ class ErrorModel:
         return self._of_arms((self.inverse(), None))
 
     def difference(self, first: Used, second: Used) -> Floats:
-        """(F, F) of the estimate from the first pairs less that from the second, which have none in common."""
+        """(F, F) of the difference of the estimates from the first and the second pairs, which are disjoint."""
         return self._of_arms((self.inverse(first), first), (-self.inverse(second), second))
 
     def independent(self) -> ErrorModel:
-        """The same without anything shared or common, with the noise that then explains the residuals."""
+        """The same without shared and common errors, with the noise that then explains the residuals."""
         return replace(self, shared=None, variances=np.zeros(0), common=self.common[:, :, :0])
 
     def _of_arms(self, *arms: tuple[Floats, Used | None]) -> Floats:
@@ -114,7 +114,7 @@ class ErrorModel:
 
 
 def linearised(problem: FitProblem, p: Floats) -> tuple[Linearised, Floats]:
-    """A whitened problem's fit at p (D,), with columns of unit length, and what the parameters were divided by."""
+    """A whitened problem's fit at p (D,), with columns of unit length, and the parameters' divisors."""
     residuals, rows = weighted_residuals(problem, p, turns_are_free(problem))
     lengths = np.linalg.norm(rows, axis=0)
     scale = 1.0 / np.where(lengths > 0.0, lengths, 1.0)

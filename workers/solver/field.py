@@ -1,4 +1,4 @@
-"""Where a result puts fixed points around the LiDAR: by them any two results of a vehicle are compared in pixels."""
+"""Projections of fixed points around the LiDAR, by which any two results of a vehicle are compared in pixels."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,8 +21,8 @@ _RANGES_M: Final = (5.0, 20.0)
 def field(problem: FitProblem, document: Mapping[str, Any]) -> dict[str, Any] | None:
     """The points that the image shows: `number` among all, pixels `u` and `v`, and the stated deviation `sigma_px`.
 
-    The points are the same for every result: each 10 degrees of azimuth and elevation, 5 and 20 m away. `sigma_px`
-    is the root mean square over u and v, from the document's covariance. None where none is in the image, or nothing
+    The points are the same for every result: every 10 degrees of azimuth and elevation, 5 and 20 m away. `sigma_px`
+    is the root mean square over u and v, from the document's covariance. None if no point is in the image or nothing
     is free.
     """
     points = _points()

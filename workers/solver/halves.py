@@ -26,7 +26,7 @@ Split = Literal["alternating", "first_and_last"]
 # scipy publishes no types.
 _f_quantile: Callable[[float, float, float], float] = special.fdtri
 _FALSE_ALARMS: Final = 0.005
-"""Chance that sound pairs raise an alarm, of each of five: two splits by parameters and pixels, and the turn."""
+"""Chance that sound pairs raise an alarm, for each of five tests: two splits, by parameters and pixels; the turn."""
 _MANY: Final = 1e6
 _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
 
@@ -35,12 +35,12 @@ _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
 class Halves:
     """How far the fits of two halves differ.
 
-    pairs: of each. ratio: root of the Mahalanobis distance over the parameters, against what the full fit states of
-    such a difference: about 1 where it holds, beyond `limit` in one of two hundred sound runs. rotation_deg and
-    translation_mm: between the two mounts. field_px: root mean square over the pairs of the distance between the two
-    projections, stated_px what is stated of that; field_ratio that distance in what is stated, pair by pair, with
-    its own field_limit: it sees a shift of all marks that the parameters share out among themselves. turned_deg,
-    turned_ratio, turned_limit: the turn of the mount alone between the first and the last half, likewise.
+    pairs: numbers in each half. ratio: root of the Mahalanobis distance over the parameters, with the covariance that
+    the full fit states for the difference. It is about 1 if that holds, and beyond `limit` in one of 200 sound runs.
+    rotation_deg and translation_mm: between the two mounts. field_px: root mean square over the pairs of the distance
+    between the two projections; stated_px: its stated value. field_ratio: the distance over its stated value, pair by
+    pair, with its own field_limit; it detects a shift of all marks that the parameters absorb. turned_deg,
+    turned_ratio, turned_limit: the same for a turn of the mount alone between the first and the last half.
     """
 
     split: Split
@@ -64,7 +64,7 @@ class Halves:
 
     @property
     def holds(self) -> bool:
-        """Whether what is stated explains the difference."""
+        """Whether the stated deviations explain the difference."""
         return self.ratio <= self.limit and self.field_ratio <= self.field_limit and not self.turned
 
     def to_document(self) -> dict[str, Any]:
@@ -72,7 +72,7 @@ class Halves:
         return {**vars(self), "pairs": list(self.pairs), "holds": self.holds}
 
     def sentence(self, blocks: str) -> str:
-        """What is wrong, where it does not hold."""
+        """The sentence that says what is wrong, if it does not hold."""
         if self.turned and self.turned_deg is not None:
             return (
                 f"Between the first and the last half of the {blocks} the camera turned by {self.turned_deg:.2g} "
@@ -89,7 +89,7 @@ class Halves:
 
 
 def halves_of(found: Estimate) -> list[Halves]:
-    """Both splits of the pairs that hold the estimate, as far as each half has enough pairs for the parameters.
+    """Both splits of the pairs that determine the estimate, if each half has enough pairs for the parameters.
 
     The halves are polished from the full result, with its bounds, locks and priors; priors count in both.
     """
@@ -116,7 +116,8 @@ def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, se
     one, two = (_fitted(problem, p, half) for half in (first, second))
     mounts = [transform_of(problem, q) for q in (one, two)]
     apart: Floats = (predict(problem, one)[0] - predict(problem, two)[0])[first | second]
-    # Linear steps from the full fit: what the pairs hardly hold, like higher distortion terms, bends the fits' ends.
+    # Linear steps from the full fit: parameters that the pairs hardly determine, like higher distortion terms, bend
+    # the ends of the polished fits.
     step = errors.step(first) - errors.step(second)
     covariance = errors.difference(first, second)
     ratio, told = _root_mahalanobis(step / errors.scale, covariance / errors.scale[:, None] / errors.scale)
@@ -149,9 +150,9 @@ def _fitted(problem: FitProblem, p: Floats, half: Used) -> Floats:
 
 
 def _turned(found: Estimate, errors: ErrorModel, first: Used) -> tuple[float, float]:
-    """The turn of the mount between the halves, all else being the same, in degrees; and in what is stated of it.
+    """The turn of the mount between the halves, all else being equal, in degrees and over its stated deviation.
 
-    A walk's stretches might have taken the turn for an error that they share: there the pairs count as independent.
+    A walk's stretches may absorb the turn as shared errors, so there the pairs count as independent.
     """
     problem, p = whitened(found.holding, found.parameters), found.parameters
     turns = residuals_and_jacobian(problem, p, local=True)[1].reshape(len(first), 2, -1)[:, :, :3]
@@ -163,7 +164,7 @@ def _turned(found: Estimate, errors: ErrorModel, first: Used) -> tuple[float, fl
 
 
 def _root_mahalanobis(step: Floats, covariance: Floats) -> tuple[float, float]:
-    """Root mean square of a step in standard deviations over the directions that have any; and their number."""
+    """Root mean square of a step in standard deviations, over the directions that have one, and their number."""
     values, vectors = np.linalg.eigh(covariance)
     told = values > 1e-12 * values[-1]
     along = vectors[:, told].T @ step
@@ -171,5 +172,5 @@ def _root_mahalanobis(step: Floats, covariance: Floats) -> tuple[float, float]:
 
 
 def _limit(directions: float, freedom: float) -> float:
-    # Fisher's F: what is stated was itself estimated, with so many degrees of freedom.
+    # Fisher's F, because the stated deviation was itself estimated, with so many degrees of freedom.
     return float(np.sqrt(_f_quantile(directions, min(max(freedom, 1.0), _MANY), 1.0 - _FALSE_ALARMS)))

@@ -1,4 +1,4 @@
-"""Errors on the pairs that a fit held out, and what models are compared by."""
+"""Errors on the pairs that a fit held out, by which models are compared."""
 
 from typing import Any
 
@@ -18,10 +18,10 @@ Floats = NDArray[np.float64]
 def held_out(problem: FitProblem, whole: FitProblem, fold: Fold, document: dict[str, Any]) -> dict[str, Any]:
     """The errors of `document`, the result of `problem`, on the pairs of `whole` that `fold` holds out.
 
-    Besides what `evaluate` says: `indices` and `blocks` of the pairs; `standard_px`, their distances in standard
-    deviations of what they state, in px of a typical pair, and `stretch`, by which that whitening scales lengths
-    there (equal weights: the plain distances and 1). These are under a fit without the pairs that are named as
-    outliers: what one gross error does to a model says nothing of the model.
+    In addition to `evaluate`'s: `indices` and `blocks` of the pairs; `standard_px`, their distances in standard
+    deviations of what they state, in px of a typical pair; `stretch`, by which that whitening scales lengths there
+    (equal weights: the plain distances and 1). They are under a fit without its named outliers, because the effect of
+    one gross error on a model says nothing of the model.
     """
     indices = fold.indices
     errors = evaluate(document["intrinsics"], document["transform"], whole.points[indices], whole.pixels[indices])
@@ -40,7 +40,7 @@ def held_out(problem: FitProblem, whole: FitProblem, fold: Fold, document: dict[
 
 
 def _without_outliers(problem: FitProblem, p: Floats, outliers: list[dict[str, Any]]) -> Floats:
-    # A saturating loss gives them next to no say already.
+    # A saturating loss already gives them almost no weight.
     if not outliers or problem.outliers == "exclude" or problem.loss == "saturating":
         return p
     named = [Outlier(one["index"], one["residual_px"], one["score"], one["reason"]) for one in outliers]

@@ -1,7 +1,7 @@
-"""Weak priors that keep a lens a lens where the pairs hardly hold its distortion.
+"""Weak priors on distortion that the pairs hardly determine.
 
-Without them a coefficient of a narrow walk runs to its bound. They count only where the request says nothing of the
-coefficient, and only if the pairs hold it less well than the prior does; elsewhere the fit is that without them.
+Without them a coefficient of a narrow walk runs to its bound. They apply only to coefficients that the request leaves
+free, and only if the pairs determine one less well than its prior. Otherwise the fit has none.
 """
 
 from typing import Final
@@ -15,11 +15,11 @@ from workers.solver.uncertainty import Uncertainty
 Floats = NDArray[np.float64]
 _LARGEST: Final = 0.2
 _AT_CORNER: Final = 0.3
-"""One standard deviation of a term: so much of the radius at the image's corner, and never more than 0.2. Decision
-0044 says what that was measured to do."""
+"""One standard deviation of a term: this share of the radius at the image's corner, at most 0.2. Decision 0044
+has the measurement."""
 _DECENTRED: Final = 0.1
-"""Tangential terms are the first radial one under a lens off its axis (Conrady 1919), by this share of the
-corner's radius."""
+"""Tangential terms are the first radial one of a lens off its axis by this share of the corner's radius
+(Conrady 1919)."""
 _RADIAL: Final = {
     "pinhole": {},
     "brown_conrady": {"k1": 1, "k2": 2, "k5": 3},
@@ -31,8 +31,8 @@ _TANGENTIAL: Final = {"brown_conrady": ("k3", "k4")}
 def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str, float]:
     """Standard deviations about zero, by coefficient, for a fit that ended at p (D,) with these deviations.
 
-    Empty where the pairs hold all coefficients, or leave others than these open, or the request says of all what they
-    may be.
+    Empty if the pairs determine all coefficients or leave other parameters open, or if the request constrains all
+    coefficients.
     """
     corner = 0.5 * problem.diagonal_px / float(np.sqrt(p[6] * p[7]))
     sigmas = {name: _radial(corner, order) for name, order in _RADIAL[problem.model].items()}
@@ -41,8 +41,8 @@ def lens_priors(problem: FitProblem, p: Floats, spread: Uncertainty) -> dict[str
     std = dict(zip(spread.names, spread.std.tolist(), strict=True))
     open_names = [name for name in sigmas if name in problem.unstated and name in std]
     if not all(np.isfinite(one) for name, one in std.items() if name not in open_names):
-        return {}  # what else the pairs leave open no prior of the lens makes good
-    # Five of the largest deviation are the bounds: what the pairs hold better than the prior does not come near them.
+        return {}  # no prior of the lens helps other open parameters
+    # The bounds are five of the largest deviation away: a coefficient better determined than its prior stays inside.
     if all(std[name] < sigmas[name] for name in open_names):
         return {}
     return {name: sigmas[name] for name in open_names}

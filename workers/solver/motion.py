@@ -1,4 +1,4 @@
-"""How the apex moved at the moments of the pairs: from the pairs near in time."""
+"""Velocities of the apex at the pairs' times, from the pairs near in time."""
 
 from typing import Final
 
@@ -14,7 +14,7 @@ _LEAST_SHARE: Final = 0.5
 def velocities_of(points: ArrayLike, stamps_ns: ArrayLike) -> Floats | None:
     """(N, 3) m/s of points (N, 3) m at their stamps (N,), any order: the slope of the pairs within half a second.
 
-    Zero where a pair has no neighbours; None where half of the pairs have none.
+    Zero for a pair without neighbours; None if half of the pairs have none.
     """
     order = np.argsort(np.asarray(stamps_ns, np.int64), kind="stable")
     times = np.asarray(stamps_ns, np.int64)[order]

@@ -1,4 +1,4 @@
-"""What is to be said of pairs beside their fit: what explains their residuals, marks outside, nearest frames."""
+"""Facts about pairs beside their fit: what explains their residuals, marks outside, nearest frames."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -7,9 +7,9 @@ import numpy as np
 
 from workers.solver.problem import FitProblem
 
-# Largest noise of a plane on real recordings, ring bias included (OS1-64). A vertex that states nothing has that.
+# Largest noise of a plane on real recordings, ring bias included (OS1-64). It holds for vertices that state nothing.
 _VERTEX_M: Final = 0.016
-# Scale of stated errors from which they are too small, as in the alarm that says so.
+# Scale from which stated errors count as too small, as in the alarm for it.
 _UNDERSTATED: Final = 1.5
 _STILL_NS: Final = 1_000_000
 
@@ -17,7 +17,8 @@ _STILL_NS: Final = 1_000_000
 def explained_px(problem: FitProblem, document: Mapping[str, Any]) -> float:
     """Noise per coordinate that marks and vertices explain in a typical pair, px.
 
-    Of marks of `mark_sigma_px` and vertices known to 16 mm across their ray; or what pairs state, where that is more.
+    It combines marks of `mark_sigma_px` and vertices known to 16 mm across their ray; or it is what pairs state, if
+    that is more.
     """
     used = problem.weights > 0.0
     lens = document["intrinsics"]
@@ -35,7 +36,7 @@ def marks_outside(problem: FitProblem) -> int:
 
 
 def nearest_frames(document: Mapping[str, Any], pairs: Mapping[str, Any]) -> list[str]:
-    """A sentence where errors are larger than stated and vertices were not moved to their frames' times."""
+    """A sentence, if errors are larger than stated and vertices were not moved to their frames' times."""
     gaps = np.abs(np.array(pairs.get("gap_ns") or [0], np.float64))
     scale = document.get("noise_scale")
     if not scale or scale <= _UNDERSTATED or np.max(gaps) < _STILL_NS:

@@ -1,4 +1,4 @@
-"""What a result predicts to: deviations of projections over the image, in pixels and in millimetres at distances."""
+"""The precision of a result: deviations of projections over the image, in pixels, and in mm at distances."""
 
 from dataclasses import replace
 from typing import Any, Final
@@ -16,17 +16,17 @@ Floats = NDArray[np.float64]
 DISTANCES_M: Final = (5.0, 20.0, 50.0)
 _COLUMNS: Final = 5
 _ROWS: Final = 3
-# A pixel whose ray's own projection misses it by more has no ray under its lens model.
+# If the projection of a pixel's ray misses the pixel by more, the lens model has no ray there.
 _NO_RAY_PX: Final = 0.1
 
 
 def prediction(found: Estimate, halves: list[Halves]) -> dict[str, Any] | None:
-    """The deviations (one standard deviation, length over both axes) of where points of the LiDAR project.
+    """The deviations (one standard deviation, length over both axes) of projected LiDAR points.
 
     At the middles of 5 x 3 equal cells of the image, for points at 5, 20 and 50 m from the camera: `stated_px`, and
-    `stated_mm` across the ray. `expected_over_stated`: how many times more to expect, by how far the halves differ;
-    1 where they differ by no more than is stated. A pixel that the lens model sees no ray in has nulls. All of it
-    holds under the model that was fitted. None where the pairs leave a direction open.
+    `stated_mm` across the ray. `expected_over_stated`: the factor to expect from how far the halves differ, 1 if they
+    differ by no more than stated. Pixels without a ray under the lens model have nulls. All of it assumes the fitted
+    model. None if the pairs leave a direction open.
     """
     if found.errors is None:
         return None

@@ -17,10 +17,10 @@ from workers.solver.variance_components import Components, Variances, likelihood
 Floats = NDArray[np.float64]
 _COUNTED: Final = 2.706
 _NAMED: Final = {1: 3.841, 2: 5.537}
-"""Twice the logarithm of the likelihood's ratio that independent errors exceed in one of twenty, and of forty cases,
-the latter by the number of components: each is zero half of the time (Self and Liang 1987)."""
+"""Twice the log likelihood ratio that independent errors exceed in one of twenty, and in one of forty cases. The
+latter depends on the number of components: each is zero half of the time (Self and Liang 1987)."""
 _WIDER: Final = 1.1
-"""Ratio of the pixels' deviations over the marks from which shared errors are said."""
+"""Ratio of the pixels' deviations over the marks from which shared errors are reported."""
 _EXTENT_M: Final = 1e-3  # pairs of one pose nearer together than this tell nothing of its turn
 
 
@@ -29,8 +29,8 @@ class SharedErrors:
     """What blocks share, by restricted maximum likelihood.
 
     count, kind: of the blocks. deviations: by component, in its unit (offset_m, turn_deg, shift_px). evidence: twice
-    the logarithm of the likelihood's ratio to independent errors. counted: whether the deviations count it. widening:
-    ratio of the pixels' deviations over the marks to those of independent errors. variances: the estimate itself.
+    the log likelihood ratio to independent errors. counted: whether the deviations include it. widening: ratio of the
+    pixels' deviations over the marks to those of independent errors. variances: the estimate itself.
     """
 
     count: int
@@ -54,7 +54,7 @@ class SharedErrors:
         }
 
     def alarms(self) -> list[str]:
-        """A sentence where independent errors do not explain the residuals, and deviations are much wider for it."""
+        """A sentence, if independent errors do not explain the residuals and deviations are much wider for it."""
         if self.evidence <= _NAMED[len(self.deviations)] or self.widening <= _WIDER:
             return []
         sizes = " and ".join(
@@ -80,8 +80,8 @@ class SharedErrors:
 def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> tuple[SharedErrors, ErrorModel] | None:
     """What blocks of a whitened problem's pairs share at p (D,), and the model of errors with it.
 
-    Groups are what somebody says that shares its errors, so what they share always counts. Stretches of a walk are
-    our guess: what they share counts where independent errors do not explain it. None where there are no blocks.
+    Somebody declared that groups share errors, so these always count. Stretches of a walk are our guess: their shared
+    errors count only if independent errors do not explain them. None if there are no blocks.
     """
     if problem.blocks is None:
         return None
@@ -109,7 +109,7 @@ def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> tuple[Sh
 def _components(
     problem: FitProblem, p: Floats, labels: NDArray[np.int64], used: NDArray[np.bool_], blocks: Blocks
 ) -> tuple[Components, list[str]]:
-    """A pose's offset (m) and turn (rad) about its middle; of a stretch of a walk a shift of its marks (px)."""
+    """A pose's offset (m) and turn (rad) about its middle; a shift (px) of the marks of a walk's stretch."""
     n = len(labels)
     if blocks.kind != "group":
         return Components(labels, weighed(problem, np.tile(np.eye(2), (n, 1, 1))), np.zeros(2, np.int64)), [

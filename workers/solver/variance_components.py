@@ -35,8 +35,8 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """What blocks share: labels (N,) of the blocks, from 0; shapes (N, 2, q), px by unit of what is shared; of which
-    component k each of the q columns is, (q,).
+    """What blocks share: labels (N,) of the blocks, from 0; shapes (N, 2, q), px per unit of what is shared;
+    component (q,), the component k of each of the q columns.
     """
 
     labels: Indices
@@ -46,7 +46,7 @@ class Components:
 
 @dataclass(frozen=True, eq=False)
 class Variances:
-    """variances (1 + K,): sigma^2, tau_1^2, ...; information (1 + K, 1 + K): Fisher's; free (1 + K,): which of them
+    """variances (1 + K,): sigma^2, tau_1^2, ...; information (1 + K, 1 + K): Fisher's; free (1 + K,): which variances
     are above zero.
     """
 
@@ -73,7 +73,7 @@ class _Point(NamedTuple):
 
 
 def variances_of(fit: Linearised, shared: Components) -> Variances:
-    """The restricted maximum of the likelihood, by Fisher scoring with steps halved; none below zero."""
+    """The restricted maximum of the likelihood, by Fisher scoring with halved steps; no variance is below zero."""
     count = int(shared.component.max()) + 1
     sums = _sums(fit, shared)
     taken = len(fit.pull)
@@ -107,7 +107,7 @@ def variances_of(fit: Linearised, shared: Components) -> Variances:
 
 
 def likelihood_ratio(fit: Linearised, shared: Components, found: Variances) -> float:
-    """Twice the logarithm of the restricted likelihood's ratio: with what is shared, to independent errors."""
+    """Twice the log ratio of the restricted likelihoods with shared and with independent errors."""
     sums = _sums(fit, shared)
     alone = np.zeros_like(found.variances)
     with_it = _point(sums, fit, shared.component, found.variances).likelihood

@@ -24,7 +24,7 @@ from workers.tasks.loading import open_lidar, require_room, watched
 
 
 def packing(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
-    """Pack all sweeps into one file; where that was done before, say so."""
+    """Pack all sweeps into one file, unless they are packed already."""
     with context.database.reading() as session:
         recording_id = session.get_one(Study, held.subject_id).recording_id
         of_recording = Sensor.recording_id == recording_id
@@ -54,7 +54,7 @@ def packing(context: Context, held: Claim, lease: Lease) -> Callable[[Session], 
 
 
 def _write(sweeps: LidarFile, path: Path, lease: Lease) -> list[Json]:
-    """Write the sweeps one after the other; where each of them lies."""
+    """Write the sweeps one after the other. Returns where each one lies."""
     rows: list[Json] = []
     offset = 0
     with path.open("wb") as file:
@@ -82,7 +82,7 @@ def _store(context: Context, held: Claim, recording_id: UUID, file: Path, size: 
 
 
 def _reserve(context: Context, held: Claim, recording_id: UUID, size: int) -> str:
-    """A key, where the fleet has room; the bytes are counted in the transaction that keeps them."""
+    """A key, if the fleet has room. The transaction that keeps the bytes counts them."""
     with context.database.writing() as session:
         require_mine(session, held)
         recording = session.get_one(Recording, recording_id, with_for_update=True)
@@ -100,7 +100,7 @@ def _taken_with(session: Session, recording: Recording, size: int) -> int:
 
 
 def _tell(session: Session, held: Claim) -> None:
-    """The study's result, from what is on record."""
+    """Sets the study's result from the rows."""
     study = session.get_one(Study, held.subject_id)
     count, points, size = session.execute(
         select(

@@ -87,10 +87,10 @@ class MovedVertices:
 
 
 def on_track(vertices: Sequence[Vertex], context: Sequence[Vertex] = ()) -> NDArray[np.bool_]:
-    """(N,) whether the vertices within `tracks.MARGIN_SWEEPS` sweeps of each make a track that one can walk.
+    """(N,) whether the vertices within `tracks.MARGIN_SWEEPS` sweeps of each form a track that a person can walk.
 
-    Of their steps within a second from one to the next there are at least three, and at most a tenth is faster than
-    anybody goes with a board. Still poses, whose board is elsewhere in the next sweep, make none.
+    It needs at least three steps of at most a second, of which at most a tenth is faster than a person with a board.
+    Still poses, whose board is elsewhere in the next sweep, form no track.
     """
     whole = sorted([*vertices, *context], key=lambda vertex: (vertex.time_ns, vertex.sweep_index))
     times = np.array([vertex.time_ns for vertex in whole], np.int64)

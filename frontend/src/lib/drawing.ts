@@ -33,13 +33,13 @@ export interface Drawing {
   handles: Handle[];
 }
 
-/** What the plane shows at least: lines of inequalities end there. */
+/** The least extent of the plane, where the lines of inequalities end. */
 export interface Reach {
   min: [number, number, number];
   max: [number, number, number];
 }
 
-/** Puts another node where a node was, and returns the whole region. */
+/** Replaces a node, and returns the whole region. */
 type Put = (node: Region) => Region;
 
 interface Found {
@@ -54,7 +54,7 @@ const SMALLEST_M = 0.1;
 /** All that the plane shows of a region. */
 export function drawingOf(region: Region, plane: Plane, reach: Reach): Drawing {
   const parts = found(region, (node) => node, false, "").map((one) => drawn(one, plane, reach));
-  // Later ones lie over earlier ones: a corner is taken, not the middle that lies under it.
+  // Later ones lie over earlier ones, so a corner is taken before the middle under it.
   const handles = parts.flatMap((one) => one.handles).sort((a, b) => RANKS[a.kind] - RANKS[b.kind]);
   return { outlines: parts.flatMap((one) => one.outlines), handles };
 }
@@ -134,7 +134,7 @@ function boxBeside({ box }: Box, put: Put, cut: boolean, key: string, plane: Pla
   const handles = heightHandles(key, "the box", [box.min[2], box.max[2]], (left + right) / 2, (which, value) =>
     side(which, 2, value),
   );
-  // Turned, its sides are not seen from here.
+  // The sides of a turned box are not seen from here.
   if (!box.yaw_deg) {
     for (const which of ["min", "max"] as const) {
       handles.push({
@@ -216,7 +216,7 @@ function heightHandles(
   }));
 }
 
-/** The line of an inequality, where this plane shows it as one. */
+/** The line of an inequality, if this plane shows it as one. */
 function limit(node: Inequality, put: Put, key: string, plane: Plane, reach: Reach): Drawing {
   const [a, b] = AXES[plane];
   const [low, high]: [Spot, Spot] = [
@@ -230,7 +230,7 @@ function limit(node: Inequality, put: Put, key: string, plane: Plane, reach: Rea
   });
   const [first, second] = [LETTERS[a], LETTERS[b]];
   if (node.divided_by) {
-    // A line through the LiDAR: what is divided by goes along it.
+    // A line through the LiDAR, along the divisor.
     const far = Math.max(...high.map(Math.abs), ...low.map(Math.abs));
     if (node.quantity === second && node.divided_by === first) {
       const at: Spot = [far / 2, (node.value * far) / 2];

@@ -1,4 +1,4 @@
-/** Which points a region keeps: the rules of `workers/vertices/region.py`, to which a test holds this. */
+/** Which points a region keeps, by the rules of `workers/vertices/region.py`; a test compares both. */
 
 import { cornersOf } from "./plan.ts";
 import type { Operator, Quantity } from "./api/types.ts";

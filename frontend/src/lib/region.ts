@@ -43,7 +43,7 @@ export const DEFAULT_ROWS: readonly Inequality[] = [
   { quantity: "z", divided_by: null, op: ">", value: -1.7 },
 ];
 
-/** A line of a list of parts that all hold: a leaf, or what is cut out. */
+/** A line of the list of parts that all must hold: a leaf, or a cut-out. */
 export type Part = Leaf | { not: Leaf };
 
 /** The parts of a region that is a plain list of parts that all hold, else null. */

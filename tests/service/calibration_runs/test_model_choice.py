@@ -1,4 +1,4 @@
-"""The smallest model that held-out pairs do not speak against; on simulated rigs, the true one."""
+"""The recommended model is the smallest that held-out pairs do not rule out; on simulated rigs the true one."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What a result states where another model that is not ruled out puts the mount elsewhere."""
+"""What a result states if another model that is not ruled out differs in the mount."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Aliases of a camera: they move with who, when and why, and lead nowhere by no one's silence."""
+"""Aliases of a camera: each move keeps who, when and why, and an alias never loses its result silently."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def test_coverage_counts_the_cells_of_the_image_that_hold_pairs(api, rig, admin)
 
 
 def test_the_service_does_not_publish_what_fails(api, fleet, rig, admin):
-    """A gate stated by a newer version, with a limit that this one does not know, is not passed unseen."""
+    """A newer version's gate, with a limit that this one does not know, is not passed."""
     with api.database.writing() as session:
         session.execute(update(Rig).values(gate={"road_score": 0.9}))
     _, (result, _) = seed_results(api, rig)

@@ -1,4 +1,4 @@
-"""Serial numbers: a calibration of a sensor that was swapped does not apply, and says which."""
+"""Serial numbers: a calibration of a swapped sensor does not apply, and the answer names the sensor."""
 
 from __future__ import annotations
 

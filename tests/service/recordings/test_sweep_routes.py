@@ -1,4 +1,4 @@
-"""Sweeps over HTTP: byte ranges of what a worker packed, cached for ever, and a word where nothing is packed."""
+"""Sweeps over HTTP: byte ranges of packed files, cached for ever, and a refusal before they are packed."""
 
 from uuid import UUID
 

@@ -1,4 +1,4 @@
-"""Fits of disjoint halves, against what the fit to all pairs states: computed again with NumPy from the document."""
+"""Fits of disjoint halves against the deviations that the full fit states, computed again with NumPy."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Weak priors on distortion: only where the pairs hardly hold it, and only where the request says nothing."""
+"""Weak priors on distortion apply only if the pairs hardly determine it and the request leaves it free."""
 
 from dataclasses import replace
 

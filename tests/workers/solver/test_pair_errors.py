@@ -1,4 +1,4 @@
-"""What explains the pairs' residuals, and the fixed points by which results are compared."""
+"""What explains the pairs' residuals, and the fixed points for comparing results."""
 
 from dataclasses import replace
 

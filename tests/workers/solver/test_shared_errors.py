@@ -1,4 +1,4 @@
-"""What pairs share, and the deviations that count it: computed again with NumPy from the document and the pairs."""
+"""Errors that pairs share, and the deviations that include them, computed again with NumPy from the result."""
 
 import numpy as np
 import pytest

@@ -22,8 +22,8 @@ Integers = NDArray[np.int32]
 def pack(sweep: Sweep, index: int, ring_count: int) -> bytes:
     """A sweep's bytes over the wire.
 
-    Positions are rounded to 1 mm and cut off at 8.3 km along each axis, times are rounded to 1 us. Intensities that
-    are whole numbers up to 65535 are kept; others are rounded to 255 steps up to the sweep's largest.
+    Positions are rounded to 1 mm and cut off at 8.3 km along each axis, times are rounded to 1 us. If all intensities
+    are whole numbers up to 65535, they are kept. Otherwise they are rounded to 255 steps up to the largest.
 
     Args:
         sweep: its rings are below ``ring_count``.
@@ -49,7 +49,7 @@ def pack(sweep: Sweep, index: int, ring_count: int) -> bytes:
 
 
 def _intensities(given: NDArray[np.float32]) -> tuple[NDArray[np.uint32], float]:
-    """Intensities as numbers of steps, and the step; what is negative or no number is 0."""
+    """Intensities as numbers of steps, and the step. Negative values and NaN become 0."""
     known = np.maximum(np.nan_to_num(given, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
     largest = float(known.max(initial=0.0))
     whole = np.rint(known)
@@ -60,12 +60,12 @@ def _intensities(given: NDArray[np.float32]) -> tuple[NDArray[np.uint32], float]
 
 
 def _folded(values: Integers) -> NDArray[np.uint32]:
-    """(N,) first differences modulo 2^24, small ones of either sign small."""
+    """(N,) first differences modulo 2^24, folded so that small ones of either sign give small numbers."""
     differences = np.diff(values, prepend=np.int32(0))
     signed = (differences << 8) >> 8
     return ((signed << 1) ^ (signed >> 31)).view(np.uint32)
 
 
 def _planes(values: NDArray[np.uint32], count: int) -> bytes:
-    """The lowest ``count`` bytes of each value: all lowest ones, then all next ones."""
+    """The lowest ``count`` bytes of each value, as planes: all lowest bytes, then all next ones."""
     return values.astype("<u4").view(np.uint8).reshape(-1, 4)[:, :count].T.tobytes()

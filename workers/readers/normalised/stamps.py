@@ -14,7 +14,7 @@ from workers.readers.normalised.manifest import MAX_GAPS_LISTED, Gap
 _GAP_STEPS: Final = 1.75
 _JUMP_NS: Final = 3_600_000_000_000
 _JUMP_BACK_NS: Final = 1_000_000_000
-# Messages in a row that are stamped before one that came earlier: a single late message is no clock that was set.
+# So many messages in a row stamped before an earlier one mean a clock that was set; a single one is late.
 _SET_BACK_FOR: Final = 3
 
 

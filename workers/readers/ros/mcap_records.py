@@ -1,6 +1,6 @@
-"""The records of an MCAP file. What is read once for a file is parsed by the library mcap.
+"""The records of an MCAP file. The library mcap parses those that are read once for a file.
 
-Messages and chunks are parsed here: without a copy, and a chunk never unpacks to more than it says or than is read
+Messages and chunks are parsed here, without a copy. A chunk never unpacks to more than it says or than is read
 (docs/decisions/0039).
 """
 

@@ -20,7 +20,7 @@ _CONTRADICTED = 0.25
 EDGE_M = 0.0035
 # By chance a board and a leg, or a head, can lie in one plane on two or three rings, but hardly on more.
 TELLING_RINGS = 4
-# Breadth of the hips of a standing man, which 95 % do not reach (DIN 33402-2); the trunk is no broader.
+# Breadth of the hips of a standing man, 95th percentile (DIN 33402-2); the trunk is no broader.
 _TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
@@ -76,7 +76,7 @@ def hang(edges: tuple[float, float]) -> float:
 def any_roll(edges: tuple[float, float]) -> tuple[float, float]:
     """Mean and standard deviation of the roll, from `hang`, of boards in general.
 
-    People hold a board about either of the two angles that `hang` is the mean of, and roll it from there.
+    People hold a board near one of two angles, whose mean is `hang`, and roll it from there.
     """
     apart = 0.5 * abs(math.atan2(edges[0], edges[1]) - math.radians(45.0))
     return 0.0, math.hypot(_ROLL_SIGMA, apart)
@@ -119,7 +119,7 @@ class Plane:
 
     @property
     def like_a_person(self) -> bool:
-        """Whether it could as well be a person's trunk and legs: on a few rings, and no wider."""
+        """Whether it may be a person's trunk and legs: on few rings, and no wider."""
         return not self.telling and self.width < _TRUNK_M
 
 

@@ -1,7 +1,7 @@
 """How a person holds the board over a recording: mean and spread of roll and tilt, and which edge is where.
 
-A recording's rolls spread about a mean of their own, and so do its tilts. Mean and spread are summed over a grid,
-with what is known of boards in general as their prior. So boards that tell little leave what is known in general.
+Each recording has its own mean and spread of roll and of tilt. Their posterior is summed over a grid; the prior is
+what holds for boards in general. So boards with little information leave the general prior.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _MEANS, _REACH, _SPREADS = 41, 2.8, 8
 _SWAPPED = np.array([0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97])
 _STRAY = np.array([0.02, 0.1, 0.25, 0.5])
 _NOTHING = 1e6
-_TELLING = 0.98  # of the prior's variance; a board that leaves more of it tells nothing
+_TELLING = 0.98  # of the prior's variance; a board that leaves more carries no information
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Population:
-    """What is thought possible of a recording: means (S, M) about which boards spread by (S, 1), and log priors."""
+    """The grid of a recording's possible means (S, M), spreads (S, 1) about them, and log priors."""
 
     mean: Floats
     spread: Floats
@@ -65,13 +65,13 @@ def learn_roll(fixes: Sequence[Fix], general: Pair) -> tuple[Pair, float]:
 def learn_slope(slope: Floats, variance: Floats, fitted_with: Pair, general: Pair, least: float) -> Pair:
     """Mean and standard deviation of a slope of the board's plane.
 
-    Few recordings are far from what is usual, but those that are can be very far: the prior of the mean has the long
-    tails of Student's t with three degrees of freedom.
+    Few recordings are far from the usual, but these can be very far. So the prior of the mean has the long tails of
+    Student's t with three degrees of freedom.
 
     Args:
         slope, variance: (N,) of each board, found with the prior ``fitted_with``.
         general: mean and standard deviation over all recordings.
-        least: smallest spread that is thought possible.
+        least: smallest possible spread.
     """
     if not slope.size:
         return general
@@ -82,16 +82,16 @@ def learn_slope(slope: Floats, variance: Floats, fitted_with: Pair, general: Pai
     slopes = _Population(mean, spread, _normalised(usual) - np.log(spread))
     at, own = _alone(slope, variance, fitted_with)
     level = np.zeros((slope.size, 1))
-    # Legs and ground give any slope, those that no board has as well.
+    # Legs and ground give any slope, also those of no board.
     none = _normal(at, np.clip(at, mean.min(), mean.max()), wide**2 + own)
     weight = _weights(slopes, level, at[:, None], own[:, None], none, np.zeros((1, 1)))
     return slopes.moments(weight[0])
 
 
 def _alone(value: Floats, variance: Floats, prior: Pair) -> tuple[Floats, Floats]:
-    """Value and variance without the prior that they were found with; the variance is infinite where nothing is told.
+    """Value and variance without the prior that they were found with; the variance is infinite without information.
 
-    A likelihood is taken for a Gaussian: the one whose product with the prior has the moments found.
+    The likelihood is approximated by the Gaussian whose product with the prior has the moments found.
     """
     middle, wide = prior
     told = variance < _TELLING * wide**2
@@ -101,11 +101,11 @@ def _alone(value: Floats, variance: Floats, prior: Pair) -> tuple[Floats, Floats
 
 
 def _weights(population: _Population, level: Floats, at: Floats, own: Floats, none: Floats, share: Floats) -> Floats:
-    """(H, S, M) posterior weights; an unknown share of the boards, up to a half, are none and tell nothing.
+    """(H, S, M) posterior weights; an unknown share of the boards, up to a half, are false and carry no information.
 
     Args:
         level, at, own: (N, W) log of the scale, mean and variance of each board's likelihood in each way to hold it.
-        none: (N,) its log likelihood if it is no board.
+        none: (N,) its log likelihood if it is false.
         share: (W, H) logs of how often each way is taken, for each of H cases.
     """
     level, at, own = (part[..., None, None] for part in (level, at, own))

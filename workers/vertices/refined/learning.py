@@ -108,7 +108,7 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
         upper = [_upper_part(sighting, model) for sighting in sightings]
         # Rings differ: the spread about the plane holds that, the second differences do not.
         about = [float(np.median(np.abs(part[1]))) for part in upper if part[1].size]
-        about = [value for value in about if value < _SIGMA_M[1]]  # others are no planes
+        about = [value for value in about if value < _SIGMA_M[1]]  # larger ones are no planes
         across = 1.05 * 1.4826 * float(np.median(about)) if len(about) >= _ENOUGH else 0.0
         slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 2))
         turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)

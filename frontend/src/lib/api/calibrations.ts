@@ -56,7 +56,7 @@ export const publish = (result_id: string, reason?: string, against = false): Pr
     ...once(),
   });
 
-/** Takes back what a camera was given. It is given nothing until something is published. */
+/** Withdraws a publication. The camera is given nothing until something is published. */
 export const withdraw = (publication_id: string, reason: string): Promise<unknown> =>
   client.POST("/v1/publications/{publication_id}/withdrawal", {
     params: { path: { publication_id } },

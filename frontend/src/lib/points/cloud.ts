@@ -5,7 +5,7 @@ import type { Sweep } from "./sweep.ts";
 export interface Cloud {
   count: number;
   ringCount: number;
-  /** x, y, z of each point. Any first part of the points is an even sample of all. */
+  /** x, y, z of each point. The first n points are an even sample of all, for every n. */
   positions: Float32Array;
   rings: Uint16Array;
   intensities: Float32Array;
@@ -47,8 +47,8 @@ export function cloudOf(sweeps: readonly Sweep[]): Cloud {
 }
 
 /**
- * Steps of this size visit all of `count` points, and any number of them in a row are spread evenly over all: over rings
- * and azimuths, because points are ordered by these.
+ * Steps of this size visit all of `count` points. Any number of steps in a row spread evenly over all rings and
+ * azimuths, because points are ordered by these.
  */
 function spreadingStep(count: number): number {
   let step = Math.max(1, Math.round(count * 0.6180339887)); // the golden section
@@ -95,7 +95,7 @@ export interface Extent {
   max: [number, number, number];
 }
 
-/** Where most points are: nine tenths along each axis, of a sample; with the LiDAR. */
+/** The extent of most points (nine tenths of a sample along each axis) and the LiDAR. */
 export function extentOf(cloud: Cloud): Extent {
   const sample = Math.min(cloud.count, 10_000);
   const extent: Extent = { min: [0, 0, 0], max: [0, 0, 0] };

@@ -1,4 +1,4 @@
-/** What colours the points: a number for each of them between 0 and 1, and the palette from 0 to 1. */
+/** Colours of points: for each a number between 0 and 1, and the palette from 0 to 1. */
 
 import type { Cloud } from "./cloud.ts";
 
@@ -18,7 +18,7 @@ const SAMPLE = 20_000;
 export function shadesOf(cloud: Cloud, by: Colouring): Shades {
   if (by === "ring") return scaled(cloud.rings, 0, Math.max(1, cloud.ringCount - 1), "");
   const values = by === "intensity" ? cloud.intensities : by === "range" ? rangesOf(cloud) : heightsOf(cloud);
-  // Few points far out, or a mirror's few bright ones, must not leave all others with one colour.
+  // A few points far out, or a few bright ones from a mirror, must not leave all others one colour.
   const sorted = values.slice(0, SAMPLE).sort();
   const at = (share: number): number => sorted[Math.round(share * (sorted.length - 1))] ?? 0;
   const low = by === "height" ? at(0.02) : 0;
@@ -49,7 +49,7 @@ function scaled(given: Float32Array | Uint16Array, low: number, high: number, un
 export type Colour = [number, number, number];
 export const STOPS = 9;
 
-/** Green's cubehelix (2011), its lightness kept where it is seen on the background: red, green, blue from 0 to 1. */
+/** Green's cubehelix (2011), light enough to be seen on the background: red, green, blue from 0 to 1. */
 export function palette(dark: boolean): Colour[] {
   const [from, to] = dark ? [0.42, 0.92] : [0.12, 0.62];
   return Array.from({ length: STOPS }, (_, i) => {

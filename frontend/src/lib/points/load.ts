@@ -4,11 +4,11 @@ import { fromStore } from "../api/blobs.ts";
 import { send } from "../api/http.ts";
 import { unpack, type Sweep } from "./sweep.ts";
 
-/** Sweeps of all recordings together; of 100,000 points each takes 3 MB. */
+/** Sweeps kept, of all recordings together; one of 100,000 points takes 3 MB. */
 const KEPT = 40;
 const cache = new Map<string, Promise<Sweep>>();
 
-/** The sweep at an address; asked for twice, it is fetched once. */
+/** The sweep at an address; two requests fetch it once. */
 export function loadSweep(url: string): Promise<Sweep> {
   const known = cache.get(url);
   if (known) {

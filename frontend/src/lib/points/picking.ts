@@ -1,4 +1,4 @@
-/** Which point is meant by a place in the window. */
+/** The point that a place in the window means. */
 
 /** A camera's 4 x 4 matrix from metres to clip coordinates, column by column. */
 export type Matrix = readonly number[];
@@ -6,7 +6,7 @@ export type Matrix = readonly number[];
 export interface Screen {
   x: number;
   y: number;
-  /** From the camera; points with the smaller one hide others. */
+  /** Distance from the camera; nearer points hide others. */
   depth: number;
 }
 
@@ -25,11 +25,11 @@ export function toScreen(
   return { x: ((row(0) / w + 1) * width) / 2, y: ((1 - row(1) / w) * height) / 2, depth };
 }
 
-/** How many pixels off a point may be and still be meant: by a pointer, and by keys, which ask about the middle. */
+/** How many pixels off a point may be to be meant by a pointer, and by keys, which ask about the middle. */
 export const POINTER_PX = 12;
 export const KEYS_PX = 200;
 
-/** The point nearest to a place in the window; of points equally near, by pixels, the one in front. -1: none is near. */
+/** The point nearest to a place in the window; of points equally near in pixels, the front one. -1: none is near. */
 export function pick(
   positions: Float32Array,
   matrix: Matrix,

@@ -1,4 +1,4 @@
-/** Points and lines drawn by three.js into a canvas. Loaded only where something is shown: it is most of the pages' bytes. */
+/** Points and lines drawn by three.js into a canvas. Loaded only where points are shown: most of the pages' bytes. */
 
 import {
   BufferAttribute,
@@ -45,7 +45,7 @@ export interface Seen {
 
 const FIELD_OF_VIEW_DEG = 55;
 const [NEAR_M, FAR_M] = [0.05, 2000];
-// While the picture moves fewer points are drawn where this machine cannot draw all 30 times a second.
+// If this machine cannot draw all points 30 times a second, fewer are drawn while the picture moves.
 const [QUICK_MS, SLOW_MS] = [20, 34];
 const FEWEST_POINTS = 20_000;
 const AT_REST_MS = 180;
@@ -152,7 +152,7 @@ export class PointScene {
     this.draw();
   }
 
-  /** Draws lines under a name, in place of those that were drawn under it. */
+  /** Draws lines under a name, in place of earlier ones of that name. */
   lines(name: string, lines: Lines | null): void {
     const before = this.#lines.get(name);
     if (before) {
@@ -276,7 +276,7 @@ export class PointScene {
     this.#onpicture({ matrix, ...this.#size, pictures: this.#pictures });
   }
 
-  /** Draws fewer points where the browser was long busy with the last picture, and more where it was not. */
+  /** Draws fewer points if the browser was long busy with the last picture, and more if not. */
   #pace(): void {
     if (!this.#moving) return;
     const took = performance.now() - this.#askedAt;

@@ -7,9 +7,9 @@ import { reading } from "../cache.svelte.ts";
 import { cloudOf, type Cloud } from "./cloud.ts";
 import { loadSweep, spreadOver } from "./load.ts";
 
-/** Made by a component, for as long as it is there. */
+/** A component makes it, and it lives as long as the component. */
 export class ShownSweeps {
-  /** Of the one sweep that is shown: its place in the list. */
+  /** The place in the list of the one sweep that is shown. */
   number = $state(0);
   /** Many at once, spread over the recording. */
   together = $state(false);

@@ -6,7 +6,7 @@ const HEADER_BYTES = 48;
 
 export interface Sweep {
   index: number;
-  /** UTC; more than a number holds. */
+  /** UTC nanoseconds; a number would lose digits. */
   stampNs: bigint;
   count: number;
   ringCount: number;

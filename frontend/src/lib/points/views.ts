@@ -1,4 +1,4 @@
-/** From where points are looked at: places of a camera that shows an extent. Metres; x forward, y left, z up. */
+/** Views of points: places of a camera that shows an extent. Metres; x forward, y left, z up. */
 
 import type { Extent } from "./cloud.ts";
 
@@ -8,7 +8,7 @@ export type ViewName = (typeof VIEWS)[number];
 export type Vector = [number, number, number];
 
 export interface Place {
-  /** A flat view keeps lengths: it has no vanishing point, and is moved, not turned. */
+  /** A flat view keeps lengths (no vanishing point), and is moved, not turned. */
   flat: boolean;
   position: Vector;
   target: Vector;
@@ -19,7 +19,7 @@ export interface Place {
 // The LiDAR itself: the camera turns about a point this far ahead of it.
 const EYE_M = 0.01;
 const MARGIN = 1.08;
-// Away from straight above by so little that nobody sees it, and so much that up is still known.
+// So little off straight above that nobody sees it, but enough that up stays defined.
 const TILT = 1e-4;
 
 /** Where the camera stands to show an extent in a window that is `aspect` times as wide as high. */
