@@ -32,7 +32,8 @@ test: setup frontend  ## all tests but the long ones; ARGS="tests/apexcal -x"
 
 test-long: setup frontend  ## all tests
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ARGS)
-# Two at a time, in the order of tests/support/side_by_side.py. SIDE_BY_SIDE= runs them one after the other.
+# Three at a time, because they wait for a third of their time; in the order of tests/support/side_by_side.py.
+# SIDE_BY_SIDE= runs them one after the other.
 SIDE_BY_SIDE ?= -n 3 --dist loadfile
 
 bench-detection: setup  ## accuracy of the detectors on simulated walks, and throughput; WALKS=4 for a short form
