@@ -50,6 +50,8 @@ class Retrieval:
         seen = await self._states.read(Look(bearer if by_token else "", vehicle_id, asked.alias))
         if not seen.may_see:
             _check(None if seen.is_known else await run_in_threadpool(identify, request), seen)
+        if asked.as_of is not None:
+            return await run_in_threadpool(self._make_then, request, vehicle_id, asked, wanted)
         etag = _etag(vehicle_id, asked, wanted, seen.digest)
         if names(request.headers.get("if-none-match"), etag):
             return Response(status_code=304, headers=_headers(etag))
@@ -67,6 +69,8 @@ class Retrieval:
         """The same in a thread, for a vehicle that was looked for and found."""
         seen = self._look(vehicle_id, asked.alias)
         _check(identity, seen)
+        if asked.as_of is not None:
+            return self._make_then(request, vehicle_id, asked, wanted)
         etag = _etag(vehicle_id, asked, wanted, seen.digest)
         if names(request.headers.get("if-none-match"), etag):
             return Response(status_code=304, headers=_headers(etag))
@@ -75,6 +79,19 @@ class Retrieval:
     def _look(self, vehicle_id: UUID, alias: str) -> Seen:
         with self._database.alone() as connection:
             return read_states(connection, alias, [Look("", vehicle_id, alias)])[0]
+
+    def _make_then(self, request: Request, vehicle_id: UUID, asked: Asked, wanted: str | None) -> Response:
+        """What was given at a moment. Rows of before decide it too, and they may be deleted: it is never kept."""
+        with self._database.reading() as session:
+            vehicle = session.get(Vehicle, vehicle_id)
+            if vehicle is None:
+                raise not_found()
+            made = _made(session, vehicle, asked, wanted, request, "")
+        etag = _etag(vehicle_id, asked, wanted, sha256(bytes(made.body)).hexdigest())
+        if names(request.headers.get("if-none-match"), etag):
+            return Response(status_code=304, headers=_headers(etag))
+        made.headers["ETag"] = etag
+        return made
 
     def _make(
         self, request: Request, vehicle_id: UUID, asked: Asked, wanted: str | None, digest: str
