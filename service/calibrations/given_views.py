@@ -73,11 +73,8 @@ def _until(
     of = [move.vehicle_id == vehicle_id, move.created_at > as_of]
     if move is AliasMove:
         of.append(AliasMove.alias == alias)
-    first: dict[str, datetime] = {}
-    for camera, at in session.execute(
-        select(move.camera, func.min(move.created_at)).where(*of).group_by(move.camera)
-    ):
-        first[camera] = at
+    rows = session.execute(select(move.camera, func.min(move.created_at)).where(*of).group_by(move.camera))
+    first: dict[str, datetime] = {row[0]: row[1] for row in rows}
     if alias != CURRENT:
         return first
     later = (Withdrawal.vehicle_id == vehicle_id, Withdrawal.created_at > as_of)

@@ -73,6 +73,8 @@ def test_an_etag_is_of_one_question(api, rig, reviewer, viewer):
             again = viewer.get(address(rig), params=question, headers={"If-None-Match": tag})
             assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", etag)
         assert viewer.get(address(rig), params=question, headers={"If-None-Match": '"x"'}).status_code == 200
+    withheld = viewer.get(address(rig), params={"camera": "rear"}, headers={"If-None-Match": "*"})
+    assert withheld.json()["code"] == "no_calibration_yet"
     # A serial number that the rig learns of makes the same question another one.
     with api.database.writing() as session:
         session.execute(update(RigCamera).values(serial="C-1"))
