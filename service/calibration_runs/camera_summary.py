@@ -85,7 +85,8 @@ def _pairs(heldout: Json, fold: int) -> Pairs:
 
 def _joined(parts: Sequence[Pairs]) -> Pairs:
     whole = Pairs(*(np.concatenate([getattr(part, name) for part in parts]) for name in Pairs.__dataclass_fields__))
-    order = np.argsort(whole.number, kind="stable")
+    # Workers of two versions may have cut a model's folds differently: a pair counts once.
+    _, order = np.unique(whole.number, return_index=True)
     return Pairs(*(getattr(whole, name)[order] for name in Pairs.__dataclass_fields__))
 
 

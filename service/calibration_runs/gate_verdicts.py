@@ -8,14 +8,16 @@ from typing import Any, NamedTuple
 from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.camera_models import EXTRINSICS
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Fleet, Rig, RigCamera
 
 # Cells of the image, as `apexcal.documents.gates.Gate` defines coverage.
 _COLUMNS, _ROWS = 8, 6
-_TURNS = (("rotation_x_deg", "rotation_y_deg", "rotation_z_deg"), ("alpha_deg", "beta_deg", "gamma_deg"))
-_SHIFTS = ("t_x_m", "t_y_m", "t_z_m")
+# As results name their deviations, in degrees and metres.
+_TURNS = tuple(name for names in EXTRINSICS.values() for name in names[:3])
+_SHIFTS = EXTRINSICS["rotation_vector"][3:]
 
 
 class _Limit(NamedTuple):
@@ -89,11 +91,10 @@ def _measures(
     stated: Json = summed.get("between_models") or result.document
     std: Mapping[str, float | None] = stated.get("std") or {}
     metres = _largest(std, _SHIFTS)
-    turns = next((names for names in _TURNS if names[0] in std), _TURNS[0])
     return {
         "heldout_mean_px": summed.get("heldout_mean_px"),
         "halves_ratio": max((half["ratio"] for half in result.document.get("halves") or []), default=None),
-        "std_deg": _largest(std, turns),
+        "std_deg": _largest(std, _TURNS),
         "std_mm": None if metres is None else 1000.0 * metres,
         "coverage": _coverage(result.document, pairs, camera) if with_coverage and camera else None,
     }

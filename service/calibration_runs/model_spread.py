@@ -40,6 +40,8 @@ def spread_of(model: str, documents: Mapping[str, Json], weight: Mapping[str, fl
     if model not in weights or len(weights) < 2 or not own.get("std"):
         return None
     whole = sum(weights.values())
+    if whole <= 0.0:  # a model that the pairs do not determine has it all
+        return None
     differences = {name: difference(documents[name], own) for name in weights if name != model}
     added = {
         name: sum(weights[other] / whole * one[name] ** 2 for other, one in differences.items() if name in one)

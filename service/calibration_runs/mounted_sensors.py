@@ -68,6 +68,11 @@ def swapped_sensors(
     return found
 
 
+def carries(session: Session, vehicle_id: UUID, serial: str) -> bool:
+    """Whether the vehicle carries a sensor with this serial number now, and not only once."""
+    return any(serial == known for stated in _mounted(session, vehicle_id, None) for known, _ in stated.values())
+
+
 _Stated = dict[str, tuple[str, str]]
 
 

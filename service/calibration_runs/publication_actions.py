@@ -118,7 +118,7 @@ def publish_by_itself(session: Session, calibration: Calibration, result: Result
 
 def _next_number(session: Session, vehicle_id: UUID, camera: str) -> int:
     """One more than the number of the newest publication or withdrawal."""
-    return max(_number_all(session, vehicle_id, camera), _last_withdrawn(session, vehicle_id, camera)) + 1
+    return _number_all(session, vehicle_id, camera) + 1
 
 
 def _last_withdrawn(session: Session, vehicle_id: UUID, camera: str) -> int:
@@ -127,10 +127,11 @@ def _last_withdrawn(session: Session, vehicle_id: UUID, camera: str) -> int:
 
 
 def _number_all(session: Session, vehicle_id: UUID, camera: str) -> int:
-    """Number the rows that have no number. Returns the highest number, 0 if there is no row."""
+    """Number the rows that have no number. Returns the highest number, of withdrawn rows too; 0 if there is none."""
     publications = _newest_first(vehicle_id, camera)
     newest = session.scalar(publications.where(Publication.number.is_not(None)).limit(1))
-    last = newest.number or 0 if newest else 0
+    # A number of what was withdrawn and deleted since is free no more: it says that its row was withdrawn.
+    last = max(newest.number or 0 if newest else 0, _last_withdrawn(session, vehicle_id, camera))
     for row in reversed(session.scalars(publications.where(Publication.number.is_(None))).all()):
         last += 1
         row.number = last

@@ -23,7 +23,7 @@ from sqlalchemy.exc import DBAPIError
 from apexcal.documents.publications import CURRENT
 from service.auth.secrets import secret_hash
 from service.db.aliases import AliasMove, Withdrawal
-from service.db.calibrations import NEWNESS, Publication
+from service.db.calibrations import NEWNESS, Calibration, Publication, Result
 from service.db.clock import utc_now
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.db.people import ApiToken, Membership, Person
@@ -69,12 +69,12 @@ def _statement(dialect: str, alias: str) -> Select[*tuple[Any, ...]]:
         ).table_valued(column("digest", String()), column("vehicle_id", Uuid()), with_ordinality="place")
         questions = questions.render_derived()
         place, digest, vehicle_id = questions.c.place - 1, questions.c.digest, questions.c.vehicle_id
-    newest, other = _of_current() if alias == CURRENT else _of_alias()
+    decided = _of_current() if alias == CURRENT else _of_alias()
     in_fleet = and_(Membership.person_id == Person.id, Membership.fleet_id == Vehicle.fleet_id)
     return (
         select(
             *(place, ApiToken.id, ApiToken.fleet_id, ApiToken.expires_at, Person.is_owner, Membership.role),
-            *(Vehicle.id, Vehicle.fleet_id, Vehicle.version, Rig.id, Rig.version, RigCamera.name, newest, other),
+            *(Vehicle.id, Vehicle.fleet_id, Vehicle.version, Rig.id, Rig.version, RigCamera.name, *decided),
         )
         .select_from(questions)
         .outerjoin(ApiToken, and_(ApiToken.secret_hash == digest, ApiToken.revoked_at.is_(None)))
@@ -90,19 +90,27 @@ def _statement(dialect: str, alias: str) -> Select[*tuple[Any, ...]]:
 _WHO = 6
 
 
-def _of_current() -> tuple[Any, Any]:
+def _of_current() -> tuple[Any, Any, Any]:
     of_camera = (Publication.vehicle_id == Vehicle.id, Publication.camera == RigCamera.name)
     newest = select(Publication.id).where(*of_camera).order_by(*(key.desc() for key in NEWNESS)).limit(1)
     withdrawn = (Withdrawal.vehicle_id == Vehicle.id, Withdrawal.camera == RigCamera.name)
-    return _for_each(newest), _for_each(select(func.max(Withdrawal.number)).where(*withdrawn))
+    last = _for_each(select(func.max(Withdrawal.number)).where(*withdrawn))
+    return _for_each(newest), last, _for_each(_end_of(Publication, newest))
 
 
-def _of_alias() -> tuple[Any, Any]:
+def _of_alias() -> tuple[Any, Any, Any]:
     of_camera = (AliasMove.vehicle_id == Vehicle.id, AliasMove.camera == RigCamera.name)
     moves = select(AliasMove.id).where(*of_camera, AliasMove.alias == bindparam("alias"))
     newest = moves.order_by(AliasMove.number.desc()).limit(1)
     # A result that is deleted leaves its move.
-    return _for_each(newest), _for_each(newest.with_only_columns(AliasMove.result_id))
+    result = _for_each(newest.with_only_columns(AliasMove.result_id))
+    return _for_each(newest), result, _for_each(_end_of(AliasMove, newest))
+
+
+def _end_of(move: Any, newest: Select[Any]) -> Select[Any]:
+    """When the calibration ended that the newest comes from: what is told of its quality is known since."""
+    ended = select(Calibration.finished_at).select_from(move).join(Result, Result.id == move.result_id)
+    return ended.join(Calibration, Calibration.id == Result.calibration_id).where(move.id == _for_each(newest))
 
 
 def _for_each(statement: Select[Any]) -> Any:
@@ -164,8 +172,15 @@ class StateReader:
     def close(self) -> None:
         """End the threads and give their connections back."""
         self._pool.shutdown(cancel_futures=True)
-        while self._kept:
-            self._kept.pop().stack.close()
+        self._give_back()
+
+    def _give_back(self) -> None:
+        while True:
+            try:
+                kept = self._kept.pop()
+            except IndexError:  # the other thread may have taken the last one
+                return
+            kept.stack.close()
 
     def _go_on(self) -> None:
         if not self._waiting or self._under_way == _AT_ONCE:
@@ -196,6 +211,7 @@ class StateReader:
             # The kept connection may have ended; a fresh one shows what is wrong.
             if not error.connection_invalidated:
                 raise
+            self._give_back()
             return self._read_once(looks)
 
     def _read_once(self, looks: Sequence[Look]) -> list[Seen]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 from uuid import UUID
@@ -21,7 +22,7 @@ from service.exports.given_queries import Asked, Given, given
 def given_documents(session: Session, vehicle: Vehicle, asked: Asked) -> dict[str, Json]:
     """A document for each camera, by name. Raises :class:`Problem` as :func:`service.exports.given_queries.given`."""
     found = given(session, vehicle, asked)
-    until = _until(session, vehicle.id, asked.alias, asked.as_of) if asked.as_of is not None else {}
+    until = _until(session, vehicle.id, found, asked.alias, asked.as_of) if asked.as_of is not None else {}
     return {camera: _document(one, asked.alias, until.get(camera)) for camera, one in found.items()}
 
 
@@ -64,17 +65,24 @@ def _document(one: Given, alias: str, until: datetime | None) -> Json:
     return document
 
 
-def _until(session: Session, vehicle_id: UUID, alias: str, as_of: datetime) -> dict[str, datetime]:
-    """By camera, when it was next replaced after a moment."""
-    tables: tuple[Any, ...] = (Publication, Withdrawal) if alias == CURRENT else (AliasMove,)
-    first: dict[str, datetime] = {}
-    for table in tables:
-        of = [table.vehicle_id == vehicle_id, table.created_at > as_of]
-        if table is AliasMove:
-            of.append(AliasMove.alias == alias)
-        rows = session.execute(select(table.camera, func.min(table.created_at)).where(*of).group_by(table.camera))
-        for camera, at in rows:
-            first[camera] = min(at, first.get(camera, at))
+def _until(
+    session: Session, vehicle_id: UUID, found: Mapping[str, Given], alias: str, as_of: datetime
+) -> dict[str, datetime]:
+    """By camera, when something else came after a moment, or what was given then was withdrawn."""
+    move: Any = Publication if alias == CURRENT else AliasMove
+    of = [move.vehicle_id == vehicle_id, move.created_at > as_of]
+    if move is AliasMove:
+        of.append(AliasMove.alias == alias)
+    rows = session.execute(select(move.camera, func.min(move.created_at)).where(*of).group_by(move.camera))
+    first: dict[str, datetime] = {row[0]: row[1] for row in rows}
+    if alias != CURRENT:
+        return first
+    later = (Withdrawal.vehicle_id == vehicle_id, Withdrawal.created_at > as_of)
+    for row in session.scalars(select(Withdrawal).where(*later)):
+        one = found.get(row.camera)
+        # One of an older publication took nothing away.
+        if one is not None and one.move.number is not None and one.move.number <= row.number:
+            first[row.camera] = min(row.created_at, first.get(row.camera, row.created_at))
     return first
 
 

@@ -121,10 +121,12 @@ def withdraw_publication(publication_id: UUID, body: WithdrawalRequest, access: 
     until something is published: the one before does not come back by itself. Aliases that lead to the same result
     are removed.
     """
-    publication = access.find(Publication, publication_id, "reviewer")
     session = access.session
-    hold_publications(session, publication.vehicle_id)
-    session.refresh(publication)
+    hold_publications(session, access.find(Publication, publication_id, "reviewer").vehicle_id)
+    publication = session.get(Publication, publication_id, populate_existing=True)
+    if publication is None:
+        # Deleted at this moment.
+        raise not_found()
     if withdrawal_of(session, publication) is not None:
         return access.answer(publication_view(session, publication), 200)
     withdraw(session, publication, access.person.id, body.reason)

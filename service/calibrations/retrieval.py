@@ -50,16 +50,18 @@ class Retrieval:
         seen = await self._states.read(Look(bearer if by_token else "", vehicle_id, asked.alias))
         if not seen.may_see:
             _check(None if seen.is_known else await run_in_threadpool(identify, request), seen)
+        if asked.as_of is not None:
+            return await run_in_threadpool(self._make_then, request, vehicle_id, asked, wanted)
         etag = _etag(vehicle_id, asked, wanted, seen.digest)
-        if names(request.headers.get("if-none-match"), etag):
+        if _has(request, etag):
             return Response(status_code=304, headers=_headers(etag))
         kept = None if wanted else self._kept.get(etag)
         if kept is not None:
-            return Response(kept, media_type="application/json", headers=_headers(etag))
-        made, etag = await run_in_threadpool(self._make, request, vehicle_id, asked, wanted, seen.digest)
+            return _unless_any(request, Response(kept, media_type="application/json", headers=_headers(etag)), etag)
+        made, etag = await run_in_threadpool(self._make, vehicle_id, asked, wanted, seen.digest)
         if wanted is None:
             self._kept.put(etag, bytes(made.body))
-        return made
+        return _unless_any(request, made, etag)
 
     def answer_now(
         self, request: Request, identity: Identity, vehicle_id: UUID, asked: Asked, wanted: str | None
@@ -67,18 +69,29 @@ class Retrieval:
         """The same in a thread, for a vehicle that was looked for and found."""
         seen = self._look(vehicle_id, asked.alias)
         _check(identity, seen)
+        if asked.as_of is not None:
+            return self._make_then(request, vehicle_id, asked, wanted)
         etag = _etag(vehicle_id, asked, wanted, seen.digest)
-        if names(request.headers.get("if-none-match"), etag):
+        if _has(request, etag):
             return Response(status_code=304, headers=_headers(etag))
-        return self._make(request, vehicle_id, asked, wanted, seen.digest)[0]
+        return _unless_any(request, *self._make(vehicle_id, asked, wanted, seen.digest))
 
     def _look(self, vehicle_id: UUID, alias: str) -> Seen:
         with self._database.alone() as connection:
             return read_states(connection, alias, [Look("", vehicle_id, alias)])[0]
 
-    def _make(
-        self, request: Request, vehicle_id: UUID, asked: Asked, wanted: str | None, digest: str
-    ) -> tuple[Response, str]:
+    def _make_then(self, request: Request, vehicle_id: UUID, asked: Asked, wanted: str | None) -> Response:
+        """What was given at a moment. Rows of before decide it too, and they may be deleted: it is never kept."""
+        with self._database.reading() as session:
+            vehicle = session.get(Vehicle, vehicle_id)
+            if vehicle is None:
+                raise not_found()
+            made = _made(session, vehicle, asked, wanted, "")
+        etag = _etag(vehicle_id, asked, wanted, sha256(bytes(made.body)).hexdigest())
+        made.headers["ETag"] = etag
+        return _unless_any(request, made, etag)
+
+    def _make(self, vehicle_id: UUID, asked: Asked, wanted: str | None, digest: str) -> tuple[Response, str]:
         """The answer with the ETag of the state that it was made from, which was the same before and after."""
         for _ in range(_TRIES):
             with self._database.reading() as session:
@@ -86,7 +99,7 @@ class Retrieval:
                 if vehicle is None:
                     raise not_found()
                 etag = _etag(vehicle_id, asked, wanted, digest)
-                made = _made(session, vehicle, asked, wanted, request, etag)
+                made = _made(session, vehicle, asked, wanted, etag)
             after = self._look(vehicle_id, asked.alias).digest
             if after == digest:
                 return made, etag
@@ -94,11 +107,11 @@ class Retrieval:
         raise Problem(409, "conflict", "The vehicle's calibration is changing at this moment.", "Ask again.")
 
 
-def _made(
-    session: Session, vehicle: Vehicle, asked: Asked, wanted: str | None, request: Request, etag: str
-) -> Response:
+def _made(session: Session, vehicle: Vehicle, asked: Asked, wanted: str | None, etag: str) -> Response:
     if wanted is not None:
-        made = exported(wanted, of_given(session, vehicle, asked), Conditions(request, Response()))
+        # Without the request's conditions: they are of this answer's ETag, not of the file's.
+        unconditional = Request({"type": "http", "method": "GET", "headers": []})
+        made = exported(wanted, of_given(session, vehicle, asked), Conditions(unconditional, Response()))
         made.headers["ETag"] = etag
         return made
     found = given_documents(session, vehicle, asked)
@@ -112,6 +125,19 @@ def _made(
         "without": without,
     }
     return JSONResponse(jsonable_encoder(document), headers=_headers(etag))
+
+
+def _has(request: Request, etag: str) -> bool:
+    """Whether the client names this answer. `*` names any; whether there is one shows when it is made."""
+    header = request.headers.get("if-none-match", "")
+    return header.strip() != "*" and names(header, etag)
+
+
+def _unless_any(request: Request, made: Response, etag: str) -> Response:
+    """An answer that was made, or that the client has it."""
+    if names(request.headers.get("if-none-match"), etag):
+        return Response(status_code=304, headers=_headers(etag))
+    return made
 
 
 def _check(identity: Identity | None, seen: Seen) -> None:

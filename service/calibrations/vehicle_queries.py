@@ -7,6 +7,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, or_, select
 
 from service.auth.access import Access
+from service.calibration_runs.mounted_sensors import carries
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.http.problems import Problem
 
@@ -38,7 +39,12 @@ def vehicle_of(access: Access, name: str | None, fleet: str | None, sensor: str 
                 Vehicle.id.in_(with_camera.where(RigCamera.serial == sensor)),
             )
         )
-    found = access.session.scalars(statement.order_by(Vehicle.id).limit(_SHOWN + 1)).all()
+    statement = statement.order_by(Vehicle.id)
+    if sensor is None:
+        found = access.session.scalars(statement.limit(_SHOWN + 1)).all()
+    else:
+        # Sensors move from vehicle to vehicle: few have ever carried this one.
+        found = [one for one in access.session.scalars(statement).all() if carries(access.session, one.id, sensor)]
     if not found:
         raise Problem(
             404, "no_such_vehicle", "There is no such vehicle that you may see.", "Check the name or serial number."

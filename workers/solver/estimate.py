@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 # Rounds of fit and noise. Each changes the noise by about the share of the parameters that the priors hold.
 _ROUNDS: Final = 10
 _SETTLED: Final = 1e-3
+# Pairs that were computed: what remains of them is rounding, and tells of no errors.
+_NO_NOISE_PX: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class Estimate:
     problem as it was polished; outliers have weight 0 where the problem excludes them. holding: the problem of the
     pairs that hold the parameters: a robust loss gives outliers next to no say, so they do not count there either.
     spread: the covariance and the noise of these marks, with what pairs share. errors: what the covariance is made
-    of, and shared: what blocks of pairs share; None where the pairs leave a direction open, or have no blocks.
+    of, and shared: what blocks of pairs share; None where the pairs leave a direction open, show no noise, or have no
+    blocks.
     weak: standard deviations of the weak priors that hold distortion terms, by name.
     """
 
@@ -127,7 +130,7 @@ def _stated_px(found: Estimate) -> float:
 
 def _with_shared_errors(found: Estimate) -> Estimate:
     spread = found.spread
-    if spread.rank < len(spread.names) or not spread.names:
+    if spread.rank < len(spread.names) or not spread.names or spread.sigma_px < _NO_NOISE_PX:
         return found
     here = whitened(found.holding, found.parameters)
     fit, scale = linearised(here, found.parameters)

@@ -1,11 +1,15 @@
 """What a calibration ends as, and what of it a vehicle is given."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from sqlalchemy import insert, select, update
 
 from service.calibration_runs.actions import end_run
+from service.calibration_runs.camera_summary import recommend
 from service.calibration_runs.conclusion import conclude, runs_of
+from service.db.calibrations import FULL
 from service.db.models import Calibration, CalibrationRun, Publication, Result
 from tests.service.jobs.support import make_calibration, statements
 
@@ -320,3 +324,18 @@ def test_the_alarm_of_a_rig_keeps_back_the_cameras_that_it_names(database):
     assert published == []
     assert summary["cameras"]["front"]["not_published"] == rig["pairs"][0]["alarms"]
     assert summary["rig"] == rig
+
+
+def test_folds_that_two_versions_cut_differently_are_judged_by_what_all_models_held_out():
+    """During a rolling upgrade a fold of the older cut and one of ours may hold out the same pair."""
+
+    def found(model, fold, indices):
+        heldout = {"errors_px": [1.0] * len(indices), "indices": indices}
+        return SimpleNamespace(model=model, fold=fold, document=document(1.0, model=model) | {"heldout": heldout})
+
+    cut = {"pinhole": ([0, 1, 2, 3], [2, 3, 4]), "brown_conrady": ([0, 2, 4], [1, 3])}
+    results = [found(model, fold, held) for model, folds in cut.items() for fold, held in enumerate(folds)]
+    results += [found(model, FULL, []) for model in cut]
+    choice, candidates = recommend(results)
+    assert choice.recommended == "pinhole"
+    assert [one.heldout.number.tolist() for one in candidates.values()] == [[0, 1, 2, 3, 4], [0, 1, 2, 3, 4]]

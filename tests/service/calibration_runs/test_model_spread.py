@@ -60,3 +60,10 @@ def test_what_is_not_determined_stays_so():
     lost = RESULTS | {"pinhole": result([0.0, 90.0, 0.0], [0.1, 0.2, 0.3], 600.0, 0.05, t_x=None)}
     spread = spread_of("pinhole", lost, {"pinhole": 0.5, "brown_conrady": 0.5})
     assert spread["std"]["t_x"] is None and spread["interval95_half_width"]["t_x"] is None
+
+
+def test_nothing_is_added_where_a_model_that_takes_no_part_has_all_weight():
+    models = RESULTS | {"kannala_brandt": RESULTS["pinhole"] | {"status": "not_determined"}}
+    weight = {"pinhole": 0.0, "brown_conrady": 0.0, "kannala_brandt": 1.0}
+    assert spread_of("pinhole", models, weight) is None
+    assert spread_of("kannala_brandt", models, weight)["std"] == pytest.approx(models["kannala_brandt"]["std"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from sqlalchemy import select, update
 
@@ -11,9 +12,12 @@ from tests.service.calibrations.given import another_rig, history, publish, put_
 from tests.service.calibrations.test_results import DOCUMENT, FOUND, current_address, seed_results
 from tests.service.detections.seeding import seed_rig
 
-STD = {"rotation_x_deg": 0.02, "rotation_y_deg": 0.05, "rotation_z_deg": 0.01} | {
-    "alpha_deg": 3.0, "beta_deg": 3.0, "gamma_deg": 3.0, "t_x_m": 0.004, "t_y_m": 0.002, "t_z_m": 0.007
+# As the solver names them (workers/solver/uncertainty.py).
+STD = {
+    "rotation_x": 0.02, "rotation_y": 0.05, "rotation_z": 0.01, "t_x": 0.004, "t_y": 0.002, "t_z": 0.007, "f_x": 3.0
 }  # fmt: skip
+
+COVARIANCE = {"names": list(STD), "matrix": np.diag(np.square(list(STD.values()))).tolist()}
 
 
 @pytest.fixture
@@ -56,7 +60,7 @@ def test_what_fails_is_an_objection_and_the_verdict_is_kept(api, fleet, rig, adm
     state(admin, "fleets", fleet, {"heldout_mean_px": 0.8, "std_deg": 0.1, "std_mm": 5})
     _, (result, _) = seed_results(api, rig)
     with api.database.writing() as session:
-        session.execute(update(Result).values(document=DOCUMENT | {"std": STD}))
+        session.execute(update(Result).values(document=DOCUMENT | {"std": STD, "covariance": COVARIANCE}))
     refused = admin.post(f"/results/{result}/publication")
     assert refused.json()["objections"] == [
         "The gate of the fleet asks for at most 0.8 px as the mean error of held-out pairs; it is 0.9 px.",
@@ -89,18 +93,18 @@ def test_a_measure_that_a_result_lacks_does_not_pass(api, rig, admin):
     against = admin.get(f"/results/{result}").json()["objections"]
     assert len(against) == 2 and all(one.endswith("this result does not have it.") for one in against)
     with api.database.writing() as session:
-        std = STD | {"rotation_y_deg": None}
+        std = STD | {"rotation_y": None}
         session.execute(update(Result).values(document=DOCUMENT | {"std": std}))
     assert "this result does not have it" in admin.get(f"/results/{result}").json()["objections"][1]
 
 
 def test_halves_and_the_spread_of_the_models_count_where_a_result_has_them(api, rig, admin):
     state(admin, "rigs", rig.id, {"halves_ratio": 1.5, "std_mm": 5})
-    found = FOUND | {"between_models": {"std": STD | {"t_z_m": 0.006}}}
+    found = FOUND | {"between_models": {"std": STD | {"t_z": 0.006}}}
     _, (result, _) = seed_results(api, rig, found=found)
     with api.database.writing() as session:
         halves = [{"split": "alternating", "ratio": 1.2}, {"split": "first_and_last", "ratio": 1.7}]
-        document = DOCUMENT | {"std": STD | {"t_z_m": 0.004}, "halves": halves}
+        document = DOCUMENT | {"std": STD | {"t_z": 0.004}, "halves": halves}
         session.execute(update(Result).values(document=document))
     wide, apart = sorted(admin.get(f"/results/{result}").json()["objections"], reverse=True)
     assert "the difference of halves" in wide + apart and "it is 1.7" in wide + apart

@@ -22,7 +22,8 @@ DOCUMENT = {
     "polished": {"mean_px": 1.25, "rms_px": 1.5},
     "intrinsics": {"model": "pinhole", "f_x": 500.0, "f_y": 501.0, "c_x": 320.0, "c_y": 240.0},
     "transform": LEVEL,
-    "std": {"t_x_m": 0.01},
+    "std": {"t_x": 0.01},
+    "covariance": {"names": ["t_x"], "units": ["m"], "matrix": [[0.0001]]},
     "alarms": ["c_y and the pitch nearly coincide."],
 }
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from uuid import UUID
 
 import psycopg
 import pytest
-from sqlalchemy import update
+from sqlalchemy import delete, update
 
 from service.auth.secrets import new_secret, secret_hash
+from service.calibrations.given_state import Look, StateReader
 from service.calibrations.kept_answers import KeptAnswers
+from service.db.calibrations import Calibration, Result
 from service.db.clock import utc_now
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.people import ApiToken, BrowserSession, Membership
-from tests.service.calibrations.given import publish, withdraw
+from tests.service.calibrations.given import another_rig, publish, withdraw
 from tests.service.detections.seeding import seed_rig
 from tests.support.people import Actor
 
@@ -70,6 +73,8 @@ def test_an_etag_is_of_one_question(api, rig, reviewer, viewer):
             again = viewer.get(address(rig), params=question, headers={"If-None-Match": tag})
             assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", etag)
         assert viewer.get(address(rig), params=question, headers={"If-None-Match": '"x"'}).status_code == 200
+    withheld = viewer.get(address(rig), params={"camera": "rear"}, headers={"If-None-Match": "*"})
+    assert withheld.json()["code"] == "no_calibration_yet"
     # A serial number that the rig learns of makes the same question another one.
     with api.database.writing() as session:
         session.execute(update(RigCamera).values(serial="C-1"))
@@ -137,12 +142,18 @@ def test_many_at_once_get_each_their_own(api, fleet, reviewer, viewer):
 def test_a_connection_that_the_server_ended_is_replaced(api, postgres, rig, reviewer, viewer):
     publish(api, rig, reviewer)
     assert viewer.get(address(rig)).status_code == 200
+    # Under load it keeps one for each of its threads.
+    states = StateReader(api.database)
+    with states._connection(), states._connection():
+        pass
     with psycopg.connect(f"host={postgres.folder} user=postgres dbname=apexcal", autocommit=True) as connection:
         connection.execute(
             "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
             " WHERE datname = current_database() AND pid <> pg_backend_pid()"
         )
     assert viewer.get(address(rig)).status_code == 200
+    assert states._read([Look("", rig.vehicle_id, "current")])[0].fleet_id == rig.fleet_id
+    states.close()
 
 
 def test_by_name_and_by_a_sensor(api, fleet, rig, reviewer, viewer):
@@ -184,3 +195,44 @@ def test_what_is_kept_is_bounded():
     kept.put("e", bytes(50))
     kept.put("f", bytes(50))
     assert kept.get("e") == bytes(50) and kept.get("f") == bytes(50)
+
+
+def test_what_was_given_at_a_moment_is_not_answered_after_it_was_deleted(api, rig, reviewer, viewer):
+    older, _ = publish(api, rig, reviewer), publish(api, rig, reviewer)
+    then = {"as_of": older["published_at"]}
+    answer = viewer.get(address(rig), params=then)
+    etag = {"If-None-Match": answer.headers["etag"]}
+    assert answer.json()["cameras"]["front"]["result_id"] == older["result_id"]
+    assert viewer.get(address(rig), params=then, headers=etag).status_code == 304
+    by_name = viewer.get("/calibration", params=then | {"vehicle": "car"})
+    assert by_name.headers["etag"] == answer.headers["etag"]
+    with api.database.writing() as session:
+        found = session.get_one(Result, UUID(older["result_id"]))
+        session.execute(delete(Calibration).where(Calibration.id == found.calibration_id))
+    for headers in ({}, etag):
+        gone = viewer.get(address(rig), params=then, headers=headers)
+        assert (gone.status_code, gone.json()["code"]) == (404, "no_calibration_yet")
+
+
+def test_an_answer_is_another_one_once_its_calibration_has_ended(api, rig, reviewer, viewer):
+    """A result may be given against the objection that its calibration has not ended."""
+    given = publish(api, rig, reviewer)
+    before = viewer.get(address(rig))
+    front = {"recommended": "pinhole", "why": "", "models": {"pinhole": {"heldout_mean_px": 4.5}}}
+    with api.database.writing() as session:
+        calibration = session.get_one(Calibration, session.get_one(Result, UUID(given["result_id"])).calibration_id)
+        calibration.summary, calibration.finished_at = {"cameras": {"front": front}}, _later()
+    for headers in ({}, {"If-None-Match": before.headers["etag"]}):
+        after = viewer.get(address(rig), headers=headers)
+        assert after.json()["cameras"]["front"]["quality"]["heldout_mean_px"] == 4.5
+
+
+def test_a_vehicle_is_found_by_the_sensors_that_it_carries_now(api, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    with api.database.writing() as session:
+        session.execute(update(Rig).values(lidar_serial="L-1"))
+        session.execute(update(RigCamera).values(serial="C-1"))
+    another_rig(api, rig, "roof 2", lidar_serial="L-2")
+    assert viewer.get("/calibration", params={"sensor": "C-1"}).json()["code"] == "calibration_does_not_apply"
+    assert viewer.get("/calibration", params={"sensor": "L-2"}).json()["code"] == "calibration_does_not_apply"
+    assert viewer.get("/calibration", params={"sensor": "L-1"}).json()["code"] == "no_such_vehicle"

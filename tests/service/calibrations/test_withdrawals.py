@@ -7,6 +7,7 @@ from uuid import UUID
 import pytest
 from sqlalchemy import delete, select, update
 
+from service.calibrations import publication_routes
 from service.db.aliases import Withdrawal
 from service.db.calibrations import Calibration, Publication, Result
 from tests.service.calibrations.given import history, publish, same_moment, withdraw
@@ -102,6 +103,8 @@ def test_one_that_is_not_current_can_be_withdrawn_and_changes_nothing_for_cars(a
     assert [one["is_current"] for one in history(viewer, rig)] == [True, False]
     against = reviewer.get(f"/results/{older['result_id']}").json()["objections"]
     assert any(one.startswith("It was withdrawn") for one in against)
+    then = viewer.get(addresses(rig)[1], params={"as_of": newer["published_at"]}).json()["cameras"]["front"]
+    assert then["publication_id"] == newer["id"] and then["validity"]["until"] is None
 
 
 def test_deleting_what_was_withdrawn_does_not_bring_back_the_one_before(api, rig, reviewer, viewer):
@@ -140,3 +143,32 @@ def test_what_was_withdrawn_is_no_measure_of_what_comes(api, rig, reviewer):
     assert "Held-out pairs lie" in reviewer.get(f"/results/{worse}").json()["objections"][0]
     withdraw(reviewer, good)
     assert reviewer.get(f"/results/{worse}").json()["objections"] == []
+
+
+def test_a_row_of_an_older_version_does_not_take_the_number_of_what_was_withdrawn(api, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    newer = publish(api, rig, reviewer)
+    withdraw(reviewer, newer)
+    with api.database.writing() as session:
+        of = session.get_one(Publication, UUID(newer["id"]))
+        session.execute(
+            delete(Calibration).where(Calibration.id == session.get_one(Result, of.result_id).calibration_id)
+        )
+    _, (result, _) = seed_results(api, rig)
+    with api.database.writing() as session:
+        session.add(Publication(fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", result_id=result))
+    unnumbered = history(viewer, rig)[0]
+    assert unnumbered["result_id"] == str(result) and unnumbered["is_current"]
+    assert withdraw(reviewer, unnumbered)["withdrawn"]["reason"] == "It pulls to the left."
+    assert viewer.get(current_address(rig)).json()["code"] == "calibration_withdrawn"
+
+
+def test_what_is_deleted_at_this_moment_is_not_found(api, rig, reviewer, monkeypatch):
+    given = publish(api, rig, reviewer)
+
+    def hold(session, vehicle_id):
+        session.execute(delete(Publication).execution_options(synchronize_session=False))
+
+    monkeypatch.setattr(publication_routes, "hold_publications", hold)
+    answer = reviewer.post(f"/publications/{given['id']}/withdrawal", {"reason": "x"})
+    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")

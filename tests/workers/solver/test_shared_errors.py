@@ -1,5 +1,7 @@
 """Errors that pairs share, and the deviations that include them, computed again with NumPy from the result."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import optimize, stats
@@ -10,6 +12,7 @@ from workers.geometry.rotations import rotation_from_vector, vector_from_rotatio
 from workers.solver.blocks import blocks_of
 from workers.solver.errors import SolveError
 from workers.solver.estimate import estimate
+from workers.solver.residuals import predict
 
 
 def turned_about_middles(points, labels):
@@ -203,3 +206,13 @@ def test_the_clocks_deviation_needs_motion():
     # 2.4 mm to the side for all pairs: t, in the camera's frame, takes all of it.
     grown = np.sqrt(np.sum(wider.std[3:6] ** 2 - narrow.std[3:6] ** 2))
     assert grown == pytest.approx(2.4e-3, rel=1e-6)
+
+
+@pytest.mark.parametrize("simulate", [posed, walked])
+def test_pairs_without_noise_share_no_errors(simulate):
+    """Computed pairs, as people bring them to try the service: what remains of them is rounding."""
+    problem, truth = simulate(3)
+    problem = replace(problem, pixels=predict(problem, truth)[0])
+    document = finish(problem, truth)
+    assert document["status"] == "ok" and document["polished"]["rms_px"] < 1e-6
+    assert document["shared_errors"] is None and document["halves"] == []

@@ -40,7 +40,7 @@ const MOST_SWEEPS = 30;
 
 /** Numbers of sweeps spread evenly over a recording, as many as may be shown at once. */
 export function spreadOver(sweeps: readonly { index: number; points: number }[]): number[] {
-  const largest = Math.max(1, ...sweeps.map((sweep) => sweep.points));
+  const largest = sweeps.reduce((most, sweep) => Math.max(most, sweep.points), 1);
   const count = Math.min(sweeps.length, MOST_SWEEPS, Math.max(1, Math.floor(MOST_POINTS / largest)));
   return Array.from({ length: count }, (_, i) => sweeps[Math.floor(((i + 0.5) * sweeps.length) / count)]?.index ?? 0);
 }

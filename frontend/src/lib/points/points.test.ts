@@ -117,6 +117,8 @@ test("sweeps to be shown at once are spread over the recording and not too many"
   assert.equal(spreadOver(sweeps.map((one) => ({ ...one, points: 500 }))).length, 30);
   assert.deepEqual(spreadOver(sweeps.slice(0, 2).map((one) => ({ ...one, points: 900_000 }))), [1]);
   assert.deepEqual(spreadOver([]), []);
+  // Five and a half hours at 10 Hz: more than a function takes as arguments.
+  assert.equal(spreadOver(Array.from({ length: 200_000 }, (_, index) => ({ index, points: 100 }))).length, 30);
 });
 
 test("points of extents", () => {
