@@ -1,30 +1,12 @@
 /** Camera frames fetched and decoded ahead of the moment when they are shown. */
 
 import { fromStore } from "./api/blobs.ts";
+import { keepRecent } from "./recent.ts";
 
 const KEPT = 12;
-const cache = new Map<string, Promise<HTMLImageElement>>();
 
 /** The decoded image of an address; asked for twice, it is fetched once. */
-export function loadImage(url: string): Promise<HTMLImageElement> {
-  const known = cache.get(url);
-  if (known) {
-    cache.delete(url);
-    cache.set(url, known);
-    return known;
-  }
-  const loading = load(url).catch((error: unknown) => {
-    cache.delete(url);
-    throw error;
-  });
-  cache.set(url, loading);
-  for (const [oldest, dropped] of cache) {
-    if (cache.size <= KEPT) break;
-    cache.delete(oldest);
-    dropped.then(release, () => undefined);
-  }
-  return loading;
-}
+export const loadImage = keepRecent(KEPT, load, release);
 
 async function load(url: string): Promise<HTMLImageElement> {
   const fetched = await fromStore(url);

@@ -2,31 +2,14 @@
 
 import { fromStore } from "../api/blobs.ts";
 import { send } from "../api/http.ts";
+import { keepRecent } from "../recent.ts";
 import { unpack, type Sweep } from "./sweep.ts";
 
 /** Sweeps kept, of all recordings together; one of 100,000 points takes 3 MB. */
 const KEPT = 40;
-const cache = new Map<string, Promise<Sweep>>();
 
 /** The sweep at an address; two requests fetch it once. */
-export function loadSweep(url: string): Promise<Sweep> {
-  const known = cache.get(url);
-  if (known) {
-    cache.delete(url);
-    cache.set(url, known);
-    return known;
-  }
-  const loading = load(url).catch((error: unknown) => {
-    cache.delete(url);
-    throw error;
-  });
-  cache.set(url, loading);
-  for (const oldest of cache.keys()) {
-    if (cache.size <= KEPT) break;
-    cache.delete(oldest);
-  }
-  return loading;
-}
+export const loadSweep = keepRecent(KEPT, load);
 
 async function load(url: string): Promise<Sweep> {
   const found = (await fromStore(url)) ?? (await (await send(new Request(url))).blob());
