@@ -24,6 +24,8 @@ TELLING_RINGS = 4
 _TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
+# Radians from `hang`: wider than any prior reaches, in steps that a person's spread of rolls covers several times.
+ROLLS: Floats = np.radians(np.arange(-32.0, 32.25, 0.5))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,8 +149,9 @@ class Fix:
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
         expected: this log likelihood if the board is there and the sensor is as learned.
         evidence: log of the rays' likelihood, averaged over the prior.
-        ways: (2, 3) for the first edge to the lower left, and for the second there: log of the rays' likelihood, mean
-            and variance of the roll; minus infinity where the other way is so much likelier that it was left out.
+        told: (2, G) log likelihood of the rays at each of `ROLLS`, for the first edge to the lower left and for the
+            second there; minus infinity far from the likeliest rolls, and in a way to hold the board that was left
+            out because the other is so much likelier.
     """
 
     plane: Plane
@@ -162,7 +165,7 @@ class Fix:
     best: float
     expected: float
     evidence: float
-    ways: Floats
+    told: Floats
 
     @property
     def explained(self) -> bool:
