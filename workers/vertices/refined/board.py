@@ -132,7 +132,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     Args:
         coarse: for comparing models: quicker, and good enough for the evidence.
     """
-    found: list[tuple[float, bool, Floats, Floats]] = []
+    found: list[tuple[float, bool, Floats, Floats, Floats]] = []
     for share, swapped in sorted([(1.0 - model.swapped, False), (model.swapped, True)], reverse=True):
         floor = found[0][0] - math.log(share) - _HOPELESS if found else -math.inf
         corner = _corner(plane, model, _edges(model, swapped), coarse, floor)
@@ -143,10 +143,10 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     evidence = np.array([item[0] for item in found])
     total = float(np.logaddexp.reduce(evidence))
     weight = np.exp(evidence - total)
-    means = np.array([[*corner[1:3], corner[3] - hang(_edges(model, swapped))] for _, swapped, corner, _ in found])
+    means = np.array([[*corner[1:3], corner[3] - hang(_edges(model, swapped))] for _, swapped, corner, *_ in found])
     mean: Floats = weight @ means
     covariance = np.zeros((3, 3))
-    for x, m, (_, _, corner, _) in zip(weight, means, found, strict=True):
+    for x, m, (_, _, corner, *_) in zip(weight, means, found, strict=True):
         covariance += x * (_matrix(corner) + np.outer(m - mean, m - mean))
     own = _to_angles(plane, mean, covariance)[1]
     covariance[[0, 1], [0, 1]] += EDGE_M**2
@@ -154,14 +154,14 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
     told = np.full((2, ROLLS.size), -math.inf)
-    for _, swapped, corner, rolls in found:
+    for _, swapped, _, likely, rolls in found:
         told[int(swapped)] = np.interp(
-            ROLLS, rolls - hang(_edges(model, swapped)), corner[12:], left=-math.inf, right=-math.inf
+            ROLLS, rolls - hang(_edges(model, swapped)), likely, left=-math.inf, right=-math.inf
         )
     first = int(np.argmax(weight))
     against, upper = _against(plane, model, _edges(model, found[first][1]), found[first][2])
     expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
-    best = max(float(corner[10]) for _, _, corner, _ in found)
+    best = max(float(corner[10]) for _, _, corner, *_ in found)
     roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
     sigma = math.sqrt(own[0, 0] + own[1, 1])
     return Fix(plane, xyz, errors, sigma, float(mean[2]), roll_sigma, against, upper, best, expected, total, told)
@@ -177,7 +177,7 @@ def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
 ) -> tuple[int, tuple[int, int]]:
     """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
-    p, q = _turn(float(corner[3])) @ np.array([plane.left - corner[1], plane.up - corner[2]])
+    p, q = _turns(corner[3:4])[0] @ np.array([plane.left - corner[1], plane.up - corner[2]])
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
     far = np.hypot(soft, model.slack)
     on_board = np.ones(p.size)
@@ -203,10 +203,10 @@ def _matrix(corner: Floats) -> Floats:
 
 def _corner(
     plane: Plane, model: BoardModel, edges: tuple[float, float], coarse: bool, floor: float
-) -> tuple[Floats, Floats] | None:
+) -> tuple[Floats, Floats, Floats] | None:
     """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
 
-    With the rolls of the last pass. None where no board explains the rays, or the first pass ends below ``floor``.
+    Its moments, and log evidence (K,) of each roll (K,) of the last pass. None where no board explains the rays, or the first pass ends below ``floor``.
     """
     hits = plane.ratio > _CONFIDENT
     if not hits.any():
@@ -216,49 +216,52 @@ def _corner(
     ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
     rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, max(_ROLLS, 1 + round(sigma / _ROLL_STEP)))
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
+    turns = _turns(rolls)
     # Of each roll: the apexes whose board holds all hits.
-    along = np.array([_turn(roll) for roll in rolls.tolist()]) @ np.array([plane.left, plane.up])[:, hits]
+    along = turns @ np.array([plane.left, plane.up])[:, hits]
     low, high = along.max(axis=2) - np.array(edges), along.min(axis=2)
     centre, half = 0.5 * (low + high), 0.5 * np.abs(high - low) + _ASTRAY_M + model.slack
     origin = np.zeros(2)
-    out = np.zeros(0)
+    out, of_roll = np.zeros(0), np.zeros(0)
     passes = (20, 24) if coarse else (_COARSE, _COARSE, _FINE)
     for number, cells in enumerate(passes):
+        if number > 0:
+            reach = 3.0 * max(math.sqrt(max(out[6], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
+            ends = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
+            after = _even(*ends, _ROLLS + 2 if cells == _FINE else _ROLLS)
+            apex = (turns @ of_roll[:, 1:3, None])[..., 0] + origin
+            own = 3.2 * of_roll[:, 3:5] + 2.0 * half / passes[number - 1]
+            seen = of_roll[:, 0] > -1e299
+            turns, origin = _turns(after), out[1:3].copy()
+            about = _interpolated(after, rolls[seen], apex[seen]) - origin
+            centre, half = (turns @ about[..., None])[..., 0], _interpolated(after, rolls[seen], own[seen])
+            rolls = after
         prior = -0.5 * ((rolls - mean) / sigma) ** 2 + math.log(
             (rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi)
         )
-        out = integrate(
+        out, of_roll = integrate(
             plane.left - origin[0], plane.up - origin[1], grow, soft, ratio,
             edges[0], edges[1], model.slack, rolls, prior, centre, half, cells,
         )  # fmt: skip
         if out[0] < max(floor if number == 0 else -math.inf, -1e299):
             return None
         out[1:3] += origin
-        if number == len(passes) - 1:
-            break
-        last = half[np.argmin(np.abs(rolls - out[3]))] * 2.0 / cells
-        origin = out[1:3].copy()
-        covariance = _matrix(out)
-        reach = 3.0 * max(math.sqrt(max(covariance[2, 2], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
-        ends = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
-        rolls = _even(*ends, _ROLLS + 2 if cells == _FINE else _ROLLS)
-        turn = _turn(0.5 * (ends[0] + ends[1]))
-        flat, towards = turn @ covariance[:2, :2] @ turn.T, turn @ covariance[:2, 2]
-        lean = towards / max(covariance[2, 2], 1e-12)
-        own = np.sqrt(np.maximum(np.diag(flat) - lean * towards, 1e-10))
-        centre = lean * (rolls - out[3])[:, None]
-        half = np.tile(3.2 * own + last, (rolls.size, 1))
-    return out, rolls
+    return out, of_roll[:, 0], rolls
+
+
+def _interpolated(at: Floats, x: Floats, values: Floats) -> Floats:
+    """(K, 2) at ``at`` (K,) of ``values`` (J, 2) at ``x`` (J,)."""
+    return np.column_stack([np.interp(at, x, values[:, k]) for k in (0, 1)])
 
 
 def _even(low: float, high: float, count: int) -> Floats:
     return low + (high - low) * np.arange(count, dtype=np.float64) / (count - 1)
 
 
-def _turn(roll: float) -> Floats:
-    """(2, 2) from (left, up) to the coordinates along the edges to the lower left and to the lower right."""
-    cosine, sine = math.cos(roll), math.sin(roll)
-    return np.array([[cosine, -sine], [-sine, -cosine]])
+def _turns(rolls: Floats) -> Floats:
+    """(K, 2, 2) from (left, up) to the coordinates along the edges to the lower left and lower right, or back."""
+    cosine, sine = np.cos(rolls), np.sin(rolls)
+    return np.moveaxis(np.array([[cosine, -sine], [-sine, -cosine]]), 2, 0)
 
 
 def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:

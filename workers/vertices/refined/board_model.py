@@ -25,7 +25,7 @@ _TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
 # Radians from `hang`: wider than any prior reaches, in steps that a person's spread of rolls covers several times.
-ROLLS: Floats = np.radians(np.arange(-32.0, 32.25, 0.5))
+ROLLS: Floats = np.radians(np.arange(-38.0, 38.25, 0.5))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

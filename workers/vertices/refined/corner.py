@@ -29,7 +29,7 @@ def integrate(
     left: Floats, up: Floats, grow: Floats, soft: Floats, ratio: Floats,
     edge_p: float, edge_q: float, slack: float,
     rolls: Floats, log_prior: Floats, centre: Floats, half: Floats, cells: int,
-) -> Floats:  # fmt: skip
+) -> tuple[Floats, Floats]:  # fmt: skip
     """Moments of the posterior over (apex left, apex up, roll).
 
     Args:
@@ -44,8 +44,9 @@ def integrate(
         cells: grid cells along either side.
 
     Returns:
-        (12 + K,) log evidence, mean left, up, roll, covariance (ll, uu, rr, lu, lr, ur), best log likelihood, share
-        of the weight in the outermost cells; then log evidence of each roll without its prior.
+        (12,) log evidence, mean left, up, roll, covariance (ll, uu, rr, lu, lr, ur), best log likelihood, share of
+        the weight in the outermost cells; and (K, 5) of each roll, log evidence without the prior, mean p and q of
+        the apex, and their standard deviations.
     """
     rays = left.size
     grid = np.empty((cells, cells))
@@ -59,7 +60,7 @@ def integrate(
     cm, sm = math.cos(middle), math.sin(middle)
     l0, u0 = centre[mid, 0] * cm - centre[mid, 1] * sm, -centre[mid, 0] * sm - centre[mid, 1] * cm
     scale = -1e300
-    out = np.zeros(12 + rolls.size)
+    out, of_roll = np.zeros(12), np.zeros((rolls.size, 5))
     for k in range(rolls.size):
         cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
         cell_p, cell_q = 2.0 * half[k, 0] / cells, 2.0 * half[k, 1] / cells
@@ -96,14 +97,28 @@ def integrate(
                     for b in range(cells):
                         grid[a, b] *= base + g * on_q[b]
         highest, whole = 0.0, 0.0
+        n1 = n2 = n11 = n22 = 0.0
         for a in range(cells):
+            p = p0 + a * cell_p - centre[k, 0]
             for b in range(cells):
-                highest = max(highest, grid[a, b])
-                whole += grid[a, b]
+                weight = grid[a, b]
+                q = q0 + b * cell_q - centre[k, 1]
+                highest = max(highest, weight)
+                whole += weight
+                n1 += weight * p
+                n2 += weight * q
+                n11 += weight * p * p
+                n22 += weight * q * q
         if highest <= 0.0:
-            out[12 + k] = -1e300
+            of_roll[k, 0] = -1e300
+            of_roll[k, 1], of_roll[k, 2] = centre[k, 0], centre[k, 1]
             continue
-        out[12 + k] = math.log(whole * cell_p * cell_q) + offset
+        n1 /= whole
+        n2 /= whole
+        of_roll[k, 0] = math.log(whole * cell_p * cell_q) + offset
+        of_roll[k, 1], of_roll[k, 2] = centre[k, 0] + n1, centre[k, 1] + n2
+        of_roll[k, 3] = math.sqrt(max(n11 / whole - n1 * n1, 0.0))
+        of_roll[k, 4] = math.sqrt(max(n22 / whole - n2 * n2, 0.0))
         best = max(best, math.log(highest) + offset)
         # The cells' own extent is part of the variance.
         within = (cell_p * cell_p + cell_q * cell_q) / 24.0
@@ -147,11 +162,11 @@ def integrate(
                     rim += weight
     if s0 <= 0.0:
         out[0] = -1e300
-        return out
+        return out, of_roll
     a1, a2, a3 = s1 / s0, s2 / s0, s3 / s0
     out[0] = math.log(s0) + scale
     out[1], out[2], out[3] = l0 + a1, u0 + a2, middle + a3
     out[4], out[5], out[6] = m11 / s0 - a1 * a1, m22 / s0 - a2 * a2, m33 / s0 - a3 * a3
     out[7], out[8], out[9] = m12 / s0 - a1 * a2, m13 / s0 - a1 * a3, m23 / s0 - a2 * a3
     out[10], out[11] = best, rim / s0
-    return out
+    return out, of_roll
