@@ -206,7 +206,9 @@ def _corner(
 ) -> tuple[Floats, Floats, Floats] | None:
     """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
 
-    Its moments, and log evidence (K,) of each roll (K,) of the last pass. None where no board explains the rays, or the first pass ends below ``floor``.
+    Returns:
+        Its moments, and of the last pass the log evidence (K,) of each roll and the rolls (K,). None where no board
+        explains the rays, or the first pass ends below ``floor``.
     """
     hits = plane.ratio > _CONFIDENT
     if not hits.any():

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+_RESCALED = 64  # rays; each has a factor of at least 0.002, and more than a hundred could leave nothing of a float
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
@@ -44,23 +45,22 @@ def integrate(
         cells: grid cells along either side.
 
     Returns:
-        (12,) log evidence, mean left, up, roll, covariance (ll, uu, rr, lu, lr, ur), best log likelihood, share of
-        the weight in the outermost cells; and (K, 5) of each roll, log evidence without the prior, mean p and q of
-        the apex, and their standard deviations.
+        (11,) log evidence, mean left, up, roll, covariance (ll, uu, rr, lu, lr, ur), best log likelihood; and (K, 5)
+        of each roll, log evidence without the prior, mean p and q of the apex, and their standard deviations.
     """
     rays = left.size
     grid = np.empty((cells, cells))
     on_p, on_q = np.empty(cells), np.empty(cells)
     s0 = s1 = s2 = s3 = 0.0
     m11 = m22 = m33 = m12 = m13 = m23 = 0.0
-    best, rim = -1e300, 0.0
+    best = -1e300
     # Moments about the middle of the grid.
     mid = rolls.size // 2
     middle = rolls[mid]
     cm, sm = math.cos(middle), math.sin(middle)
     l0, u0 = centre[mid, 0] * cm - centre[mid, 1] * sm, -centre[mid, 0] * sm - centre[mid, 1] * cm
     scale = -1e300
-    out, of_roll = np.zeros(12), np.zeros((rolls.size, 5))
+    out, of_roll = np.zeros(11), np.zeros((rolls.size, 5))
     for k in range(rolls.size):
         cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
         cell_p, cell_q = 2.0 * half[k, 0] / cells, 2.0 * half[k, 1] / cells
@@ -96,6 +96,14 @@ def integrate(
                 else:
                     for b in range(cells):
                         grid[a, b] *= base + g * on_q[b]
+            if i % _RESCALED == _RESCALED - 1:
+                highest = 0.0
+                for a in range(cells):
+                    for b in range(cells):
+                        highest = max(highest, grid[a, b])
+                if highest > 0.0:
+                    offset += math.log(highest)
+                    grid /= highest
         highest, whole = 0.0, 0.0
         n1 = n2 = n11 = n22 = 0.0
         for a in range(cells):
@@ -136,7 +144,6 @@ def integrate(
             m12 *= shrink
             m13 *= shrink
             m23 *= shrink
-            rim *= shrink
             scale = top_level
         factor = math.exp(level - scale)
         if factor == 0.0:
@@ -158,8 +165,6 @@ def integrate(
                 m12 += weight * dl * du
                 m13 += weight * dl * dr
                 m23 += weight * du * dr
-                if a == 0 or b == 0 or a == cells - 1 or b == cells - 1:
-                    rim += weight
     if s0 <= 0.0:
         out[0] = -1e300
         return out, of_roll
@@ -168,5 +173,5 @@ def integrate(
     out[1], out[2], out[3] = l0 + a1, u0 + a2, middle + a3
     out[4], out[5], out[6] = m11 / s0 - a1 * a1, m22 / s0 - a2 * a2, m33 / s0 - a3 * a3
     out[7], out[8], out[9] = m12 / s0 - a1 * a2, m13 / s0 - a1 * a3, m23 / s0 - a2 * a3
-    out[10], out[11] = best, rim / s0
+    out[10] = best
     return out, of_roll
