@@ -12,7 +12,7 @@ import typer
 from apexcal.client import FailedError
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, understood, usage
 from apexcal.commands.connect import connected, find_recording
-from apexcal.documents.detections import DetectionView
+from apexcal.documents.detections import DetectionView, RollFacts
 from apexcal.documents.detectors import DetectorName
 from apexcal.documents.studies import PreviewView
 from apexcal.embedded.folder import DEFAULT
@@ -150,7 +150,18 @@ def _outcome(detection: DetectionView) -> str:
     return (
         f"The detection {detection.id} accepted {counts.accepted} of {counts.sweeps} sweeps"
         f"{f' ({quality})' if quality else ''}, {counts.paired} of them with a camera frame."
-        f"{reasons}{_advice(detection)}"
+        f"{reasons}{_held(counts.roll)}{_advice(detection)}"
+    )
+
+
+def _held(roll: RollFacts | None) -> str:
+    """How the board was rolled; empty where the detector does not tell."""
+    if roll is None:
+        return ""
+    way = "counter-clockwise" if roll.mean_deg > 0.0 else "clockwise"
+    return (
+        f"\nThe board was rolled by {abs(roll.mean_deg):.0f} degrees {way} as the LiDAR sees it "
+        f"(+- {roll.spread_deg:.0f} from vertex to vertex; at 0 both upper edges fall alike)."
     )
 
 

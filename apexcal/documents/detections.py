@@ -45,12 +45,23 @@ class DetectionRequest(Received):
     pairing: Pairing = Pairing()
 
 
+class RollFacts(Document):
+    """How the board was held: turned by ``mean_deg`` on average, with ``spread_deg`` from vertex to vertex.
+
+    Degrees, counter-clockwise as the LiDAR sees it. At 0 both upper edges fall alike.
+    """
+
+    vertices: int
+    mean_deg: float
+    spread_deg: float
+
+
 class DetectionCounts(Document):
     """How many sweeps were read and vertices accepted; rejected sweeps by reason, vertices by quality and by flag.
 
     ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
     another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
-    run of sweeps that were rejected for it.
+    run of sweeps that were rejected for it. ``roll`` is null if the detector does not tell it.
     """
 
     sweeps: int = 0
@@ -61,6 +72,7 @@ class DetectionCounts(Document):
     paired: int | None = None
     frame_taken: int | None = None
     refused_sweeps: dict[str, list[tuple[int, int]]] = {}
+    roll: RollFacts | None = None
 
 
 class DetectionView(Sent):

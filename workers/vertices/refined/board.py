@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.vertices.refined.board_model import (
+    BEAM_M,
     EDGE_M,
     ROLLS,
     TELLING_RINGS,
@@ -149,7 +150,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     for x, m, (_, _, corner, *_) in zip(weight, means, found, strict=True):
         covariance += x * (_matrix(corner) + np.outer(m - mean, m - mean))
     own = _to_angles(plane, mean, covariance)[1]
-    covariance[[0, 1], [0, 1]] += EDGE_M**2
+    covariance[[0, 1], [0, 1]] += EDGE_M**2 + BEAM_M**2
     xyz, errors = _to_angles(plane, mean, covariance)
     errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
@@ -163,8 +164,11 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
     best = max(float(corner[10]) for _, _, corner, *_ in found)
     roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
+    fall = float(sum(x * corner[3] for x, (_, _, corner, *_) in zip(weight, found, strict=True)))
     sigma = math.sqrt(own[0, 0] + own[1, 1])
-    return Fix(plane, xyz, errors, sigma, float(mean[2]), roll_sigma, against, upper, best, expected, total, told)
+    return Fix(
+        plane, xyz, errors, sigma, float(mean[2]), roll_sigma, fall, against, upper, best, expected, total, told
+    )
 
 
 def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:

@@ -18,6 +18,9 @@ _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
 _CONTRADICTED = 0.25
 # Plywood panels are cut to 3.5 mm (EN 315). Bending, or a hand at the edge, moves an edge as much.
 EDGE_M = 0.0035
+# A beam leaves the sensor 9.5 mm wide (data sheets: OS1 9.5 mm, VLP-16 9.5 x 12.7 mm). Where within it a board's edge
+# still answers depends on what stands behind that edge: the edge's place is even over the width.
+BEAM_M = 0.0095 / math.sqrt(12.0)
 # By chance a board and a leg, or a head, can lie in one plane on two or three rings, but hardly on more.
 TELLING_RINGS = 4
 # Breadth of the hips of a standing man, 95th percentile (DIN 33402-2); the trunk is no broader.
@@ -144,6 +147,7 @@ class Fix:
         sigma: radians, standard deviation, azimuth and elevation together, from the sweep's own rays: without errors
             that all sweeps share.
         roll, roll_sigma: radians from `hang`, and its standard deviation.
+        fall: radians by which the edge to the lower left falls.
         against: how many returns contradict the board: in its plane but outside the board, or off its plane inside.
         upper: above the board's side corners, how many returns contradict it and how many there are.
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
@@ -160,6 +164,7 @@ class Fix:
     sigma: float
     roll: float
     roll_sigma: float
+    fall: float
     against: int
     upper: tuple[int, int]
     best: float

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-_RESCALED = 64  # rays; each has a factor of at least 0.002, and more than a hundred could leave nothing of a float
+# A ray leaves 0.002 of a cell's likelihood at least, so that sixteen leave 1e-43.
+_RESCALED_AFTER, _TINY = 16, 1e-100
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
@@ -96,14 +97,12 @@ def integrate(
                 else:
                     for b in range(cells):
                         grid[a, b] *= base + g * on_q[b]
-            if i % _RESCALED == _RESCALED - 1:
-                highest = 0.0
-                for a in range(cells):
-                    for b in range(cells):
-                        highest = max(highest, grid[a, b])
-                if highest > 0.0:
-                    offset += math.log(highest)
-                    grid /= highest
+            if i % _RESCALED_AFTER == _RESCALED_AFTER - 1:
+                # Hundreds of rays that contradict even the best cell would leave nothing but zeros.
+                most = np.max(grid)
+                if 0.0 < most < _TINY:
+                    grid *= 1.0 / most
+                    offset += math.log(most)
         highest, whole = 0.0, 0.0
         n1 = n2 = n11 = n22 = 0.0
         for a in range(cells):
