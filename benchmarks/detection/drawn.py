@@ -20,7 +20,7 @@ from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 STREET_SWEEPS = 5
-ROAD = DATA / "road-lane-markers" / "calib.pcd"
+ROAD = DATA / "road-lane-markers"
 _FEW = 20  # vertices of a walk, below which its bias says nothing
 
 
@@ -96,9 +96,10 @@ def road_vertices() -> int | None:
     """How many vertices the recorded road frame gives, which has no board; None where it is absent."""
     if not ROAD.exists():
         return None
-    recording = open_recording(ROAD, ReadOptions())
+    recording = open_recording(ROAD, ReadOptions(point_times="stamp_only"))
     try:
-        source = Listed(list(recording.sweeps(recording.sensors[0])))
+        (lidar,) = (sensor for sensor in recording.sensors if sensor.kind == "lidar")
+        source = Listed(list(recording.sweeps(lidar)))
     finally:
         recording.close()
     region = Region.from_document(WALKER_REGION)

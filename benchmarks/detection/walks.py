@@ -127,10 +127,10 @@ def looked_at(walk: Walks, lidar: Lidar, seconds: float) -> Walked:
     for index in range(round(seconds * lidar.sensor.rate_hz)):
         start_s = index / lidar.sensor.rate_hz
         sweep, surface = lidar.labelled_sweep(index, start_s, _START_NS + round(start_s * 1e9))
-        looked_s = start_s
-        for _ in range(4):  # the apex moves while the sensor turns towards it
-            apex = lidar.seen(walk.poses(np.array([looked_s])).apex)[0]
+        apex = lidar.seen(walk.poses(np.array([start_s])).apex)[0]
+        for _ in range(3):  # the apex moves while the sensor turns towards it
             looked_s = start_s + float(lidar.scan_seconds(np.arctan2(apex[1], apex[0])))
+            apex = lidar.seen(walk.poses(np.array([looked_s])).apex)[0]
         sweeps.append(sweep)
         apexes.append(apex)
         rings.append(np.unique(sweep.ring[surface == BOARD]).size)
