@@ -49,6 +49,13 @@ class CommonErrors(Received):
     mark_u_px: Annotated[float, Field(ge=0, le=1000, description="of all marks, to the right")] | None = None
     mark_v_px: Annotated[float, Field(ge=0, le=1000, description="of all marks, down")] | None = None
     clock_ms: Annotated[float, Field(ge=0, le=1000, description="of the offset between the clocks")] | None = None
+    person_px: (
+        Annotated[
+            float,
+            Field(ge=0, le=1000, description="of one person's marks, each axis; several people's pairs correct it"),
+        ]
+        | None
+    ) = None
 
 
 class ScheduleOverrides(Received):

@@ -45,7 +45,7 @@ def common_errors(problem: FitProblem, p: Floats) -> Floats:
 
 
 def _stated(problem: FitProblem) -> list[tuple[str, float]]:
-    return [(name, problem.common_errors[name]) for name in COMMON_ERRORS if problem.common_errors.get(name)]
+    return [(name, problem.common_errors[name]) for name in _SHAPES if problem.common_errors.get(name)]
 
 
 def _by_direction(axis: int) -> Callable[[FitProblem, Floats], Floats]:

@@ -28,6 +28,7 @@ from workers.solver.folds import Fold, folds
 from workers.solver.held_out import held_out
 from workers.solver.motion import velocities_of
 from workers.solver.pair_errors import explained_px, marks_outside, nearest_frames
+from workers.solver.people import shares_of
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
 from workers.solver.provenance import pairs_sha256, sources_sha256
@@ -111,13 +112,14 @@ def _problem(request: Json, pairs: Json, chosen: NDArray[np.int64] | None) -> Fi
         known = {name: columns[name] for name in COVARIANCE_COLUMNS if name in columns}
         covariances = covariances_of(known, points, float(request.get("mark_sigma_px") or 1.0))
     problem = problem_from_document(request, points, pixels, covariances=covariances)
-    blocks, velocities = blocks_of(pairs), _velocities(pairs)
+    blocks, velocities, people = blocks_of(pairs), _velocities(pairs), shares_of(pairs)
     if chosen is None:
-        return replace(problem, blocks=blocks, velocities=velocities)
+        return replace(problem, blocks=blocks, velocities=velocities, people=people)
     return replace(
         problem,
         blocks=blocks and blocks.taken(chosen),
         velocities=None if velocities is None else velocities[chosen],
+        people=None if people is None else people[chosen],
     )
 
 
