@@ -62,6 +62,18 @@ class Estimate:
         """The parameter vector (D,) in the order of `fitted.names`."""
         return np.array(self.fit.parameters)
 
+    def moved_alarms(self) -> list[str]:
+        """A sentence, if pairs that do not belong moved the mount."""
+        if self.kept is None or self.errors is None:
+            return []
+        to, begin = (transform_of(self.fitted, p) for p in (self.parameters, self.held_at))
+        turn = float(np.degrees(np.linalg.norm(vector_from_rotation(to.R @ begin.R.T))))
+        return [
+            f"The pairs that do not belong move the mount by {turn:.2g} degrees and "
+            f"{1e3 * float(np.linalg.norm(to.t - begin.t)):.2g} mm. The standard deviations include that; without "
+            "those pairs (outliers: exclude) they are smaller."
+        ]
+
     @property
     def held_at(self) -> Floats:
         """The parameters (D,) of the fit to the pairs of `holding`."""
