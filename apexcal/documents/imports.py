@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from apexcal.documents.base import Name, Received, Sent
+from apexcal.documents.base import Name, Received, Sent, Topic
 from apexcal.documents.camera_models import ModelName
-from apexcal.documents.fleets import NewRig, Pixels
+from apexcal.documents.fleets import CameraName, NewRig, Pixels, Serial
 from apexcal.documents.transforms import SolvedTransform, Transform
 
 ImportFormat = Literal["camera_info", "opencv", "kalibr", "kitti"]
@@ -106,11 +106,11 @@ class DraftCamera(Received):
     joint towards the camera where the ways to camera and LiDAR part.
     """
 
-    name: Name
+    name: CameraName
     link: Name
     image_size: tuple[Pixels, Pixels]
-    topic: str | None = Field(default=None, max_length=300)
-    serial: str | None = Field(default=None, max_length=200)
+    topic: Topic | None = None
+    serial: Serial | None = None
     joint: Name | None = None
 
 
@@ -119,7 +119,7 @@ class DraftRequest(Received):
 
     name: Name
     lidar_link: Name
-    lidar_topic: str | None = Field(default=None, max_length=300)
+    lidar_topic: Topic | None = None
     vehicle_link: Name | None = None
     cameras: Annotated[list[DraftCamera], Field(min_length=1, max_length=16)]
 

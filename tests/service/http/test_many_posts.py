@@ -48,7 +48,7 @@ NATURAL = {
     "/undo": "as /answer",
     "/reading": "nothing is kept: what the sent files hold is answered",
     "/comparison": "nothing is kept: what was sent is compared",
-    "/drafts": "nothing is kept: a rig to send is answered",
+    "/rig-drafts": "nothing is kept: a rig to send is answered",
     "/urdf": "nothing is kept: what was sent is answered with one joint changed",
 }
 
