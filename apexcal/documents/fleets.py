@@ -151,8 +151,8 @@ def _check_joint(camera: Camera, lidar_frame: str) -> None:
     check_frames(child, f"joint.T_child_camera of {camera.name}", child.to_frame, camera.frame)
     if parent.to_frame in (child.to_frame, camera.frame) or child.to_frame == lidar_frame:
         raise ValueError(
-            f"the joint of {camera.name} leads from {parent.to_frame!r} to {child.to_frame!r}; its parent lies on the "
-            "LiDAR's side and its child on the camera's"
+            f"the joint of {camera.name} leads from {parent.to_frame!r} to {child.to_frame!r}; its parent lies on "
+            "the LiDAR's side and its child on the camera's"
         )
 
 

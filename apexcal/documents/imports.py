@@ -51,7 +51,7 @@ class ReadCamera(Sent):
 
 
 class ReadFiles(Sent):
-    """What calibration files hold. ``camera_transforms`` are between their cameras; ``notes`` say what was left out."""
+    """What calibration files hold. ``camera_transforms`` are between their cameras; ``notes`` name what was left."""
 
     format: ImportFormat
     cameras: list[ReadCamera]

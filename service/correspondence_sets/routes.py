@@ -20,8 +20,8 @@ from service.annotations.disclosure_actions import answered_by_others, keep, tel
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.correspondence_sets.actions import keep_set
-from service.correspondence_sets.marked_pairs import build
 from service.correspondence_sets.label_files import FROM_ONE, is_labels, read_labels
+from service.correspondence_sets.marked_pairs import build
 from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
 from service.correspondence_sets.streamed_views import pairs_of, set_in_pieces
 from service.correspondence_sets.views import set_view, summaries

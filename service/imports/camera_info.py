@@ -15,9 +15,7 @@ def is_camera_info(document: Mapping[str, Any]) -> bool:
 
 def read_camera_info(name: str, document: Mapping[str, Any]) -> Found:
     """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
-    width, height = (
-        _first(document, *names) for names in (("image_width", "width"), ("image_height", "height"))
-    )
+    width, height = (_first(document, *names) for names in (("image_width", "width"), ("image_height", "height")))
     if width is None or height is None:
         raise refused(f"{name} says no image size.", "It has image_width and image_height, or width and height.")
     K = numbers(f"K of {name}", _data(_first(document, "camera_matrix", "K", "k")), 9)

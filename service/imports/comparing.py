@@ -91,7 +91,7 @@ def _reading(stated: Transform, found: Transform) -> ReadAs:
     off = {name: _angle_deg(R @ found.R.T) for name, R in readings.items()}
     if off["stated"] <= _ALIKE_DEG:
         return "stated"
-    nearest = min(off, key=off.__getitem__)
+    nearest: ReadAs = min(off, key=lambda name: off[name])
     return nearest if off[nearest] <= _ALIKE_DEG else "none"
 
 
@@ -105,6 +105,4 @@ def _lens_difference(camera: ReadCamera | None, document: Json, hints: list[str]
     K, own = camera.lens.K, document["intrinsics"]
     if camera.lens.model != document["model"]:
         hints.append(f"The stated lens is {camera.lens.model}, the result's {document['model']}.")
-    return LensDifference(
-        f_x=own["f_x"] - K[0], f_y=own["f_y"] - K[4], c_x=own["c_x"] - K[2], c_y=own["c_y"] - K[5]
-    )
+    return LensDifference(f_x=own["f_x"] - K[0], f_y=own["f_y"] - K[4], c_x=own["c_x"] - K[2], c_y=own["c_y"] - K[5])

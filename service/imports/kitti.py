@@ -1,4 +1,4 @@
-"""KITTI's text files: ``calib_cam_to_cam.txt`` with ``calib_velo_to_cam.txt`` (raw), or ``calib.txt`` (object, odometry).
+"""KITTI: ``calib_cam_to_cam.txt`` with ``calib_velo_to_cam.txt`` (raw), or ``calib.txt`` (object, odometry).
 
 The raw files hold each camera twice: as recorded (``00``: K, D) and rectified (``rect_00``: P_rect, without
 distortion). The images that KITTI calls synced are rectified.
@@ -54,7 +54,9 @@ def _raw(members: Members, places: list[str]) -> Found:
         notes.append("calib_velo_to_cam.txt is not among the files: no mount on the LiDAR is known.")
     cameras: list[FoundCamera] = []
     for place in places:
-        lens = Lens("plumb_bob", _of(members, f"K_{place}", 9), _of(members, f"D_{place}", 5), _size(members, "S", place))
+        lens = Lens(
+            "plumb_bob", _of(members, f"K_{place}", 9), _of(members, f"D_{place}", 5), _size(members, "S", place)
+        )
         cameras.append(FoundCamera(place, lens=lens, T_camera_lidar=_mount(members, place)))
     for place in places:
         rectified = _rectified(members, place) if f"P_rect_{place}" in members else None
@@ -83,8 +85,7 @@ def _rectified(members: Members, place: str) -> FoundCamera | None:
     name, mount = f"rect_{place}", None
     if {"R", "T", f"R_rect_{_FIRST}"} <= set(members):
         first = Transform(_FIRST, LIDAR, _of_matrix(members, "R", (3, 3)), _of_matrix(members, "T", (3,)))
-        turned = Transform(name, _FIRST, _of_matrix(members, f"R_rect_{_FIRST}", (3, 3)), _offset(P)).after(first)
-        mount = turned
+        mount = Transform(name, _FIRST, _of_matrix(members, f"R_rect_{_FIRST}", (3, 3)), _offset(P)).after(first)
     return FoundCamera(name, lens=lens, T_camera_lidar=mount)
 
 
@@ -115,7 +116,7 @@ def _projection_lens(P: Floats, size: tuple[int, int] | None) -> Lens | None:
 
 def _offset(P: Floats) -> Floats:
     """t of P = K [I | t]: where rectified camera 00 lies in this one."""
-    return np.linalg.solve(P[:, :3], P[:, 3])
+    return np.linalg.solve(P[:, :3], P[:, 3]).astype(np.float64)
 
 
 def _size(members: Members, kind: str, place: str) -> tuple[int, int] | None:

@@ -16,6 +16,7 @@ from service.imports.found import LIDAR, Found, FoundCamera, Lens, image_size, n
 _K = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "CameraMatrix", "CameraMat", "K")
 _D = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "DistCoeff", "D")
 _SIZES = (("image_width", "image_height"), ("image_Width", "image_Height"), ("width", "height"))
+_UNDIRECTED = ("R", "T", "rvec", "tvec", "extrinsic_parameters", "CameraExtrinsicMat")
 _LISTED = ("ImageSize", "image_size", "imageSize")
 # Told by calibrateCamera: 4, 5, 8, 12 or 14 coefficients.
 _RATIONAL_FROM = 8
@@ -39,8 +40,10 @@ def read_opencv(name: str, document: Mapping[str, Any]) -> Found:
     fisheye = bool(document.get("fisheye_model", 0))
     model = "equidistant" if fisheye else "plumb_bob" if len(coefficients) < _RATIONAL_FROM else "rational_polynomial"
     lens = Lens(model, numbers(f"{K} of {name}", _data(document[K]), 9), coefficients, _size(name, document))
-    notes = [] if "fisheye_model" in document else ["The file does not say fisheye_model, so it is not cv2.fisheye's."]
-    others = [one for one in document if one in ("R", "T", "rvec", "tvec", "extrinsic_parameters", "CameraExtrinsicMat")]
+    notes = (
+        [] if "fisheye_model" in document else ["The file does not say fisheye_model, so it is not cv2.fisheye's."]
+    )
+    others = [one for one in document if one in _UNDIRECTED]
     if others:
         notes.append(f"{', '.join(others)}: the file does not say which way it leads, so it was left out.")
     return Found([FoundCamera("camera", lens=lens, T_camera_lidar=_mount(name, document))], notes=notes)
@@ -58,8 +61,8 @@ def _mount(name: str, document: Mapping[str, Any]) -> Transform | None:
     if "T_camera_lidar" not in document:
         return None
     T = np.array(numbers(f"T_camera_lidar of {name}", _data(document["T_camera_lidar"]), 16)).reshape(4, 4)
-    frames = (str(document.get(one) or other) for one, other in (("camera_frame", "camera"), ("lidar_frame", LIDAR)))
-    return Transform(*frames, T[:3, :3], T[:3, 3])
+    to_frame, from_frame = str(document.get("camera_frame") or "camera"), str(document.get("lidar_frame") or LIDAR)
+    return Transform(to_frame[:200], from_frame[:200], T[:3, :3], T[:3, 3])
 
 
 def _data(matrix: Any) -> Any:

@@ -79,14 +79,14 @@ def lens_doubts(lens: KnownLens) -> list[str]:
     least, most = (share * width for share in _FOCAL_SHARES)
     if not (least <= f_x <= most and least <= f_y <= most):
         found.append(
-            f"The focal lengths {f_x:.0f} and {f_y:.0f} px are outside of 0.2 to 3 image widths: are they pixels, and "
-            "of this image size?"
+            f"The focal lengths {f_x:.0f} and {f_y:.0f} px are outside of 0.2 to 3 image widths: are they pixels, "
+            "and of this image size?"
         )
     share = _fold_share(lens)
     if share < 1.0:
         found.append(
-            f"The distortion stops growing at {share:.2f} of the way to the image's nearest edge: are the coefficients "
-            "in the order of their model, and is the image size right?"
+            f"The distortion stops growing at {share:.2f} of the way to the image's nearest edge: are the "
+            "coefficients in the order of their model, and is the image size right?"
         )
     return found
 

@@ -36,7 +36,7 @@ def read_calibration_files(body: CalibrationFiles, identity: CurrentIdentity) ->
 
 @router.post("/results/{result_id}/comparison")
 def compare_with_stated(result_id: UUID, body: ComparisonRequest, access: ReadAccess) -> StatedComparison:
-    """How far a result is from a mount or lens that is known otherwise, and whether that one is read the wrong way."""
+    """How far a result is from a mount or lens that is known otherwise, and if that one is read the wrong way."""
     from service.imports.comparing import stated_comparison
 
     result = access.find(Result, result_id)

@@ -65,11 +65,14 @@ BODIES = {
     "/address": {"size": 1, "sha256": "0" * 64},
     "/calibration-files/reading": {"files": {"calib.txt": "P0: 1 0 0 0 0 1 0 0 0 0 1 0"}, "image_size": [64, 64]},
     "/recordings/{recording_id}/rig-drafts": {
-        **{"name": "roof", "lidar_link": "velodyne"},
+        "name": "roof",
+        "lidar_link": "velodyne",
         "cameras": [{"name": "front", "link": "camera", "image_size": [640, 480]}],
     },
     "/rig-drafts": {
-        **{"name": "roof", "lidar_link": "velodyne", "urdf": "<robot/>"},
+        "name": "roof",
+        "lidar_link": "velodyne",
+        "urdf": "<robot/>",
         "cameras": [{"name": "front", "link": "camera", "image_size": [640, 480]}],
     },
     "/arrival": {"reservation": "0" * 32},

@@ -104,7 +104,7 @@ def test_what_we_write_is_read_to_the_same_bits(name, model):
         order = calibrated.cameras
     assert len(found) == 3
     for camera, ours in zip(found, order, strict=True):
-        assert camera.lens.K == [value for row in ours.K for value in row] and not camera.doubts
+        assert [value for row in ours.K for value in row] == camera.lens.K and not camera.doubts
         assert (camera.lens.width, camera.lens.height) == (ours.width, ours.height)
         coefficients = ours.D[:4] if name == "kalibr" else ours.D
         assert camera.lens.D[: len(coefficients)] == coefficients and not any(camera.lens.D[len(coefficients) :])
@@ -157,7 +157,10 @@ def test_real_files():
 
 def test_opencv_in_json_and_without_a_size():
     text = json.dumps(
-        {"camera_matrix": {"type_id": "opencv-matrix", "rows": 3, "cols": 3, "dt": "d", "data": K}, "fisheye_model": 1}
+        {
+            "camera_matrix": {"type_id": "opencv-matrix", "rows": 3, "cols": 3, "dt": "d", "data": K},
+            "fisheye_model": 1,
+        }
     )
     lens = only_lens(text, image_size=(640, 480))
     assert (lens.model, lens.width) == ("kannala_brandt", 640)

@@ -121,7 +121,10 @@ class TestDraft:
         assert rig["T_vehicle_lidar"]["to_frame"] == "base_link"
         assert rig["T_vehicle_lidar"]["translation_m"] == pytest.approx([1.2, 0.0, 1.9])
         joint = camera["joint"]
-        assert joint["T_parent_lidar"]["to_frame"] == "base_link" and joint["T_child_camera"]["to_frame"] == "camera_link"
+        assert (
+            joint["T_parent_lidar"]["to_frame"] == "base_link"
+            and joint["T_child_camera"]["to_frame"] == "camera_link"
+        )
         NewRig.model_validate(rig)
         engineer = api.member(fleet, "engineer")
         vehicle = engineer.post(f"/fleets/{fleet}/vehicles", {"name": "van"}).json()["id"]
@@ -158,7 +161,11 @@ class TestDraft:
             ({}, {"cameras": [CAMERA | {"joint": "lidar_joint"}]}, "not on the camera's side"),
             ({'name="camera_joint" type="fixed"': 'name="camera_joint" type="revolute"'}, {}, "'camera_joint'"),
             ({'name="lidar_joint" type="fixed"': 'name="lidar_joint" type="revolute"'}, {}, "'lidar_joint'"),
-            ({'<parent link="base_link"/><child link="camera_link"/>': '<child link="camera_link"/>'}, {}, "No joints"),
+            (
+                {'<parent link="base_link"/><child link="camera_link"/>': '<child link="camera_link"/>'},
+                {},
+                "No joints",
+            ),
             ({'child link="camera_link"': 'child link="velodyne"'}, {}, "No joints lead"),
         ],
     )
@@ -169,12 +176,12 @@ class TestDraft:
         assert says in refusal(viewer.post("/rig-drafts", ASKED | {"urdf": text} | asked), 422, "frames_not_usable")
 
     def test_a_frame_with_two_parents_and_a_circle_are_refused(self, viewer):
-        twice = URDF.replace("</robot>", '<joint name="x" type="fixed"><parent link="velodyne"/><child link="camera_link"/>'
-                             "</joint></robot>")  # fmt: skip
-        assert "two parents" in refusal(viewer.post("/rig-drafts", ASKED | {"urdf": twice}), 422, "frames_not_usable")
-        circle = URDF.replace("</robot>", '<joint name="x" type="fixed"><parent link="camera_front_optical"/>'
-                              '<child link="base_link"/></joint></robot>')  # fmt: skip
-        assert "circles" in viewer.post("/rig-drafts", ASKED | {"urdf": circle}).json()["hint"]
+        def with_joint(parent, child):
+            one = f'<joint name="x" type="fixed"><parent link="{parent}"/><child link="{child}"/></joint></robot>'
+            return viewer.post("/rig-drafts", ASKED | {"urdf": URDF.replace("</robot>", one)})
+
+        assert "two parents" in refusal(with_joint("velodyne", "camera_link"), 422, "frames_not_usable")
+        assert "hangs on itself" in refusal(with_joint("camera_front_optical", "base_link"), 422, "frames_not_usable")
 
 
 class TestJoint:
@@ -205,4 +212,6 @@ class TestJoint:
         joint = rig["cameras"][0]["joint"]
         joint["T_parent_lidar"], joint["T_child_camera"] = joint["T_child_camera"], joint["T_parent_lidar"]
         refused = engineer.post(f"/vehicles/{vehicle}/rigs", rig)
-        assert refused.status_code == 422 and "joint.T_parent_lidar of front maps points of 'velodyne'" in refused.text
+        assert (
+            refused.status_code == 422 and "joint.T_parent_lidar of front maps points of 'velodyne'" in refused.text
+        )
