@@ -88,7 +88,7 @@ def _reading(stated: Transform, found: Transform) -> ReadAs:
         "body": _R_OPTICAL_BODY @ stated.R,
         "inverted_body": _R_OPTICAL_BODY @ inverse.R,
     }
-    off = {name: _angle_deg(R @ found.R.T) for name, R in readings.items()}
+    off: dict[ReadAs, float] = {name: _angle_deg(R @ found.R.T) for name, R in readings.items()}
     if off["stated"] <= _ALIKE_DEG:
         return "stated"
     nearest: ReadAs = min(off, key=lambda name: off[name])
