@@ -26,7 +26,7 @@ from service.db.recordings import (
     Sensor,
     UploadPart,
 )
-from service.db.studies import Study
+from service.db.studies import CalibratedCopy, Study
 
 __all__ = [
     "AliasMove",
@@ -38,6 +38,7 @@ __all__ = [
     "Blob",
     "BlobHold",
     "BrowserSession",
+    "CalibratedCopy",
     "Calibration",
     "CalibrationRun",
     "CameraFrame",
