@@ -26,6 +26,7 @@ from service.db.recordings import (
     Sensor,
     UploadPart,
 )
+from service.db.reports import Report
 from service.db.studies import Study
 
 __all__ = [
@@ -61,6 +62,7 @@ __all__ = [
     "Person",
     "Publication",
     "Recording",
+    "Report",
     "Result",
     "Rig",
     "RigCamera",
