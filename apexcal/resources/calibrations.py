@@ -11,6 +11,7 @@ from apexcal.documents.calibrations import CalibrationView, SlotView
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.exports import VehicleCalibration
 from apexcal.documents.publications import CURRENT, AliasMoveView, PublicationView
+from apexcal.documents.reports import ReportView
 from apexcal.documents.results import CurrentCalibration, ResultView
 from apexcal.transport import Transport, at, read
 
@@ -87,6 +88,14 @@ class Calibrations:
     def result(self, result_id: UUID | str) -> ResultView:
         """What a run found: parameters, transform, standard deviations, residuals, alarms."""
         return self._http.get(at("results", result_id), ResultView)
+
+    def make_report(self, result_id: UUID | str) -> ReportView:
+        """Ask for the report of a result, which must be a fit to all pairs; anew where there is one."""
+        return self._http.post(at("results", result_id, "report"), ReportView)
+
+    def report(self, result_id: UUID | str) -> bytes:
+        """The newest report of a result: one HTML file. Raises ApiError ``no_report``, ``report_not_ready``."""
+        return self._http.send("GET", at("results", result_id, "report")).content
 
     def slots(self, calibration_id: UUID | str, camera: str, model: str, fold: int = -1) -> Iterator[SlotView]:
         """The GA slots of one run, with the worker that ran each."""

@@ -47,7 +47,7 @@ class Check:
 
 
 def checks(material: Material, found: Estimate, errors: PairErrors) -> list[Check]:
-    """All checks of the reported result. ``found``: its estimate; ``errors``: its pairs' errors."""
+    """All checks of the reported result. ``found``: its estimate without outliers; ``errors``: its pairs' errors."""
     document = material.chosen.document
     return [
         off_axis(found, errors),

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from workers.reports.plots import ARROW_SCALE, Plot, column
@@ -22,7 +23,7 @@ POINTS: Final = "points"
 # Colours that nothing else is drawn in, and the page's variable for each.
 _INK, _LINE, _POINT, _STRONG = "#010203", "#040506", "#070809", "#0a0b0c"
 _VARIABLES: Final = {_INK: "--text", _LINE: "--line-strong", _POINT: "--accent", _STRONG: "--warn"}
-_STYLE: Final = {
+_STYLE: Final[Any] = {
     "font.family": ["sans-serif"],
     "font.size": 9.0,
     "text.color": _INK,
@@ -49,6 +50,9 @@ _DPI: Final = 72
 _MOST_COLOUR: Final = 0.98
 _USE = re.compile(r'<use xlink:href="#(\w+)" x="([-\d.e]+)" y="([-\d.e]+)"(?: style="([^"]*)")?/>')
 _FILL = re.compile(r"fill: (#[0-9a-f]{6})")
+_ARROW = re.compile(
+    r'<path d="M ([-\d.e]+) ([-\d.e]+) \nL ([-\d.e]+) ([-\d.e]+) \n" style="fill: none; stroke: #070809[^"]*"/>'
+)
 
 
 def draw(plot: Plot, document: Json) -> str:
@@ -85,6 +89,9 @@ def _scales(axes: Axes, plot: Plot, document: Json) -> None:
             axes.invert_yaxis()
     if plot.is_log:
         axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _numbers(document: Json, path: str) -> Floats:
@@ -106,6 +113,7 @@ def _points(figure: Figure, axes: Axes, plot: Plot, document: Json) -> None:
         drawn = axes.scatter(x[shown], y[shown], s=9, c=_POINT, linewidths=0)
     drawn.set_gid(f"{plot.name}-{POINTS}")
     drawn.set_clip_on(False)
+    drawn.set_in_layout(False)
     if plot.steps:
         for check in document["checks"]:
             if check["name"] == plot.steps:
@@ -129,6 +137,9 @@ def _arrows(axes: Axes, plot: Plot, document: Json) -> None:
     ends = start[shown] + ARROW_SCALE * off[shown]
     lines = LineCollection(np.stack([start[shown], ends], axis=1).tolist(), colors=_POINT, linewidths=1.1)
     lines.set_gid(f"{plot.name}-{POINTS}")
+    # Long arrows reach beyond the axes; they must not push these aside.
+    lines.set_clip_on(False)
+    lines.set_in_layout(False)
     axes.add_collection(lines, autolim=False)
     axes.plot(*start[shown].T, ".", color=_STRONG, markersize=2.0)
 
@@ -154,9 +165,15 @@ def _inline(svg: str, plot: Plot) -> str:
     """The bare element: smaller numbers, the page's colours, and words for who does not see it."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = _ARROW.sub(
+        lambda found: '<path d="M{:.1f} {:.1f}L{:.1f} {:.1f}"/>'.format(*map(float, found.groups())), svg
+    )
     svg = _USE.sub(_short, svg)
     for colour, variable in _VARIABLES.items():
         svg = svg.replace(colour, f"var({variable})")
+    # Groups are numbered anew in each plot, and the page has a font.
+    svg = re.sub(r' id="[\w.]+_\d+"', "", svg)
+    svg = re.sub(r"font-family: [^;\"]*; ?", "", svg)
     svg = re.sub(r">\s+<", "><", svg)
     return svg.replace("<svg ", '<svg role="img" focusable="false" ', 1)
 
@@ -164,5 +181,6 @@ def _inline(svg: str, plot: Plot) -> str:
 def _short(found: re.Match[str]) -> str:
     href, x, y, style = found.groups()
     fill = _FILL.search(style or "")
-    colour = f' style="fill:{fill[1]}"' if fill else ""
+    # The page gives points its own colour, where they do not show a value.
+    colour = f' style="fill:{fill[1]}"' if fill and fill[1] != _POINT else ""
     return f'<use xlink:href="#{href}" x="{float(x):.2f}" y="{float(y):.2f}"{colour}/>'

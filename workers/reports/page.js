@@ -1,5 +1,5 @@
 "use strict";
-// What is chosen in one plot is chosen in all. Points are the children of the group NAME-points, in the order of
+// What is chosen in one plot is chosen in all. Points are the drawn elements of the group NAME-points, in the order of
 // data.plots[NAME], which holds the number of each one's pair.
 const data = JSON.parse(document.getElementById("data").textContent);
 const pairs = data.pairs;
@@ -11,7 +11,7 @@ const plots = new Map();
 for (const [name, numbers] of Object.entries(data.plots)) {
   const group = document.getElementById(`${name}-points`);
   if (!group || numbers.length === 0) continue;
-  const points = [...group.children].filter((one) => one.tagName !== "defs");
+  const points = [...group.querySelectorAll("use, path")].filter((one) => !one.closest("defs"));
   plots.set(name, { points, numbers });
   points.forEach((point, i) => {
     point.dataset.pair = numbers[i];

@@ -24,7 +24,7 @@ _AROUND_PX: Final = (120, 80)
 
 
 def page(document: Json, frames: Mapping[int, FrameImage] | None = None) -> str:
-    """The file. ``document``: see ``contents``; ``frames`` are by number of the pair, shown for those that stand out."""
+    """The file. ``document``: see ``contents``; ``frames``: images by number of the pair, shown of outliers."""
     sections = sections_of(document)
     drawn = {plot.name: Markup(draw(plot, document)) for section in sections for plot in section.plots}
     rows = {plot.name: rows_of(plot, document) for section in sections for plot in section.plots}

@@ -52,7 +52,7 @@ def sections_of(document: Json) -> list[Section]:
     found = [Section("residuals", "Residuals", _residuals(document))]
     if document["people"]:
         found.append(Section("people", "By person", [_of_person(*one) for one in enumerate(document["people"])]))
-    found.append(Section("maps", "Error maps, by model", [one for name in document["models"] for one in _maps(name)]))
+    found += [Section(f"maps-{name}", f"Error maps of {name}", _maps(name)) for name in document["models"]]
     if document["slots"]["loss_px"]:
         found.append(Section("search", "Convergence of the search", [_SLOTS]))
     return found
@@ -79,7 +79,7 @@ def rows_of(plot: Plot, document: Json) -> list[int]:
 
 def _residuals(document: Json) -> list[Plot]:
     timed = "seconds" in document["pairs"]
-    error = {"y": "pairs/error_px", "y_label": "distance of mark and projection, px"}
+    error: dict[str, Any] = {"y": "pairs/error_px", "y_label": "distance of mark and projection, px"}
     return [
         Plot(
             "arrows",
@@ -115,7 +115,7 @@ def _residuals(document: Json) -> list[Plot]:
             "by_angle",
             "By angle to the camera's axis",
             "angle to the axis, degrees",
-            says="The distance of each pair over its angle to the axis; lines are the RMS of each quarter of the pairs.",
+            says="The distance of each pair over its angle to the axis; lines are the RMS of quarters of the pairs.",
             x="pairs/angle_deg",
             steps="off_axis",
             **error,
@@ -149,10 +149,10 @@ def _of_person(number: int, person: Json) -> Plot:
 
 def _maps(model: str) -> list[Plot]:
     at = f"models/{model}"
-    measured = {"colour": f"{at}/measured_px", "colour_label": "distance, px"}
-    predicted = {"colour_label": "stated deviation, px", "points": ""}
-    ground = {"x_label": "x of the LiDAR, m", "y_label": "y of the LiDAR, m", "is_equal": True}
-    image = {"x_label": "u, px", "y_label": "v, px", "is_image": True}
+    measured: dict[str, Any] = {"colour": f"{at}/measured_px", "colour_label": "distance, px"}
+    predicted: dict[str, Any] = {"colour_label": "stated deviation, px", "points": ""}
+    ground: dict[str, Any] = {"x_label": "x of the LiDAR, m", "y_label": "y of the LiDAR, m", "is_equal": True}
+    image: dict[str, Any] = {"x_label": "u, px", "y_label": "v, px", "is_image": True}
     return [
         Plot(
             f"ground-measured-{model}",
