@@ -6,9 +6,7 @@ from datetime import datetime
 from typing import Literal
 from uuid import UUID
 
-from pydantic import Field
-
-from apexcal.documents.base import Received, Sent, Stored
+from apexcal.documents.base import Sent, Stored
 from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.states import WorkState
 
@@ -32,9 +30,3 @@ class ReportView(Sent):
     bytes: int | None
     made_at: datetime | None
     created_at: datetime
-
-
-class LeaveOut(Received):
-    """Numbers of the pairs, from 0, that a set is to be made without."""
-
-    pairs: list[int] = Field(min_length=1, max_length=100_000)

@@ -27,7 +27,7 @@ class Field(NamedTuple):
 
     edges_deg: Floats
     edges_m: Floats
-    count: NDArray[np.int64]
+    pairs: NDArray[np.int64]
 
 
 def field_of(material: Material, errors: PairErrors) -> Field:
@@ -48,9 +48,9 @@ def field_of(material: Material, errors: PairErrors) -> Field:
 def missing(field: Field) -> list[str]:
     """Sentences about sectors without pairs, one for each band; nothing beyond the farthest pair."""
     said: list[str] = []
-    farthest = int(np.flatnonzero(field.count.sum(axis=1))[-1])
+    farthest = int(np.flatnonzero(field.pairs.sum(axis=1))[-1])
     for band in range(farthest + 1):
-        row = field.count[band]
+        row = field.pairs[band]
         where = f"between {field.edges_m[band]:.0f} and {field.edges_m[band + 1]:.0f} m"
         if not row.any():
             said.append(f"Nothing {where}.")

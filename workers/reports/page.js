@@ -68,7 +68,9 @@ function show() {
   // Opened as a file, the page does not know where its service is.
   const served = location.protocol.startsWith("http");
   again.hidden = !served || leftOut.size === 0;
-  if (served) again.href = `/calibrations/${data.ids.calibration}?camera=${encodeURIComponent(data.names.camera)}&leave_out=${numbers}`;
+  if (served) {
+    again.href = `/calibrations/${data.ids.calibration}?show=${encodeURIComponent(data.names.camera)}&leave_out=${numbers}`;
+  }
   document.getElementById("copy-command").hidden = leftOut.size === 0;
 }
 
@@ -152,7 +154,7 @@ function leaveOut() {
 }
 document.getElementById("leave-out").addEventListener("click", leaveOut);
 document.getElementById("copy-command").addEventListener("click", async () => {
-  const command = `apexcal calibrate --again ${data.ids.result} --leave-out ${[...leftOut].sort((a, b) => a - b).join(",")}`;
+  const command = `apexcal recalibrate ${data.ids.result} --leave-out ${[...leftOut].sort((a, b) => a - b).join(",")}`;
   try {
     await navigator.clipboard.writeText(command);
     document.getElementById("chosen-words").textContent = "The command is copied.";

@@ -156,11 +156,11 @@ def test_coverage_counts_and_names_what_is_missing(report):
     field = report["coverage"]
     distance = np.linalg.norm(points, axis=1)
     column = np.floor((marks[:, 0] + 0.5) / (width / 6)).astype(int)
-    for band, row in enumerate(field["count"]):
+    for band, row in enumerate(field["pairs"]):
         near = (distance >= field["edges_m"][band]) & (distance < field["edges_m"][band + 1])
         assert row == [int(np.count_nonzero(near & (column == c))) for c in range(6)]
-    assert sum(map(sum, field["count"])) == len(points)
-    empty = [(band, c) for band, row in enumerate(field["count"]) for c in range(6) if row[c] == 0 and any(row)]
+    assert sum(map(sum, field["pairs"])) == len(points)
+    empty = [(band, c) for band, row in enumerate(field["pairs"]) for c in range(6) if row[c] == 0 and any(row)]
     if any(c == 5 for _, c in empty):
         assert any("right of" in one for one in field["missing"])
 
