@@ -78,7 +78,8 @@ class SqliteBag:
             ids.setdefault(str(name), []).append(int(number))
             if len(ids[name]) == 1:
                 text, form = definitions.get(str(kind), ("", ""))
-                topics.append(Topic(str(name), str(kind), str(encoding), text, form, counts.get(number, 0)))
+                usual = str(encoding) or "cdr"  # old recorders left it empty; there is no other format in ROS 2
+                topics.append(Topic(str(name), str(kind), usual, text, form, counts.get(number, 0)))
         return ids, topics
 
     @property
