@@ -1,6 +1,7 @@
 """Camera intrinsics as people keep them in files, read into what a calibration request takes.
 
-ROS: the YAML of ``camera_calibration`` and of a ``CameraInfo`` message. Kalibr: a camchain. JSON is YAML too.
+ROS: the YAML of ``camera_calibration`` and of a ``CameraInfo`` message. Kalibr: a camchain. OpenCV: the YAML of its
+``FileStorage``. JSON is YAML too.
 """
 
 from __future__ import annotations
@@ -16,9 +17,20 @@ from apexcal.errors import InputError
 from apexcal.transport import Document
 
 _LARGEST_BYTES = 1_000_000
+_OPENCV_HEAD = "%YAML:"  # no YAML directive, so parsers refuse it
 _FORMS = (
-    "Known are the YAML of ROS (image_width, camera_matrix, distortion_model, distortion_coefficients; or a "
-    "CameraInfo's width, height, distortion_model, K, D) and a Kalibr camchain (cam0: camera_model, intrinsics, ...)."
+    "Known are OpenCV's FileStorage (image_width, image_height, camera_matrix, distortion_coefficients), the YAML of "
+    "ROS (image_width, camera_matrix, distortion_model, distortion_coefficients; or a CameraInfo's width, height, "
+    "distortion_model, K, D) and a Kalibr camchain (cam0: camera_model, intrinsics, ...)."
+)
+
+
+class _Loader(yaml.SafeLoader):
+    """Also takes OpenCV's matrices, as mappings with ``data``."""
+
+
+_Loader.add_constructor(  # pyright: ignore[reportUnknownMemberType]
+    "tag:yaml.org,2002:opencv-matrix", _Loader.construct_yaml_map
 )
 
 
@@ -42,7 +54,11 @@ def _first_document(path: Path) -> Mapping[str, Any]:
         if path.stat().st_size > _LARGEST_BYTES:
             raise InputError(f"{path} is too large for a camera's intrinsics", _FORMS)
         # A message that was echoed ends with `---`.
-        document = next(iter(yaml.safe_load_all(path.read_text(encoding="utf-8"))), None)
+        text = path.read_text(encoding="utf-8")
+        opencv = text.startswith(_OPENCV_HEAD)
+        if opencv:
+            text = text.partition("\n")[2]
+        document = next(iter(yaml.load_all(text, Loader=_Loader)), None)
     except OSError as error:
         raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
@@ -50,6 +66,8 @@ def _first_document(path: Path) -> Mapping[str, Any]:
         raise InputError(f"{path} is no YAML: {reason}", _FORMS) from None
     if not isinstance(document, Mapping):
         raise InputError(f"{path} holds no intrinsics of a camera", _FORMS)
+    if opencv:  # these files say at most whether the model is that of cv2.fisheye
+        return {"distortion_model": "equidistant" if document.get("fisheye_model") else "plumb_bob", **document}
     return document
 
 

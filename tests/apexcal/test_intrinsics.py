@@ -27,6 +27,23 @@ k: {K}
 ---
 """
 CAMERA_INFO_1 = CAMERA_INFO.replace("\nd:", "\nD:").replace("\nk:", "\nK:")
+OPENCV = f"""%YAML:1.0
+---
+image_width: 640
+image_height: 480
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: {K}
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ 0.1, -2e-1, 0.001, 0.002,
+       0. ]
+avg_reprojection_error: 3.9e-01
+"""
 CAMCHAIN = """
 cam0:
   camera_model: pinhole
@@ -49,7 +66,7 @@ def read(tmp_path, text, camera="front"):
 
 
 @pytest.mark.parametrize(
-    "text", [CAMERA_CALIBRATION, CAMERA_INFO, CAMERA_INFO.replace(" d:", " D:").replace("k:", "K:")]
+    "text", [OPENCV, CAMERA_CALIBRATION, CAMERA_INFO, CAMERA_INFO.replace(" d:", " D:").replace("k:", "K:")]
 )
 def test_what_ros_writes(tmp_path, text):
     assert read(tmp_path, text) == LENS
@@ -85,6 +102,11 @@ def test_what_is_no_lens_is_refused_by_the_files_name(tmp_path, text, says):
     with pytest.raises(ClientError) as refused:
         read(tmp_path, text)
     assert "lens.yaml" in str(refused.value) and says in str(refused.value)
+
+
+def test_opencv_s_fisheye(tmp_path):
+    text = OPENCV.replace("image_width", "fisheye_model: 1\nimage_width")
+    assert read(tmp_path, text)["distortion_model"] == "equidistant"
 
 
 def test_a_file_that_is_not_there(tmp_path):

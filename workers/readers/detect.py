@@ -81,6 +81,8 @@ _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
     (b"#ROSBAG V1", "a ROS bag of version 1.x", "Convert it with `rosbag fix` or `rosbag migrate` to version 2.0."),
     (b"7z\xbc\xaf\x27\x1c", "a 7z archive", "Pack the recording as zip or tar."),
     (b"Rar!\x1a\x07", "a RAR archive", "Pack the recording as zip or tar."),
+    (b"ply\n", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
+    (b"ply\r\n", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
     (b"# .PCD", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
     (b"\xff\xd8\xff", "a single image", "Upload the folder with all clouds and images, or a zip or tar of it."),
     (b"\x89PNG\r\n", "a single image", "Upload the folder with all clouds and images, or a zip or tar of it."),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.clouds.point_times import TIME_FIELDS, PointTimes, learn_point_times
+from workers.readers.clouds.ring_spread import check_rings
 from workers.readers.clouds.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings
 from workers.readers.recording import LidarFacts, ReadError, ReadOptions, Sweep
 
@@ -179,7 +180,7 @@ def learn_clouds(
 
     Raises:
         ReadError: ``cloud_without_xyz``, ``cloud_fields_differ``, ``rings_not_separable``, ``rings_unexpected``,
-            ``rings_too_many``, ``no_sweeps``.
+            ``rings_too_many``, ``points_without_rings``, ``no_sweeps``.
     """
     fields: CloudFields | None = None
     clouds: list[tuple[int, NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.generic] | None]] = []
@@ -198,7 +199,9 @@ def learn_clouds(
     if fields.ring is None:
         rings = learn_missing_rings([xyz for _, xyz, _, _ in clouds], where, options.rings)
     else:
-        rings = learn_rings([(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None], where)
+        numbered = [(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None]
+        check_rings(numbered, where)
+        rings = learn_rings(numbered, where)
     notes = [f"{where}: {rings.note}"] if rings.note else []
     if fields.intensity is None:
         notes.append(f"{where} has no intensity field; intensities are 0.")

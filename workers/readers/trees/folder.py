@@ -260,6 +260,6 @@ def _empty(tree: FileTree, contents: _Contents) -> ReadError:
     return ReadError(
         "folder_empty",
         f"{tree.name} holds no recording, no point clouds and no images{found}.",
-        "Put a bag, a packet capture or point clouds (.pcd, .bin, .npy, .csv) into it, and images (.jpg, .png, "
+        "Put a bag, a packet capture or point clouds (.pcd, .ply, .bin, .npy, .csv) into it, and images (.jpg, .png, "
         ".webp) or a video, one subfolder per sensor or all in one.",
     )

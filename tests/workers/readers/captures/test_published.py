@@ -2,9 +2,9 @@
 
 The published points differ from ours in two ways, which are allowed for return by return. Its beams all leave the
 origin, while they leave a VLP-32C's axis 42 mm and an Alpha Prime's 59 mm before the optical centre (manuals). And
-its azimuths within a firing cycle are not by the manuals' firing times. It turns on for each laser of a VLP-32C although
-two fire together, and by the step to the next block, which is of the same cycle for three of an Alpha Prime's four
-blocks; the last block of a packet has no next one.
+its azimuths within a firing cycle are not by the manuals' firing times. For a VLP-32C it goes on for each laser,
+although two fire together. For an Alpha Prime it goes by the step to the next block, which is of the same cycle for
+three blocks of four. The last block of a packet has no next one.
 """
 
 import sqlite3
