@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from workers.readers.clouds.point_times import TIME_FIELDS, PointTimes, learn_point_times
 from workers.readers.clouds.ring_spread import check_rings
-from workers.readers.clouds.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings
+from workers.readers.clouds.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings, ring_ids
 from workers.readers.recording import LidarFacts, ReadError, ReadOptions, Sweep
 
 Columns = Mapping[str, NDArray[np.generic]]
@@ -191,7 +191,7 @@ def learn_clouds(
         step = 1 if len(columns["x"]) <= _DENSE else 7
         xyz, keep = _returns({name: values[::step] for name, values in columns.items()})
         time = None if fields.time is None else columns[fields.time][::step][keep]
-        ids = None if fields.ring is None else columns[fields.ring][::step][keep].astype(np.int64)
+        ids = None if fields.ring is None else ring_ids(columns[fields.ring][::step][keep])
         clouds.append((stamp_ns, xyz, ids, time))
     if fields is None:
         raise ReadError("no_sweeps", f"{where} holds no sweeps.", "Record again, or choose another topic.")
