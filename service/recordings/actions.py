@@ -19,7 +19,7 @@ from service.db.recordings import Recording, UploadPart
 from service.db.studies import Study
 from service.http.problems import Problem
 from service.jobs.queue import abandon
-from service.recordings.blob_queries import sensor_keys
+from service.recordings.blob_queries import copy_keys, sensor_keys
 from service.storage.blobs import condemn
 
 
@@ -55,6 +55,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     keys = [
         *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
         *sensor_keys(session, recording_id),
+        *copy_keys(session, recording_id),
     ]
     condemn(session, keys)
     drop_calibrations(session, calibrations)

@@ -69,7 +69,8 @@ def _refused(path: Path, why: str) -> ReadError:
     return ReadError(
         "copy_not_possible",
         f"{path.name} {why}.",
-        'Ask for a file for viewers instead: {"kind": "viewer"}.',
+        "Only ROS bags and MCAP files with ROS messages are copied. `apexcal export --format ros2` writes files "
+        "to play beside it.",
     )
 
 

@@ -62,7 +62,7 @@ class Editor:
                 raise ReadError(
                     "copy_not_possible",
                     f"The images of {camera.name} ({camera.topic}) are no ROS messages of this file.",
-                    'Ask for a file for viewers instead: {"kind": "viewer"}.',
+                    "Only ROS messages are copied. `apexcal export --format ros2` writes files to play beside it.",
                 )
         self._infos = _infos_of(container, cameras)
         replaced = {camera.topic for camera in self._infos.values()}

@@ -53,8 +53,8 @@ def write(tmp_path: Path, form: str, *, infos: bool = True, stated=(LIDAR, CAMER
     """A recording in this form, and its camera's topic."""
     kind, *how = form.split()
     types = ROS1 if kind == "rosbag1" else ROS2
-    said = [("/tf_static", TF, START_NS + 3 * n, message(types, one)) for n, one in enumerate(stated)]
-    said += [("/tf", TF, START_NS + 50_000_000, message(types, one)) for one in moving]
+    said = [("/tf_static", TF, START_NS + 3 * n, message(types, [one])) for n, one in enumerate(stated)]
+    said += [("/tf", TF, START_NS + 50_000_000, message(types, [one])) for one in moving]
     if kind == "rosbag1":
         from rosbags.rosbag1 import Writer
 

@@ -24,7 +24,7 @@ def told(recording):
 def bag(request, tmp_path):
     def write(*stated, topic="/tf_static"):
         types = ROS1 if request.param == "rosbag1" else ROS2
-        said = [(topic, TF, START_NS + 7 * place, message(types, *one)) for place, one in enumerate(stated)]
+        said = [(topic, TF, START_NS + 7 * place, message(types, one)) for place, one in enumerate(stated)]
         if request.param == "rosbag1":
             return write_bag(tmp_path / "walk.bag", interleaved(clouds(), images(), said))
         messages = interleaved(rig(), said)
