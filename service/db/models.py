@@ -26,6 +26,7 @@ from service.db.recordings import (
     Sensor,
     UploadPart,
 )
+from service.db.reports import Report
 from service.db.studies import CalibratedCopy, Study
 
 __all__ = [
@@ -62,6 +63,7 @@ __all__ = [
     "Person",
     "Publication",
     "Recording",
+    "Report",
     "Result",
     "Rig",
     "RigCamera",
