@@ -35,6 +35,6 @@ def test_the_command_writes_the_copy(embedded: Embedded, owner: Client, tmp_path
     recording.close()
     current = owner.calibrations.current(vehicle.id, "front").intrinsics
     assert camera.camera_info["K"][0] == current.f_x
-    (found,) = [one for one in owner.recordings.list(vehicle.id)]
+    (found,) = list(owner.recordings.list(vehicle_id=vehicle.id))
     assert list(owner.recordings.calibrated_copies(found.id)) == []
     assert CliRunner().invoke(app, words).exit_code == 2, "it is there already"
