@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import hashlib
 
+import numpy as np
 import pytest
 from sqlalchemy import func, select
 
 from service.db.models import Blob, CalibratedCopy, Fleet, Recording, Study
 from service.db.recordings import Recording as Row
+from service.exports.transform import Transform
+from service.exports.urdf_tree import read_joints
+from service.imports.drafting import urdf_tree
 from service.jobs.sweep import sweep
+from tests.faults.jobs import pairs
 from tests.service.calibrations.given import publish
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
@@ -131,3 +136,52 @@ def test_a_fleet_without_room_hears_why(api, engineer, recorded, context):
     row = engineer.get(f"/calibrated-copies/{asked}").json()
     assert (row["state"], row["problem"]["code"]) == ("failed", "fleet_quota_exceeded")
     assert taken(api, recorded)[0] == before
+
+
+URDF = """<robot name="car">
+  <link name="base_link"/><link name="velodyne"/><link name="mount"/><link name="camera"/>
+  <joint name="lidar_joint" type="fixed"><parent link="base_link"/><child link="velodyne"/>
+    <origin xyz="1.2 0 1.9"/></joint>
+  <joint name="mount_joint" type="fixed"><parent link="base_link"/><child link="mount"/>
+    <origin xyz="1.5 0.1 1.4"/></joint>
+  <joint name="optical_joint" type="fixed"><parent link="mount"/><child link="camera"/>
+    <origin rpy="-1.5707963267948966 0 -1.5707963267948966"/></joint>
+</robot>"""
+
+
+def test_tf_static_in_and_a_verified_urdf_out(api, fleet, engineer, recorded, context):
+    """A rig from the bag's /tf_static, pairs, a calibration, and the vehicle's URDF with its own joint solved."""
+    with api.database.reading() as session:
+        vehicle = session.get_one(Recording, recorded).vehicle_id
+    camera = {"name": "front", "link": "camera", "image_size": [960, 600]}
+    asked = {"name": "of its tree", "lidar_link": "velodyne", "cameras": [camera]}
+    drafted = engineer.post(f"/recordings/{recorded}/rig-drafts", asked).json()["rig"]
+    rig = engineer.post(f"/vehicles/{vehicle}/rigs", drafted)
+    assert rig.status_code == 201, rig.text
+    seen = pairs(120)
+    brought = engineer.post(
+        f"/rigs/{rig.json()['id']}/correspondence-sets", {"pairs": seen}, params={"camera": "front"}
+    ).json()["id"]
+    schedule = {"slots": 2, "population": 400, "generations": 20, "max_iterations": 4}
+    request = {"correspondence_set_ids": [brought], "models": ["pinhole"], "folds": 0, "schedule": schedule}
+    calibration = engineer.post(f"/vehicles/{vehicle}/calibrations", request).json()["id"]
+    work(context)
+    found = engineer.get(f"/calibrations/{calibration}").json()["summary"]["cameras"]["front"]["models"]["pinhole"]
+    override = {"override": {"reason": "The walk is short."}}
+    reviewer = api.member(fleet, "reviewer", "Rev")
+    published = reviewer.post(f"/results/{found['result_id']}/publication", override)
+    assert published.status_code == 201, published.text
+    given = engineer.get(f"/vehicles/{vehicle}/cameras/front/calibration").json()
+    body = {"urdf": URDF, "joint": "mount_joint"}
+    text = engineer.post(f"/vehicles/{vehicle}/cameras/front/calibration/urdf", body).content
+    joint = read_joints(text)["mount_joint"].T_parent_child
+    assert (given["T_parent_child"]["to_frame"], given["T_parent_child"]["from_frame"]) == ("base_link", "mount")
+    assert np.abs(joint.matrix - Transform.of(given["T_parent_child"]).matrix).max() < 1e-9
+    # The file's own chain of joints puts every vertex where it was marked, to the noise of the marks (1 px each way).
+    T = urdf_tree(text).transform("camera", "velodyne")
+    points = np.array([[one[axis] for axis in "xyz"] for one in seen]) @ T.R.T + T.t
+    lens = given["intrinsics"]
+    u = lens["f_x"] * points[:, 0] / points[:, 2] + lens["c_x"] - [one["u"] for one in seen]
+    v = lens["f_y"] * points[:, 1] / points[:, 2] + lens["c_y"] - [one["v"] for one in seen]
+    assert np.sqrt(np.mean(u**2 + v**2)) == pytest.approx(found["polished"]["rms_px"], abs=1e-4)
+    assert found["polished"]["rms_px"] < 1.6
