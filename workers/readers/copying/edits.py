@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 
@@ -52,21 +52,14 @@ class Edits:
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Self:
         """From plain data, as the service plans it."""
-        cameras = [
-            CameraEdit(**{**one, "K": tuple(map(float, one["K"])), "D": tuple(map(float, one["D"]))})
-            for one in data["cameras"]
-        ]
-        poses = [
-            PoseEdit(
-                **{
-                    **one,
-                    "translation_m": tuple(map(float, one["translation_m"])),
-                    "quaternion_xyzw": tuple(map(float, one["quaternion_xyzw"])),
-                }
-            )
-            for one in data["poses"]
-        ]
+        cameras = [replace(CameraEdit(**one), K=_floats(one["K"]), D=_floats(one["D"])) for one in data["cameras"]]
+        names = ("translation_m", "quaternion_xyzw")
+        poses = [replace(PoseEdit(**one), **{name: _floats(one[name]) for name in names}) for one in data["poses"]]
         return cls(str(data["lidar_frame"]), cameras, poses)
+
+
+def _floats(values: Sequence[Any]) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)
 
 
 @dataclass(slots=True)

@@ -99,8 +99,9 @@ def _metadata(stated: Mapping[str, Any], files: list[Path], editors: list[Editor
     for editor in editors:
         for topic, count in editor.added_by_topic.items():
             added[topic] = added.get(topic, 0) + count
-    listed = [dict(one) for one in information.get("topics_with_message_count") or []]
-    known = {one["topic_metadata"]["name"]: one for one in listed}
+    stated_topics: list[dict[str, Any]] = information.get("topics_with_message_count") or []
+    listed: list[dict[str, Any]] = [dict(one) for one in stated_topics]
+    known: dict[str, dict[str, Any]] = {one["topic_metadata"]["name"]: one for one in listed}
     for name, count in added.items():
         if name in known:
             known[name]["message_count"] = int(known[name]["message_count"]) + count
@@ -117,8 +118,8 @@ def _metadata(stated: Mapping[str, Any], files: list[Path], editors: list[Editor
     }
     if information.get("compression_mode", "").lower() == "file":
         information |= {"compression_mode": "", "compression_format": ""}
-    parts = information.get("files")
-    if isinstance(parts, list) and len(parts) == len(files):
+    parts: list[dict[str, Any]] = information.get("files") or []
+    if len(parts) == len(files):
         information["files"] = [
             {**part, "path": file.name, "message_count": int(part["message_count"]) + editor.counts.added}
             for part, file, editor in zip(parts, files, editors, strict=True)
