@@ -49,7 +49,8 @@ class DetectionCounts(Document):
     """How many sweeps were read and vertices accepted; rejected sweeps by reason, vertices by quality and by flag.
 
     ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
-    another vertex is nearer to it in time.
+    another vertex is nearer to it in time. ``poses``: how many still poses the recording has, each of which gives one
+    vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed.
     """
 
     sweeps: int = 0
@@ -59,6 +60,8 @@ class DetectionCounts(Document):
     flags: dict[str, int] = {}
     paired: int | None = None
     frame_taken: int | None = None
+    poses: int = 0
+    poses_stated: bool = False
 
 
 class DetectionView(Sent):

@@ -45,6 +45,14 @@ class Rejection:
 
 
 @dataclass(frozen=True, slots=True)
+class PoseFacts:
+    """How many still poses a recording has, and whether its owner said so or it was noticed."""
+
+    count: int
+    stated: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Detections:
     """The vertices of a range of sweeps in sweep order, and how many of its sweeps were rejected for each reason.
 
@@ -54,9 +62,11 @@ class Detections:
         rejected: sweeps for each reason.
         context: vertices of some sweeps before and after, in sweep order, so that a track can be interpolated up to
             the range's ends.
+        poses: of a recording of still poses, whose vertices form no track; else None.
     """
 
     vertices: list[Vertex]
     frames: int
     rejected: dict[str, int]
     context: tuple[Vertex, ...] = ()
+    poses: PoseFacts | None = None
