@@ -21,8 +21,14 @@ from workers.vertices.region import Region
 from workers.vertices.suggestion import suggest
 
 CASES: Final[tuple[tuple[Place, int, int], ...]] = (
-    ("street", 8, 1), ("street", 8, 4), ("garage", 8, 1), ("room", 12, 1), ("street", 1, 1), ("garage", 1, 1), ("room", 1, 1),
-)  # fmt: skip
+    ("street", 8, 1),
+    ("street", 8, 4),
+    ("garage", 8, 1),
+    ("room", 12, 1),
+    ("street", 1, 1),
+    ("garage", 1, 1),
+    ("room", 1, 1),
+)
 _GROSS_M: Final = 0.3
 
 

@@ -25,7 +25,8 @@ _LEAST_SUPPORT: Final = 8.0  # as of a vertex: ten candidates in 200 sweeps give
 _FEWEST_POINTS: Final = 12
 _MOST_SIGMA: Final = math.radians(1.0)  # a third of a board's width at 15 m
 _MOST_PIECES: Final = 40
-_PLANES: Final = 3
+_PLANES: Final = 3  # of each group of points that stand together
+_TRUNK_M: Final = 0.4  # hips of a standing man, 95 % (DIN 33402-2): nothing narrower is taken for a board
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,9 +48,10 @@ def search(sweep: Sweep, kept: Mask, grid: SensorGrid, *, sure: bool) -> Found |
     one, other = _SIZES_M[0]
     model = BoardModel(grid, sigma=_SIGMA_M, edges=(one, other), slack=_SLACK_M)
     best: Found | None = None
-    for sighting in find_planes(open_windows(sweep, kept, grid), model, _PLANES):
-        plane = sighting.plane
-        if plane.points < _FEWEST_POINTS or plane.like_a_person:
+    windows = open_windows(sweep, kept, grid)
+    sightings = [sighting for window in windows for sighting in find_planes([window], model, _PLANES)]
+    for plane in (sighting.plane for sighting in sightings):
+        if plane.points < _FEWEST_POINTS or plane.width < _TRUNK_M:
             continue
         for edges in _SIZES_M:
             fix = locate(plane, replace(model, edges=edges), coarse=True)
@@ -57,7 +59,7 @@ def search(sweep: Sweep, kept: Mask, grid: SensorGrid, *, sure: bool) -> Found |
                 continue
             if sure and not (fix.explained and fix.sigma < _MOST_SIGMA):
                 continue
-            if best is None or (plane.telling, fix.support) > (best.telling, best.support):
+            if best is None or fix.support > best.support:
                 best = Found(fix.xyz, fix.support, plane.telling)
     return best
 
