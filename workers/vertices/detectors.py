@@ -66,7 +66,7 @@ def detect_range(
 
     vertices: list[Vertex] = []
     context: list[Vertex] = []
-    rejected: Counter[str] = Counter()
+    refused: dict[int, str] = {}
     poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start))
     if poses is None:
         answers = RUNS[detector](source, region, resolved, wider, report)
@@ -76,6 +76,7 @@ def detect_range(
         if isinstance(found, Vertex):
             (vertices if index in indices else context).append(found)
         elif index in indices:
-            rejected[found.reason] += 1
+            refused[index] = found.reason
+    rejected = dict(sorted(Counter(refused.values()).items()))
     facts = None if poses is None else poses.facts()
-    return Detections(vertices, len(indices), dict(sorted(rejected.items())), tuple(context), poses=facts)
+    return Detections(vertices, len(indices), rejected, tuple(context), refused, facts)
