@@ -49,13 +49,9 @@ class DetectionCounts(Document):
     """How many sweeps were read and vertices accepted; rejected sweeps by reason, vertices by quality and by flag.
 
     ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
-<<<<<<< HEAD
-    another vertex is nearer to it in time. ``poses``: how many still poses the recording has, each of which gives one
-    vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed.
-=======
     another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
-    run of sweeps that were rejected for it.
->>>>>>> 5dac6171487aba044fc4684e788bb3e2aa17f321
+    run of sweeps that were rejected for it. ``poses``: how many still poses the recording has, each of which gives one
+    vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed.
     """
 
     sweeps: int = 0
@@ -65,12 +61,9 @@ class DetectionCounts(Document):
     flags: dict[str, int] = {}
     paired: int | None = None
     frame_taken: int | None = None
-<<<<<<< HEAD
+    refused_sweeps: dict[str, list[tuple[int, int]]] = {}
     poses: int = 0
     poses_stated: bool = False
-=======
-    refused_sweeps: dict[str, list[tuple[int, int]]] = {}
->>>>>>> 5dac6171487aba044fc4684e788bb3e2aa17f321
 
 
 class DetectionView(Sent):
