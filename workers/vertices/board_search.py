@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.board_model import BoardModel
+from workers.vertices.refined.board_model import BoardModel, Fix
 from workers.vertices.sensor_grid import SensorGrid
 from workers.vertices.upright_pieces import upright_pieces
 
@@ -23,7 +23,10 @@ _SIZES_M: Final = ((0.9, 1.2), (0.6, 0.8))
 _SLACK_M: Final = 0.2
 _LEAST_SUPPORT: Final = 8.0  # as of a vertex: ten candidates in 200 sweeps give no false board
 _FEWEST_POINTS: Final = 12
-_MOST_SIGMA: Final = math.radians(1.0)  # a third of a board's width at 15 m
+# Of a board by its shape alone. Chosen on simulated poses (`benchmarks.detection.still_scenes`, seeds 50 to 57):
+# boards had at most 0.04 and 0.15 degrees, one had 0.49. Walls, cars and people had more of one of the two.
+_CONTRADICTED: Final = 0.05
+_MOST_SIGMA: Final = math.radians(0.5)
 _MOST_PIECES: Final = 40
 _PLANES: Final = 3  # of each group of points that stand together
 _TRUNK_M: Final = 0.4  # hips of a standing man, 95 % (DIN 33402-2): nothing narrower is taken for a board
@@ -57,11 +60,16 @@ def search(sweep: Sweep, kept: Mask, grid: SensorGrid, *, sure: bool) -> Found |
             fix = locate(plane, replace(model, edges=edges), coarse=True)
             if fix is None or fix.support < _LEAST_SUPPORT:
                 continue
-            if sure and not (fix.explained and fix.sigma < _MOST_SIGMA):
+            if sure and not _certain(fix):
                 continue
             if best is None or fix.support > best.support:
                 best = Found(fix.xyz, fix.support, plane.telling)
     return best
+
+
+def _certain(fix: Fix) -> bool:
+    contradicted = fix.against / (fix.plane.points + fix.against)
+    return fix.explained and fix.sigma < _MOST_SIGMA and contradicted < _CONTRADICTED
 
 
 def search_everywhere(sweep: Sweep, grid: SensorGrid) -> Found | None:
