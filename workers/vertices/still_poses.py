@@ -27,6 +27,7 @@ _CELL_M: Final = 0.4
 _SAME_POSE: Final = 0.9
 _GRID_SWEEPS: Final = 8
 _PAIRS: Final = 4
+_A_SWEEP: Final = 500  # points; clouds with fewer were cut out already and show no surroundings
 _LOOKED_AT: Final = 16
 _BODY_M: Final = 0.5
 _FEET_M: Final = 0.3
@@ -122,7 +123,7 @@ def find_poses(
     if not count:
         return None
     certain = stated or _far_apart(source)
-    if not certain and count > _NOTICED_UP_TO:
+    if not certain and (count > _NOTICED_UP_TO or max(len(source.sweep(n).xyz) for n in (0, count - 1)) < _A_SWEEP):
         return None
     backdrop = Backdrop.of(source, on_sweep=on_sweep)
     if not certain and not _noticed(source, backdrop):
