@@ -37,11 +37,13 @@ def tested(found: Estimate, columns: Floats) -> Tested | None:
     """Test unknowns by which the pixels change as ``columns`` (N, 2, e) say, per unit of each.
 
     The unknowns and the fit's own parameters are solved for together, linearised at the fit; errors are those that
-    the result states, shared ones included. None if the result states none.
+    the result states. A walk's stretches may absorb the pattern as shared errors, so there the pairs count as
+    independent, as in the test of halves for a turn. None if the result states no errors.
     """
-    errors = found.errors
-    if errors is None:
+    if found.errors is None:
         return None
+    blocks = found.holding.blocks
+    errors = found.errors if blocks is not None and blocks.kind == "group" else found.errors.independent()
     here = whitened(found.holding, found.parameters)
     rows = weighed(here, np.nan_to_num(columns))
     combined = _told_apart(errors, rows)
