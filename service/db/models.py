@@ -27,7 +27,7 @@ from service.db.recordings import (
     UploadPart,
 )
 from service.db.reports import Report
-from service.db.studies import Study
+from service.db.studies import CalibratedCopy, Study
 
 __all__ = [
     "AliasMove",
@@ -39,6 +39,7 @@ __all__ = [
     "Blob",
     "BlobHold",
     "BrowserSession",
+    "CalibratedCopy",
     "Calibration",
     "CalibrationRun",
     "CameraFrame",
