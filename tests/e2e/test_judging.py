@@ -32,7 +32,7 @@ def open_judged(page: Page, track: Track, detector: str) -> Locator:
     slider = panel.get_by_role("slider", name="Sweep to judge")
     summary = panel.get_by_text("Sweep by sweep")
     expect(summary).to_be_visible()
-    if not slider.is_visible():
+    if not summary.evaluate("node => node.parentElement.open"):
         summary.click()
     expect(slider).to_be_visible()
     return panel

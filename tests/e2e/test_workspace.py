@@ -53,6 +53,8 @@ def test_the_steps_are_links_and_each_role_starts_at_its_own(sign_in: SignIn, tr
 def test_pages_keep_focus_and_scroll(sign_in: SignIn, track: Track) -> None:
     page = sign_in("Elin", "viewer")
     page.set_viewport_size({"width": 1280, "height": 400})
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
+    expect(page.get_by_role("link", name="Van 7")).to_be_visible()
     page.keyboard.press("Tab")
     expect(page.get_by_role("link", name="Skip to the content")).to_be_focused()
     page.keyboard.press("Enter")
