@@ -35,6 +35,7 @@ export type NewRecording = Schemas["NewRecording"];
 export type Sensor = Schemas["SensorView"];
 export type UploadedParts = Schemas["Parts"];
 export type SweepPlace = Schemas["SweepView"];
+export type FramePlace = Schemas["FrameView"];
 export type Packing = Schemas["PackingView"];
 export type BlobAddress = Schemas["BlobAddress"];
 
