@@ -24,6 +24,7 @@ from apexcal.documents.people import Me
 from apexcal.documents.recordings import RecordingSummary, RecordingView
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.sweeps import PackingView
+from apexcal.documents.validations import ValidationView
 from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import Detections
@@ -32,6 +33,7 @@ from apexcal.resources.fleet_requests import FleetRequests
 from apexcal.resources.fleets import Fleets, Vehicles
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
+from apexcal.resources.validations import Validations
 from apexcal.transport import Transport, at
 
 __all__ = [
@@ -81,6 +83,7 @@ class Client:
         self.calibrations = Calibrations(self._http)
         self.exports = Exports(self._http)
         self.fleet_requests = FleetRequests(self._http)
+        self.validations = Validations(self._http)
 
     @classmethod
     def sign_in(cls, link: str, base_url: str | None = None) -> Client:
@@ -191,6 +194,7 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     PackingView: ("sweep-packings", PackingView, "the packing of the sweeps"),
     PreviewView: ("region-previews", PreviewView, "the region preview"),
     SuggestionView: ("region-suggestions", SuggestionView, "the region suggestion"),
+    ValidationView: ("validations", ValidationView, "the validation"),
 }
 
 

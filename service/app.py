@@ -62,6 +62,7 @@ from service.storage.quota import count_older
 from service.storage.room import Room
 from service.storage.store import Store, open_store
 from service.studies import routes as studies
+from service.validations import routes as validations
 
 ROUTERS: tuple[APIRouter, ...] = (
     # First, because every vehicle asks it at every start.
@@ -88,6 +89,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     exports.router,
     calibrations.router,
     fleet_requests.router,
+    validations.router,
 )
 
 _UPKEEP_S = 600.0

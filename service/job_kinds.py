@@ -7,11 +7,13 @@ from service.detections import jobs as detections
 from service.jobs.kinds import register
 from service.recordings import jobs as recordings
 from service.studies import jobs as studies
+from service.validations import jobs as validations
 
 KINDS = (
     *recordings.KINDS,
     *studies.KINDS,
     *detections.KINDS,
     *calibration_runs.KINDS,
+    *validations.KINDS,
 )
 register(*KINDS)

@@ -27,6 +27,7 @@ from service.db.recordings import (
     UploadPart,
 )
 from service.db.studies import Study
+from service.db.validations import Validation
 
 __all__ = [
     "AliasMove",
@@ -69,6 +70,7 @@ __all__ = [
     "Slot",
     "Study",
     "UploadPart",
+    "Validation",
     "Vehicle",
     "Verdict",
     "Vertex",

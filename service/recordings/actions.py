@@ -17,6 +17,7 @@ from service.db.detections import Detection
 from service.db.fleet_requests import FleetRequestVehicle
 from service.db.recordings import Recording, UploadPart
 from service.db.studies import Study
+from service.db.validations import Validation
 from service.http.problems import Problem
 from service.jobs.queue import abandon
 from service.recordings.blob_queries import sensor_keys
@@ -77,6 +78,7 @@ def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
     return [
         recording_id,
         *session.scalars(select(Study.id).where(Study.recording_id == recording_id)),
+        *session.scalars(select(Validation.id).where(Validation.recording_id == recording_id)),
         *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
         *calibrations,
         *session.scalars(runs),

@@ -48,6 +48,9 @@ _ROOMS = {
     "clock_offset": "studying",
     "solve": "solving",
     "consistency": "comparing",
+    "score_pairs": "validating",
+    "check_lanes": "validating",
+    "check_edges": "validating",
 }
 WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
 # The modules that need no kernels.
