@@ -25,8 +25,11 @@ _ONE_DEGREE: Final = np.radians([[0.0, 1.0, 0, 0, 0, 0], [0.0, -1.0, 0, 0, 0, 0]
 class LaneCheck:
     """Collects frames one by one; `result` says what they show together."""
 
+    widest_px: Final = 2048
+    """Frames that are wider are made smaller: paint is some pixels wide there at 30 m."""
+
     def __init__(self, calibration: KnownCalibration) -> None:
-        self._calibration = calibration
+        self.calibration = calibration
         self._turns = turn_grid()
         along, self._curves = curve_offsets()
         self._offsets = np.concatenate([self._turns, along, np.zeros((1, 6)), _ONE_DEGREE])
@@ -36,20 +39,21 @@ class LaneCheck:
         self._frames = self._markers = self._points = 0
 
     def add(self, sweep: Sweep, image: NDArray[np.uint8]) -> None:
-        """A sweep and the frame (height, width, 3) BGR of its moment."""
+        """A sweep and the frame (h, w, 3) BGR of its moment, possibly made smaller."""
         self._frames += 1
         found = lane_markers(sweep)
         if found.ground is None or not found.count:
             return
         ground = np.concatenate([found.points, found.plain])
-        paint = bright_pixels(image, self._calibration, ground).astype(np.float32)
+        paint = bright_pixels(image, self.calibration, ground)[None].astype(np.float32)
         # Markers take turns among the groups, so each group has some of every frame.
-        marked = parts_of(self._calibration, found.points, (found.marker + self._markers) % MOST_GROUPS)
+        marked = parts_of(self.calibration, found.points, (found.marker + self._markers) % MOST_GROUPS)
         self._markers += len(np.unique(marked.group))
         self._points += len(marked.pixels)
-        look_up(paint, 1.0, *marked, self._offsets, self._sums, self._counts)
-        plain = parts_of(self._calibration, found.plain, np.zeros(len(found.plain), np.int64))
-        look_up(paint, 1.0, *plain, np.zeros((1, 6)), *self._plain)
+        scale = image.shape[1] / self.calibration.image_size[0]
+        look_up(paint, scale, *marked, self._offsets, self._sums, self._counts)
+        plain = parts_of(self.calibration, found.plain, np.zeros(len(found.plain), np.int64))
+        look_up(paint, scale, *plain, np.zeros((1, 6)), *self._plain)
 
     def result(self) -> dict[str, Any]:
         """As the document of a road score says."""

@@ -12,8 +12,8 @@ from workers.validation.offsets import Peak
 FINE_DEG: Final = 0.15
 # Chi-square of two freedoms exceeds it once in a thousand times.
 _ONCE_IN_A_THOUSAND: Final = 13.816
-# The peak is the highest of 1681 scores: by chance the highest of so many Gaussian ones lies 3.3 deviations up.
-_CLEAR: Final = 6.0
+# The peak leads by so many deviations of its lead. With images turned around, where nothing fits, it leads by 0.6.
+_CLEAR: Final = 2.0
 # An offset that is known less well says nothing about a knock of a quarter of a degree.
 _VAGUE_DEG: Final = 0.25
 _FEWEST_PARTS: Final = 8
@@ -45,8 +45,8 @@ def judge(watched: Watched) -> dict[str, Any]:
         said = f"{watched.frames} frames show {watched.parts} {noun}: too few to say anything."
         return found | {"verdict": "unknown", "sentence": said}
     found |= {"score": watched.score, "score_at_one_degree": watched.at_one_degree}
-    if peak.rise < _CLEAR:
-        said = f"The score of {watched.parts} {noun} is nearly the same under every turn of the mount: it shows nothing."
+    if peak.lead < _CLEAR:
+        said = f"No turn of the mount fits {watched.parts} {noun} clearly better than all others: they show nothing."
         return found | {"verdict": "unknown", "sentence": said}
     sigma = float(np.hypot(peak.sigma_pitch_deg, peak.sigma_yaw_deg))
     found |= {
