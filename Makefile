@@ -27,10 +27,10 @@ demo: setup frontend  ## start the service and drive the whole job through its A
 serve: setup frontend  ## leave the service up, with the demo's data where there is some; ARGS="--port 8001"
 	$(BIN)/apexcal serve $(ARGS)
 
-test: setup frontend  ## all tests but the long ones; ARGS="tests/apexcal -x"
-	$(BIN)/python -m pytest -m "not slow" $(SIDE_BY_SIDE) $(ARGS)
+test: setup frontend  ## all tests but the long ones, each draw the same at every run; ARGS="tests/apexcal -x"
+	$(BIN)/python -m pytest -m "not slow" --hypothesis-profile=ci $(SIDE_BY_SIDE) $(ARGS)
 
-test-long: setup frontend  ## all tests
+test-long: setup frontend  ## all tests, with new draws
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ARGS)
 # Three at a time, because they wait for a third of their time; in the order of tests/support/side_by_side.py.
 # SIDE_BY_SIDE= runs them one after the other.

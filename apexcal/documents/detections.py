@@ -49,7 +49,8 @@ class DetectionCounts(Document):
     """How many sweeps were read and vertices accepted; rejected sweeps by reason, vertices by quality and by flag.
 
     ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
-    another vertex is nearer to it in time.
+    another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
+    run of sweeps that were rejected for it.
     """
 
     sweeps: int = 0
@@ -59,6 +60,7 @@ class DetectionCounts(Document):
     flags: dict[str, int] = {}
     paired: int | None = None
     frame_taken: int | None = None
+    refused_sweeps: dict[str, list[tuple[int, int]]] = {}
 
 
 class DetectionView(Sent):

@@ -8,7 +8,7 @@ from uuid import UUID
 
 import cv2
 import numpy as np
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 from sqlalchemy import select
 
 from service.db.models import Calibration, CalibrationRun, Job
@@ -18,6 +18,10 @@ from tests.faults.jobs import LEVEL_RIG, SLOW, pairs
 from tests.support.work import lose_every_worker
 
 NOISE_PX = 0.5
+SHOW = """state => {
+  Object.defineProperty(document, "visibilityState", { value: state, configurable: true });
+  document.dispatchEvent(new Event("visibilitychange"));
+}"""
 
 
 def pairs_of_truth(track: Track, count: int) -> list[dict[str, float]]:
@@ -115,7 +119,15 @@ def test_a_reviewer_goes_back_on_the_vehicles_page(sign_in: Callable[[str, str],
     dialog = page.get_by_role("dialog")
     expect(dialog).to_contain_text("Nothing speaks against it.")
     dialog.get_by_role("textbox").fill("The second one is off.")
+    # A stream of hints that opens again has the objections read again. What was read stays until then.
+    held: list[Route] = []
+    page.route(re.compile(r"/v1/results/[^/]+$"), lambda route: held.append(route), times=1)
+    with page.expect_request(re.compile(r"/v1/results/[^/]+$")):
+        for state in ("hidden", "visible"):
+            page.evaluate(SHOW, state)
+    expect(dialog.get_by_role("button", name="Publish")).to_be_enabled()
     dialog.get_by_role("button", name="Publish").press("Enter")
+    held[0].continue_()
     expect(dialog).to_have_count(0)
     expect(page.get_by_text("The second one is off.").first).to_be_visible()
     expect(page.get_by_role("listitem").filter(has_text="current")).to_contain_text("by Bea")

@@ -114,6 +114,16 @@ def test_a_link_opens_the_frame_of_an_outlier_with_its_mark(sign_in: SignIn, tra
     expect(mark).to_have_count(0)
 
 
+def test_a_page_whose_code_is_gone_says_so(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Olga", "viewer")
+    page.route(re.compile(r"/assets/Vehicle-.*\.js"), lambda route: route.fulfill(status=404))
+    page.get_by_role("link", name="Van 7").click()
+    expect(page.get_by_role("alert")).to_contain_text("could not be loaded")
+    page.unroute_all()
+    page.get_by_role("button", name="Load the page again").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Van 7")
+
+
 def test_a_page_that_was_refused_its_stream_of_hints_asks_again(sign_in: SignIn, track: Track) -> None:
     page = sign_in("Otto", "engineer")
     refused: list[str] = []

@@ -202,6 +202,7 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
         "rejected": _added(before, "rejected", found.rejected),
         "quality": _added(before, "quality", Counter(vertex.quality for vertex in found.vertices if vertex.quality)),
         "flags": _added(before, "flags", Counter(flag for vertex in found.vertices for flag in vertex.flags)),
+        "refused_sweeps": _runs(before.get("refused_sweeps", {}), found.refused),
     }
     row.state = WorkState.RUNNING
     if row.remaining == 1:
@@ -216,6 +217,19 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
 def _added(before: Json, name: str, more: Mapping[str, int]) -> dict[str, int]:
     """What all shards so far counted under a name, by reason, class or flag."""
     return dict(sorted((Counter(before.get(name, {})) + Counter(more)).items()))
+
+
+def _runs(before: Mapping[str, list[list[int]]], refused: Mapping[int, str]) -> dict[str, list[list[int]]]:
+    """By reason, [first, last] of each run of neighbouring sweeps refused for it: runs of all shards so far."""
+    runs: dict[str, list[list[int]]] = defaultdict(list)
+    known = [(first, last, name) for name, of_reason in before.items() for first, last in of_reason]
+    for first, last, name in sorted([*known, *((index, index, reason) for index, reason in refused.items())]):
+        of_reason = runs[name]
+        if of_reason and of_reason[-1][1] == first - 1:
+            of_reason[-1][1] = last
+        else:
+            of_reason.append([first, last])
+    return dict(sorted(runs.items()))
 
 
 def _settle_frames(session: Session, run: Detection) -> dict[str, int]:

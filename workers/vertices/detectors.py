@@ -62,10 +62,11 @@ def detect_range(
 
     vertices: list[Vertex] = []
     context: list[Vertex] = []
-    rejected: Counter[str] = Counter()
+    refused: dict[int, str] = {}
     for index, found in zip(wider, RUNS[detector](source, region, resolved, wider, report), strict=True):
         if isinstance(found, Vertex):
             (vertices if index in indices else context).append(found)
         elif index in indices:
-            rejected[found.reason] += 1
-    return Detections(vertices, len(indices), dict(sorted(rejected.items())), tuple(context))
+            refused[index] = found.reason
+    rejected = dict(sorted(Counter(refused.values()).items()))
+    return Detections(vertices, len(indices), rejected, tuple(context), refused)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from apexcal.documents.detectors import Quality
 
@@ -46,7 +47,7 @@ class Rejection:
 
 @dataclass(frozen=True, slots=True)
 class Detections:
-    """The vertices of a range of sweeps in sweep order, and how many of its sweeps were rejected for each reason.
+    """The vertices of a range of sweeps in sweep order, and why its other sweeps gave none.
 
     Attributes:
         vertices: of the sweeps that were asked for.
@@ -54,9 +55,11 @@ class Detections:
         rejected: sweeps for each reason.
         context: vertices of some sweeps before and after, in sweep order, so that a track can be interpolated up to
             the range's ends.
+        refused: reason of each sweep without a vertex, by the sweep's number, in sweep order.
     """
 
     vertices: list[Vertex]
     frames: int
     rejected: dict[str, int]
     context: tuple[Vertex, ...] = ()
+    refused: Mapping[int, str] = field(default_factory=dict[int, str])

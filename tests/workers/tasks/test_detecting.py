@@ -146,6 +146,18 @@ def test_what_a_detector_says_of_its_vertices_is_kept_and_counted_over_shards(da
     assert counts["paired"] == 1
 
 
+def test_each_refused_sweep_is_kept_with_its_reason_whichever_shard_ends_first(database, recording):
+    fleet_id, recording_id, camera_id = recording
+    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+    later = Detections([], 4, {}, refused={6: "no_points", 7: "no_points", 8: "too_uncertain", 9: "no_points"})
+    earlier = Detections([], 3, {}, refused={2: "too_uncertain", 3: "too_uncertain", 5: "no_points"})
+    finish(database, run, second, later, {camera_id: []})
+    finish(database, run, first, earlier, {camera_id: []})
+    with database.reading() as session:
+        counts = session.get_one(Detection, run.id).counts
+    assert counts["refused_sweeps"] == {"no_points": [[5, 7], [9, 9]], "too_uncertain": [[2, 3], [8, 8]]}
+
+
 def test_by_default_vertices_of_a_walk_move_to_their_frames_and_still_poses_stay():
     times = [100 * sweep for sweep in range(12)]
     pairing = {"mode": "auto", "offset_ns": 0, "max_gap_ns": 50_000_000}

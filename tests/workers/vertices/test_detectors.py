@@ -102,6 +102,7 @@ def test_all_reasons_are_announced_and_counted():
     found = detect_range(Listed(sweeps), EVERYTHING, "strict", indices=range(5))
     assert [vertex.sweep_index for vertex in found.vertices] == [0, 3]
     assert found.frames == 5
+    assert found.refused == {1: "no_points", 2: "top_ring_not_single", 4: "no_points"}
     assert found.rejected == {"no_points": 2, "top_ring_not_single": 1}
     assert set(found.rejected) <= set(DETECTORS["strict"].reasons)
 

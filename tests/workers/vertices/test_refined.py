@@ -48,6 +48,8 @@ def test_most_boards_give_a_vertex_whose_stated_error_holds(whole):
     assert len(fine) > 0.25 * visible
     assert np.sqrt(np.mean(wrong[fine, 1] ** 2)) < 0.04
     assert found.frames == len(recorded.all) == len(found.vertices) + sum(found.rejected.values())
+    numbers = sorted([*(vertex.sweep_index for vertex in found.vertices), *found.refused])
+    assert numbers == list(range(found.frames))
     assert set(found.rejected) <= set(DETECTORS["refined"].reasons)
 
 
