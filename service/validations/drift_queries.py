@@ -48,7 +48,7 @@ def _recommended(session: Session, vehicle_id: UUID, camera: str, limit: int) ->
     )
     found: list[_Recommended] = []
     for summary, at in session.execute(statement):
-        of_camera: Json = summary["cameras"].get(camera) or {}
+        of_camera: Json = (summary or {}).get("cameras", {}).get(camera) or {}
         model: Json | None = of_camera.get("models", {}).get(of_camera.get("recommended"))
         result = session.get(Result, UUID(model["result_id"])) if model else None
         if model and result is not None:

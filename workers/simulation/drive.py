@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.geometry.projection import unproject
 from workers.readers.recording import Sweep
 from workers.simulation.camera import Camera
 from workers.simulation.road import LIDAR_HEIGHT_M, Road
@@ -62,7 +63,7 @@ def draw_drive(seed: int) -> Drive:
 def record(
     road: Road, drive: Drive, sensor: LidarModel, camera: Camera, seed: int, frames: int
 ) -> Iterator[tuple[Sweep, NDArray[np.uint8]]]:
-    """Sweeps, of the half turn ahead, each with the frame (h, w, 3) BGR of the moment when it looks straight ahead."""
+    """Sweeps of the half turn ahead, each with the frame (h, w, 3) BGR of the moment when it looks ahead."""
     rays = _camera_rays(camera)
     bias = np.random.default_rng([seed, 23]).normal(0.0, 1.0, len(sensor.elevations_deg)) * drive.bias_m
     for number in range(frames):
@@ -106,8 +107,8 @@ def _camera_rays(camera: Camera) -> Floats:
     u = (np.arange(width * _OVERSAMPLE) + 0.5) / _OVERSAMPLE - 0.5
     v = (np.arange(height * _OVERSAMPLE) + 0.5) / _OVERSAMPLE - 0.5
     mesh_u, mesh_v = np.meshgrid(u, v)
-    rays = camera.rays(np.column_stack([mesh_u.ravel(), mesh_v.ravel()]))
-    return (rays / np.linalg.norm(rays, axis=1)[:, None]).reshape(len(v), len(u), 3)
+    rays = unproject(camera.model, camera.intrinsics, np.column_stack([mesh_u.ravel(), mesh_v.ravel()]))[0]
+    return (rays @ camera.T_camera_lidar.R).reshape(len(v), len(u), 3)
 
 
 def _frame(
@@ -119,11 +120,13 @@ def _frame(
     met = np.isfinite(distance)
     where = origins[met] + directions[met] * distance[met, None]
     # Texture that belongs to the surface: it moves with it from frame to frame.
-    texture = 1.0 + 0.12 * np.sin(7.0 * where[:, 0] + road.seed) * np.sin(5.0 * where[:, 1]) * np.sin(6.0 * where[:, 2] + 1.0)
+    x, y, z = where.T
+    texture = 1.0 + 0.12 * np.sin(7.0 * x + road.seed) * np.sin(5.0 * y) * np.sin(6.0 * z + 1.0)
     bright = np.full(len(distance), road.sky)
     bright[met] = albedo[met] * (0.5 + 0.5 * cosine[met]) * texture
     width, height = camera.image_size
     grey = (drive.light * bright).reshape(rays.shape[:2]).astype(np.float32)
     grey = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
-    grey = cv2.GaussianBlur(grey, (0, 0), _BLUR_PX) + random.normal(0.0, drive.grain, grey.shape)
-    return np.repeat(np.clip(grey, 0.0, 255.0).astype(np.uint8)[..., None], 3, axis=2)
+    soft = np.asarray(cv2.GaussianBlur(grey, (0, 0), _BLUR_PX), np.float64)
+    soft = soft + random.normal(0.0, drive.grain, soft.shape)
+    return np.repeat(np.clip(soft, 0.0, 255.0).astype(np.uint8)[..., None], 3, axis=2)

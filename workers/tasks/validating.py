@@ -69,9 +69,7 @@ def _check(
     with context.scratch() as folder, open_lidar(context, drive.lidar_key, folder) as lidar:
         camera = context.fetch(drive.camera_key, folder)
         places = [(offset, length) for _, offset, length in drive.frames]
-        images = decoded_frames(
-            camera, places, folder, colour=colour, widest=check.widest_px, must_stop=lease.check
-        )
+        images = decoded_frames(camera, places, folder, colour=colour, widest=check.widest_px, must_stop=lease.check)
         behind_ns = _seen_after_ns(lidar, check.calibration)
         for number, ((stamp_ns, *_), image) in enumerate(zip(drive.frames, images, strict=True)):
             lease.report(number / len(drive.frames), "looking at frames")

@@ -53,9 +53,10 @@ class KnownCalibration:
         lens = document["intrinsics"]
         model = parse_model(lens["model"])
         width, height = lens["image_size"]
-        stated = document.get("covariance") or {"names": [], "matrix": []}
+        stated: dict[str, Any] = document.get("covariance") or {"names": [], "matrix": []}
         # Euler angles that were searched are no turns about the camera's axes.
-        names = tuple(stated["names"]) if set(_MOUNT[:3]) <= set(stated["names"]) else ()
+        listed: list[str] = stated["names"]
+        names = tuple(listed) if set(_MOUNT[:3]) <= set(listed) else ()
         unit = np.array([radians(1.0) if name in ANGLES else 1.0 for name in names])
         covariance = np.array(stated["matrix"], np.float64) * np.outer(unit, unit) if names else np.zeros((0, 0))
         values = np.array([lens.get(name) or 0.0 for name in INTRINSICS[model]], np.float64)

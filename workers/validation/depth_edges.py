@@ -60,7 +60,7 @@ class _Grid:
         steps = np.diff(azimuth[order])[np.diff(ring[order]) == 0]
         # Twins and gaps lie outside of the middle half.
         step = float(np.median(steps[steps > 1e-5])) if np.any(steps > 1e-5) else 2.0 * np.pi
-        columns = max(int(round(2.0 * np.pi / step)), 8)
+        columns = max(round(2.0 * np.pi / step), 8)
         column = np.floor((azimuth / (2.0 * np.pi) + 0.5) * columns).astype(np.int64) % columns
         shape = (int(ring.max()) + 1, columns)
         centres = ((np.arange(columns) + 0.5) / columns - 0.5) * 2.0 * np.pi

@@ -42,7 +42,7 @@ class LaneCheck:
         """A sweep and the frame (h, w, 3) BGR of its moment, possibly made smaller."""
         self._frames += 1
         found = lane_markers(sweep)
-        if found.ground is None or not found.count:
+        if found.ground is None or not found.total:
             return
         ground = np.concatenate([found.points, found.plain])
         paint = bright_pixels(image, self.calibration, ground)[None].astype(np.float32)

@@ -6,14 +6,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy import sparse
 
 from workers.readers.recording import Sweep
 from workers.validation.ground import Plane, ground_plane, is_on
 from workers.validation.local_excess import local_excess
 
 Floats = NDArray[np.float64]
+# scipy publishes no types.
+# pyright: reportMissingTypeStubs=false
 
 # Wider than a lane (2.7 to 3.7 m), so that the median of a window is the road although a crosswalk's stripes fill
 # up to half of it.
@@ -31,15 +32,15 @@ class Markers(NamedTuple):
 
     Attributes:
         points: (N, 3) of the markers, metres, LiDAR frame.
-        marker: (N,) which of `count` markers each belongs to.
-        count: number of markers.
+        marker: (N,) which of `total` markers each belongs to.
+        total: number of markers.
         plain: (M, 3), other points of the ground.
         ground: its plane; None where there is none.
     """
 
     points: Floats
     marker: NDArray[np.int64]
-    count: int
+    total: int
     plain: Floats
     ground: Plane | None
 
@@ -94,5 +95,5 @@ def _joined(points: Floats, ring: NDArray[np.int64], run: NDArray[np.int64]) -> 
     spacing = np.abs(distance[:, None] - distance[None, :])
     neighbours = np.abs(of_ring[:, None] - of_ring[None, :]) == 1
     one, other = np.nonzero(neighbours & (apart < _STRETCH * np.maximum(spacing, 0.1)))
-    links = coo_array((np.ones(len(one)), (one, other)), shape=(count, count))
-    return connected_components(links, directed=False)[1].astype(np.int64)[run]
+    links = sparse.coo_array((np.ones(len(one)), (one, other)), shape=(count, count))
+    return np.asarray(sparse.csgraph.connected_components(links, directed=False)[1], np.int64)[run]

@@ -35,16 +35,14 @@ def local_excess(position: Floats, value: Floats, window: float, floor: float) -
     first = np.searchsorted(position, centres - window / 2)
     last = np.searchsorted(position, centres + window / 2)
     found = [
-        (centre, *_middle(value[a:b]))
-        for centre, a, b in zip(centres, first, last, strict=True)
-        if b - a >= _FEWEST
+        (centre, *_middle(value[a:b])) for centre, a, b in zip(centres, first, last, strict=True) if b - a >= _FEWEST
     ]
     if not found:
         return excess
     at, middle, spread = np.array(found).T
     near = np.abs(position - at[np.abs(position[:, None] - at).argmin(axis=1)]) <= window
-    background = np.interp(position, at, middle)
-    deviation = np.maximum(np.interp(position, at, spread), floor)
+    background = np.asarray(np.interp(position, at, middle), np.float64)
+    deviation = np.maximum(np.asarray(np.interp(position, at, spread), np.float64), floor)
     excess[near] = ((value - background) / deviation)[near]
     return excess
 

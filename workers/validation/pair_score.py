@@ -7,17 +7,21 @@ covariance under what is stated is A (J C J^T + sigma^2 I) A^T.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy import special
 
 from workers.geometry.errors import GeometryError
 from workers.geometry.projection import distances_px, image_diagonal_px, project
 from workers.validation.calibration import KnownCalibration
 
 Floats = NDArray[np.float64]
+# scipy publishes no types.
+# pyright: reportMissingTypeStubs=false
+_chi2_beyond: Callable[[float, float], float] = special.chdtrc
 
 # A wrong mark: farther from the typical residual than this many robust deviations (one sound mark in 270,000).
 _WRONG: Final = 5.0
@@ -82,7 +86,8 @@ def _near_the_others(residuals: Floats, there: NDArray[np.bool_]) -> NDArray[np.
 
 def _held_against(calibration: KnownCalibration, points: Floats, residuals: Floats) -> dict[str, Any]:
     """Bias, noise and the mount's apparent error of sound residuals (N, 2), each with what is stated of it."""
-    none = dict.fromkeys(("bias_px", "bias_sigma_px", "noise_px", "turn_deg", "shift_mm", "sigmas", "probability"))
+    names = ("bias_px", "bias_sigma_px", "noise_px", "turn_deg", "shift_mm", "sigmas", "probability")
+    none: dict[str, Any] = dict.fromkeys(names)
     count = len(points)
     if count < _FEWEST:
         return none
@@ -90,7 +95,7 @@ def _held_against(calibration: KnownCalibration, points: Floats, residuals: Floa
     e = residuals.reshape(-1)
     # Translations and turns differ in size by orders of magnitude.
     scale = np.linalg.norm(by_mount, axis=0)
-    A = np.linalg.pinv(by_mount / scale, rcond=1e-8) / scale[:, None]
+    A = np.asarray(np.linalg.pinv(by_mount / scale, rcond=1e-8), np.float64) / scale[:, None]
     d = A @ e
     left = (e - by_mount @ d).reshape(count, 2)
     freedom = max(2 * count - by_mount.shape[1], 1)
@@ -110,12 +115,14 @@ def _held_against(calibration: KnownCalibration, points: Floats, residuals: Floa
     of_bias = np.diag(mean @ calibration.covariance @ mean.T) + sigma**2 / count
     spread = A @ by_stated
     V = spread @ calibration.covariance @ spread.T + sigma**2 * A @ A.T
-    size = np.sqrt(np.diag(V))
-    statistic = float((d / size) @ np.linalg.solve(V / np.outer(size, size), d / size))
+    size: Floats = np.sqrt(np.diag(V))
+    unit: Floats = np.asarray(V, np.float64) / (size[:, None] * size[None, :])
+    solved: Floats = np.linalg.solve(unit, d / size)
+    statistic = float(np.sum(d / size * solved))
     return found | {
         "bias_sigma_px": [float(value) for value in np.sqrt(of_bias)],
         "sigmas": float(np.sqrt(statistic / len(d))),
-        "probability": float(chi2.sf(statistic, len(d))),
+        "probability": float(_chi2_beyond(len(d), statistic)),
     }
 
 

@@ -61,7 +61,9 @@ def judge(watched: Watched) -> dict[str, Any]:
     )
     if sigma > _VAGUE_DEG:
         return found | {"verdict": "unknown", "sentence": f"{where}, which is too vague to judge the mount."}
-    chi2 = (peak.yaw_deg / max(peak.sigma_yaw_deg, 1e-6)) ** 2 + (peak.pitch_deg / max(peak.sigma_pitch_deg, 1e-6)) ** 2
+    chi2 = (peak.yaw_deg / max(peak.sigma_yaw_deg, 1e-6)) ** 2 + (
+        peak.pitch_deg / max(peak.sigma_pitch_deg, 1e-6)
+    ) ** 2
     if chi2 > _ONCE_IN_A_THOUSAND and np.hypot(peak.yaw_deg, peak.pitch_deg) > FINE_DEG:
         return found | {"verdict": "disagrees", "sentence": f"The camera has turned against the LiDAR: {where}."}
     return found | {"verdict": "agrees", "sentence": f"The mount fits: {where}."}

@@ -1,7 +1,7 @@
 """Validations and drift over HTTP, on both databases."""
 
-from itertools import pairwise
 from datetime import UTC, datetime, timedelta
+from itertools import pairwise
 
 import pytest
 
