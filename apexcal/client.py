@@ -31,6 +31,7 @@ from apexcal.resources.detections import Detections
 from apexcal.resources.exports import Exports
 from apexcal.resources.fleet_requests import FleetRequests
 from apexcal.resources.fleets import Fleets, Vehicles
+from apexcal.resources.imports import Imports
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
 from apexcal.resources.validations import Validations
@@ -82,6 +83,7 @@ class Client:
         self.correspondence_sets = CorrespondenceSets(self._http)
         self.calibrations = Calibrations(self._http)
         self.exports = Exports(self._http)
+        self.imports = Imports(self._http)
         self.fleet_requests = FleetRequests(self._http)
         self.validations = Validations(self._http)
 

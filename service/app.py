@@ -47,6 +47,7 @@ from service.http import (
     web,
 )
 from service.http.places import Places
+from service.imports import routes as imports
 from service.job_status import routes as job_status
 from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
@@ -87,6 +88,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     publication_routes.router,
     alias_routes.router,
     exports.router,
+    imports.router,
     calibrations.router,
     fleet_requests.router,
     validations.router,

@@ -49,6 +49,14 @@ class CommonErrors(Received):
     mark_u_px: Annotated[float, Field(ge=0, le=1000, description="of all marks, to the right")] | None = None
     mark_v_px: Annotated[float, Field(ge=0, le=1000, description="of all marks, down")] | None = None
     clock_ms: Annotated[float, Field(ge=0, le=1000, description="of the offset between the clocks")] | None = None
+    line_time_us: Annotated[float, Field(ge=0, le=1000, description="of the stated line_time_us")] | None = None
+    person_px: (
+        Annotated[
+            float,
+            Field(ge=0, le=1000, description="of one person's marks, each axis; several people's pairs correct it"),
+        ]
+        | None
+    ) = None
 
 
 class ScheduleOverrides(Received):
@@ -98,6 +106,14 @@ class CalibrationTemplate(Received):
         CommonErrors,
         Field(description="omitted: the default of the pairs' detector; 0 leaves an error out of the deviations"),
     ] = CommonErrors()
+    line_time_us: Annotated[
+        float,
+        Field(
+            ge=-1000,
+            le=1000,
+            description="of a rolling shutter: from one image row to the next below it; 0 reads all rows at once",
+        ),
+    ] = 0.0
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED)] | None = None
     folds: Annotated[int, Field(ge=0, le=20, description="0 holds nothing out")] = 5
     farm: Farm = "auto"

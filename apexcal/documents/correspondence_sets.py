@@ -57,6 +57,8 @@ class PairView(Document):
     sigma_elevation_rad: float | None = None
     sigma_range_m: float | None = None
     sigma_px: float | None = None
+    marked_by: list[int] | None = None
+    sigma_clock_ms: float | None = None
 
 
 class SetWithPairs(SetView):

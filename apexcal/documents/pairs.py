@@ -9,6 +9,9 @@ REQUIRED: Final = ("x", "y", "z", "u", "v")
 # Standard deviations of the vertex as the LiDAR sees it, and of the mark in pixels per coordinate.
 SIGMAS: Final = ("sigma_azimuth_rad", "sigma_elevation_rad", "sigma_range_m")
 MARK_SIGMA: Final = "sigma_px"
+# Whose marks a pair stands on: numbers of people, from 0, without names. The clock's: of the offset that was assumed.
+MARKED_BY: Final = "marked_by"
+CLOCK_SIGMA: Final = "sigma_clock_ms"
 
 
 def states_errors(pairs: Mapping[str, Any]) -> bool:

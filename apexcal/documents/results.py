@@ -192,6 +192,28 @@ class Halves(Document):
     holds: bool
 
 
+class PersonBias(Document):
+    """The standard deviation of one person's bias along each axis, its degrees of freedom, and how many people there
+    are.
+    """
+
+    px: float
+    freedom: float
+    people: int
+
+
+class RollingShutter(Document):
+    """The line time (from an image row to the next) that residuals show beyond the stated one, and its deviation.
+
+    ``shown``: their ratio exceeds ``limit``, which one in 200 sound results does by chance.
+    """
+
+    line_time_us: float
+    std_us: float
+    limit: float
+    shown: bool
+
+
 class PredictedPixel(Document):
     """Deviations of a point that projects to this pixel, by distance; null if the lens has no ray there."""
 
@@ -273,6 +295,9 @@ class RunResult(Document):
     several_optima: list[str] = []
     shared_errors: SharedErrors | None = None
     common_errors: dict[str, float] = {}
+    person_bias: PersonBias | None = None
+    line_time_us: float = 0.0
+    rolling_shutter: RollingShutter | None = None
     weak_priors: dict[str, float] = {}
     halves: list[Halves] = []
     stated_too_small: list[str] = []
@@ -491,7 +516,8 @@ class Validity(Document):
 class CurrentCalibration(Sent):
     """What a vehicle's camera is given: intrinsics and transforms, both frames named, and how good they are.
 
-    ``T_vehicle_camera`` is there if the rig states ``T_vehicle_lidar``. ``clock_offset_ns`` is the camera's clock
+    ``T_vehicle_camera`` is there if the rig states ``T_vehicle_lidar``, ``T_parent_child`` if it states the camera's
+    ``joint``: the child's pose in its parent. ``clock_offset_ns`` is the camera's clock
     minus the LiDAR's with which the pairs were made, null if they were imported. Under an alias other than
     ``current``, ``publication_id`` is the id of the alias's move.
     """
@@ -510,6 +536,7 @@ class CurrentCalibration(Sent):
     T_camera_lidar: Stored[SolvedTransform]
     quality: Quality
     T_vehicle_camera: SolvedTransform | None = None
+    T_parent_child: SolvedTransform | None = None
     alias: str = "current"
     clock_offset_ns: int | None = None
     validity: Validity | None = None

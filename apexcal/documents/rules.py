@@ -11,6 +11,9 @@ Weights = Literal["equal", "covariances"]
 WeightRule = Literal["auto", "equal", "covariances"]
 LensUse = Literal["bounds", "prior", "locked"]
 Farm = Literal["auto", "slots", "runs"]
-CommonError = Literal["azimuth_deg", "elevation_deg", "mark_u_px", "mark_v_px", "clock_ms"]
+CommonError = Literal[
+    "azimuth_deg", "elevation_deg", "mark_u_px", "mark_v_px", "clock_ms", "line_time_us", "person_px"
+]
 COMMON_ERRORS: Final[tuple[CommonError, ...]] = get_args(CommonError)
-"""Errors that all pairs share: of the vertices' direction, of the marks, of the offset between the clocks."""
+"""Errors that all pairs share: of the vertices' direction, of the marks, of the offset between the clocks, of the
+camera's line time; and those that all marks of one person share."""

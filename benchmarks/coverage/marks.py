@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.pairs import SIGMAS
+from apexcal.documents.pairs import MARKED_BY, SIGMAS
 from benchmarks.coverage.walks import Paired
 from workers.geometry.spherical import axes
 from workers.simulation.walker import Poses
@@ -49,6 +49,7 @@ def columns(paired: Paired, errors: Errors, random: np.random.Generator) -> dict
     known |= dict(zip(("u", "v"), marks.T.tolist(), strict=True))
     known |= {"stamp_ns": paired.stamps_ns.tolist(), "gap_ns": [0] * count, "sweep_index": paired.sweeps.tolist()}
     known |= {"frame_index": paired.frames.tolist(), "marks": [1] * count, "spread_px": [0.0] * count}
+    known[MARKED_BY] = [[one] for one in person.tolist()]
     known |= dict(zip(SIGMAS, paired.sigmas.T.tolist(), strict=True))
     if len(errors.noises_px) > 1:
         known["sigma_px"] = np.hypot(noise, BIAS_PX).tolist()

@@ -18,6 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from uuid import UUID
 
 Pixel = tuple[float, float]
 
@@ -36,12 +37,13 @@ class Outcome(StrEnum):
 class Opinion:
     """One person's verdict on a vertex, and the mark (u, v) in pixels that belongs to it, if there is one.
 
-    ``reviewed``: the person knew something of others' answers.
+    ``reviewed``: the person knew something of others' answers. ``person``: whose verdict it is.
     """
 
     verdict: str
     mark: Pixel | None = None
     reviewed: bool = False
+    person: UUID | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,10 +73,12 @@ def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
 def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[UUID, list[Opinion]]:
     """Everybody's opinions on each vertex of a detection, in one camera."""
     opinions: dict[UUID, list[Opinion]] = defaultdict(list)
-    statement = answers_of(detection_id, camera_id, Vertex.id, Verdict.verdict, Mark.u, Mark.v, is_reviewed())
-    for vertex_id, verdict, u, v, reviewed in session.execute(statement):
+    statement = answers_of(
+        *(detection_id, camera_id, Vertex.id, Verdict.verdict, Mark.u, Mark.v, is_reviewed(), Verdict.person_id)
+    )
+    for vertex_id, verdict, u, v, reviewed, person in session.execute(statement):
         mark = (u, v) if verdict == "confirmed" else None
-        opinions[vertex_id].append(Opinion(verdict, mark, reviewed=bool(reviewed)))
+        opinions[vertex_id].append(Opinion(verdict, mark, reviewed=bool(reviewed), person=person))
     return opinions
 
 

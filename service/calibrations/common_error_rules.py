@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from apexcal.documents.pairs import SIGMAS
+from apexcal.documents.pairs import CLOCK_SIGMA, SIGMAS
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 
 # Mean elevation error of a recording's vertices, the largest that was measured (docs/decisions/0008): of the refined
 # detector with the board's size open, and of the ring rules, which state no deviations and place the apex low.
 _ELEVATION_DEG = {"refined": 0.01, "ring_rules": 0.1}
+# A habit of aiming anywhere within the pixel that shows the corner, alike likely: half a pixel over the root of three
+# (JCGM 100:2008, 4.3.7).
+_PERSON_PX = 0.289
 
 
 def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
@@ -20,5 +23,8 @@ def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
     if pairs.source == "annotations":
         refined = all(name in pairs.pairs for name in SIGMAS)
         known["elevation_deg"] = _ELEVATION_DEG["refined" if refined else "ring_rules"]
+        known["person_px"] = _PERSON_PX
+        if CLOCK_SIGMA in pairs.pairs and "stamp_ns" in pairs.pairs:
+            known["clock_ms"] = pairs.pairs[CLOCK_SIGMA][0]
     stated = {name: value for name, value in (known | asked).items() if value}
     return {"common_errors": stated} if stated else {}

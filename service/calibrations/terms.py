@@ -87,6 +87,7 @@ def _common(wanted: CalibrationTemplate, models: list[ModelName], schedule: Sche
         "search": search,
         "rotation_range_deg": wanted.rotation_range_deg,
         "bounds_preset": bounds_preset,
+        **({"line_time_us": wanted.line_time_us} if wanted.line_time_us else {}),
         "loss": wanted.loss,
         "preset": wanted.preset,
         # Written out, so that the jobs are cut for exactly the slots that the solver runs. No more than that: the

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
@@ -10,13 +11,14 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.pairs import SIGMAS
-from service.annotations.consensus import Consensus, Outcome, agree, far_apart_px
+from apexcal.documents.pairs import CLOCK_SIGMA, MARKED_BY, SIGMAS
+from service.annotations.consensus import Consensus, Opinion, Outcome, agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.correspondence_sets.pair_files import Columns
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.fleets import RigCamera
 from service.db.recordings import Recording, Sensor
+from service.db.studies import Study
 from service.http.problems import Problem
 
 # A walker's board moves by a millimetre in this time.
@@ -37,8 +39,9 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     x, y, z is where the vertex was at the frame's time, where the pairing interpolated. Columns besides x y z u v:
     stamp_ns (of the vertex as it was measured), gap_ns (frame minus vertex), sweep_index, frame_index, marks (how
     many independent ones), spread_px (of these), flagged (as many rejections as confirmations), reviewed (how many
-    answers were given after something of others' was told; where there are such), and sigma_azimuth_rad,
-    sigma_elevation_rad, sigma_range_m where all vertices state a covariance.
+    answers were given after something of others' was told; where there are such), marked_by (the people's numbers,
+    from 0), sigma_clock_ms (of the clocks' offset, if it was estimated), and sigma_azimuth_rad, sigma_elevation_rad,
+    sigma_range_m where all vertices state a covariance.
 
     Raises:
         Problem: 409 ``nothing_marked``.
@@ -54,7 +57,7 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     apart_px = _apart_px(session, detection, camera)
     consensus = {vertex.id: agree(opinions.get(vertex.id, []), apart_px) for vertex, _ in vertices}
     rows = [
-        _row(vertex, frame, consensus[vertex.id])
+        _row(vertex, frame, consensus[vertex.id]) | {MARKED_BY: _markers(opinions[vertex.id])}
         for vertex, frame in vertices
         if consensus[vertex.id].pixel and not (exclude_flagged and consensus[vertex.id].outcome is Outcome.TIED)
     ]
@@ -70,8 +73,40 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     if not any(row["reviewed"] for row in rows):
         common.remove("reviewed")
     columns = {name: [row[name] for row in rows] for name in common}
+    columns[MARKED_BY] = _numbered(columns[MARKED_BY])
+    clock_ms = _clock_sigma_ms(session, detection, camera)
+    if clock_ms is not None:
+        columns[CLOCK_SIGMA] = [clock_ms] * len(rows)
     notes = _notes(consensus, wanted, apart_px, exclude_flagged=exclude_flagged)
     return Built(columns, [*notes, *_pairing_note(detection, columns), *_clock_notes(session, detection)])
+
+
+def _markers(opinions: Sequence[Opinion]) -> list[UUID]:
+    return sorted(one.person for one in opinions if one.person and one.verdict == "confirmed" and one.mark)
+
+
+def _numbered(markers: Sequence[Sequence[UUID]]) -> list[list[int]]:
+    """Numbers in the order of the first marks. A set holds no names."""
+    number = {person: i for i, person in enumerate(dict.fromkeys(person for row in markers for person in row))}
+    return [[number[person] for person in row] for row in markers]
+
+
+def _clock_sigma_ms(session: Session, detection: Detection, camera: Sensor) -> float | None:
+    """Of the estimate whose offset this detection's pairing used; None if it used none."""
+    offset_ns = detection.pairing.get("offset_ns", 0)
+    studies = session.scalars(
+        select(Study)
+        .where(Study.recording_id == detection.recording_id, Study.kind == "clock_offset", Study.result.is_not(None))
+        .order_by(Study.created_at.desc())
+    )
+    return next(
+        (
+            study.result["sigma_ns"] / 1e6
+            for study in studies
+            if study.result and study.result["offset_ns"] == offset_ns and study.asked["camera"] == camera.name
+        ),
+        None,
+    )
 
 
 def _apart_px(session: Session, detection: Detection, camera: Sensor) -> float:

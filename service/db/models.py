@@ -26,7 +26,7 @@ from service.db.recordings import (
     Sensor,
     UploadPart,
 )
-from service.db.studies import Study
+from service.db.studies import CalibratedCopy, Study
 from service.db.validations import Validation
 
 __all__ = [
@@ -39,6 +39,7 @@ __all__ = [
     "Blob",
     "BlobHold",
     "BrowserSession",
+    "CalibratedCopy",
     "Calibration",
     "CalibrationRun",
     "CameraFrame",

@@ -45,7 +45,7 @@ def common_errors(problem: FitProblem, p: Floats) -> Floats:
 
 
 def _stated(problem: FitProblem) -> list[tuple[str, float]]:
-    return [(name, problem.common_errors[name]) for name in COMMON_ERRORS if problem.common_errors.get(name)]
+    return [(name, problem.common_errors[name]) for name in _SHAPES if problem.common_errors.get(name)]
 
 
 def _by_direction(axis: int) -> Callable[[FitProblem, Floats], Floats]:
@@ -68,9 +68,13 @@ def _by_clock(problem: FitProblem, p: Floats) -> Floats:
         raise SolveError(
             "no_motion",
             "The pairs do not say how the apex moved, so nothing follows from the clocks' deviation.",
-            "Give stamp_ns of pairs from a walk, or leave common_errors.clock_ms out.",
+            "Give stamp_ns of pairs from a walk, or leave clock_ms and line_time_us out of common_errors.",
         )
     return -1e-3 * np.einsum("nij,nj->ni", by_point(problem, p), problem.velocities)
+
+
+def _by_row(problem: FitProblem, p: Floats) -> Floats:
+    return -1e-3 * problem.rows_below[:, None] * _by_clock(problem, p)
 
 
 _SHAPES: Final[dict[str, Callable[[FitProblem, Floats], Floats]]] = {
@@ -79,4 +83,5 @@ _SHAPES: Final[dict[str, Callable[[FitProblem, Floats], Floats]]] = {
     "mark_u_px": _by_mark(0),
     "mark_v_px": _by_mark(1),
     "clock_ms": _by_clock,
+    "line_time_us": _by_row,
 }

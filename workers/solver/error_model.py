@@ -26,16 +26,22 @@ class ErrorModel:
     """The errors of a fit that is linearised at its end.
 
     fit: with columns of unit length; scale (F,): what the parameters (rad, m, px) were divided by for that.
-    noise: sigma^2, px^2. shared: what blocks share, of variances (K,), or None. common (N, 2, m): what all pairs
-    share, px per standard deviation.
+    noise: sigma^2, px^2. common (N, 2, m): what all pairs share, px per standard deviation. The last `estimated` of
+    its columns have one variance, known with `common_freedom` degrees of freedom. shared: what blocks share, of
+    variances (K,), or None. unsure (1 + K, 1 + K): the covariance of the estimates of noise and variances.
+    moved (F,): what pairs that do not belong moved the estimate by.
     """
 
     fit: Linearised
     scale: Floats
     noise: float
     common: Floats
+    unsure: Floats
     shared: Components | None = None
     variances: Floats = field(default_factory=lambda: np.zeros(0))
+    estimated: int = 0
+    common_freedom: float = np.inf
+    moved: Floats = field(default_factory=lambda: np.zeros(0))
 
     def inverse(self, used: Used | None = None) -> Floats:
         """Q (F, F) of the used pairs (N,), in scaled parameters; priors count whole."""
@@ -59,7 +65,7 @@ class ErrorModel:
             np.pad(self.fit.prior, (0, more)),
             np.pad(self.fit.pull, (0, more)),
         )
-        return replace(self, fit=fit, scale=np.concatenate([self.scale, scale]))
+        return replace(self, fit=fit, scale=np.concatenate([self.scale, scale]), moved=np.zeros(0))
 
     def parts(self) -> list[Floats]:
         """(F, F) each: how the covariance grows with sigma^2 and with the variance of each shared component."""
@@ -72,15 +78,26 @@ class ErrorModel:
 
     def covariance(self) -> Floats:
         """(F, F) of the estimate from all pairs: rad, m, px."""
-        return self._of_arms((self.inverse(), None))
+        found = self._of_arms((self.inverse(), None))
+        return found + np.outer(self.moved, self.moved) if self.moved.size else found
+
+    def freedoms(self) -> Floats:
+        """(F,) degrees of freedom of the estimate's variances (Satterthwaite 1946)."""
+        parts = np.stack([np.diag(part) for part in self.parts()], axis=1)
+        unsure = np.einsum("fi,ij,fj->f", parts, self.unsure, parts)
+        if self.estimated:
+            of_people = self._by_common(self.inverse(), None)[:, -self.estimated :] * self.scale[:, None]
+            unsure = unsure + 2.0 * np.sum(of_people**2, axis=1) ** 2 / self.common_freedom
+        with np.errstate(divide="ignore"):
+            return 2.0 * np.diag(self.covariance()) ** 2 / unsure
 
     def difference(self, first: Used, second: Used) -> Floats:
         """(F, F) of the difference of the estimates from the first and the second pairs, which are disjoint."""
         return self._of_arms((self.inverse(first), first), (-self.inverse(second), second))
 
-    def independent(self) -> ErrorModel:
-        """The same without shared and common errors, with the noise that then explains the residuals."""
-        return replace(self, shared=None, variances=np.zeros(0), common=self.common[:, :, :0])
+    def of_pairs(self) -> ErrorModel:
+        """The same without what all pairs share."""
+        return replace(self, common=self.common[:, :, :0], estimated=0, moved=np.zeros(0))
 
     def _of_arms(self, *arms: tuple[Floats, Used | None]) -> Floats:
         size = len(self.scale)
@@ -92,10 +109,13 @@ class ErrorModel:
                 for k, variance in enumerate(self.variances.tolist()):
                     middle = middle + variance / self.noise**2 * self._of_component(rows, k)
             total += inverse @ middle @ inverse
-            by_common += inverse @ np.einsum("ncf,ncm->fm", self._rows(rows), self.common) / self.noise
+            by_common += self._by_common(inverse, rows)
         by_prior = np.sum([inverse for inverse, _ in arms], axis=0)
         total += by_prior @ self.fit.prior @ by_prior + by_common @ by_common.T
         return self._in_units(total)
+
+    def _by_common(self, inverse: Floats, used: Used | None) -> Floats:
+        return inverse @ np.einsum("ncf,ncm->fm", self._rows(used), self.common) / self.noise
 
     def _of_component(self, used: Used | None, k: int) -> Floats:
         assert self.shared is not None

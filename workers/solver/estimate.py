@@ -7,15 +7,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.geometry.rotations import vector_from_rotation
 from workers.solver.common_errors import common_errors
 from workers.solver.error_model import ErrorModel, linearised
 from workers.solver.lens_priors import lens_priors
 from workers.solver.outcomes import Outcome
 from workers.solver.outliers import Outlier, judge, without
+from workers.solver.people import Bias, with_people
 from workers.solver.polish import Fit, polish
 from workers.solver.problem import FitProblem
+from workers.solver.residuals import transform_of
 from workers.solver.shared_errors import SharedErrors, shared_errors
-from workers.solver.uncertainty import Uncertainty, uncertainty, units_of
+from workers.solver.uncertainty import Uncertainty, turns_are_free, uncertainty, units_of
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
@@ -31,12 +34,13 @@ class Estimate:
     """One estimate of a problem, which status, alarms, documents and evaluation all read.
 
     fit: the polish of `fitted`. outcome: how the fits ended, of polish and outliers that which did not converge, if
-    any. outliers: the pairs that the others speak against, the worst first. fitted: the
-    problem as it was polished; outliers have weight 0 where the problem excludes them. holding: the problem of the
-    pairs that hold the parameters: a robust loss gives outliers next to no say, so they do not count there either.
-    spread: the covariance and the noise of these marks, with what pairs share. errors: what the covariance is made
-    of, and shared: what blocks of pairs share; None where the pairs leave a direction open, show no noise, or have no
-    blocks.
+    any. outliers: the pairs that the others speak against, the worst first. fitted: the problem as it was polished;
+    outliers have weight 0 where the problem excludes them. holding: the problem of the pairs that hold the
+    parameters, without outliers. kept: the fit of `holding` if outliers moved the other one; how far they moved it
+    counts as a deviation. spread: the covariance and the noise of these marks, with what pairs share. errors: what
+    the covariance is made of; plain: that without what blocks share; shared: what blocks share. All three are None
+    if the pairs leave a direction open or show no noise, and `shared` also if there are no blocks. bias: of the
+    people who marked, if the problem states its deviation.
     weak: standard deviations of the weak priors that hold distortion terms, by name.
     """
 
@@ -46,8 +50,11 @@ class Estimate:
     fitted: FitProblem
     holding: FitProblem
     spread: Uncertainty
+    kept: Fit | None = None
     errors: ErrorModel | None = None
+    plain: ErrorModel | None = None
     shared: SharedErrors | None = None
+    bias: Bias | None = None
     weak: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
@@ -55,13 +62,22 @@ class Estimate:
         """The parameter vector (D,) in the order of `fitted.names`."""
         return np.array(self.fit.parameters)
 
+    def moved_alarms(self) -> list[str]:
+        """A sentence, if pairs that do not belong moved the mount."""
+        if self.kept is None or self.errors is None:
+            return []
+        to, begin = (transform_of(self.fitted, p) for p in (self.parameters, self.held_at))
+        turn = float(np.degrees(np.linalg.norm(vector_from_rotation(to.R @ begin.R.T))))
+        return [
+            f"The pairs that do not belong move the mount by {turn:.2g} degrees and "
+            f"{1e3 * float(np.linalg.norm(to.t - begin.t)):.2g} mm. The standard deviations include that; without "
+            "those pairs (outliers: exclude) they are smaller."
+        ]
+
     @property
-    def freedom(self) -> float:
-        """Degrees of freedom of what is stated: the median of those of the parameters, or of the noise."""
-        spread = self.spread
-        if spread.freedoms is not None:
-            return float(np.median(spread.freedoms))
-        return np.inf if spread.freedom is None else spread.freedom
+    def held_at(self) -> Floats:
+        """The parameters (D,) of the fit to the pairs of `holding`."""
+        return self.parameters if self.kept is None else np.array(self.kept.parameters)
 
 
 def estimate(problem: FitProblem, start: Floats) -> Estimate:
@@ -109,13 +125,15 @@ def _once(problem: FitProblem, start: Floats) -> Estimate:
         return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, problem, problem, spread)
     # No gross errors are left: plain least squares reaches the Cramer-Rao bound there, a robust loss does not.
     kept = without(replace(problem, loss="mean"), outliers)
+    of_kept: Fit | None = None
     if problem.outliers == "exclude":
         fit, fitted = polish(kept, fit.parameters), kept
     else:
         fitted = problem
-    holding = fitted if problem.loss == "mean" and problem.outliers == "keep" else kept
-    spread = uncertainty(holding, np.array(fit.parameters))
-    return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, fitted, holding, spread)
+        # A saturating loss gives outliers next to no say.
+        of_kept = polish(kept, fit.parameters) if problem.loss == "mean" else None
+    spread = uncertainty(kept, np.array((of_kept or fit).parameters))
+    return Estimate(fit, _worse(fit.outcome, judged.outcome), outliers, fitted, kept, spread, of_kept)
 
 
 def _worse(fit: Outcome, judged: Outcome) -> Outcome:
@@ -129,38 +147,33 @@ def _stated_px(found: Estimate) -> float:
 
 
 def _with_shared_errors(found: Estimate) -> Estimate:
-    spread = found.spread
+    spread, p = found.spread, found.held_at
     if spread.rank < len(spread.names) or not spread.names or spread.sigma_px < _NO_NOISE_PX:
         return found
-    here = whitened(found.holding, found.parameters)
-    fit, scale = linearised(here, found.parameters)
-    plain = ErrorModel(fit, scale, spread.sigma_px**2, common_errors(here, found.parameters))
-    shared = shared_errors(here, found.parameters, plain)
-    if shared is None or not shared[0].counted:
-        errors, kept = plain, None
-    else:
-        errors, kept = shared[1], shared[0]
-    if kept is not None or plain.common.shape[2]:
-        spread = _wider(spread, errors, kept)
-    return replace(found, spread=spread, errors=errors, shared=shared and shared[0])
+    here = whitened(found.holding, p)
+    fit, scale = linearised(here, p)
+    noise = spread.sigma_px**2
+    unsure = np.array([[2.0 * noise**2 / spread.freedom if spread.freedom else 0.0]])
+    alone = ErrorModel(fit, scale, noise, common_errors(here, p), unsure)
+    plain, bias = with_people(here, alone)
+    plain = replace(plain, moved=_moved(here, found.parameters, p))
+    shared = shared_errors(here, p, plain)
+    counted = shared is not None and shared[0].counted
+    errors = shared[1] if shared is not None and counted else plain
+    if counted or plain.common.shape[2] or np.any(plain.moved):
+        unit, covariance = units_of(spread.names), errors.covariance()
+        spread = replace(
+            spread,
+            covariance=covariance * unit[:, None] * unit,
+            std=np.sqrt(np.diag(covariance)) * unit,
+            freedoms=errors.freedoms(),
+        )
+    return replace(found, spread=spread, errors=errors, plain=plain, shared=shared and shared[0], bias=bias)
 
 
-def _wider(spread: Uncertainty, errors: ErrorModel, shared: SharedErrors | None) -> Uncertainty:
-    """The deviations of these errors, each with its degrees of freedom."""
-    covariance = errors.covariance()
-    variance = np.diag(covariance)
-    parts = np.stack([np.diag(part) for part in errors.parts()], axis=1)
-    if shared is not None:
-        free = shared.variances.free
-        unsure = np.linalg.pinv(shared.variances.information[np.ix_(free, free)], hermitian=True)
-        spread_of_variance = np.einsum("fi,ij,fj->f", parts[:, free], unsure, parts[:, free])
-    elif spread.freedom is not None:
-        spread_of_variance = 2.0 * (parts[:, 0] * errors.noise) ** 2 / spread.freedom
-    else:
-        spread_of_variance = np.zeros(len(variance))
-    unit = units_of(spread.names)
-    with np.errstate(divide="ignore"):
-        freedoms = 2.0 * variance**2 / spread_of_variance
-    return replace(
-        spread, covariance=covariance * unit[:, None] * unit, std=np.sqrt(variance) * unit, freedoms=freedoms
-    )
+def _moved(problem: FitProblem, to: Floats, begin: Floats) -> Floats:
+    """(F,) from one parameter vector to another, as the free parameters' deviations go: rad, m, px."""
+    step = to - begin
+    if turns_are_free(problem):
+        step[:3] = vector_from_rotation(transform_of(problem, to).R @ transform_of(problem, begin).R.T)
+    return step[problem.free]

@@ -55,7 +55,7 @@ def _rounded(values: Floats) -> list[float]:
 
 def _at(problem: FitProblem, points: Floats) -> FitProblem:
     count = len(points)
-    plain = replace(problem, covariances=None, whitening=None, blocks=None, velocities=None)
+    plain = replace(problem, covariances=None, whitening=None, blocks=None, velocities=None, people=None)
     return replace(plain, points=points, pixels=np.zeros((count, 2)), weights=np.ones(count))
 
 

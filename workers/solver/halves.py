@@ -17,6 +17,7 @@ from workers.solver.estimate import Estimate
 from workers.solver.polish import polish
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian, transform_of
+from workers.solver.shared_errors import shared_errors
 from workers.solver.uncertainty import turns_are_free
 from workers.solver.weighting import whitened
 
@@ -112,7 +113,7 @@ def too_small(halves: list[Halves], problem: FitProblem) -> list[str]:
 
 
 def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, second: Used) -> Halves:
-    problem, p = found.holding, found.parameters
+    problem, p = found.holding, found.held_at
     one, two = (_fitted(problem, p, half) for half in (first, second))
     mounts = [transform_of(problem, q) for q in (one, two)]
     apart: Floats = (predict(problem, one)[0] - predict(problem, two)[0])[first | second]
@@ -128,20 +129,21 @@ def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, se
     shares = covariance @ (rows.T @ (rows / stated[:, None])) / len(rows)
     directions = 1.0 / float(np.sum(shares * shares.T))
     turned = _turned(found, errors, first) if split == "first_and_last" else None
+    freedom = float(np.median(errors.of_pairs().freedoms()))
     return Halves(
         split=split,
         pairs=(int(np.count_nonzero(first)), int(np.count_nonzero(second))),
         ratio=ratio,
-        limit=_limit(told, found.freedom),
+        limit=_limit(told, freedom),
         rotation_deg=float(np.degrees(np.linalg.norm(vector_from_rotation(mounts[0].R @ mounts[1].R.T)))),
         translation_mm=1e3 * float(np.linalg.norm(mounts[0].t - mounts[1].t)),
         field_px=float(np.linalg.norm(apart) / np.sqrt(len(apart))),
         stated_px=float(np.sqrt(2.0 * np.mean(stated))),
         field_ratio=float(np.sqrt(np.mean((rows @ step) ** 2 / stated))),
-        field_limit=_limit(directions, found.freedom),
+        field_limit=_limit(directions, freedom),
         turned_deg=turned and turned[0],
         turned_ratio=turned and turned[1],
-        turned_limit=turned and _limit(3.0, found.freedom),
+        turned_limit=turned and turned[2],
     )
 
 
@@ -149,18 +151,25 @@ def _fitted(problem: FitProblem, p: Floats, half: Used) -> Floats:
     return np.array(polish(replace(problem, weights=problem.weights * half), p).parameters)
 
 
-def _turned(found: Estimate, errors: ErrorModel, first: Used) -> tuple[float, float]:
-    """The turn of the mount between the halves, all else being equal, in degrees and over its stated deviation.
+def _turned(found: Estimate, errors: ErrorModel, first: Used) -> tuple[float, float, float]:
+    """The turn of the mount between the halves, all else being equal, in degrees and over its stated deviation, and
+    the latter's limit.
 
-    A walk's stretches may absorb the turn as shared errors, so there the pairs count as independent.
+    What stretches of a walk share is estimated beside the turn, because they would absorb it otherwise.
     """
-    problem, p = whitened(found.holding, found.parameters), found.parameters
+    problem, p = whitened(found.holding, found.held_at), found.held_at
     turns = residuals_and_jacobian(problem, p, local=True)[1].reshape(len(first), 2, -1)[:, :, :3]
-    kind = problem.blocks.kind if problem.blocks is not None else "order"
-    model = errors if kind == "group" else errors.independent()
-    wider = model.with_columns(weighed(problem, np.where(first, 0.5, -0.5)[:, None, None] * turns))
+    columns = weighed(problem, np.where(first, 0.5, -0.5)[:, None, None] * turns)
+    if found.plain is None or (problem.blocks is not None and problem.blocks.kind == "group"):
+        wider = errors.with_columns(columns)
+    else:
+        wider = found.plain.with_columns(columns)
+        shared = shared_errors(problem, p, wider)
+        wider = shared[1] if shared is not None and shared[0].counted else wider
     step, covariance = wider.step()[-3:], wider.covariance()[-3:, -3:]
-    return float(np.degrees(np.linalg.norm(step))), _root_mahalanobis(step, covariance)[0]
+    freedom = float(np.median(wider.of_pairs().freedoms()[-3:]))
+    turn = float(np.degrees(np.linalg.norm(step)))
+    return turn, _root_mahalanobis(step, covariance)[0], _limit(3.0, freedom)
 
 
 def _root_mahalanobis(step: Floats, covariance: Floats) -> tuple[float, float]:

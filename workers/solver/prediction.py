@@ -62,7 +62,7 @@ def _deviations(found: Estimate, rays: Floats) -> tuple[Floats, Floats]:
     along = np.repeat(DISTANCES_M, len(rays))[:, None] * np.tile(rays, (len(DISTANCES_M), 1))
     there = replace(
         problem, points=transform_of(problem, p).inverse().apply(along), pixels=np.zeros((len(along), 2)),
-        weights=np.ones(len(along)), covariances=None, whitening=None, blocks=None, velocities=None,
+        weights=np.ones(len(along)), covariances=None, whitening=None, blocks=None, velocities=None, people=None,
     )  # fmt: skip
     rows = residuals_and_jacobian(there, p, turns_are_free(problem), walls=False)[1][:, problem.free]
     blocks = rows.reshape(len(along), 2, -1)

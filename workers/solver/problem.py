@@ -37,6 +37,8 @@ class FitProblem:
     sets `mark_sigma_px` to the typical pair's); without them all pairs weigh as `weights` says.
     `blocks`: the pairs that may share errors. `common_errors`: standard deviations of what all pairs share,
     by name. `velocities` (N, 3): how the apex moved at its moment, m/s in the LiDAR frame, where that is known.
+    `people` (N, P): each person's share in the marks; without it all marks are one person's. `line_time_us`: from
+    one row of the image to the next (`rolling_shutter` moves the points by it).
     `unstated`: parameters of which the request says nothing, so that weak priors may hold them (`lens_priors`).
     `stop`: what may end the work on it; every long computation checks it within a second.
     Raises SolveError where the parts do not make a problem that can be fitted.
@@ -66,6 +68,8 @@ class FitProblem:
     blocks: Blocks | None = field(default=None, repr=False)
     common_errors: dict[str, float] = field(default_factory=dict[str, float])
     velocities: NDArray[np.float64] | None = field(default=None, repr=False)
+    people: NDArray[np.float64] | None = field(default=None, repr=False)
+    line_time_us: float = 0.0
     unstated: frozenset[str] = frozenset()
     stop: Stop = field(default=NEVER, repr=False)
 
@@ -79,9 +83,9 @@ class FitProblem:
         check_schedule(self.schedule)
         if self.covariances is not None and len(self.covariances.marks) != len(self.points):
             raise SolveError("bad_covariances", "There is not one covariance for each pair.", "")
-        for given in (self.blocks and self.blocks.labels, self.velocities):
+        for given in (self.blocks and self.blocks.labels, self.velocities, self.people):
             if given is not None and len(given) != len(self.points):
-                raise SolveError("bad_shape", "There is not one block or velocity for each pair.", "")
+                raise SolveError("bad_shape", "There is not one block, velocity or row of people for each pair.", "")
         pairs, free = int(np.count_nonzero(self.weights)), len(self.free)
         if pairs < max(free, 1):
             raise SolveError(
@@ -119,6 +123,12 @@ class FitProblem:
         return all(lower <= -pi and upper >= pi for lower, upper in ends) and not any(
             name in self.priors for name in self.names[:3]
         )
+
+    @property
+    def rows_below(self) -> NDArray[np.float64]:
+        """(N,) rows of the marks below the image's middle."""
+        height = self.image_size[1]
+        return np.clip(self.pixels[:, 1], 0.0, height - 1.0) - 0.5 * (height - 1.0)
 
     @property
     def diagonal_px(self) -> float:

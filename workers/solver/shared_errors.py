@@ -96,7 +96,10 @@ def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> tuple[Sh
     found = variances_of(model.fit, components)
     evidence = likelihood_ratio(model.fit, components, found)
     noise = float(found.variances[0])
-    wider = replace(model, noise=noise, shared=components, variances=found.variances[1:])
+    unsure = np.zeros_like(found.information)
+    free = np.ix_(found.free, found.free)
+    unsure[free] = np.linalg.pinv(found.information[free], hermitian=True)
+    wider = replace(model, noise=noise, shared=components, variances=found.variances[1:], unsure=unsure)
     sizes = np.sqrt(found.variances[1:])
     deviations = {
         name: float(np.degrees(size) if name.endswith("_deg") else size)

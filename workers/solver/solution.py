@@ -26,6 +26,7 @@ from workers.solver.polish import Fit, cost_of, distances, mean_and_rms
 from workers.solver.prediction import prediction
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
+from workers.solver.rolling_shutter import line_time_of
 from workers.solver.schedule import State
 from workers.solver.weighting import whitened
 
@@ -52,7 +53,9 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     `not_determined` (the pairs leave a free parameter open) or `not_explained` (half of them lie far from
     where it projects them). Of a fit to all pairs `halves` compares the fits of disjoint halves of the pairs,
     `stated_too_small` says in sentences where they differ by more than is stated, and `prediction` has deviations
-    over the image; `shared_errors` is what blocks of pairs share, and the deviations count it where it is `counted`.
+    over the image; `shared_errors` is what blocks of pairs share, and the deviations count it where it is `counted`;
+    `person_bias` is what was found of the people's biases, and `rolling_shutter` what the residuals show of one
+    beyond the stated `line_time_us`.
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:
@@ -65,7 +68,9 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     elsewhere = several_optima(kept, state, polished, compared, spread)
     halves = halves_of(found) if problem.fold < 0 else []
     doubts = too_small(halves, problem)
-    said = doubts + (found.shared.alarms() if found.shared else [])
+    line_time = line_time_of(found) if problem.fold < 0 else None
+    said = found.moved_alarms() + doubts + (found.shared.alarms() if found.shared else [])
+    said += line_time.alarms(problem.line_time_us) if line_time else []
     transform = transform_of(problem, p)
     status, message = _status(state, found)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
@@ -102,9 +107,14 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "residuals_px": distances(problem, p).tolist(),
         "at_bounds": at_bounds(problem, p),
         **spread.to_document(),
-        "alarms": alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
+        "alarms": alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded)
+        + found.moved_alarms()
+        + said,
         "shared_errors": found.shared and found.shared.to_document(),
         "common_errors": problem.common_errors,
+        "person_bias": found.bias and found.bias._asdict(),
+        "line_time_us": problem.line_time_us,
+        "rolling_shutter": line_time and line_time.to_document(),
         "weak_priors": dict(found.weak),
         "halves": [one.to_document() for one in halves],
         "stated_too_small": doubts,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.pairs import held_together
+from apexcal.documents.pairs import CLOCK_SIGMA, held_together
 from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
 from service.db.base import Json
@@ -28,9 +28,11 @@ from workers.solver.folds import Fold, folds
 from workers.solver.held_out import held_out
 from workers.solver.motion import velocities_of
 from workers.solver.pair_errors import explained_px, marks_outside, nearest_frames
+from workers.solver.people import shares_of
 from workers.solver.problem import FitProblem
 from workers.solver.problem_document import problem_from_document
 from workers.solver.provenance import pairs_sha256, sources_sha256
+from workers.solver.rolling_shutter import at_their_rows
 from workers.solver.schedule import (
     State,
     advance,
@@ -110,15 +112,18 @@ def _problem(request: Json, pairs: Json, chosen: NDArray[np.int64] | None) -> Fi
     if request.get("weights") == "covariances":
         known = {name: columns[name] for name in COVARIANCE_COLUMNS if name in columns}
         covariances = covariances_of(known, points, float(request.get("mark_sigma_px") or 1.0))
+    velocities = _velocities(pairs)
+    if velocities is None and CLOCK_SIGMA in pairs:
+        # Boards that stand still are where they are, whatever the clocks say.
+        stated = {name: value for name, value in request.get("common_errors", {}).items() if name != "clock_ms"}
+        request = request | {"common_errors": stated}
     problem = problem_from_document(request, points, pixels, covariances=covariances)
-    blocks, velocities = blocks_of(pairs), _velocities(pairs)
-    if chosen is None:
-        return replace(problem, blocks=blocks, velocities=velocities)
-    return replace(
-        problem,
-        blocks=blocks and blocks.taken(chosen),
-        velocities=None if velocities is None else velocities[chosen],
-    )
+    blocks, people = blocks_of(pairs), shares_of(pairs)
+    if chosen is not None:
+        blocks = blocks and blocks.taken(chosen)
+        velocities = None if velocities is None else velocities[chosen]
+        people = None if people is None else people[chosen]
+    return at_their_rows(replace(problem, blocks=blocks, velocities=velocities, people=people))
 
 
 def _velocities(pairs: Json) -> NDArray[np.float64] | None:

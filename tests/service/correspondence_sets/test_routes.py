@@ -1,13 +1,17 @@
 """Correspondence sets: made of marks with everything said that was left out, imported, immutable, each once."""
 
 from pathlib import Path
+from uuid import UUID
 
 import pytest
 from sqlalchemy import select
 
+from apexcal.documents.states import WorkState
+from service.calibrations.common_error_rules import common_errors
 from service.db.calibrations import CorrespondenceSet
-from service.db.detections import VertexFrame
+from service.db.detections import Detection, VertexFrame
 from service.db.recordings import Recording, Sensor
+from service.db.studies import Study
 from tests.service.detections.seeding import (
     Seed,
     seed_answer,
@@ -80,9 +84,35 @@ def test_marks_become_pairs_and_what_did_not_is_said(api, fleet, engineer):
         (100.0, 50.0, 1, True),
     ]
     assert (pairs[1]["spread_px"], pairs[1]["stamp_ns"], pairs[1]["gap_ns"]) == (2.0, 100_000_000, 1)
+    markers = [set(pair["marked_by"]) for pair in pairs]
+    assert [len(one) for one in markers] == [3, 2, 1] and markers[0] == {0, 1, 2}
+    assert markers[2] < markers[1] < markers[0], "one marked all three, two marked the first two"
+    assert "sigma_clock_ms" not in pairs[0] or pairs[0]["sigma_clock_ms"] is None
     strict = build(engineer, seed, exclude_flagged=True).json()
     assert (strict["count"], strict["flagged"]) == (2, 0)
     assert "it was left out" in strict["notes"][3]
+
+
+def test_pairs_state_the_deviation_of_the_clock_offset_that_they_were_made_with(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=2)
+    say(api, seed, engineer, *[("confirmed", (1.0, 2.0))] * 2)
+    with api.database.writing() as session:
+        detection = session.get_one(Detection, seed.detection_id)
+        detection.pairing = {**detection.pairing, "offset_ns": -30_200_000}
+        common = {"fleet_id": detection.fleet_id, "recording_id": seed.recording_id, "kind": "clock_offset"}
+        for camera, offset_ns, sigma_ns in (
+            ("front", -30_200_000, 1_100_000),
+            ("rear", -30_200_000, 7),
+            ("front", 5, 8),
+        ):
+            found = {"offset_ns": offset_ns, "sigma_ns": sigma_ns}
+            session.add(Study(**common, asked={"camera": camera}, state=WorkState.DONE, result=found))
+    made = build(engineer, seed).json()
+    pairs = engineer.get(f"/correspondence-sets/{made['id']}").json()["pairs"]
+    assert [pair["sigma_clock_ms"] for pair in pairs] == [1.1, 1.1]
+    with api.database.reading() as session:
+        stated = common_errors(session.get_one(CorrespondenceSet, UUID(made["id"])), {})["common_errors"]
+    assert stated == {"elevation_deg": 0.1, "person_px": 0.289, "clock_ms": 1.1}
 
 
 def test_a_moved_vertex_is_paired_where_it_was_at_the_frames_time_with_its_deviations(api, fleet, engineer):
@@ -247,3 +277,12 @@ def test_vertices_that_stayed_where_they_were_measured_and_a_clock_that_was_set_
         nearest.startswith("Vertices were paired with the nearest frame, up to 20 ms away") and "mode auto" in nearest
     )
     assert clock.startswith(f"The clock of {name} was set back by 0.5 s at 9.9 s")
+
+
+def test_the_toolboxs_labels_are_pairs_too(api, engineer, rig):
+    labels = "1.000000 2.000000 4.000000 0.000000 0.500000 321.500000 201.000000\n"
+    address = f"/rigs/{rig.id}/correspondence-sets?camera=front"
+    made = engineer.post(address, content=labels, headers=CSV)
+    assert made.status_code == 201 and "1 was subtracted" in made.json()["notes"][0]
+    (pair,) = engineer.get(f"/correspondence-sets/{made.json()['id']}").json()["pairs"]
+    assert (pair["u"], pair["v"], pair["group"]) == (320.5, 200.0, 1)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.workers.solver.rigs import residual_pairs, simulated
+from workers.geometry.rotations import vector_from_rotation
 from workers.solver.estimate import estimate
 from workers.solver.residuals import predict
 from workers.solver.schedule import start
@@ -40,6 +41,42 @@ def test_wrong_marks_that_a_robust_loss_ignores_do_not_widen_what_it_states(shar
     for name, std in solution["std"].items():
         assert std == pytest.approx(alone["std"][name], rel=0.5), name
     assert {one["index"] for one in solution["outliers"]} <= wrong
+
+
+def test_wrong_marks_that_are_kept_count_as_what_they_moved_the_result_by():
+    clean, truth = simulated("pinhole", 47)
+    problem, _ = spoiled(clean, 0.1)
+    kept, without = finish(problem, truth), finish(replace(problem, outliers="exclude"), truth)
+    turns = [np.array(one["transform"]["rotation"]["matrix"]) for one in (kept, without)]
+    turn = turns[0] @ turns[1].T
+    moved = [np.degrees(vector_from_rotation(turn)).tolist()]
+    moved += [[kept["parameters"][name] - without["parameters"][name] for name in list(kept["parameters"])[6:]]]
+    moved = np.concatenate(moved)
+    expected = np.array(without["covariance"]["matrix"]) + np.outer(moved, moved)
+    np.testing.assert_allclose(kept["covariance"]["matrix"], expected, rtol=1e-4, atol=1e-9 * expected.max())
+    assert kept["sigma_px"] == pytest.approx(without["sigma_px"], rel=1e-6) and kept["sigma_px"] < 1.25
+    sentence = next(alarm for alarm in kept["alarms"] if "move the mount" in alarm)
+    assert f"{np.linalg.norm(moved[:3]):.2g} degrees" in sentence
+    assert not any("move the mount" in alarm for alarm in without["alarms"])
+
+
+@pytest.mark.parametrize("model", ["pinhole", "kannala_brandt"])
+def test_intervals_beside_wrong_marks_that_are_kept_hold_their_share(model):
+    """Marks on one side of the apex, as those of another corner are, move the result."""
+    held, before = [], []
+    for seed in range(25):
+        clean, truth = simulated(model, 900 + seed)
+        wrong = np.random.default_rng(seed).choice(len(clean.points), 22, replace=False)
+        marks = clean.pixels.copy()
+        marks[wrong] += (5.0, 60.0)
+        found = estimate(replace(clean, pixels=marks), truth)
+        error = np.abs(found.parameters - truth)[3:]
+        held += (error <= found.spread.half_width95[3:]).tolist()
+        assert found.errors is not None and found.kept is not None
+        before += (
+            error <= 2.0 * np.sqrt(np.diag(replace(found.errors, moved=np.zeros(0)).covariance()))[3:]
+        ).tolist()
+    assert np.mean(held) >= 0.9 > 0.6 > np.mean(before)
 
 
 @pytest.mark.parametrize("model", ["pinhole", "kannala_brandt"])

@@ -1,14 +1,14 @@
 """Validations: a calibration held against data that it was not fitted to.
 
 Revision ID: 0015
-Revises: 0012
+Revises: 0016
 """
 
 import sqlalchemy as sa
 from alembic import op
 
 revision = "0015"
-down_revision = "0012"
+down_revision = "0016"
 branch_labels = None
 depends_on = None
 

@@ -1,0 +1,92 @@
+# pyright: reportMissingTypeStubs=false
+"""Cameras that read their rows one after the other: what that does to the pairs, and whether residuals show it.
+
+A row is read `line_time_us` after the row above it (below zero: before it). The frame's stamp counts as the moment of
+the middle row; the clocks' offset absorbs any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from workers.solver.error_model import weighed
+from workers.solver.errors import SolveError
+from workers.solver.estimate import Estimate
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import by_point
+from workers.solver.weighting import whitened
+
+Floats = NDArray[np.float64]
+# scipy publishes no types.
+_student_quantile: Callable[[float, float], float] = special.stdtrit
+_FALSE_ALARMS: Final = 0.005
+
+
+@dataclass(frozen=True)
+class LineTime:
+    """The line time that the residuals show, beyond what the request states, its deviation, and the limit of their
+    ratio, which one in 200 cameras without it exceeds.
+    """
+
+    line_time_us: float
+    std_us: float
+    limit: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether chance does not explain it."""
+        return abs(self.line_time_us) > self.limit * self.std_us
+
+    def to_document(self) -> dict[str, Any]:
+        """JSON form."""
+        return {**vars(self), "shown": self.shown}
+
+    def alarms(self, stated_us: float) -> list[str]:
+        """A sentence, if it is shown."""
+        if not self.shown:
+            return []
+        total = stated_us + self.line_time_us
+        return [
+            f"Residuals along the board's motion grow with the image row, by {self.line_time_us:.1f} +- "
+            f"{self.std_us:.1f} us a row: the camera reads its rows one after the other. Give line_time_us, "
+            f"about {total:.0f}, and better what the camera's data sheet says."
+        ]
+
+
+def at_their_rows(problem: FitProblem) -> FitProblem:
+    """The problem with each point (N, 3) where the apex was when its mark's row was read.
+
+    Raises SolveError `no_motion` if a line time is stated and the pairs do not say how the apex moved.
+    """
+    if problem.line_time_us == 0.0:
+        return problem
+    if problem.velocities is None:
+        raise SolveError(
+            "no_motion",
+            "The pairs do not say how the apex moved, so nothing follows from line_time_us.",
+            "Give stamp_ns of pairs from a walk, or leave line_time_us out.",
+        )
+    late_s = 1e-6 * problem.line_time_us * problem.rows_below
+    return replace(problem, points=problem.points + late_s[:, None] * problem.velocities)
+
+
+def line_time_of(found: Estimate) -> LineTime | None:
+    """What the residuals show. None if the pairs do not say how the apex moved, or do not determine the fit."""
+    if found.errors is None or found.holding.velocities is None:
+        return None
+    problem, p = whitened(found.holding, found.held_at), found.held_at
+    assert problem.velocities is not None
+    late = 1e-6 * problem.rows_below[:, None] * problem.velocities
+    column = weighed(problem, np.einsum("nij,nj->ni", by_point(problem, p), late)[:, :, None])
+    if not np.any(column[problem.weights > 0.0]):
+        return None
+    wider = found.errors.with_columns(column)
+    variance, freedom = float(wider.covariance()[-1, -1]), float(wider.freedoms()[-1])
+    limit = float(_student_quantile(min(max(freedom, 1.0), 1e6), 1.0 - 0.5 * _FALSE_ALARMS))
+    return LineTime(float(wider.step()[-1]), float(np.sqrt(variance)), limit)
