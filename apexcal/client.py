@@ -60,6 +60,7 @@ Work = TypeVar(
     PackingView,
     PreviewView,
     SuggestionView,
+    ValidationView,
 )
 
 # A fleet request with failed vehicles has ended normally; its counts say how many failed.

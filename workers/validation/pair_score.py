@@ -117,8 +117,8 @@ def _held_against(calibration: KnownCalibration, points: Floats, residuals: Floa
     V = spread @ calibration.covariance @ spread.T + sigma**2 * A @ A.T
     size: Floats = np.sqrt(np.diag(V))
     unit: Floats = np.asarray(V, np.float64) / (size[:, None] * size[None, :])
-    solved: Floats = np.linalg.solve(unit, d / size)
-    statistic = float(np.sum(d / size * solved))
+    apart: Floats = np.asarray(d, np.float64) / size
+    statistic = float(np.einsum("i,ij,j->", apart, np.linalg.inv(unit), apart))
     return found | {
         "bias_sigma_px": [float(value) for value in np.sqrt(of_bias)],
         "sigmas": float(np.sqrt(statistic / len(d))),

@@ -38,6 +38,9 @@ export type SweepPlace = Schemas["SweepView"];
 export type Packing = Schemas["PackingView"];
 export type BlobAddress = Schemas["BlobAddress"];
 
+export type Validations = Schemas["Page_ValidationView_"];
+export type OffsetCurve = Schemas["OffsetCurve"];
+
 /** A topic that could not be told from others: further members of a problem are not described. */
 export interface Candidate {
   name: string;
