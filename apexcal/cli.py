@@ -40,6 +40,8 @@ COMMANDS = {
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
     "pull": "Keep what a vehicle is given now in a file.",
     "compare": "Compare a camera's calibration with a file of another program.",
+    "recalibrate": "Calibrate again without some of a result's pairs.",
+    "report": "Write the report of a result, with its verdict, as one HTML file.",
     "export": "Write a camera's current calibration, or one result, for other programs.",
 }
 

@@ -22,6 +22,7 @@ from apexcal.documents.fleet_requests import FleetRequestView
 from apexcal.documents.jobs import JobProgress, JobView
 from apexcal.documents.people import Me
 from apexcal.documents.recordings import RecordingSummary, RecordingView
+from apexcal.documents.reports import ReportView
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import ValidationView
@@ -59,6 +60,7 @@ Work = TypeVar(
     OffsetView,
     PackingView,
     PreviewView,
+    ReportView,
     SuggestionView,
     ValidationView,
 )
@@ -195,6 +197,7 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     JobView: ("jobs", JobView, "job {0.id} ({0.kind})"),
     OffsetView: ("clock-offsets", OffsetView, "the clock offset"),
     PackingView: ("sweep-packings", PackingView, "the packing of the sweeps"),
+    ReportView: ("reports", ReportView, "the report"),
     PreviewView: ("region-previews", PreviewView, "the region preview"),
     SuggestionView: ("region-suggestions", SuggestionView, "the region suggestion"),
     ValidationView: ("validations", ValidationView, "the validation"),

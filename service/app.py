@@ -56,6 +56,7 @@ from service.observability import logs, request_ids
 from service.recordings import frame_routes, original_routes, presigned_routes, sweep_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
+from service.reports import routes as reports
 from service.settings import Settings, settings_or_exit
 from service.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.storage.audit import audit_if_due
@@ -89,6 +90,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     alias_routes.router,
     exports.router,
     imports.router,
+    reports.router,
     calibrations.router,
     fleet_requests.router,
     validations.router,

@@ -14,7 +14,7 @@ from sqlalchemy.orm import defer
 from starlette.requests import ClientDisconnect
 
 from apexcal.documents.base import Sought
-from apexcal.documents.correspondence_sets import BuildRequest, SetView, SetWithPairs
+from apexcal.documents.correspondence_sets import BuildRequest, SelectionRequest, SetView, SetWithPairs
 from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
@@ -181,6 +181,37 @@ def import_set(
         source="import",
         pairs=brought.columns,
         notes=[*brought.notes, *notes_on_image(brought.columns, of)],
+        created_by=access.person.id,
+    )
+    return _keep(access, row)
+
+
+@router.post("/correspondence-sets/{set_id}/selections", status_code=201, response_model=SetView)
+def select_pairs(set_id: UUID, wanted: SelectionRequest, access: WriteAccess) -> JSONResponse:
+    """Make a set of a set's pairs without some; the same content is found again, with 200. [engineer]"""
+    whole = access.find(CorrespondenceSet, set_id, "engineer")
+    left_out = set(wanted.leave_out)
+    if max(left_out) >= whole.count:
+        raise Problem(
+            422,
+            "no_such_pair",
+            f"The set has {whole.count} pairs, numbered from 0; there is no pair {max(left_out)}.",
+            "Give the numbers of its own pairs.",
+        )
+    if len(left_out) == whole.count:
+        raise Problem(422, "nothing_left", "Without these the set has no pairs.", "Leave out fewer.")
+    kept = [i for i in range(whole.count) if i not in left_out]
+    noun = "pair was" if len(left_out) == 1 else "pairs were"
+    row = CorrespondenceSet(
+        fleet_id=whole.fleet_id,
+        vehicle_id=whole.vehicle_id,
+        rig_id=whole.rig_id,
+        recording_id=whole.recording_id,
+        detection_id=whole.detection_id,
+        camera=whole.camera,
+        source=whole.source,
+        pairs={name: [values[i] for i in kept] for name, values in whole.pairs.items()},
+        notes=[*whole.notes, f"{len(left_out)} {noun} left out by hand."],
         created_by=access.person.id,
     )
     return _keep(access, row)

@@ -26,6 +26,7 @@ from service.db.recordings import (
     Sensor,
     UploadPart,
 )
+from service.db.reports import Report
 from service.db.studies import CalibratedCopy, Study
 from service.db.validations import Validation
 
@@ -63,6 +64,7 @@ __all__ = [
     "Person",
     "Publication",
     "Recording",
+    "Report",
     "Result",
     "Rig",
     "RigCamera",

@@ -48,6 +48,7 @@ _ROOMS = {
     "clock_offset": "studying",
     "solve": "solving",
     "consistency": "comparing",
+    "report": "reporting",
     "score_pairs": "validating",
     "check_lanes": "validating",
     "check_edges": "validating",

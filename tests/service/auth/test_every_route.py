@@ -24,6 +24,7 @@ from service.db.models import (
     Person,
     Publication,
     Recording,
+    Report,
     Result,
     Rig,
     Sensor,
@@ -178,6 +179,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {}
     result = Result(id=new_id(), fleet_id=rig.fleet_id, calibration_id=calibration.id, run_id=run.id, camera="front")
     result.model, result.fold, result.document = "pinhole", -1, DOCUMENT
+    report = Report(id=new_id(), fleet_id=rig.fleet_id, result_id=result.id, state="done")
     person = session.scalars(select(Person)).first()
     token = ApiToken(id=new_id(), secret_hash="0", name="t", person_id=person.id, fleet_id=rig.fleet_id)
     task = MarkingTask(
@@ -211,6 +213,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         calibration,
         run,
         result,
+        report,
         publication,
         token,
         task,
@@ -229,6 +232,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         "correspondence-sets": pairs.id,
         "calibrations": calibration.id,
         "results": result.id,
+        "reports": report.id,
         "publications": publication.id,
         "tokens": token.id,
         "tasks": task.id,
