@@ -1,7 +1,7 @@
 """Validations: a calibration held against data that it was not fitted to.
 
 Revision ID: 0015
-Revises: 0016
+Revises: 0014
 """
 
 import sqlalchemy as sa
