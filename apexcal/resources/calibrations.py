@@ -11,7 +11,8 @@ from apexcal.documents.calibrations import CalibrationView, SlotView
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.exports import VehicleCalibration
 from apexcal.documents.publications import CURRENT, AliasMoveView, PublicationView
-from apexcal.documents.results import CurrentCalibration, ResultView
+from apexcal.documents.results import ResultView
+from apexcal.documents.summaries import CurrentCalibration
 from apexcal.transport import Transport, at, read
 
 
