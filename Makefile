@@ -36,7 +36,7 @@ test-long: setup frontend  ## all tests, with new draws
 # SIDE_BY_SIDE= runs them one after the other.
 SIDE_BY_SIDE ?= -n 3 --dist loadfile
 
-bench-detection: setup  ## accuracy of the detectors on simulated walks, and throughput; WALKS=4 for a short form
+bench-detection: setup  ## accuracy of the detectors on simulated walks, and throughput; SHORT=1 for a short form, ONLY=drawn,streets for parts
 	$(BIN)/python -m benchmarks.detection
 
 bench-timeoffset: setup  ## how well the offset between the clocks is found from a walk

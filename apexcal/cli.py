@@ -22,6 +22,7 @@ COMMANDS = {
     "invite": "Make a one-time sign-in link for a person.",
     "token": "Make an API token for a program.",
     "rig": "Describe a vehicle's LiDAR and cameras to the service.",
+    "draft-rig": "Write a rig's description from a URDF or a recording's /tf_static.",
     "upload": "Upload a recording and wait until it is ready.",
     "reread": "Read again a recording that failed.",
     "suggest": "Suggest a region of interest from what moves.",
@@ -36,6 +37,9 @@ COMMANDS = {
     "rollback": "Restore a camera's previous calibration.",
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
     "pull": "Keep what a vehicle is given now in a file.",
+    "compare": "Compare a camera's calibration with a file of another program.",
+    "recalibrate": "Calibrate again without some of a result's pairs.",
+    "report": "Write the report of a result, with its verdict, as one HTML file.",
     "export": "Write a camera's current calibration, or one result, for other programs.",
 }
 

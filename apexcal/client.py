@@ -22,6 +22,7 @@ from apexcal.documents.fleet_requests import FleetRequestView
 from apexcal.documents.jobs import JobProgress, JobView
 from apexcal.documents.people import Me
 from apexcal.documents.recordings import RecordingSummary, RecordingView
+from apexcal.documents.reports import ReportView
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.sweeps import PackingView
 from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
@@ -30,6 +31,7 @@ from apexcal.resources.detections import Detections
 from apexcal.resources.exports import Exports
 from apexcal.resources.fleet_requests import FleetRequests
 from apexcal.resources.fleets import Fleets, Vehicles
+from apexcal.resources.imports import Imports
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
 from apexcal.transport import Transport, at
@@ -56,6 +58,7 @@ Work = TypeVar(
     OffsetView,
     PackingView,
     PreviewView,
+    ReportView,
     SuggestionView,
 )
 
@@ -80,6 +83,7 @@ class Client:
         self.correspondence_sets = CorrespondenceSets(self._http)
         self.calibrations = Calibrations(self._http)
         self.exports = Exports(self._http)
+        self.imports = Imports(self._http)
         self.fleet_requests = FleetRequests(self._http)
 
     @classmethod
@@ -189,6 +193,7 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     JobView: ("jobs", JobView, "job {0.id} ({0.kind})"),
     OffsetView: ("clock-offsets", OffsetView, "the clock offset"),
     PackingView: ("sweep-packings", PackingView, "the packing of the sweeps"),
+    ReportView: ("reports", ReportView, "the report"),
     PreviewView: ("region-previews", PreviewView, "the region preview"),
     SuggestionView: ("region-suggestions", SuggestionView, "the region suggestion"),
 }

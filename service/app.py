@@ -47,6 +47,7 @@ from service.http import (
     web,
 )
 from service.http.places import Places
+from service.imports import routes as imports
 from service.job_status import routes as job_status
 from service.jobs.messages import COURIER as JOBS
 from service.jobs.messages import Sender
@@ -55,6 +56,7 @@ from service.observability import logs, request_ids
 from service.recordings import frame_routes, original_routes, presigned_routes, sweep_routes, upload_routes
 from service.recordings import routes as recordings
 from service.recordings.retention import delete_overdue, expire_uploads
+from service.reports import routes as reports
 from service.settings import Settings, settings_or_exit
 from service.storage.adopting import StrangeFolderError, adopt_if_known, keep_adopting
 from service.storage.audit import audit_if_due
@@ -86,6 +88,8 @@ ROUTERS: tuple[APIRouter, ...] = (
     publication_routes.router,
     alias_routes.router,
     exports.router,
+    imports.router,
+    reports.router,
     calibrations.router,
     fleet_requests.router,
 )

@@ -6,6 +6,7 @@ from service.calibration_runs import jobs as calibration_runs
 from service.detections import jobs as detections
 from service.jobs.kinds import register
 from service.recordings import jobs as recordings
+from service.reports import jobs as reports
 from service.studies import jobs as studies
 
 KINDS = (
@@ -13,5 +14,6 @@ KINDS = (
     *studies.KINDS,
     *detections.KINDS,
     *calibration_runs.KINDS,
+    *reports.KINDS,
 )
 register(*KINDS)

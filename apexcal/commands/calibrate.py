@@ -39,7 +39,8 @@ def calibrate(
     pairs: Annotated[
         list[str] | None,
         typer.Option(
-            help="CSV of pairs: x,y,z,u,v and stamp_ns or group. For several cameras, repeat it as CAMERA=FILE.",
+            help="CSV of pairs (x,y,z,u,v and stamp_ns or group), or labels.txt of the paper's toolbox. For several "
+            "cameras, repeat it as CAMERA=FILE.",
             metavar="FILE",
         ),
     ] = None,
@@ -69,7 +70,8 @@ def calibrate(
     intrinsics: Annotated[
         list[str] | None,
         typer.Option(
-            help="File of known intrinsics: YAML of ROS or Kalibr. For one of several cameras: CAMERA=FILE.",
+            help="File of known intrinsics, of ROS, OpenCV, Kalibr or KITTI: [CAMERA=]FILE, or FILE#NAME for the "
+            "camera NAME of the file.",
             metavar="FILE",
         ),
     ] = None,
@@ -137,7 +139,7 @@ def calibrate(
             if pairs
             else pairs_of_marks(client, detection, cameras)
         )
-        given["intrinsics"] = lenses(intrinsics or [], [one.camera for one in of_cameras]) or None
+        given["intrinsics"] = lenses(client, intrinsics or [], [one.camera for one in of_cameras]) or None
         sets: list[SetView] = []
         with saying_what_stays(sets):
             sets.extend(one.make() for one in of_cameras)

@@ -13,8 +13,8 @@ from rich.markup import escape
 from apexcal.client import ApiError, Client, InputError
 from apexcal.commands.common import console, usage
 from apexcal.commands.connect import cameras_of, check_id, find_camera, find_rig, find_vehicle
+from apexcal.commands.stated_files import read_lens
 from apexcal.documents.correspondence_sets import SetView
-from apexcal.intrinsics import read_intrinsics
 from apexcal.transport import Document
 
 
@@ -80,7 +80,7 @@ def saying_what_stays(sets: Sequence[SetView]) -> Iterator[None]:
         raise
 
 
-def lenses(files: Sequence[str], cameras: Sequence[str]) -> dict[str, Document]:
+def lenses(client: Client, files: Sequence[str], cameras: Sequence[str]) -> dict[str, Document]:
     """The intrinsics of each camera that a file is given for."""
     found: dict[str, Document] = {}
     for text in files:
@@ -89,5 +89,5 @@ def lenses(files: Sequence[str], cameras: Sequence[str]) -> dict[str, Document]:
             usage("--intrinsics names no camera, and there are several", "Write it as --intrinsics CAMERA=FILE")
         if camera and camera not in cameras:
             usage(f"--intrinsics names {camera!r}", f"The cameras of this calibration are {', '.join(cameras)}")
-        found[camera or cameras[0]] = read_intrinsics(path, camera or cameras[0])
+        found[camera or cameras[0]] = read_lens(client, str(path), camera or cameras[0])
     return found

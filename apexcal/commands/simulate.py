@@ -34,9 +34,10 @@ _WALK, _WAY = "Walk", "What is in the way"
 
 Format = Literal["bag", "db3", "mcap", "pcap", "pcapng", "video", "folder", "tar", "zip", "kitti"]
 Sensor = Literal[
-    "vlp16", "puck-hi-res", "vlp32c", "hdl32", "hdl64", "alpha-prime", "os1-32", "os1-64", "os1-128", "lux4"
-]
-Walk = Literal["rows", "field", "cover", "slow", "still"]
+    "vlp16", "puck-hi-res", "vlp32c", "hdl32", "hdl64", "alpha-prime", "os0-128", "os1-32", "os1-64", "os1-128",
+    "os2-128", "xt32", "qt64", "pandar40p", "mixed128", "lux4",
+]  # fmt: skip
+Walk = Literal["rows", "field", "cover", "yard", "slow", "still"]
 Second = Literal["none", "beside", "behind"]
 
 

@@ -18,6 +18,12 @@ class BuildRequest(Received):
     exclude_flagged: bool = False
 
 
+class SelectionRequest(Received):
+    """Make a set without these pairs, by their numbers from 0."""
+
+    leave_out: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1, max_length=10_000)]
+
+
 class SetView(Sent):
     """A correspondence set without its pairs."""
 

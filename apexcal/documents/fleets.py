@@ -64,10 +64,21 @@ class Lidar(Received):
     serial: Serial | None = None
 
 
+class OwnedJoint(Received):
+    """The joint of the vehicle's own tree that a camera's calibration is solved for, by what lies around it.
+
+    Results then carry ``T_parent_child`` = ``T_parent_lidar`` ``T_lidar_camera`` ``T_camera_child``, the child's pose
+    in its parent. If the parent is the LiDAR's frame, or the child the camera's, the transform is the identity.
+    """
+
+    T_parent_lidar: Transform
+    T_child_camera: Transform
+
+
 class Camera(Received):
     """A camera: its optical frame, image size (width, height), nominal ``T_camera_lidar`` and bounds.
 
-    ``serial`` is its serial number, where known.
+    ``serial`` is its serial number, where known. ``joint`` is the joint that its results are also given for.
     """
 
     name: CameraName
@@ -76,6 +87,7 @@ class Camera(Received):
     serial: Serial | None = None
     image_size: tuple[Pixels, Pixels]
     nominal: Transform
+    joint: OwnedJoint | None = None
     bounds: dict[str, tuple[Magnitude, Magnitude]] = Field(default_factory=dict, max_length=40)
 
     @field_validator("bounds")
@@ -116,6 +128,7 @@ class NewRig(Received):
             check_frames(
                 camera.nominal, f"the nominal T_camera_lidar of {camera.name}", camera.frame, self.lidar.frame
             )
+            _check_joint(camera, self.lidar.frame)
         if self.T_vehicle_lidar is not None:
             vehicle = self.T_vehicle_lidar
             check_frames(vehicle, "T_vehicle_lidar", vehicle.to_frame, self.lidar.frame)
@@ -127,6 +140,20 @@ class NewRig(Received):
                     f"frames of two of the rig's cameras: {', '.join(frames)}"
                 )
         return self
+
+
+def _check_joint(camera: Camera, lidar_frame: str) -> None:
+    """Raises ValueError unless a camera's joint stands between LiDAR and camera."""
+    if camera.joint is None:
+        return
+    parent, child = camera.joint.T_parent_lidar, camera.joint.T_child_camera
+    check_frames(parent, f"joint.T_parent_lidar of {camera.name}", parent.to_frame, lidar_frame)
+    check_frames(child, f"joint.T_child_camera of {camera.name}", child.to_frame, camera.frame)
+    if parent.to_frame in (child.to_frame, camera.frame) or child.to_frame == lidar_frame:
+        raise ValueError(
+            f"the joint of {camera.name} leads from {parent.to_frame!r} to {child.to_frame!r}; its parent lies on "
+            "the LiDAR's side and its child on the camera's"
+        )
 
 
 class SensorSerials(Received):

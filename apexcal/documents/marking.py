@@ -24,10 +24,14 @@ class Pixel(Received):
 
 
 class NextTask(Received):
-    """Ask for a vertex to judge; ``skip`` gives a held task back and moves on."""
+    """Ask for a vertex to judge; ``skip`` gives a held task back and moves on.
+
+    ``ahead``: so many more are leased, so that the next one can be shown before this one's answer has arrived.
+    """
 
     camera: CameraName
     skip: UUID | None = None
+    ahead: int = Field(default=0, ge=0, le=5)
 
 
 class Answer(Received):
@@ -77,7 +81,10 @@ class Own(Sent):
 
 
 class TaskView(Sent):
-    """A vertex and its frame, leased to the person ``person_id`` until ``leased_until``."""
+    """A vertex and its frame, leased to the person ``person_id`` until ``leased_until``.
+
+    ``ahead``: those that come after it, where they were asked for.
+    """
 
     task_id: UUID
     person_id: UUID
@@ -88,6 +95,7 @@ class TaskView(Sent):
     gap_ns: int
     predicted: Pixel | None
     own: Own
+    ahead: list[TaskView] = Field(default_factory=list["TaskView"])
 
 
 class Progress(Sent):

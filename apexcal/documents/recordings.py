@@ -217,6 +217,15 @@ class SensorFacts(Document):
     notes: list[str] = []
 
 
+class FixedFrame(Document):
+    """``T_parent_child``: the pose of a frame in its parent, as the recording's ``/tf_static`` says it."""
+
+    parent: str
+    child: str
+    translation_m: list[float]
+    quaternion_xyzw: list[float]
+
+
 class RecordingFacts(Document):
     """What is true of a recording as a whole; ``together_s`` is how long all its sensors ran."""
 
@@ -225,6 +234,7 @@ class RecordingFacts(Document):
     last_ns: int
     seconds: float
     together_s: float
+    static_transforms: list[FixedFrame] = []
 
 
 class SensorView(Sent):

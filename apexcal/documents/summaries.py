@@ -196,7 +196,8 @@ class Validity(Document):
 class CurrentCalibration(Sent):
     """What a vehicle's camera is given: intrinsics and transforms, both frames named, and how good they are.
 
-    ``T_vehicle_camera`` is there if the rig states ``T_vehicle_lidar``. ``clock_offset_ns`` is the camera's clock
+    ``T_vehicle_camera`` is there if the rig states ``T_vehicle_lidar``, ``T_parent_child`` if it states the camera's
+    ``joint``: the child's pose in its parent. ``clock_offset_ns`` is the camera's clock
     minus the LiDAR's with which the pairs were made, null if they were imported. Under an alias other than
     ``current``, ``publication_id`` is the id of the alias's move.
     """
@@ -215,6 +216,7 @@ class CurrentCalibration(Sent):
     T_camera_lidar: Stored[SolvedTransform]
     quality: Quality
     T_vehicle_camera: SolvedTransform | None = None
+    T_parent_child: SolvedTransform | None = None
     alias: str = "current"
     clock_offset_ns: int | None = None
     validity: Validity | None = None

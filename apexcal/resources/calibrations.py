@@ -7,10 +7,11 @@ from typing import Any
 from uuid import UUID
 
 from apexcal.documents.base import Page
-from apexcal.documents.calibrations import CalibrationView, SlotView
+from apexcal.documents.calibrations import CalibrationTemplate, CalibrationView, SlotView
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.exports import VehicleCalibration
 from apexcal.documents.publications import CURRENT, AliasMoveView, PublicationView
+from apexcal.documents.reports import ReportView
 from apexcal.documents.results import ResultView
 from apexcal.documents.summaries import CurrentCalibration
 from apexcal.transport import Transport, at, read
@@ -34,6 +35,10 @@ class CorrespondenceSets:
     def import_csv(self, rig_id: UUID | str, camera: str, text: bytes) -> SetView:
         """A set from CSV with the columns x, y, z, u, v and, where known, stamp_ns or group."""
         return self._import(rig_id, camera, content=text, headers={"Content-Type": "text/csv"})
+
+    def without(self, set_id: UUID | str, pairs: Sequence[int]) -> SetView:
+        """A set of a set's pairs without those of these numbers, counted from 0."""
+        return self._http.post(at("correspondence-sets", set_id, "selections"), SetView, {"leave_out": list(pairs)})
 
     def get(self, set_id: UUID | str) -> SetWithPairs:
         """One set with its pairs."""
@@ -73,6 +78,16 @@ class Calibrations:
             body["models"] = list(models)
         return self._http.post(at("vehicles", vehicle_id, "calibrations"), CalibrationView, body)
 
+    def create_without(self, result_id: UUID | str, pairs: Sequence[int]) -> CalibrationView:
+        """Request a result's calibration again without those pairs of its camera that have these numbers, from 0."""
+        result = self.result(result_id)
+        calibration = self.get(result.calibration_id)
+        fewer = CorrespondenceSets(self._http).without(result.set_id, pairs)
+        request = calibration.request.model_dump(mode="json", exclude_unset=True)
+        known = {name: value for name, value in request.items() if name in CalibrationTemplate.model_fields}
+        sets = [fewer.id if one == result.set_id else one for one in calibration.request.correspondence_set_ids]
+        return self.create(calibration.vehicle_id, sets, **known)
+
     def list(self, vehicle_id: UUID | str) -> Iterator[CalibrationView]:
         """The calibrations of a vehicle, newest first."""
         return self._http.items(at("vehicles", vehicle_id, "calibrations"), CalibrationView)
@@ -88,6 +103,14 @@ class Calibrations:
     def result(self, result_id: UUID | str) -> ResultView:
         """What a run found: parameters, transform, standard deviations, residuals, alarms."""
         return self._http.get(at("results", result_id), ResultView)
+
+    def make_report(self, result_id: UUID | str) -> ReportView:
+        """Ask for the report of a result, which must be a fit to all pairs; anew where there is one."""
+        return self._http.post(at("results", result_id, "report"), ReportView)
+
+    def report(self, result_id: UUID | str) -> bytes:
+        """The newest report of a result: one HTML file. Raises ApiError ``no_report``, ``report_not_ready``."""
+        return self._http.send("GET", at("results", result_id, "report")).content
 
     def slots(self, calibration_id: UUID | str, camera: str, model: str, fold: int = -1) -> Iterator[SlotView]:
         """The GA slots of one run, with the worker that ran each."""

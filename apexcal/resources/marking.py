@@ -15,12 +15,15 @@ class Marking:
     def __init__(self, transport: Transport) -> None:
         self._http = transport
 
-    def next_task(self, detection_id: UUID | str, camera: str, *, skip: UUID | str | None = None) -> TaskView | None:
+    def next_task(
+        self, detection_id: UUID | str, camera: str, *, skip: UUID | str | None = None, ahead: int = 0
+    ) -> TaskView | None:
         """The next vertex for this person, leased for a while, or None when nothing is left.
 
         Asked again before it is answered it is the same task, with a new lease; ``skip`` gives that one back.
+        ``ahead``: so many that come after it are leased too, in the task's own ``ahead``.
         """
-        body = {"camera": camera} | ({"skip": str(skip)} if skip else {})
+        body = {"camera": camera} | ({"skip": str(skip)} if skip else {}) | ({"ahead": ahead} if ahead else {})
         answer = self._http.create(at("detections", detection_id, "tasks", "next"), json=body)
         return read(answer, TaskView) if answer.content else None
 

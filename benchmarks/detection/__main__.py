@@ -1,8 +1,10 @@
 """`python -m benchmarks.detection`: precision of the detectors on simulated walks, and their speed.
 
 WALKS (default 6) walks of 60 s each through a field of 10 x 30 m for the plain case, half as many for each other:
-distractors, variants, and boards that are held rolled, leaning or far from the body. SEED repeats a run;
-THROUGHPUT_SECONDS (default 60) is the length of the recording that is timed.
+distractors, variants, boards that are held rolled, leaning or far from the body, and sensors that spin otherwise.
+DRAWN (default 30) walks of 30 s whose sensor, scene, person and board are drawn, and STREETS (default 200) drawn
+scenes without a board. SHORT=1 does a tenth of it. ONLY=drawn,streets does parts: plain, distractors, variants, held,
+spinning, drawn, streets, speed. SEED repeats a run; THROUGHPUT_SECONDS (default 60) is the length of what is timed.
 Shares are of the sweeps in which two rings or more meet the board; errors are against the apex at the moment when the
 sensor looked at it; pixels at a focal length of 400. Human-readable lines go to stderr, one line of JSON to stdout.
 """
@@ -14,70 +16,83 @@ import os
 import secrets
 import sys
 from collections import defaultdict
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing import get_context
-from typing import Any
+from typing import Any, TypeVar
 
+from benchmarks.detection.cases import GROUPS, PLAIN
+from benchmarks.detection.drawn import STREET_SWEEPS, drawn_figures, road_vertices, run_drawn, run_street
 from benchmarks.detection.figures import figures, rounded
-from benchmarks.detection.walks import SIZE, Case, Found, run
+from benchmarks.detection.walks import Found, run
 from benchmarks.throughput import measure
-from workers.simulation.disturbances import Disturbances
 
-_SECONDS = 60.0
-_REFINED = {"refined": ("refined", SIZE)}
-_PLAIN = Case(
-    "plain",
-    {
-        "strict": ("strict", {}),
-        "tolerant": ("tolerant", {}),
-        **_REFINED,
-        "refined_size_unknown": ("refined", {}),
-        "refined_without_track": ("refined", {**SIZE, "track": 0}),
-    },
-)
-_DISTRACTORS = (
-    Case("head", _REFINED, Disturbances(head_above_m=0.1)),
-    Case("second_person_beside", _REFINED, Disturbances(second_person="beside")),
-    Case("second_person_behind", _REFINED, Disturbances(second_person="behind")),
-    Case("pole", _REFINED, Disturbances(poles=6)),
-)
-_VARIANTS = (
-    Case("range_noise_30mm", _REFINED, noise_m=0.030),
-    Case("beam_3mrad", _REFINED, Disturbances(beam_mrad=3.0)),
-    Case("four_rings", _REFINED, four_rings=True),
-    Case("lost_and_speckle", _REFINED, Disturbances(dropout_share=0.02, speckle_share=0.002)),
-)
-_HELD = (
-    *(Case(f"rolled_{deg:+.0f}", _REFINED, Disturbances(rolled_deg=deg)) for deg in (-15.0, -10.0, 10.0, 15.0)),
-    *(Case(f"tilted_{deg:.0f}", _REFINED, Disturbances(tilted_deg=deg)) for deg in (8.0, 18.0)),
-    *(Case(f"torso_{m * 100:.0f}cm", _REFINED, Disturbances(body_behind_m=m)) for m in (0.25, 0.45, 0.9)),
-    Case("rolled_tilted", _REFINED, Disturbances(rolled_deg=12.0, tilted_deg=10.0, body_behind_m=0.3)),
-)
+_SHORT = bool(os.environ.get("SHORT"))
+_SECONDS = 20.0 if _SHORT else 60.0
+_DRAWN_SECONDS = 15.0 if _SHORT else 30.0
+_PARTS = ("plain", *GROUPS, "drawn", "streets", "speed")
+Asked = TypeVar("Asked")
+Answer = TypeVar("Answer")
 
 
 def main() -> None:
-    walks = int(os.environ.get("WALKS", "6"))
+    parts = set((os.environ.get("ONLY") or ",".join(_PARTS)).split(","))
+    if not parts <= set(_PARTS):
+        sys.exit(f"ONLY names parts out of {', '.join(_PARTS)}, not {', '.join(sorted(parts - set(_PARTS)))}")
+    walks = _count("WALKS", 6)
     seed = int(os.environ.get("SEED") or secrets.randbits(30))
-    asked = [(_PLAIN, seed + number, _SECONDS) for number in range(walks)]
-    for place, case in enumerate((*_DISTRACTORS, *_VARIANTS, *_HELD), start=1):
-        asked += [(case, seed + 1000 * place + number, _SECONDS) for number in range(max(1, walks // 2))]
-    parts: dict[tuple[str, str], list[Found]] = defaultdict(list)
+    answer: dict[str, Any] = {}
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        for done, found in enumerate(pool.map(run, asked), start=1):
-            print(f"\r{done} of {len(asked)} walks", end="", file=sys.stderr, flush=True)
-            for part in found:
-                parts[part.case, part.key].append(part)
-    print(file=sys.stderr)
-    results = {key: figures(found) for key, found in parts.items()}
+        answer |= _walked(pool, parts, walks, seed)
+        if "drawn" in parts:
+            asked = [(seed + number, _DRAWN_SECONDS) for number in range(_count("DRAWN", 30))]
+            answer["drawn"] = drawn_figures(list(_each(pool, run_drawn, asked, "drawn walks")))
+            _say_drawn(answer["drawn"])
+        if "streets" in parts:
+            answer["streets"] = _streets(pool, [seed + number for number in range(_count("STREETS", 200))])
+    answer |= {"walks": walks, "seconds_each": _SECONDS, "seed": seed}
+    if "speed" in parts:
+        answer |= measure(float(os.environ.get("THROUGHPUT_SECONDS", "60")))
+    print(json.dumps(rounded(answer)))
+
+
+def _count(name: str, usual: int) -> int:
+    return int(os.environ.get(name) or (max(2, usual // 10) if _SHORT else usual))
+
+
+def _walked(pool: Executor, parts: set[str], walks: int, seed: int) -> dict[str, Any]:
+    asked = [(PLAIN, seed + number, _SECONDS) for number in range(walks)] if "plain" in parts else []
+    cases = [(group, case) for group, members in GROUPS.items() for case in members]
+    for place, (group, case) in enumerate(cases, start=1):
+        if group in parts:
+            asked += [(case, seed + 1000 * place + number, _SECONDS) for number in range(max(1, walks // 2))]
+    found: dict[tuple[str, str], list[Found]] = defaultdict(list)
+    for several in _each(pool, run, asked, "walks"):
+        for one in several:
+            found[one.case, one.key].append(one)
+    results = {key: figures(of_case) for key, of_case in found.items()}
     for (case, key), result in results.items():
         _say(case if key == "refined" and case != "plain" else key, result)
-    answer: dict[str, Any] = {key: results["plain", key] for key in _PLAIN.detectors}
-    answer["distractors"] = {case.name: results[case.name, "refined"] for case in _DISTRACTORS}
-    answer["variants"] = {case.name: results[case.name, "refined"] for case in _VARIANTS}
-    answer["held"] = {case.name: results[case.name, "refined"] for case in _HELD}
-    answer |= {"walks": walks, "seconds_each": _SECONDS, "seed": seed}
-    answer |= measure(float(os.environ.get("THROUGHPUT_SECONDS", "60")))
-    print(json.dumps(rounded(answer)))
+    answer: dict[str, Any] = {key: results["plain", key] for key in PLAIN.detectors} if "plain" in parts else {}
+    for group, members in GROUPS.items():
+        if group in parts:
+            answer[group] = {case.name: results[case.name, "refined"] for case in members}
+    return answer
+
+
+def _streets(pool: Executor, seeds: Sequence[int]) -> dict[str, Any]:
+    counts = list(_each(pool, run_street, seeds, "streets"))
+    sweeps = STREET_SWEEPS * len(seeds)
+    false = {"scenes": len(seeds), "sweeps": sweeps, "vertices": sum(counts), "share": sum(counts) / max(sweeps, 1)}
+    false |= {"seeds": [seed for seed, count in zip(seeds, counts, strict=True) if count], "road": road_vertices()}
+    print(f"streets without a board: {false}", file=sys.stderr)
+    return false
+
+
+def _each(pool: Executor, work: Callable[[Asked], Answer], asked: Sequence[Asked], what: str) -> Iterator[Answer]:
+    for done, answer in enumerate(pool.map(work, asked), start=1):
+        print(f"\r{done} of {len(asked)} {what}", end="\n" if done == len(asked) else "", file=sys.stderr, flush=True)
+        yield answer
 
 
 def _say(name: str, result: dict[str, Any]) -> None:
@@ -90,6 +105,16 @@ def _say(name: str, result: dict[str, Any]) -> None:
                 f"{part.get('coverage_2sigma', float('nan')):.3f}  normalised {part.get('normalised_rms', 0.0):.2f}",
                 file=sys.stderr,
             )
+
+
+def _say_drawn(result: dict[str, Any]) -> None:
+    _say("drawn", result)
+    for walk in result["each"]:
+        print(
+            f"  {walk['seed']}: share {walk['share']:.2f} gross {walk['gross']:.3f} covered {walk['coverage']:.2f} "
+            f"bias {walk['bias_deg']:.3f}  {walk['about']}  {walk['rejected']}",
+            file=sys.stderr,
+        )
 
 
 def _bands(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.simulation.disturbances import Disturbances
-from workers.simulation.lidar import BOARD, SENSORS, Lidar, LidarModel
+from workers.simulation.flaws import Mount
+from workers.simulation.lidar import BOARD, SENSORS, Lidar, LidarModel, Walks
 from workers.simulation.scene import WALKER_REGION, scene_with
 from workers.simulation.walker import BOARD_EDGES_M, Walk
 from workers.vertices.detectors import detect_range
@@ -19,7 +20,6 @@ from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 _START_NS = 1_780_000_000_000_000_000
-_PERIOD_S = 0.1
 _SECTOR_DEG = 60.0
 SIZE = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
 FOUR_RINGS = LidarModel("four rings", (-3.0, -1.0, 1.0, 3.0))
@@ -38,7 +38,22 @@ class Case:
     detectors: Mapping[str, tuple[str, Mapping[str, float]]]
     disturbances: Disturbances = field(default_factory=Disturbances)
     noise_m: float = 0.008
-    four_rings: bool = False
+    sensor: LidarModel = SENSORS["vlp16"]
+    mount: Mount = field(default_factory=Mount)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Walked:
+    """A simulated walk.
+
+    Attributes:
+        apexes: (S, 3) the apex when the sensor looked at it, metres, in its frame.
+        rings: (S,) how many rings meet the board.
+    """
+
+    sweeps: list[Sweep]
+    apexes: NDArray[np.float64]
+    rings: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,66 +64,77 @@ class Found:
         visible: (M,) ranges of the apex in the sweeps in which two rings or more meet the board, metres.
         vertices: (N, 10) azimuth, elevation (degrees) and range error (m); their stated standard deviations; true
             range; whether two rings meet the board; whether graded fine; whether flagged.
+        rejected: how many sweeps were refused for which reason.
     """
 
     case: str
     key: str
     visible: NDArray[np.float64]
     vertices: NDArray[np.float64]
+    rejected: Mapping[str, int]
 
 
 def run(asked: tuple[Case, int, float]) -> list[Found]:
     """Simulate one walk of a case from a seed, so many seconds long, and run the case's detectors over it."""
     case, seed, seconds = asked
-    sweeps, apexes, rings = simulate(case, seed, seconds)
-    region = Region.from_document(WALKER_REGION)
-    reach = np.linalg.norm(apexes, axis=1)
-    found: list[Found] = []
-    for key, (detector, options) in case.detectors.items():
-        detected = detect_range(Listed(sweeps), region, detector, options, indices=range(len(sweeps)))
-        rows = [
-            [
-                *_errors(np.array(vertex.xyz), apexes[vertex.sweep_index]),
-                *_stated(vertex.covariance),
-                reach[vertex.sweep_index],
-                float(rings[vertex.sweep_index] >= 2),
-                float(vertex.quality == "fine"),
-                float(bool(vertex.flags)),
-            ]
-            for vertex in detected.vertices
+    walked = simulate(case, seed, seconds)
+    return [
+        found(case.name, key, walked, Region.from_document(WALKER_REGION), detector, options)
+        for key, (detector, options) in case.detectors.items()
+    ]
+
+
+def found(case: str, key: str, walked: Walked, region: Region, detector: str, options: Mapping[str, float]) -> Found:
+    """What a detector finds in a walk."""
+    reach = np.linalg.norm(walked.apexes, axis=1)
+    detected = detect_range(Listed(walked.sweeps), region, detector, options, indices=range(len(walked.sweeps)))
+    rows = [
+        [
+            *_errors(np.array(vertex.xyz), walked.apexes[vertex.sweep_index]),
+            *_stated(vertex.covariance),
+            reach[vertex.sweep_index],
+            float(walked.rings[vertex.sweep_index] >= 2),
+            float(vertex.quality == "fine"),
+            float(bool(vertex.flags)),
         ]
-        found.append(Found(case.name, key, reach[rings >= 2], np.array(rows).reshape(-1, 10)))
-    return found
+        for vertex in detected.vertices
+    ]
+    return Found(case, key, reach[walked.rings >= 2], np.array(rows).reshape(-1, 10), detected.rejected)
 
 
-def simulate(case: Case, seed: int, seconds: float) -> tuple[list[Sweep], NDArray[np.float64], NDArray[np.int64]]:
-    """Sweeps; (S, 3) the apex when the sensor looked at it, metres; (S,) how many rings meet the board."""
+def simulate(case: Case, seed: int, seconds: float) -> Walked:
+    """The walk of a case."""
     scene = scene_with(case.disturbances.poles, seed)
     walk = Walk(seed, seconds, scene.ground_z, plan="field", disturbances=case.disturbances)
-    sensor = FOUR_RINGS if case.four_rings else SENSORS["vlp16"]
     lidar = Lidar(
-        sensor,
+        case.sensor,
         scene,
         walk,
         sector_deg=_SECTOR_DEG,
         noise_m=case.noise_m,
         seed=seed,
         disturbances=case.disturbances,
+        mount=case.mount,
     )
+    return looked_at(walk, lidar, seconds)
+
+
+def looked_at(walk: Walks, lidar: Lidar, seconds: float) -> Walked:
+    """The sweeps of a sensor that looks at a walk for so long."""
     sweeps: list[Sweep] = []
     apexes: list[NDArray[np.float64]] = []
     rings: list[int] = []
-    for index in range(round(seconds / _PERIOD_S)):
-        start_s = index * _PERIOD_S
+    for index in range(round(seconds * lidar.sensor.rate_hz)):
+        start_s = index / lidar.sensor.rate_hz
         sweep, surface = lidar.labelled_sweep(index, start_s, _START_NS + round(start_s * 1e9))
-        looked_s = start_s
-        for _ in range(4):  # the apex moves while the sensor turns towards it
-            apex = walk.poses(np.array([looked_s])).apex[0]
+        apex = lidar.seen(walk.poses(np.array([start_s])).apex)[0]
+        for _ in range(3):  # the apex moves while the sensor turns towards it
             looked_s = start_s + float(lidar.scan_seconds(np.arctan2(apex[1], apex[0])))
+            apex = lidar.seen(walk.poses(np.array([looked_s])).apex)[0]
         sweeps.append(sweep)
         apexes.append(apex)
         rings.append(np.unique(sweep.ring[surface == BOARD]).size)
-    return sweeps, np.array(apexes), np.array(rings)
+    return Walked(sweeps, np.array(apexes), np.array(rings))
 
 
 def _angles(xyz: NDArray[np.float64]) -> NDArray[np.float64]:

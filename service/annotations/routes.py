@@ -13,7 +13,7 @@ from apexcal.documents.roles import rank
 from service.annotations.answer_actions import answer_view, give, undo
 from service.annotations.disclosure_actions import answered_by_others, tell
 from service.annotations.progress_queries import progress, tally, visible_answers
-from service.annotations.task_actions import lock_recording, next_task
+from service.annotations.task_actions import lock_recording, next_tasks
 from service.annotations.views import PairedFrame, find_frame, find_task, mark_view, task_view
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.broker.hints import hint
@@ -34,14 +34,18 @@ CameraQuery = Annotated[Sought, Query(description="a camera's name in the rig")]
     responses={204: {"description": "nothing is left for this person"}},
 )
 def ask_task(detection_id: UUID, wanted: NextTask, access: WriteAccess, request: Request) -> TaskView | Response:
-    """The next vertex for this person to judge, leased to them; the one that they hold, renewed. [annotator]"""
+    """The next vertex for this person to judge, leased to them; the one that they hold, renewed. [annotator]
+
+    With ``ahead`` so many more are leased and told, in the order in which they will come.
+    """
     detection = done_detection(access, detection_id, "annotator")
     camera = find_camera(access.session, detection.recording_id, wanted.camera)
     lease_s = request.app.state.settings.mark_lease_s
-    task = next_task(access.session, detection, camera, access.person.id, lease_s, wanted.skip)
-    if task is None:
+    tasks = next_tasks(access.session, detection, camera, access.person.id, lease_s, wanted.skip, wanted.ahead)
+    if not tasks:
         return Response(status_code=204)
-    return task_view(access.session, task)
+    first, *ahead = (task_view(access.session, task) for task in tasks)
+    return first.model_copy(update={"ahead": ahead})
 
 
 @router.post("/tasks/{task_id}/answer")

@@ -18,6 +18,9 @@ from service.db.clock import now
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
 
+# Those ahead run out a little earlier, one after the other: whoever holds several gets them in the same order again.
+_APART_S = 0.5
+
 
 def lock_recording(session: Session, recording_id: UUID) -> Recording:
     """The recording, its hand-out locked until the transaction ends. Rows that refer to it may still be inserted."""
@@ -25,32 +28,46 @@ def lock_recording(session: Session, recording_id: UUID) -> Recording:
     return session.scalars(statement.with_for_update(key_share=True).execution_options(populate_existing=True)).one()
 
 
-def next_task(
-    session: Session, detection: Detection, camera: Sensor, person_id: UUID, lease_s: float, skip: UUID | None
-) -> MarkingTask | None:
-    """The person's held task with a fresh lease, or a newly leased one; None where nothing is left for them.
+def next_tasks(
+    session: Session,
+    detection: Detection,
+    camera: Sensor,
+    person_id: UUID,
+    lease_s: float,
+    skip: UUID | None = None,
+    ahead: int = 0,
+) -> list[MarkingTask]:
+    """The tasks that the person holds with fresh leases, and newly leased ones, until there are ``1 + ahead``.
 
-    What they skipped, or let the lease of run out, comes again after everything that they have not seen. The task
-    named by ``skip`` is given back and not returned by this call.
+    Fewer where so many are not left for them. What they skipped, or let the lease of run out, comes again after
+    everything that they have not seen. The task named by ``skip`` is given back and not returned by this call.
     """
     recording = lock_recording(session, detection.recording_id)
     mine = (MarkingTask.detection_id == detection.id, MarkingTask.person_id == person_id)
     if skip is not None:
         give_back = update(MarkingTask).where(MarkingTask.id == skip, *mine).values(leased_until=now())
         session.execute(give_back.execution_options(synchronize_session=False))
-    held = session.scalar(
-        select(MarkingTask.vertex_id)
+    held = session.execute(
+        select(MarkingTask.id, MarkingTask.vertex_id)
         .join(Vertex, Vertex.id == MarkingTask.vertex_id)
         .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == camera.id))
         .where(*mine, MarkingTask.sensor_id == camera.id, is_live(MarkingTask), ~has_answered(person_id))
-        # Two are held after an undo: first the one that was taken back.
+        # One that was taken back comes first.
         .order_by(MarkingTask.leased_until.desc())
-        .limit(1)
-    )
-    if held is None:
-        wanted = recording.marks_per_vertex
-        held = Seeker(session, recording.id, detection.id, camera.id, person_id, wanted, skip).seek()
-    return None if held is None else _lease(session, detection.id, held, camera.id, person_id, lease_s)
+        .limit(1 + ahead)
+    ).all()
+    wanted = recording.marks_per_vertex
+    passed = [one for one in (skip, *(row.id for row in held)) if one is not None]
+    tasks: list[MarkingTask] = []
+    for place in range(1 + ahead):
+        vertex_id = held[place].vertex_id if place < len(held) else None
+        if vertex_id is None:
+            vertex_id = Seeker(session, recording.id, detection.id, camera.id, person_id, wanted, passed).seek()
+        if vertex_id is None:
+            break
+        tasks.append(_lease(session, detection.id, vertex_id, camera.id, person_id, lease_s - _APART_S * place))
+        passed.append(tasks[-1].id)
+    return tasks
 
 
 def reopen(session: Session, recording_id: UUID) -> None:

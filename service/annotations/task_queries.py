@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
@@ -33,7 +33,8 @@ class Seeker:
     camera_id: UUID
     person_id: UUID
     marks_wanted: int
-    skip: UUID | None
+    # Tasks of theirs that they hold, or have just given back.
+    passed: Sequence[UUID]
 
     def seek(self) -> UUID | None:
         """The open vertex of the lowest rank that is new to the person, else the open one that they saw longest ago.
@@ -110,8 +111,8 @@ class Seeker:
             MarkingTask.person_id == self.person_id,
         )
         seen = self._open(leases).join(MarkingTask, own).where(*which)
-        if self.skip is not None:
-            seen = seen.where(MarkingTask.id != self.skip)
+        if self.passed:
+            seen = seen.where(MarkingTask.id.not_in(self.passed))
         found = self.session.execute(seen.order_by(MarkingTask.leased_until, Vertex.rank).limit(1)).first()
         return found.id if found else None
 

@@ -203,6 +203,12 @@ def comparison(session: Session, result: Result, vehicle_id: UUID) -> Json | Non
     return None if found is None else _compared(*found)
 
 
+def spread_of_result(session: Session, result: Result) -> Json | None:
+    """A result's deviations with other models counted, if there are any."""
+    own = _standing(session, Result.id == result.id)
+    return own.found.get("between_models") if own else None
+
+
 def _compared(own: _Standing, current: _Standing) -> Json | None:
     # Imported here: it needs NumPy, which takes a twentieth of the service's start.
     from service.calibration_runs.result_comparison import compared

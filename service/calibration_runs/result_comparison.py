@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from service.calibration_runs.model_spread import MOUNT, difference
+from service.calibration_runs.transforms import write
 from service.db.base import Json
 
 Floats = NDArray[np.float64]
@@ -28,15 +30,35 @@ def compared(document: Json, other: Json, spread: Json | None, other_spread: Jso
         return None
     apart = difference(document, other)
     C = _covariance(document, spread, names) + _covariance(other, other_spread, names)
-    d = np.array([apart[name] for name in names])
-    chi2 = float(d @ np.linalg.solve(C, d))
+    return {
+        **_distances(apart),
+        **_in_deviations(apart, names, C),
+        **_field(document.get("field"), other.get("field")),
+    }
+
+
+def compared_with_stated(document: Json, spread: Json | None, R: Floats, t: Floats) -> Json:
+    """How far a result's mount is from T_camera_lidar = (R, t), which is taken to be exact.
+
+    ``sigmas`` and ``differs`` are as :func:`compared` says them; None if the result states no deviations.
+    """
+    apart = difference(document, {"transform": write("", "", R, t), "intrinsics": {}})
+    names = [name for name in MOUNT if _std(document, spread, name)]
+    found: Json = {**_distances(apart), "sigmas": None, "differs": None}
+    return found | (_in_deviations(apart, names, _covariance(document, spread, names)) if names else {})
+
+
+def _distances(apart: Mapping[str, float]) -> Json:
     return {
         "rotation_deg": float(np.linalg.norm([apart[name] for name in MOUNT[:3]])),
         "translation_mm": 1e3 * float(np.linalg.norm([apart[name] for name in MOUNT[3:]])),
-        "sigmas": float(np.sqrt(chi2 / len(names))),
-        "differs": chi2 > _ONCE_IN_A_THOUSAND[len(names) - 1],
-        **_field(document.get("field"), other.get("field")),
     }
+
+
+def _in_deviations(apart: Mapping[str, float], names: list[str], C: Floats) -> Json:
+    d = np.array([apart[name] for name in names])
+    chi2 = float(d @ np.linalg.solve(C, d))
+    return {"sigmas": float(np.sqrt(chi2 / len(names))), "differs": chi2 > _ONCE_IN_A_THOUSAND[len(names) - 1]}
 
 
 def _std(document: Json, spread: Json | None, name: str) -> float | None:

@@ -28,6 +28,12 @@ def T_vehicle_camera(T_vehicle_lidar: Document, T_camera_lidar: Document) -> Doc
     return write(T_vehicle_lidar["to_frame"], T_camera_lidar["to_frame"], R, t)
 
 
+def T_parent_child(joint: Document, T_camera_lidar: Document) -> Document:  # noqa: N802 - a transform
+    """The child's pose in its parent: T_parent_lidar @ inverse(T_camera_lidar) @ inverse(T_child_camera)."""
+    T_parent_camera = T_vehicle_camera(joint["T_parent_lidar"], T_camera_lidar)
+    return T_vehicle_camera(T_parent_camera, joint["T_child_camera"])
+
+
 def read(document: Document) -> tuple[Floats, Floats]:
     """R (3, 3) and t (3,) in metres of a transform document; R is made exactly orthonormal."""
     rotation = document["rotation"]

@@ -62,6 +62,10 @@ def _document(one: Given, alias: str, until: datetime | None) -> Json:
         from service.calibration_runs.transforms import T_vehicle_camera
 
         document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])
+    if one.joint:
+        from service.calibration_runs.transforms import T_parent_child
+
+        document["T_parent_child"] = T_parent_child(one.joint, result.document["transform"])
     return document
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from typing import Annotated
+from typing import Annotated, NamedTuple
 from uuid import UUID
 
 from fastapi import APIRouter, Depends, Request
@@ -14,12 +14,13 @@ from sqlalchemy.orm import defer
 from starlette.requests import ClientDisconnect
 
 from apexcal.documents.base import Sought
-from apexcal.documents.correspondence_sets import BuildRequest, SetView, SetWithPairs
+from apexcal.documents.correspondence_sets import BuildRequest, SelectionRequest, SetView, SetWithPairs
 from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import answered_by_others, keep, tell_pairs
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.correspondence_sets.actions import keep_set
+from service.correspondence_sets.label_files import FROM_ONE, is_labels, read_labels
 from service.correspondence_sets.marked_pairs import build
 from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
 from service.correspondence_sets.streamed_views import pairs_of, set_in_pieces
@@ -45,7 +46,13 @@ _IMPORTED = {
     "requestBody": {
         "required": True,
         "content": {
-            "text/csv": {"schema": {"type": "string", "example": "x,y,z,u,v,group\n4.1,0.2,0.9,961.2,540.8,1\n"}},
+            "text/csv": {
+                "schema": {
+                    "type": "string",
+                    "description": "CSV, or labels.txt of the paper's toolbox.",
+                    "example": "x,y,z,u,v,group\n4.1,0.2,0.9,961.2,540.8,1\n",
+                }
+            },
             "application/json": {
                 "schema": {
                     "type": "object",
@@ -83,6 +90,13 @@ def build_set(detection_id: UUID, wanted: BuildRequest, access: WriteAccess) -> 
     return _keep(access, row)
 
 
+class _Imported(NamedTuple):
+    """Pairs as columns, and sentences on how the file was read."""
+
+    columns: Columns
+    notes: list[str]
+
+
 def _importing(rig_id: UUID, request: Request, identity: CurrentIdentity) -> None:
     """Refuse who may not import to this rig, before the body is read."""
     database: Database = request.app.state.database
@@ -92,7 +106,7 @@ def _importing(rig_id: UUID, request: Request, identity: CurrentIdentity) -> Non
 
 async def _imported(
     request: Request, identity: CurrentIdentity, allowed: Annotated[None, Depends(_importing)]
-) -> AsyncIterator[Columns]:
+) -> AsyncIterator[_Imported]:
     """The pairs in the body, read before any transaction begins and in a thread."""
     media_type = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if media_type not in _READERS:
@@ -125,14 +139,19 @@ async def _whole_body(request: Request) -> bytes:
         ) from None
 
 
-def _read_csv_bytes(body: bytes) -> Columns:
+def _read_text(body: bytes) -> _Imported:
     try:
-        return read_csv(body.decode("utf-8"))
+        text = body.decode("utf-8")
     except UnicodeDecodeError as error:
         raise invalid(f"The file is no UTF-8 text: byte {error.start}.") from None
+    return _Imported(read_labels(text), [FROM_ONE]) if is_labels(text) else _Imported(read_csv(text), [])
 
 
-_READERS: dict[str, Callable[[bytes], Columns]] = {"text/csv": _read_csv_bytes, "application/json": read_json}
+def _read_json(body: bytes) -> _Imported:
+    return _Imported(read_json(body), [])
+
+
+_READERS: dict[str, Callable[[bytes], _Imported]] = {"text/csv": _read_text, "application/json": _read_json}
 
 
 @router.post(
@@ -145,10 +164,13 @@ _READERS: dict[str, Callable[[bytes], Columns]] = {"text/csv": _read_csv_bytes, 
 def import_set(
     rig_id: UUID,
     camera: Sought,
-    columns: Annotated[Columns, Depends(_imported, scope="function")],
+    brought: Annotated[_Imported, Depends(_imported, scope="function")],
     access: WriteAccess,
 ) -> JSONResponse:
-    """Import pairs, as CSV or JSON; the same content is found again, with 200, and is the newest again. [engineer]"""
+    """Import pairs, as CSV, JSON or the toolbox's labels.txt. [engineer]
+
+    The same content is found again, with 200, and is the newest again.
+    """
     rig = access.find(Rig, rig_id, "engineer")
     of = rig_camera(access.session, rig, camera)
     row = CorrespondenceSet(
@@ -157,8 +179,39 @@ def import_set(
         rig_id=rig.id,
         camera=of.name,
         source="import",
-        pairs=columns,
-        notes=notes_on_image(columns, of),
+        pairs=brought.columns,
+        notes=[*brought.notes, *notes_on_image(brought.columns, of)],
+        created_by=access.person.id,
+    )
+    return _keep(access, row)
+
+
+@router.post("/correspondence-sets/{set_id}/selections", status_code=201, response_model=SetView)
+def select_pairs(set_id: UUID, wanted: SelectionRequest, access: WriteAccess) -> JSONResponse:
+    """Make a set of a set's pairs without some; the same content is found again, with 200. [engineer]"""
+    whole = access.find(CorrespondenceSet, set_id, "engineer")
+    left_out = set(wanted.leave_out)
+    if max(left_out) >= whole.count:
+        raise Problem(
+            422,
+            "no_such_pair",
+            f"The set has {whole.count} pairs, numbered from 0; there is no pair {max(left_out)}.",
+            "Give the numbers of its own pairs.",
+        )
+    if len(left_out) == whole.count:
+        raise Problem(422, "nothing_left", "Without these the set has no pairs.", "Leave out fewer.")
+    kept = [i for i in range(whole.count) if i not in left_out]
+    noun = "pair was" if len(left_out) == 1 else "pairs were"
+    row = CorrespondenceSet(
+        fleet_id=whole.fleet_id,
+        vehicle_id=whole.vehicle_id,
+        rig_id=whole.rig_id,
+        recording_id=whole.recording_id,
+        detection_id=whole.detection_id,
+        camera=whole.camera,
+        source=whole.source,
+        pairs={name: [values[i] for i in kept] for name, values in whole.pairs.items()},
+        notes=[*whole.notes, f"{len(left_out)} {noun} left out by hand."],
         created_by=access.person.id,
     )
     return _keep(access, row)

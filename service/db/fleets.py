@@ -67,7 +67,10 @@ class Rig(Base):
 
 
 class RigCamera(Base):
-    """One camera of a rig: its nominal mount ``T_camera_lidar`` (a transform document), image size and bounds."""
+    """One camera of a rig: its nominal mount ``T_camera_lidar`` (a transform document), image size and bounds.
+
+    ``joint`` holds ``T_parent_lidar`` and ``T_child_camera`` around the joint that its results are also given for.
+    """
 
     __tablename__ = "rig_camera"
     __table_args__ = (UniqueConstraint("rig_id", "name"),)
@@ -83,3 +86,4 @@ class RigCamera(Base):
     image_height: Mapped[int]
     nominal: Mapped[Json]
     bounds: Mapped[Json]
+    joint: Mapped[Json | None]

@@ -26,7 +26,8 @@ from service.db.recordings import (
     Sensor,
     UploadPart,
 )
-from service.db.studies import Study
+from service.db.reports import Report
+from service.db.studies import CalibratedCopy, Study
 
 __all__ = [
     "AliasMove",
@@ -38,6 +39,7 @@ __all__ = [
     "Blob",
     "BlobHold",
     "BrowserSession",
+    "CalibratedCopy",
     "Calibration",
     "CalibrationRun",
     "CameraFrame",
@@ -61,6 +63,7 @@ __all__ = [
     "Person",
     "Publication",
     "Recording",
+    "Report",
     "Result",
     "Rig",
     "RigCamera",

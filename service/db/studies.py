@@ -1,10 +1,10 @@
-"""The table of studies: region previews, region suggestions, clock offsets, packings of sweeps."""
+"""The table of studies: region previews, region suggestions, clock offsets, packings of sweeps, calibrated copies."""
 
 from __future__ import annotations
 
 from uuid import UUID
 
-from sqlalchemy import BigInteger, Index, String
+from sqlalchemy import BigInteger, ForeignKey, Index, String
 from sqlalchemy.orm import Mapped, mapped_column
 
 from apexcal.documents.states import WorkState
@@ -12,8 +12,8 @@ from service.db.base import Base, Created, Json, RowId, belongs_to
 
 
 class Study(Base):
-    """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset`` or ``packing``, as its
-    job's.
+    """One question and its answer. ``kind`` is ``preview``, ``suggestion``, ``clock_offset``, ``packing`` or
+    ``calibrated_copy``, as its job's.
 
     ``asked`` holds all that the worker needs besides the recording (and, for ``clock_offset``, the detection);
     ``result`` is the answer. Nothing refers to a study, and what is asked anew is another row.
@@ -33,3 +33,13 @@ class Study(Base):
     problem: Mapped[Json | None]
     job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
     created_at: Mapped[Created]
+
+
+class CalibratedCopy(Base):
+    """The file that a study of the kind ``calibrated_copy`` made, and its name for whoever takes it."""
+
+    __tablename__ = "calibrated_copy"
+
+    study_id: Mapped[UUID] = belongs_to("study.id", primary_key=True, index=False)
+    blob_key: Mapped[str] = mapped_column(ForeignKey("blob.key"), index=True)
+    file_name: Mapped[str] = mapped_column(String(300))

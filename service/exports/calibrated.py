@@ -12,6 +12,14 @@ from service.exports.transform import Transform
 
 
 @dataclass(frozen=True)
+class SolvedJoint:
+    """The joint of the vehicle's own tree that a camera is calibrated for, by what lies around it."""
+
+    T_parent_lidar: Transform
+    T_child_camera: Transform
+
+
+@dataclass(frozen=True)
 class CalibratedCamera:
     """A camera's lens and mount. ``intrinsics`` is a result's: pixels, and coefficients without a unit.
 
@@ -30,6 +38,7 @@ class CalibratedCamera:
     rig: str
     source: str
     at: datetime
+    joint: SolvedJoint | None = None
 
     @property
     def skew(self) -> float:
@@ -78,6 +87,13 @@ class CalibratedCamera:
         """The camera's pose in the LiDAR's frame."""
         return self.T_camera_lidar.inverse()
 
+    @property
+    def T_parent_child(self) -> Transform | None:  # noqa: N802 - a transform
+        """The child's pose in its parent, of the joint that the rig states."""
+        if self.joint is None:
+            return None
+        return self.joint.T_parent_lidar.after(self.T_lidar_camera).after(self.joint.T_child_camera.inverse())
+
 
 @dataclass(frozen=True)
 class Calibrated:
@@ -90,6 +106,13 @@ class Calibrated:
     def lidar_frames(self) -> list[str]:
         """Each LiDAR's frame, once."""
         return list(dict.fromkeys(camera.lidar_frame for camera in self.cameras))
+
+    def T_root_lidar(self, lidar_frame: str) -> Transform | None:  # noqa: N802 - a transform
+        """The LiDAR's pose in the vehicle, else in the first joint's parent; None if no rig states either."""
+        of = [camera for camera in self.cameras if camera.lidar_frame == lidar_frame]
+        vehicles = [camera.T_vehicle_lidar for camera in of if camera.T_vehicle_lidar]
+        parents = [camera.joint.T_parent_lidar for camera in of if camera.joint]
+        return next((one for one in (*vehicles, *parents) if one.to_frame != lidar_frame), None)
 
 
 def file_name(name: str) -> str:

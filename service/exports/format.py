@@ -83,8 +83,8 @@ def remedy(wanted: Format, calibrated: Calibrated) -> str:
 
 
 def _is_apart(calibrated: Calibrated) -> bool:
-    roots = {(camera.T_vehicle_lidar or camera.T_lidar_camera).to_frame for camera in calibrated.cameras}
-    return len(roots) > 1
+    roots = {frame: calibrated.T_root_lidar(frame) for frame in calibrated.lidar_frames}
+    return len({frame if root is None else root.to_frame for frame, root in roots.items()}) > 1
 
 
 def _clash(calibrated: Calibrated) -> str | None:
@@ -100,12 +100,18 @@ def _clash(calibrated: Calibrated) -> str | None:
     names = [file_name(camera.name).upper() for camera in calibrated.cameras]
     if len(set(frames)) < len(frames) or len(set(names)) < len(names):
         return "Two cameras have frames or names that would be one in the files."
+    children = [camera.joint.T_child_camera.to_frame for camera in calibrated.cameras if camera.joint]
+    twice = next((frame for frame in children if children.count(frame) > 1), None)
+    if twice is not None:
+        return f"Two cameras place {twice} by the joint that each is calibrated for."
     return None
 
 
 def _odd_frames(camera: CalibratedCamera) -> list[str]:
-    vehicle = [camera.T_vehicle_lidar.to_frame] if camera.T_vehicle_lidar else []
-    return [name for name in (camera.frame, camera.lidar_frame, *vehicle) if not _PLAIN_FRAME.fullmatch(name)]
+    others = [camera.T_vehicle_lidar.to_frame] if camera.T_vehicle_lidar else []
+    if camera.joint:
+        others += [camera.joint.T_parent_lidar.to_frame, camera.joint.T_child_camera.to_frame]
+    return [name for name in (camera.frame, camera.lidar_frame, *others) if not _PLAIN_FRAME.fullmatch(name)]
 
 
 def _of_lens(wanted: Format, camera: CalibratedCamera) -> str | None:

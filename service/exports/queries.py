@@ -62,7 +62,7 @@ def _of(session: Session, statement: _Cameras) -> Calibrated:
 
 
 def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
-    from service.exports.calibrated import CalibratedCamera
+    from service.exports.calibrated import CalibratedCamera, SolvedJoint
     from service.exports.transform import Transform
 
     return CalibratedCamera(
@@ -77,4 +77,7 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         rig=rig.name,
         source=str(result.id),
         at=result.created_at,
+        joint=SolvedJoint(*(Transform.of(camera.joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
+        if camera.joint
+        else None,
     )

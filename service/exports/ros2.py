@@ -12,13 +12,25 @@ from service.exports.transform import Transform
 
 
 def poses(calibrated: Calibrated) -> list[Transform]:
-    """Each sensor's pose in its parent, once: cameras in the LiDAR, the LiDAR in the vehicle where that is known."""
+    """Each frame's pose in its parent, once: the LiDAR in the vehicle where that is known, then the cameras.
+
+    A camera whose rig states a joint hangs on that joint, others on the LiDAR.
+    """
     found: dict[str, Transform] = {}
     for camera in calibrated.cameras:
-        vehicle = camera.T_vehicle_lidar
-        if vehicle is not None:
-            found[vehicle.from_frame] = vehicle
-        found[camera.frame] = camera.T_lidar_camera
+        root = calibrated.T_root_lidar(camera.lidar_frame)
+        if root is not None:
+            found[camera.lidar_frame] = root
+        T_parent_child = camera.T_parent_child
+        if camera.joint is None or T_parent_child is None:
+            found[camera.frame] = camera.T_lidar_camera
+            continue
+        parent, child = camera.joint.T_parent_lidar, camera.joint.T_child_camera
+        if root is not None and parent.to_frame not in (root.to_frame, camera.lidar_frame):
+            found[parent.to_frame] = root.after(parent.inverse())
+        found[child.to_frame] = T_parent_child
+        if child.to_frame != camera.frame:
+            found[camera.frame] = child
     return list(found.values())
 
 
@@ -61,6 +73,6 @@ FORMAT = Format(
     title="ROS 2",
     write=_files,
     kind="zip",
-    direction="the child frame's pose in its parent: T_lidar_camera, T_vehicle_lidar",
+    direction="the child frame's pose in its parent: T_lidar_camera or the rig's T_parent_child, T_vehicle_lidar",
     plain_frames=True,
 )

@@ -143,6 +143,7 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
                 image_height=camera.image_size[1],
                 nominal=camera.nominal.model_dump(mode="json"),
                 bounds={name: list(pair) for name, pair in camera.bounds.items()},
+                joint=camera.joint and camera.joint.model_dump(mode="json"),
             )
             for position, camera in enumerate(body.cameras)
         ],

@@ -25,6 +25,7 @@ def rig_view(rig: Rig) -> RigOut:
                     "serial": camera.serial,
                     "image_size": [camera.image_width, camera.image_height],
                     "nominal": camera.nominal,
+                    "joint": camera.joint,
                     "bounds": camera.bounds,
                 }
                 for camera in rig.cameras

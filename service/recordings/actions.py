@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 from uuid import UUID
 
 from sqlalchemy import delete, select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from apexcal.documents.states import VehicleState
 from service.calibration_runs.alias_actions import aliases_to
@@ -16,6 +17,7 @@ from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceS
 from service.db.detections import Detection
 from service.db.fleet_requests import FleetRequestVehicle
 from service.db.recordings import Recording, UploadPart
+from service.db.reports import Report
 from service.db.studies import Study
 from service.http.problems import Problem
 from service.jobs.queue import abandon
@@ -55,6 +57,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     keys = [
         *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
         *sensor_keys(session, recording_id),
+        *_reports(session, calibrations, Report.blob_key),
     ]
     condemn(session, keys)
     drop_calibrations(session, calibrations)
@@ -71,6 +74,12 @@ def _calibrations(session: Session, recording_id: UUID) -> Sequence[UUID]:
     ).all()
 
 
+def _reports(session: Session, calibrations: Sequence[UUID], column: InstrumentedAttribute[Any]) -> list[Any]:
+    """This column of the reports of these calibrations' results, where it is set."""
+    of_results = select(column).join(Result, Result.id == Report.result_id)
+    return list(session.scalars(of_results.where(Result.calibration_id.in_(calibrations), column.is_not(None))))
+
+
 def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
     calibrations = _calibrations(session, recording_id)
     runs = select(CalibrationRun.id).where(CalibrationRun.calibration_id.in_(calibrations))
@@ -80,6 +89,7 @@ def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
         *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
         *calibrations,
         *session.scalars(runs),
+        *_reports(session, calibrations, Report.id),
     ]
 
 

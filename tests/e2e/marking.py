@@ -33,10 +33,11 @@ class Marker:
         told = [one for one in self._responses if "application/json" in one.headers.get("content-type", "")]
         return [one.text() for one in told]
 
-    def tasks(self) -> list[dict[str, Any]]:
-        """Every task that the person was given, in order."""
+    def leased(self) -> set[str]:
+        """Every vertex that the person was given, those ahead included."""
         asked = [one for one in self._responses if one.url.endswith("/tasks/next") and one.status == 200]
-        return [one.json() for one in asked]
+        told = [one.json() for one in asked]
+        return {one["vertex"]["id"] for first in told for one in (first, *first["ahead"])}
 
     @property
     def vertex(self) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 
 from tests.e2e.conftest import Track
 from tests.e2e.marking import Marker
@@ -38,8 +38,9 @@ def test_two_people_mark_the_same_recording_at_once(sign_in: SignIn, track: Trac
     for vertex, (u, v) in clicked.items():
         mark = stored[vertex]["mark"]
         assert (mark["u"], mark["v"]) == pytest.approx((u, v), abs=0.51)
-    given = [{task["vertex"]["id"] for task in person.tasks()} for person in (ada, ben)]
-    assert len(given[0]) == len(given[1]) == 4  # three answered and the one that is shown
+    given = [person.leased() for person in (ada, ben)]
+    # Three answered, the one that is shown, and two or three ahead.
+    assert all(len(one) in (6, 7) for one in given)
     assert given[0].isdisjoint(given[1])
     assert ada.own_marks().keys().isdisjoint(ben.own_marks())
     for person, other in ((ada, ben), (ben, ada)):
@@ -129,3 +130,76 @@ def test_no_answer_tells_another_persons_mark_before_the_own_one(sign_in: SignIn
     assert len(told) > 10
     for secret in (str(stored["u"])[:8], str(stored["v"])[:8], person, "Fay"):
         assert not [text for text in told if secret in text]
+
+
+def test_the_next_frame_comes_at_once_and_the_answer_is_saved_behind_it(sign_in: SignIn, track: Track) -> None:
+    hal = Marker(sign_in("Hal", "annotator"), track)
+    hal.open()
+    hal.page.context.new_cdp_session(hal.page).send(
+        "Network.emulateNetworkConditions",
+        {"offline": False, "latency": 300, "downloadThroughput": -1, "uploadThroughput": -1},
+    )
+    hal.save("u")
+    took: list[float] = []
+    given: dict[str, tuple[float, float]] = {}
+    for turn in range(12):
+        vertex = hal.vertex
+        given[vertex] = hal.click(0.3 + 0.03 * turn, 0.4)
+        hal.page.wait_for_timeout(700)  # people take about a second a mark
+        took.append(hal.page.evaluate(NEXT_FRAME_MS))
+        assert hal.vertex != vertex
+        hal.ready()
+    print("Enter to next frame, ms:", [round(one) for one in sorted(took)])
+    # One of twelve may meet a busy machine. Behind the network's delay none would be below 300 ms.
+    assert sorted(took)[-2] < 200
+    for _ in range(100):
+        if given.keys() <= hal.own_marks().keys():
+            break
+        hal.page.wait_for_timeout(100)
+    stored = hal.own_marks()
+    for vertex, (u, v) in given.items():
+        mark = stored[vertex]["mark"]
+        assert (mark["u"], mark["v"]) == pytest.approx((u, v), abs=0.51)
+
+
+NEXT_FRAME_MS = """() => new Promise((done) => {
+  const stage = document.querySelector('.stage');
+  const began = performance.now();
+  new MutationObserver((_, seen) => {
+    seen.disconnect();
+    requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now() - began)));
+  }).observe(stage, { attributes: true, attributeFilter: ['data-vertex'] });
+  window.dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter' }));
+})"""
+
+
+def test_a_mark_takes_at_most_twenty_keys_and_the_zoom_stays(sign_in: SignIn, track: Track) -> None:
+    ida = Marker(sign_in("Ida", "annotator"), track)
+    ida.open()
+    press = ida.page.keyboard.press
+    width, height = track.image_size
+    vertex, wanted = ida.vertex, (0.83 * width, 0.21 * height)
+    cell = [-0.5, -0.5, float(width), float(height)]
+    keys = 0
+    for _ in range(7):
+        column, row = (min(2, int(3 * (wanted[axis] - cell[axis]) / cell[2 + axis])) for axis in (0, 1))
+        cell = [cell[0] + column * cell[2] / 3, cell[1] + row * cell[3] / 3, cell[2] / 3, cell[3] / 3]
+        press(str(7 - 3 * row + column))
+        keys += 1
+    application = ida.page.get_by_role("application")
+    zoomed = application.get_attribute("data-scale")
+    ida.save()
+    keys += 1
+    assert keys <= 20
+    mark = ida.own_marks()[vertex]["mark"]
+    assert (mark["u"], mark["v"]) == pytest.approx(wanted, abs=0.5)
+    # The next frame is shown as close, keys move it, and 0 shows it whole and goes back.
+    assert application.get_attribute("data-scale") == zoomed
+    before = ida.pixel(400, 300)
+    press("Home")
+    assert ida.pixel(400, 300)[0] < before[0]
+    press("0")
+    assert float(application.get_attribute("data-scale") or 0) < float(zoomed or 0) / 4
+    press("0")
+    assert float(application.get_attribute("data-scale") or 0) == pytest.approx(float(zoomed or 0))
+    expect(ida.page.get_by_test_id("strip").locator("canvas")).to_have_count(1)

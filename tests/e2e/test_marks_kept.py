@@ -12,6 +12,9 @@ from tests.e2e.test_marking import ask_marks
 
 SignIn = Callable[[str, str], Page]
 
+HAS_FRAMES = (
+    "count => performance.getEntriesByType('resource').filter((one) => /frames/.test(one.name)).length >= count"
+)
 SHOWS_ANOTHER = "vertex => document.querySelector('.stage')?.dataset.vertex !== vertex"
 
 
@@ -41,16 +44,26 @@ def wait_for_mark(person: Marker, vertex: str, pixel: tuple[float, float]) -> di
 def test_an_answer_given_offline_is_kept_and_sent(sign_in: SignIn, track: Track) -> None:
     hana = marker(sign_in, track, "Hana")
     vertex, placed = hana.vertex, hana.click(0.3, 0.4)
+    hana.page.wait_for_function(HAS_FRAMES, arg=3)
     hana.page.context.set_offline(True)
+    given = {vertex: placed}
+    # Two more frames are there already.
+    for turn in (1, 2):
+        before = hana.vertex
+        hana.page.keyboard.press("Enter")
+        hana.page.wait_for_function(SHOWS_ANOTHER, arg=before)
+        hana.ready()
+        given[hana.vertex] = hana.click(0.3 + 0.1 * turn, 0.4)
     hana.page.keyboard.press("Enter")
-    expect(hana.page.get_by_test_id("unsent")).to_contain_text("1 answer waits to be sent")
+    expect(hana.page.get_by_test_id("unsent")).to_contain_text("3 answers wait to be sent")
     hana.page.mouse.click(400, 400)
     expect(hana.page.get_by_text("does not have your answer")).to_be_visible()
-    assert (hana.vertex, hana.shown()) == (vertex, 1)
+    assert (hana.vertex, hana.shown()) == (list(given)[-1], 1)
     hana.page.context.set_offline(False)
-    wait_for_mark(hana, vertex, placed)
+    for vertex, placed in given.items():
+        wait_for_mark(hana, vertex, placed)
     hana.ready()
-    assert hana.vertex != vertex
+    assert hana.vertex not in given
     expect(hana.page.get_by_test_id("unsent")).to_have_count(0)
 
 

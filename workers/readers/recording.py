@@ -110,6 +110,16 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True)
+class StaticTransform:
+    """``T_parent_child``: the pose of a frame in its parent, which never changes. Metres; a unit quaternion."""
+
+    parent: str
+    child: str
+    translation_m: tuple[float, ...]
+    quaternion_xyzw: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ReadOptions:
     """What the owner knows of a recording but its file does not say.
 
@@ -190,6 +200,11 @@ class Recording(Protocol):
     @property
     def other_topics(self) -> Sequence[str]:
         """What else the recording holds and no reader takes, for messages to its owner."""
+        ...
+
+    @property
+    def static_transforms(self) -> Sequence[StaticTransform]:
+        """The poses of frames that the recording states to be fixed."""
         ...
 
     @property

@@ -26,6 +26,8 @@ class Disturbances:
         rolled_deg: how far the board is rolled on average, counter-clockwise as the LiDAR sees it.
         tilted_deg: how far the board leans on average, the upper end away from the LiDAR, beyond the usual 2 degrees.
         body_behind_m: from the board to the axis of the torso.
+        torso_m: radius of the torso with what is worn.
+        hand_m: radius of the hands and sleeves at the board's lower edges; 0: they are behind it.
 
     Raises:
         ValueError: a value that cannot be simulated, said in one sentence.
@@ -41,6 +43,8 @@ class Disturbances:
     rolled_deg: float = 0.0
     tilted_deg: float = 0.0
     body_behind_m: float = 0.22
+    torso_m: float = 0.15
+    hand_m: float = 0.0
 
     def __post_init__(self) -> None:
         limits = {
@@ -52,7 +56,9 @@ class Disturbances:
             "poles": (0, 20),
             "rolled_deg": (-30.0, 30.0),
             "tilted_deg": (-30.0, 30.0),
-            "body_behind_m": (0.16, 1.5),
+            "body_behind_m": (self.torso_m + 0.01, 1.5),
+            "torso_m": (0.1, 0.35),
+            "hand_m": (0.0, 0.15),
         }
         for name, (low, high) in limits.items():
             value = getattr(self, name)

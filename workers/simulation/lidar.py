@@ -13,24 +13,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
-from workers.simulation.beams import BOARD, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL, cast
+from workers.simulation.beams import BOARD, BOX, GROUND, PERSON, POLE, SECOND_PERSON, SPECKLE, WALL, cast
 from workers.simulation.disturbances import Disturbances
+from workers.simulation.flaws import Flaws, Mount, lost, range_error
 from workers.simulation.scene import Scene
 from workers.simulation.sensors import SENSORS, LidarModel, with_rings
 from workers.simulation.walker import Person, Poses
 
 __all__ = [
-    "BOARD", "GROUND", "PERSON", "POLE", "SECOND_PERSON", "SENSORS", "SPECKLE", "SURFACES", "WALL", "Lidar",
+    "BOARD", "BOX", "GROUND", "PERSON", "POLE", "SECOND_PERSON", "SENSORS", "SPECKLE", "SURFACES", "WALL", "Lidar",
     "LidarModel", "Walks", "with_rings",
 ]  # fmt: skip
 
 # Name of each surface label.
-SURFACES = ("nothing", "ground", "wall", "pole", "board", "person", "second person", "speckle")
+SURFACES = ("nothing", "ground", "wall", "pole", "board", "person", "second person", "speckle", "box")
 # Mean intensity of each.
-_INTENSITY = np.array([0.0, 12.0, 45.0, 80.0, 190.0, 28.0, 28.0, 4.0])
+_INTENSITY = np.array([0.0, 12.0, 45.0, 80.0, 190.0, 28.0, 28.0, 4.0, 60.0])
 _RANGE_STEP_M = 0.002  # the resolution of a VLP-16's range
 _FIRING_S = 2.304e-6  # one laser after the other
 _SPECKLE_M = (1.0, 2.5)  # nearest, and mean distance beyond that
+
+Floats = NDArray[np.float64]
 
 
 class Walks(Protocol):
@@ -58,6 +61,8 @@ class Lidar:
         noise_m: float,
         seed: int,
         disturbances: Disturbances | None = None,
+        flaws: Flaws | None = None,
+        mount: Mount | None = None,
     ) -> None:
         self.sensor = sensor
         self._scene = scene
@@ -65,6 +70,8 @@ class Lidar:
         self._noise_m = noise_m
         self._seed = seed
         self._disturbances = disturbances or Disturbances()
+        self._flaws = flaws or Flaws()
+        self._mount = mount or Mount()
         # One column less than fits: the grid starts by up to a step late, and a column takes its time.
         self.columns = int(2.0 * sector_deg / sensor.step_deg) - 1
         self._sector = math.radians(sector_deg)
@@ -77,6 +84,13 @@ class Lidar:
         self._elevations = np.deg2rad(np.array(sensor.elevations_deg))
         self._lift_m = -sensor.lens_m * np.tan(self._elevations)
         self._aside = np.deg2rad(np.array(sensor.azimuths_deg)) if sensor.azimuths_deg else np.zeros(rings)
+        self._every = np.array(sensor.every) if sensor.every else np.ones(rings, np.int64)
+        random = np.random.default_rng([seed, 10])
+        angle = math.radians(self._flaws.ring_angle_deg)
+        self._bias_m = random.normal(0.0, self._flaws.ring_bias_m, rings)
+        self._up_error, self._aside_error = random.normal(0.0, angle, (2, rings))
+        self._wander = random.uniform(0.0, 2.0 * math.pi, 3)
+        self._begins = self._sector if self._mount.seam_deg is None else math.radians(self._mount.seam_deg)
 
     def seconds_per_sector(self) -> float:
         """From a sweep's stamp to its last point."""
@@ -93,49 +107,101 @@ class Lidar:
     def labelled_sweep(self, index: int, start_s: float, stamp_ns: int) -> tuple[Sweep, NDArray[np.int64]]:
         """The sweep, and (N,) what each of its points lies on: ``GROUND`` to ``SPECKLE``, by name in ``SURFACES``."""
         random = np.random.default_rng([self._seed, 2, index])
-        step = math.radians(self.sensor.step_deg)
-        column_s = (np.arange(self.columns, dtype=np.float64) + random.uniform()) * step / self._omega
-        distance, surface = self._beams(column_s, self._walk.poses(start_s + column_s))
+        column_s = self._columns_s(random.uniform())
+        poses = self._walk.poses(start_s + column_s)
+        turned = self._begins - self._omega * column_s + self._wandered(start_s + column_s)
+        azimuth, elevation = self._level(turned)
+        distance, surface = self._beams(azimuth, elevation, self._fired(column_s), poses)
         self._spoil(index, distance, surface)
-        noisy = distance + random.normal(0.0, self._noise_m, distance.shape)
-        noisy = np.round(noisy / _RANGE_STEP_M) * _RANGE_STEP_M
-        brightness = _INTENSITY[surface] * random.uniform(0.8, 1.2, distance.shape)
+        noise = random.normal(0.0, self._noise_m, distance.shape)
+        reflectance = _INTENSITY[surface] / 255.0 * random.uniform(0.8, 1.2, distance.shape)
+        error = self._range_error(index, distance, surface, reflectance, azimuth, elevation, poses)
+        noisy = np.round((distance + noise + error) / _RANGE_STEP_M) * _RANGE_STEP_M
         column, ring = np.nonzero(distance <= self.sensor.max_range_m)
         after_s = column_s[column] + self.delay_s[ring]
-        azimuth = self._sector - self._omega * after_s + self._aside[ring]
-        elevation = self._elevations[ring]
-        direction = np.column_stack(
-            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-        )
-        xyz = direction * noisy[column, ring][:, None]
+        said = turned + random.normal(0.0, 1e-3 * self._flaws.jitter_mrad, len(turned))
+        xyz = _directions(said[column] - self._omega * self.delay_s[ring] + self._aside[ring], self._elevations[ring])
+        xyz *= noisy[column, ring][:, None]
         xyz[:, 2] += self._lift_m[ring]
         sweep = Sweep(
             stamp_ns=stamp_ns,
             xyz=xyz.astype(np.float32),
-            intensity=brightness[column, ring].astype(np.float32),
+            intensity=(255.0 * reflectance[column, ring]).astype(np.float32),
             ring=ring.astype(np.uint16),
             offset_ns=np.round(after_s * 1e9).astype(np.int64),
             time_source="per_point",
         )
         return sweep, surface[column, ring]
 
-    def _beams(self, column_s: NDArray[np.float64], poses: Poses) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def _columns_s(self, late: float) -> Floats:
+        """When the columns that look into the sector are fired, seconds; the first is ``late`` steps late."""
+        step = math.radians(self.sensor.step_deg)
+        if self._mount.seam_deg is None:
+            return (np.arange(self.columns, dtype=np.float64) + late) * step / self._omega
+        turn = (np.arange(int(2.0 * math.pi / step) - 1, dtype=np.float64) + late) * step
+        ahead = np.abs(np.remainder(self._begins - turn + math.pi, 2.0 * math.pi) - math.pi) < self._sector
+        return turn[ahead] / self._omega
+
+    def _wandered(self, time_s: Floats) -> Floats:
+        """How far the motor is from where even steps would have it, radians: slow, once and seven times a turn."""
+        rates_hz = np.array([0.3, self.sensor.rate_hz, 7.0 * self.sensor.rate_hz])
+        waves = np.sin(2.0 * math.pi * time_s[:, None] * rates_hz + self._wander) @ np.array([0.4, 0.3, 0.3])
+        return math.radians(self._flaws.wander_deg) * waves
+
+    def _fired(self, column_s: Floats) -> NDArray[np.bool_]:
+        """(C, R) which lasers fire in which columns."""
+        number = np.floor(column_s * self._omega / math.radians(self.sensor.step_deg)).astype(np.int64)
+        return number[:, None] % self._every == 0
+
+    def _level(self, turned: Floats) -> tuple[Floats, Floats]:
+        """Azimuth and elevation (C, R) of the beams in the scene's level frame, radians."""
+        azimuth = turned[:, None] - (self._omega * self.delay_s - self._aside - self._aside_error)
+        elevation = np.broadcast_to(self._elevations + self._up_error, azimuth.shape)
+        if self._mount.roll_deg == 0.0 and self._mount.pitch_deg == 0.0:
+            return azimuth, np.ascontiguousarray(elevation)
+        x, y, z = np.moveaxis(_directions(azimuth, elevation) @ self._mount.rotation().T, -1, 0)
+        return np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))
+
+    def _beams(
+        self, azimuth: Floats, elevation: Floats, fired: NDArray[np.bool_], poses: Poses
+    ) -> tuple[Floats, NDArray[np.int64]]:
         """Range (C, R), infinite where nothing is met, and surface (C, R) of the beams of C columns."""
         scene = self._scene
         top = scene.ground_z + scene.wall_height
+        walker = Person(poses.body, poses.left, poses.height, poses.torso_m)
+        people = [walker, *([poses.second] if poses.second is not None else []), *poses.others]
+        flaws = self._flaws
         return cast(
-            self._sector - self._omega * column_s,
-            self._omega * self.delay_s - self._aside,
-            self._elevations,
+            azimuth,
+            elevation,
             self._lift_m,
-            0.5e-3 * self._disturbances.beam_mrad,
+            fired,
+            np.array([0.5e-3 * self._disturbances.beam_mrad, flaws.mixing_m, flaws.least_share]),
             np.stack([poses.apex, poses.edge_left, poses.edge_right], axis=1),
-            np.column_stack([poses.body, poses.left, poses.height]),
-            _rows(poses.second),
+            np.stack([_rows(person) for person in people]),
+            np.empty((len(azimuth), 0, 4)) if poses.hands is None else poses.hands,
             np.array(poses.board_m),
             np.array([scene.ground_z, scene.wall_x, scene.wall_half_width, top]),
             scene.poles,
+            scene.boxes,
         )
+
+    def _range_error(
+        self, index: int, distance: Floats, surface: NDArray[np.int64], reflectance: Floats, azimuth: Floats,
+        elevation: Floats, poses: Poses,
+    ) -> Floats:  # fmt: skip
+        """Systematic errors of the ranges (C, R); returns that are too weak become infinite in ``distance``."""
+        flaws = self._flaws
+        cosine = np.ones(distance.shape)
+        column, ring = np.nonzero(surface == BOARD)
+        if column.size:
+            normal = np.cross(poses.edge_left, poses.edge_right)[column]
+            beam = _directions(azimuth[column, ring], elevation[column, ring])
+            cosine[column, ring] = np.abs(np.sum(normal * beam, axis=1))
+        if flaws.lost_share > 0.0:
+            chance = np.random.default_rng([self._seed, 11, index]).uniform(size=distance.shape)
+            distance[lost(flaws, reflectance, cosine, chance)] = np.inf
+        return range_error(flaws, self._bias_m[None, :], reflectance, cosine)
 
     def _spoil(self, index: int, distance: NDArray[np.float64], surface: NDArray[np.int64]) -> None:
         """Specks in the air before what the beams would meet, then returns that are lost; in place."""
@@ -160,10 +226,22 @@ class Lidar:
         """Where the beams of those rings (N,) leave the sensor's axis, (N, 3) metres."""
         return self._lift_m[ring][:, None] * np.array([0.0, 0.0, 1.0])
 
-    def scan_seconds(self, azimuth: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Seconds after a sweep's start at which the sensor looks along ``azimuth`` (radians)."""
-        return (self._sector - azimuth) / self._omega
+    def scan_seconds(self, azimuth: Floats) -> Floats:
+        """Seconds after a sweep's start at which the sensor looks along ``azimuth`` (radians, its own frame)."""
+        turned = self._begins - azimuth
+        return (turned if self._mount.seam_deg is None else np.remainder(turned, 2.0 * math.pi)) / self._omega
+
+    def seen(self, points: Floats) -> Floats:
+        """Points (N, 3) of the scene's level frame in the sensor's own, metres."""
+        return points @ self._mount.rotation()
 
 
-def _rows(person: Person | None) -> NDArray[np.float64]:
-    return np.empty((0, 5)) if person is None else np.column_stack([person.body, person.left, person.height])
+def _rows(person: Person) -> Floats:
+    torso = np.full(len(person.height), person.torso_m)
+    return np.column_stack([person.body, person.left, person.height, torso])
+
+
+def _directions(azimuth: Floats, elevation: Floats) -> Floats:
+    """Unit vectors (..., 3)."""
+    flat = np.cos(elevation)
+    return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1)

@@ -25,6 +25,8 @@ class Scene:
         wall_x: distance of the back wall.
         wall_half_width, wall_height: metres; the height is above the ground.
         poles: (P, 4) x, y, radius, height above the ground, metres.
+        boxes: (B, 7) cars, walls, doors and signs: x, y, heading (radians), half length, half width, lowest and
+            highest point above the ground, metres.
     """
 
     ground_z: float = -1.85
@@ -32,6 +34,7 @@ class Scene:
     wall_half_width: float = 26.0
     wall_height: float = 3.0
     poles: NDArray[np.float64] = field(default_factory=_poles)
+    boxes: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 7)))
 
 
 def scene_with(poles: int, seed: int) -> Scene:

@@ -37,11 +37,13 @@ class Person:
         body: (T, 2) x y of the torso's axis.
         left: (T, 2) horizontal unit vector to the side that is left as seen from the LiDAR.
         height: (T,) of the person as they stand (ducking included), above the ground.
+        torso_m: radius of the torso with what is worn.
     """
 
     body: NDArray[np.float64]
     left: NDArray[np.float64]
     height: NDArray[np.float64]
+    torso_m: float = TORSO_RADIUS_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,9 @@ class Poses:
         height: (T,) of the person as they stand (ducking included), above the ground.
         board_m: lengths of the edge to the left and the edge to the right.
         second: the person who goes along, where there is one.
+        torso_m: radius of the walker's torso with what is worn.
+        hands: (T, H, 4) centre and radius of hands and sleeves at the board's lower edges; None: out of sight.
+        others: people who have nothing to do with the board.
     """
 
     apex: NDArray[np.float64]
@@ -67,6 +72,9 @@ class Poses:
     height: NDArray[np.float64]
     board_m: tuple[float, float] = BOARD_EDGES_M
     second: Person | None = None
+    torso_m: float = TORSO_RADIUS_M
+    hands: NDArray[np.float64] | None = None
+    others: tuple[Person, ...] = ()
 
 
 class Walk:
@@ -101,6 +109,9 @@ class Walk:
         self._roll = _Wander(random, chosen.rolls, np.pi / 180.0)
         self._tilt = _Wander(random, chosen.tilts, np.pi / 180.0)
         self._bob = _Wander(random, chosen.bobs)
+        # Where along the lower edges each hand is, and how far before the board's plane its middle.
+        gripping = np.random.default_rng([seed, 9])
+        self._grips = np.column_stack([gripping.uniform(0.1, 0.8, 2), gripping.uniform(-0.03, 0.04, 2)])
         self._apart = _Wander(np.random.default_rng([seed, 6]), ((0.05, 0.13, 0.31), (0.5, 0.3, 0.2)))
 
     def poses(self, time_s: NDArray[np.float64]) -> Poses:
@@ -121,16 +132,36 @@ class Walk:
         cosine, sine = np.cos(roll)[:, None], np.sin(roll)[:, None]
         tall = self._disturbances.walker_height_m
         ducked = np.minimum(tall, apex_height - _DUCK_M)
+        edges = (cosine * left - sine * up, -sine * left - cosine * up)
         return Poses(
             apex=apex,
-            edge_left=cosine * left - sine * up,
-            edge_right=-sine * left - cosine * up,
+            edge_left=edges[0],
+            edge_right=edges[1],
             body=xy + self._disturbances.body_behind_m * away[:, :2],
             left=left[:, :2],
             height=np.full_like(yaw, tall) if self._disturbances.head_above_m > 0.0 else ducked,
             board_m=self._board_m,
             second=self._second(time_s, xy, away[:, :2], left[:, :2], self._disturbances.second_person),
+            torso_m=self._disturbances.torso_m,
+            hands=self._hands(apex, *edges) if self._disturbances.hand_m > 0.0 else None,
         )
+
+    def _hands(
+        self, apex: NDArray[np.float64], edge_left: NDArray[np.float64], edge_right: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Hands on both lower edges, each with a sleeve that goes down and out of the board from it."""
+        long_left, long_right = self._board_m
+        before = np.cross(edge_left, edge_right)
+        before *= -np.sign(np.sum(before * apex, axis=1, keepdims=True))  # towards the LiDAR
+        radius = self._disturbances.hand_m
+        balls: list[NDArray[np.float64]] = []
+        for (share, out), corner, along, length, outward in (
+            (self._grips[0], apex + long_left * edge_left, edge_right, long_right, edge_left),
+            (self._grips[1], apex + long_right * edge_right, edge_left, long_left, edge_right),
+        ):
+            hand = corner + share * length * along + out * before
+            balls += [hand, hand + 1.5 * radius * (outward + along)]
+        return np.stack([np.column_stack([ball, np.full(len(ball), radius)]) for ball in balls], axis=1)
 
     def _carried(self) -> tuple[float, float]:
         """The apex's mean height above the ground, and the share of the plan's way up and down that is used."""

@@ -17,6 +17,7 @@ Sines = tuple[tuple[float, ...], tuple[float, ...]]
 _TICK_S = 0.05
 FIELD_X_M = (4.0, 32.0)
 FIELD_HALF_WIDTH_M = 5.0
+YARD_FAR_M = 14.0
 _ROW_M = 1.5
 _VIEW_DEG = 50.0  # to either side: farther out neither sensor looks
 
@@ -105,16 +106,18 @@ def _all_over(random: np.random.Generator, seconds: float) -> tuple[Floats, Floa
     return np.concatenate(legs), np.concatenate(paces)
 
 
-def _anywhere(slowest: float, fastest: float) -> Callable[[np.random.Generator, float], tuple[Floats, Floats]]:
-    """From one random place of the field to the next, each leg at its own pace (metres per second)."""
+def _anywhere(
+    slowest: float, fastest: float, far_m: float = FIELD_X_M[1]
+) -> Callable[[np.random.Generator, float], tuple[Floats, Floats]]:
+    """From one random place of the field, up to ``far_m``, to the next, each leg at its own pace (m/s)."""
 
     def line(random: np.random.Generator, seconds: float) -> tuple[Floats, Floats]:
-        places = [_place(random)]
+        places = [_place(random, far_m)]
         paces: list[Floats] = []
         legs: list[Floats] = []
         remaining = seconds + 5.0
         while remaining > 0.0:
-            places.append(_place(random))
+            places.append(_place(random, far_m))
             leg = _stepped(np.array(places[-2:]))
             pace = random.uniform(slowest, fastest)
             legs.append(leg)
@@ -125,10 +128,12 @@ def _anywhere(slowest: float, fastest: float) -> Callable[[np.random.Generator, 
     return line
 
 
-def _place(random: np.random.Generator) -> Floats:
+def _place(random: np.random.Generator, far_m: float) -> Floats:
     """Uniform over the field where the sensors look."""
     while True:
-        place = np.array([random.uniform(*FIELD_X_M), random.uniform(-FIELD_HALF_WIDTH_M, FIELD_HALF_WIDTH_M)])
+        place = np.array(
+            [random.uniform(FIELD_X_M[0], far_m), random.uniform(-FIELD_HALF_WIDTH_M, FIELD_HALF_WIDTH_M)]
+        )
         if abs(place[1]) < place[0] * np.tan(np.deg2rad(_VIEW_DEG)):
             return place
 
@@ -148,6 +153,9 @@ WALKS: dict[str, WalkPlan] = {
         "from anywhere to anywhere in a field of 10 x 30 m, 0.7 to 1.6 m/s", _anywhere(0.7, 1.6), rolls=_STUDY_ROLLS
     ),
     "cover": WalkPlan("row by row over that field to its edges, 0.9 to 1.4 m/s", _all_over, rolls=_STUDY_ROLLS),
+    "yard": WalkPlan(
+        f"as field, in a yard that ends at {YARD_FAR_M:g} m", _anywhere(0.5, 1.4, YARD_FAR_M), rolls=_STUDY_ROLLS
+    ),
     "slow": WalkPlan("as field, at 0.15 to 0.3 m/s", _anywhere(0.15, 0.3), rolls=_STUDY_ROLLS),
     "still": WalkPlan(
         "stands in one place, the hands tremble",

@@ -48,6 +48,7 @@ _ROOMS = {
     "clock_offset": "studying",
     "solve": "solving",
     "consistency": "comparing",
+    "report": "reporting",
 }
 WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
 # The modules that need no kernels.

@@ -28,6 +28,7 @@ const LABELS: Record<string, string> = {
   transcoded: "images encoded anew",
   sizes: "size",
   camera_info: "stated intrinsics",
+  static_transforms: "fixed frames",
 };
 /** Said by another fact, or a list of single events that the warnings sum up. */
 const UNSAID = new Set(["gaps", "width", "height"]);
@@ -65,6 +66,7 @@ function linesOf(name: string, value: unknown): string[] {
   if (typeof value === "number") return [measured(name, value)];
   if (name === "camera_info") return intrinsics(value as Record<string, unknown>);
   const parts = typeof value === "object" && value !== null ? (value as Record<string, unknown>) : {};
+  if (name === "static_transforms") return [`${sentence(parts.child)} in ${sentence(parts.parent)}`];
   if (name === "sizes")
     return [`${sentence(parts.width)} × ${sentence(parts.height)} (${compact(parts.count)} frames)`];
   if (typeof parts.after_ns === "number" && typeof parts.duration_ns === "number") {

@@ -1,11 +1,12 @@
-/** One person's way through the vertices of a detection in one camera: a task, an answer, the next task. */
+/**
+ * One person's way through the vertices of a detection in one camera: a task, an answer, the next task. The next ones
+ * are leased and their frames loaded ahead, so that a frame is shown at once and the answer is saved behind it.
+ */
 
 import * as annotations from "./api/annotations.ts";
-import { vertices } from "./api/detections.ts";
 import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
 import * as people from "./api/people.ts";
-import { frameUrl } from "./api/recordings.ts";
-import type { MarkingProgress, MarkingTask, Me, VerdictName, Vertex } from "./api/types.ts";
+import type { MarkingProgress, MarkingTask, Me, VerdictName } from "./api/types.ts";
 import { cache } from "./cache.svelte.ts";
 import { keepDraft, shownMark } from "./drafts.ts";
 import type { KeptAnswer } from "./answers_kept.ts";
@@ -14,12 +15,22 @@ import { loadImage, preload } from "./images.ts";
 import { outbox } from "./outbox.svelte.ts";
 import type { Pixel } from "./pixels.ts";
 import { session } from "./session.svelte.ts";
+import { Strip } from "./strip.svelte.ts";
 
-const AHEAD = 3;
+/** Two round trips of a third of a second each are over before so many vertices are marked. */
+const AHEAD = 2;
+/** More are not leased at once. */
+const MOST_AHEAD = 5;
 const RENEW_MS = 45_000;
 const AWAY_MS = 10 * 60_000;
 /** Nobody reacts to a new picture faster (simple visual reaction time): an earlier click meant the one before. */
 const REACTION_MS = 200;
+
+/** An answer that was given here and is not known to have arrived, with the task that it answers. */
+interface Given {
+  answer: KeptAnswer;
+  task: MarkingTask;
+}
 
 export class Marking {
   task = $state.raw<MarkingTask | null>(null);
@@ -31,32 +42,32 @@ export class Marking {
   advice = $state("");
   busy = $state(true);
   finished = $state(false);
-  /** The answer that must be sent, or decided on, before there is a next task. */
-  private waitsFor = $state.raw<KeptAnswer | null>(null);
+  /** The shown vertex is answered, or none is shown, and there is no next one before an answer has arrived. */
+  waiting = $state(false);
   /** The frame is so new that nobody can have meant it yet. */
   private fresh = $state(false);
   readonly history: History;
+  /** The last marks that were given on this page, to compare by eye. */
+  readonly strip = new Strip();
 
   private readonly me: Me;
-  private readonly recordingId: string;
   private readonly detectionId: string;
   private readonly camera: string;
-  private order: readonly Vertex[] = [];
+  private asked = 0;
+  /** What comes next, leased. */
+  private ahead: readonly MarkingTask[] = [];
+  private given: readonly Given[] = [];
+  /** By task: the version of the own answer that an answer given here replaces. */
+  private answeredOn: Readonly<Record<string, number>> = {};
   private lastTouch = Date.now();
   /** From when on, in time stamps of events, the shown frame was seen. */
   private seenFrom = Infinity;
 
-  constructor(me: Me, recordingId: string, detectionId: string, camera: string) {
+  constructor(me: Me, detectionId: string, camera: string) {
     this.me = me;
-    this.recordingId = recordingId;
     this.detectionId = detectionId;
     this.camera = camera;
     this.history = new History(`${me.id}.${detectionId}.${camera}`);
-  }
-
-  /** An answer of this page is kept in the browser and not yet sent. */
-  get waiting(): boolean {
-    return this.waitsFor !== null;
   }
 
   /** Whether the shown vertex takes an answer now. */
@@ -68,24 +79,17 @@ export class Marking {
     await this.guarded(async () => {
       await outbox.start();
       // Until the service has these, it would hand out the very vertices that they answer.
-      const here = outbox.unsent.filter((one) => one.detectionId === this.detectionId && one.camera === this.camera);
-      this.waitsFor = here.at(-1) ?? null;
+      this.waiting = outbox.unsent.some((one) => this.isOfThisPage(one));
       if (!this.waiting) await this.advance(null);
     });
     void this.count();
-    try {
-      this.order = await cache.query(vertices(this.detectionId, this.camera));
-      this.preloadAfter(this.task);
-    } catch {
-      // Without the order nothing is fetched ahead; marking works all the same.
-    }
   }
 
-  /** Keeps the lease of the shown task while its person is there, and follows the outbox. Returns the end of it. */
+  /** Keeps the leases while their person is there, and follows the outbox. Returns the end of it. */
   keep(): () => void {
     const timer = setInterval(() => {
       const away = Date.now() - this.lastTouch > AWAY_MS || document.visibilityState === "hidden";
-      if (this.idle && !away) void annotations.nextTask(this.detectionId, this.camera, null).catch(() => null);
+      if (this.idle && !away) void this.refill();
     }, RENEW_MS);
     const deaf = outbox.onChange(() => void this.settle());
     return () => {
@@ -114,16 +118,38 @@ export class Marking {
     }
     const { task_id: taskId, vertex, frame, own } = task;
     await this.guarded(async () => {
-      this.waitsFor = await outbox.add({
+      const answer = await outbox.add({
         ...{ id: randomKey(), version: own.version, verdict, mark },
         ...{ person: this.me.id, personName: this.me.name, detectionId: this.detectionId, camera: this.camera },
         ...{ taskId, vertexId: vertex.id, frameIndex: frame.index },
       });
       // From here on it is no draft any more: the outbox has it.
       keepDraft(this.me.id, task, null);
-      await outbox.send();
-      await this.goOn();
+      this.given = [...this.given, { answer, task }];
+      this.answeredOn = { ...this.answeredOn, [taskId]: own.version };
+      if (mark && this.image) this.strip.add(taskId, this.image, mark);
+      const [next, ...ahead] = this.ahead;
+      this.ahead = ahead;
+      if (next) {
+        void outbox.send();
+        void this.refill();
+        await this.showNext(() => this.show(next));
+      } else {
+        this.waiting = true;
+        await outbox.send();
+        await this.goOn();
+      }
     });
+  }
+
+  /** Where the next frame fails to come, the answered vertex is shown no longer: it must not take another answer. */
+  private async showNext(come: () => Promise<void>): Promise<void> {
+    try {
+      await come();
+    } catch (error) {
+      this.clear();
+      throw error;
+    }
   }
 
   async skip(at: number): Promise<void> {
@@ -136,28 +162,57 @@ export class Marking {
    * vertex is shown again.
    */
   async undo(at: number): Promise<void> {
-    if (this.waiting) return this.withdraw();
-    if (this.task && !this.takes(at)) return;
-    if (this.mark && this.task) {
+    if (this.busy) return;
+    // As the frame changed, the answer before it was meant.
+    if (!this.waiting && this.mark && this.task && at >= this.seenFrom) {
       this.place(null, at);
       return;
     }
+    await this.guarded(async () => {
+      if (await this.withdraw()) return;
+      this.follow();
+      await this.takeBack();
+    });
+    void this.count();
+  }
+
+  /** Takes the last answer out of the outbox, unless it has left meanwhile. Its vertex is answered anew. */
+  private async withdraw(): Promise<boolean> {
+    const last = this.given.at(-1);
+    // After a reload the task of an answer that waits is not known: it is asked for.
+    const answer = last?.answer ?? (this.waiting ? this.ofThisPage().at(-1) : undefined);
+    if (!answer || !(await outbox.drop(answer.order))) return false;
+    this.forget(answer.taskId);
+    this.given = this.given.filter((one) => one.answer.order !== answer.order);
+    this.waiting = false;
+    if (!last) {
+      await this.advance(null);
+      return true;
+    }
+    const { task } = last;
+    if (answer.mark) keepDraft(this.me.id, task, answer.mark);
+    if (this.task && this.task.task_id !== task.task_id) this.ahead = [this.task, ...this.ahead];
+    await this.show(task);
+    return true;
+  }
+
+  /** Takes back the last answer that the service has, and shows its vertex again. */
+  private async takeBack(): Promise<void> {
     const last = this.history.last;
     if (!last) {
       this.advice = "Nothing was answered on this page yet.";
       return;
     }
-    await this.guarded(async () => {
-      const task = await annotations.undoAnswer(last.taskId, last.undoId, last.version).catch((error: unknown) => {
-        // It was changed elsewhere, or is gone: the next undo is of the answer before it.
-        if (error instanceof ApiProblem && [404, 409].includes(error.status)) this.history.pop();
-        throw error;
-      });
-      this.history.pop();
-      await this.show(task);
-      this.advice = `Your answer "${last.verdict}" was taken back. Answer this vertex again.`;
+    const task = await annotations.undoAnswer(last.taskId, last.undoId, last.version).catch((error: unknown) => {
+      // It was changed elsewhere, or is gone: the next undo is of the answer before it.
+      if (error instanceof ApiProblem && [404, 409].includes(error.status)) this.history.pop();
+      throw error;
     });
-    void this.count();
+    this.history.pop();
+    this.forget(last.taskId);
+    if (this.task && this.task.task_id !== task.task_id) this.ahead = [this.task, ...this.ahead];
+    await this.show(task);
+    this.advice = `Your answer "${last.verdict}" was taken back. Answer this vertex again.`;
   }
 
   /** Goes on after a problem: with the vertex that is shown, else with the next one. */
@@ -177,42 +232,47 @@ export class Marking {
     return false;
   }
 
-  /** Takes the answer that waits out of the outbox, unless it has left meanwhile. Its vertex is answered anew. */
-  private async withdraw(): Promise<void> {
-    const waiting = this.waitsFor;
-    if (!waiting || this.busy) return;
-    await this.guarded(async () => {
-      if (!(await outbox.drop(waiting.order))) return;
-      this.waitsFor = null;
-      if (this.task) keepDraft(this.me.id, this.task, this.mark);
-      else await this.advance(null);
-    });
+  /** What the service does not have of this page's answers, refused ones included. */
+  private ofThisPage(): readonly KeptAnswer[] {
+    return [...outbox.unsent, ...outbox.refused].filter((one) => this.isOfThisPage(one));
   }
 
-  /** Goes on as soon as the answer that was waited for is sent, or given up. */
+  private isOfThisPage(answer: KeptAnswer): boolean {
+    return answer.detectionId === this.detectionId && answer.camera === this.camera;
+  }
+
+  private forget(taskId: string): void {
+    this.answeredOn = { ...this.answeredOn, [taskId]: -1 };
+    this.strip.remove(taskId);
+  }
+
+  /** Goes on where an answer was waited for that has left. */
   private async settle(): Promise<void> {
-    if (!this.waitsFor || this.busy) return;
-    // It may be sent again in place of another version.
-    const kept = outbox.find(this.waitsFor.order);
-    if (kept) this.waitsFor = kept;
-    else await this.guarded(() => this.goOn());
+    if (this.busy) return;
+    this.follow();
+    if (this.waiting && this.ofThisPage().length === 0) await this.guarded(() => this.goOn());
   }
 
-  /** The next task, if the answer of the shown one has left the outbox. */
-  private async goOn(): Promise<void> {
-    const sent = this.waitsFor;
-    if (!sent || outbox.find(sent.order)) return;
-    this.waitsFor = null;
-    if (!outbox.wasDropped(sent.order)) this.history.push(sent);
-    try {
-      await this.advance(null);
-    } catch (error) {
-      // The vertex is answered: it must not take another answer.
-      this.clear();
-      throw error;
-    } finally {
-      void this.count();
+  /** Notes what became of the answers. */
+  private follow(): void {
+    const left = this.given.filter((one) => !outbox.find(one.answer.order));
+    // An answer may be sent again in place of another version.
+    this.given = this.given.flatMap((one) => {
+      const answer = outbox.find(one.answer.order);
+      return answer ? [{ ...one, answer }] : [];
+    });
+    for (const { answer } of left) {
+      if (outbox.wasDropped(answer.order)) this.forget(answer.taskId);
+      else this.history.push(answer);
     }
+    if (left.length > 0) void this.count();
+  }
+
+  /** The next task, if there is one that takes an answer. */
+  private async goOn(): Promise<void> {
+    if (this.ofThisPage().length > 0) return;
+    this.waiting = false;
+    await this.showNext(() => this.advance(null));
   }
 
   /** Progress costs only the number shown, so nobody waits for it. */
@@ -222,14 +282,46 @@ export class Marking {
   }
 
   private async advance(skip: string | null): Promise<void> {
-    const task = await annotations.nextTask(this.detectionId, this.camera, skip);
+    const tasks = await this.ask(skip);
+    if (!tasks) return;
+    const [next, ...ahead] = tasks;
+    this.ahead = ahead;
+    if (!next && this.ofThisPage().length > 0) {
+      this.clear();
+      this.waiting = true;
+      return;
+    }
+    await this.show(next ?? null);
+    this.preload();
+  }
+
+  /** Leases what comes after the shown task, and renews what is leased. A failure shows when the next task is wanted. */
+  private async refill(): Promise<void> {
+    const asked = this.asked + 1;
+    const tasks = await this.ask(null).catch(() => null);
+    // A later question may have been answered first.
+    if (!tasks || !this.task || this.asked !== asked) return;
+    const shown = this.task.task_id;
+    this.ahead = tasks.filter((one) => one.task_id !== shown && this.isOpen(one));
+    this.preload();
+  }
+
+  /** The tasks of this person that no answer on its way answers. Null where the browser has become somebody else's. */
+  private async ask(skip: string | null): Promise<readonly MarkingTask[] | null> {
+    this.asked += 1;
+    // The service may still count those as held whose answers are on their way.
+    const ahead = Math.min(MOST_AHEAD, AHEAD + this.given.length);
+    const task = await annotations.nextTask(this.detectionId, this.camera, skip, ahead);
     if (task && task.person_id !== this.me.id) {
       // Another tab has signed in as somebody else: from here on this page is theirs too.
       session.enter(await people.me());
-      return;
+      return null;
     }
-    await this.show(task);
-    this.preloadAfter(task);
+    return task ? [task, ...(task.ahead ?? [])].filter((one) => this.isOpen(one)) : [];
+  }
+
+  private isOpen(task: MarkingTask): boolean {
+    return task.own.version > (this.answeredOn[task.task_id] ?? -1);
   }
 
   private async show(task: MarkingTask | null): Promise<void> {
@@ -262,16 +354,11 @@ export class Marking {
 
   private clear(): void {
     this.task = this.image = this.mark = null;
+    this.ahead = [];
   }
 
-  /** Vertices are handed out in this order, so the next ones' frames are wanted soon. */
-  private preloadAfter(task: MarkingTask | null): void {
-    const at = this.order.findIndex((vertex) => vertex.id === task?.vertex.id);
-    if (at < 0) return;
-    for (const vertex of this.order.slice(at + 1, at + 1 + AHEAD)) {
-      const frame = vertex.frames[this.camera];
-      if (frame) preload(frameUrl(this.recordingId, this.camera, frame.index));
-    }
+  private preload(): void {
+    for (const task of this.ahead) preload(task.frame.url);
   }
 
   private async guarded(work: () => Promise<void>): Promise<void> {

@@ -1,6 +1,20 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { fit, inside, loupeSource, nudge, pan, toPixel, toView, zoom } from "./pixels.ts";
+import {
+  fit,
+  inside,
+  loupeSource,
+  middleOf,
+  ninth,
+  nudge,
+  pan,
+  shownCell,
+  toPixel,
+  toView,
+  viewOf,
+  zoom,
+  type Cell,
+} from "./pixels.ts";
 
 const image = { width: 640, height: 480 };
 const viewport = { width: 1000, height: 480 };
@@ -70,4 +84,33 @@ test("a nudge stops at the edge", () => {
 test("the loupe's centre is the pixel's centre", () => {
   // 160 CSS pixels at 8 times show 20 image pixels; pixel (0, 0) has its centre at (0.5, 0.5) of drawImage.
   assert.deepEqual(loupeSource({ u: 0, v: 0 }, 160, 8), { x: -9.5, y: -9.5, side: 20 });
+});
+
+test("the keys of a keypad are the ninths of what is shown", () => {
+  const whole = shownCell(fit(image, viewport), image, viewport);
+  assert.deepEqual(whole, { left: -0.5, top: -0.5, width: 640, height: 480 });
+  assert.deepEqual(middleOf(ninth(whole, 5)), { u: 319.5, v: 239.5 });
+  assert.deepEqual(ninth(whole, 7), { left: -0.5, top: -0.5, width: 640 / 3, height: 160 });
+  const last = ninth(whole, 3);
+  near(last.left + last.width, 639.5);
+  near(last.top + last.height, 479.5);
+});
+
+test("seven keys lead to any pixel within 0.2 px, and show it", () => {
+  for (const wanted of [
+    { u: 0, v: 0 },
+    { u: 517.3, v: 44.9 },
+    { u: 639, v: 479 },
+  ]) {
+    let cell: Cell = shownCell(fit(image, viewport), image, viewport);
+    for (let turn = 0; turn < 7; turn += 1) {
+      const column = Math.min(2, Math.floor((3 * (wanted.u - cell.left)) / cell.width));
+      const row = Math.min(2, Math.floor((3 * (wanted.v - cell.top)) / cell.height));
+      cell = ninth(cell, 7 - 3 * row + column);
+    }
+    const found = middleOf(cell);
+    assert.ok(Math.abs(found.u - wanted.u) < 0.2 && Math.abs(found.v - wanted.v) < 0.2, JSON.stringify(found));
+    const at = toView(viewOf(cell, image, viewport), found);
+    assert.ok(at.x >= 0 && at.x <= viewport.width && at.y >= 0 && at.y <= viewport.height);
+  }
 });

@@ -96,3 +96,40 @@ export function loupeSource(
   const side = size / magnification;
   return { x: centre.u + 0.5 - side / 2, y: centre.v + 0.5 - side / 2, side };
 }
+
+/** A rectangle of the image, in pixels as above. */
+export interface Cell {
+  left: number;
+  top: number;
+  width: number;
+  height: number;
+}
+
+/** What of the image the viewport shows. */
+export function shownCell(view: View, image: Size, viewport: Size): Cell {
+  const from = toPixel(view, { x: 0, y: 0 });
+  const to = toPixel(view, { x: viewport.width, y: viewport.height });
+  const left = Math.max(-0.5, from.u);
+  const top = Math.max(-0.5, from.v);
+  const width = Math.min(image.width - 0.5, to.u) - left;
+  return { left, top, width, height: Math.min(image.height - 0.5, to.v) - top };
+}
+
+/** One of a cell's nine parts, by its key of a keypad: 7 8 9 above, 1 2 3 below. */
+export function ninth({ left, top, width, height }: Cell, key: number): Cell {
+  const column = (key - 1) % 3;
+  const row = 2 - Math.floor((key - 1) / 3);
+  return { left: left + (column * width) / 3, top: top + (row * height) / 3, width: width / 3, height: height / 3 };
+}
+
+export const middleOf = ({ left, top, width, height }: Cell): Pixel => ({ u: left + width / 2, v: top + height / 2 });
+
+/** The view that shows a cell as large as it goes, with the cell's middle in the viewport's. */
+export function viewOf(cell: Cell, image: Size, viewport: Size): View {
+  const least = fit(image, viewport).scale;
+  const most = Math.max(MAX_SCALE, least);
+  const scale = Math.min(most, Math.max(least, Math.min(viewport.width / cell.width, viewport.height / cell.height)));
+  const { u, v } = middleOf(cell);
+  const start = { scale, x: viewport.width / 2 - (u + 0.5) * scale, y: viewport.height / 2 - (v + 0.5) * scale };
+  return pan(start, 0, 0, image, viewport);
+}

@@ -16,8 +16,8 @@ def fleet(api):
     return api.fleet()
 
 
-def ask(person, seed, skip=None, camera="front"):
-    body = {"camera": camera} | ({"skip": skip} if skip else {})
+def ask(person, seed, skip=None, camera="front", ahead=0):
+    body = {"camera": camera, "ahead": ahead} | ({"skip": skip} if skip else {})
     answer = person.post(f"/detections/{seed.detection_id}/tasks/next", body)
     assert answer.status_code in (200, 204), answer.text
     return answer.json() if answer.status_code == 200 else None
@@ -49,6 +49,41 @@ def test_a_task_has_all_that_is_needed_to_mark(api, fleet):
     }
     assert (task["camera"], task["gap_ns"], task["predicted"]) == ("front", 0, None)
     assert task["own"] == {"version": 0, "mark": None, "verdict": None}
+
+
+def named(task):
+    return [one["vertex"]["id"] for one in (task, *task["ahead"])]
+
+
+def test_what_comes_next_is_leased_ahead_and_comes_in_that_order(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=6)
+    one, two = api.member(fleet, "annotator"), api.member(fleet, "annotator")
+    vertices = [str(id) for id in seed.vertices]
+    task = ask(one, seed, ahead=2)
+    assert named(task) == vertices[:3]
+    assert named(ask(two, seed, ahead=1)) == vertices[3:5]
+    # Asked again, and without any ahead, it is the same order.
+    assert named(ask(one, seed, ahead=2)) == vertices[:3]
+    assert named(ask(one, seed)) == vertices[:1]
+    # An answer may come before or after the question what is next.
+    assert reply(one, task["ahead"][0]).status_code == 200
+    assert named(ask(one, seed, ahead=2)) == [vertices[0], vertices[2], vertices[5]]
+    assert reply(one, task).status_code == 200
+    again = ask(one, seed, ahead=2)
+    assert named(again) == [vertices[2], vertices[5]]
+    # Nothing else is open: two are held by somebody else.
+    assert named(ask(one, seed, skip=again["task_id"], ahead=2)) == [vertices[5]]
+
+
+def test_what_was_taken_back_comes_before_what_is_leased_ahead(api, fleet):
+    seed = seed_marking(api.database, fleet, vertices=5)
+    one = api.member(fleet, "annotator")
+    task = ask(one, seed, ahead=2)
+    reply(one, task)
+    ask(one, seed, ahead=2)
+    undone = one.post(f"/tasks/{task['task_id']}/undo", {"id": str(uuid4()), "version": 1})
+    assert (undone.status_code, undone.json()["ahead"]) == (200, [])
+    assert named(ask(one, seed, ahead=2)) == [str(id) for id in seed.vertices[:3]]
 
 
 def test_vertices_come_in_the_order_of_their_rank_and_each_once(api, fleet):

@@ -24,6 +24,7 @@ from service.db.models import (
     Person,
     Publication,
     Recording,
+    Report,
     Result,
     Rig,
     Sensor,
@@ -49,6 +50,8 @@ OF_ANYBODY = {
     ("get", "/v1/jobs"),
     ("get", "/v1/export-formats"),
     ("get", "/v1/calibration"),
+    ("post", "/v1/calibration-files/reading"),
+    ("post", "/v1/rig-drafts"),
 }
 WORTHLESS = "00000000-0000-7000-8000-000000000000"
 # Bodies that cannot be made from their schema alone, by the end of the path.
@@ -61,6 +64,18 @@ BODIES = {
     "/region-suggestions": {},
     "/fleet-requests": {"vehicles": {}},
     "/address": {"size": 1, "sha256": "0" * 64},
+    "/calibration-files/reading": {"files": {"calib.txt": "P0: 1 0 0 0 0 1 0 0 0 0 1 0"}, "image_size": [64, 64]},
+    "/recordings/{recording_id}/rig-drafts": {
+        "name": "roof",
+        "lidar_link": "velodyne",
+        "cameras": [{"name": "front", "link": "camera", "image_size": [640, 480]}],
+    },
+    "/rig-drafts": {
+        "name": "roof",
+        "lidar_link": "velodyne",
+        "urdf": "<robot/>",
+        "cameras": [{"name": "front", "link": "camera", "image_size": [640, 480]}],
+    },
     "/arrival": {"reservation": "0" * 32},
 }
 NOWHERE = {"jobs": "999999"}
@@ -162,6 +177,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {}
     result = Result(id=new_id(), fleet_id=rig.fleet_id, calibration_id=calibration.id, run_id=run.id, camera="front")
     result.model, result.fold, result.document = "pinhole", -1, DOCUMENT
+    report = Report(id=new_id(), fleet_id=rig.fleet_id, result_id=result.id, state="done")
     person = session.scalars(select(Person)).first()
     token = ApiToken(id=new_id(), secret_hash="0", name="t", person_id=person.id, fleet_id=rig.fleet_id)
     task = MarkingTask(
@@ -192,6 +208,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         calibration,
         run,
         result,
+        report,
         publication,
         token,
         task,
@@ -209,6 +226,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         "correspondence-sets": pairs.id,
         "calibrations": calibration.id,
         "results": result.id,
+        "reports": report.id,
         "publications": publication.id,
         "tokens": token.id,
         "tasks": task.id,

@@ -277,3 +277,12 @@ def test_vertices_that_stayed_where_they_were_measured_and_a_clock_that_was_set_
         nearest.startswith("Vertices were paired with the nearest frame, up to 20 ms away") and "mode auto" in nearest
     )
     assert clock.startswith(f"The clock of {name} was set back by 0.5 s at 9.9 s")
+
+
+def test_the_toolboxs_labels_are_pairs_too(api, engineer, rig):
+    labels = "1.000000 2.000000 4.000000 0.000000 0.500000 321.500000 201.000000\n"
+    address = f"/rigs/{rig.id}/correspondence-sets?camera=front"
+    made = engineer.post(address, content=labels, headers=CSV)
+    assert made.status_code == 201 and "1 was subtracted" in made.json()["notes"][0]
+    (pair,) = engineer.get(f"/correspondence-sets/{made.json()['id']}").json()["pairs"]
+    assert (pair["u"], pair["v"], pair["group"]) == (320.5, 200.0, 1)

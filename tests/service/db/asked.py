@@ -10,7 +10,7 @@ from uuid import UUID
 from sqlalchemy.orm import Session
 
 from apexcal.documents.fleet_requests import VehicleFilter
-from service.annotations.task_actions import next_task
+from service.annotations.task_actions import next_tasks
 from service.auth.access import Access, Identity
 from service.auth.retention import remove_ended
 from service.calibration_runs.publication_actions import current_publication
@@ -109,7 +109,7 @@ def marking(database: Database) -> dict[str, Asked]:
             with database.writing() as session:
                 detection = session.get_one(Detection, history.DETECTION)
                 camera = session.get_one(Sensor, history.CAMERA)
-                return next_task(session, detection, camera, person_id, 0.0, None)
+                return next_tasks(session, detection, camera, person_id, 0.0)
 
         return ask
 

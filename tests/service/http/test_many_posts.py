@@ -46,6 +46,9 @@ NATURAL = {
     "/tasks/next": "the vertex that one holds is handed out again",
     "/answer": "the id that its client made says whether it is the same answer",
     "/undo": "as /answer",
+    "/reading": "nothing is kept: what the sent files hold is answered",
+    "/comparison": "nothing is kept: what was sent is compared",
+    "/rig-drafts": "nothing is kept: a rig to send is answered",
     "/urdf": "nothing is kept: what was sent is answered with one joint changed",
 }
 

@@ -12,6 +12,7 @@ class Listed:
 
     sensors: list = field(default_factory=list)
     other_topics: tuple = ("/imu (sensor_msgs/msg/Imu)",)
+    static_transforms: tuple = ()
     format = "listed"
     warnings = ()
 

@@ -159,6 +159,7 @@ def test_every_walk_stays_in_the_field_and_goes_at_its_pace(plan):
         "rows": (0.3, 2.5),
         "field": (0.6, 1.7),
         "cover": (0.8, 1.5),
+        "yard": (0.4, 1.5),
         "slow": (0.1, 0.35),
         "still": (0.0, 0.01),
     }[plan]

@@ -13,7 +13,7 @@ from workers.readers.captures.datagrams import KNOWN_LINKS, Datagrams, endpoint
 from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, learn_packets
 from workers.readers.captures.velodyne import FIELDS, SweepCutter
 from workers.readers.captures.velodyne_models import is_data_packet
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, StaticTransform, Sweep
 
 _SAMPLE_BYTES: Final = 24_000_000
 _FEW: Final = 20
@@ -129,6 +129,11 @@ class PcapRecording:
     def other_topics(self) -> Sequence[str]:
         """Other UDP traffic."""
         return self._other_topics
+
+    @property
+    def static_transforms(self) -> Sequence[StaticTransform]:
+        """None: packets state no frames."""
+        return ()
 
     @property
     def share_read(self) -> float:

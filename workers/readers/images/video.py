@@ -21,7 +21,7 @@ from workers.readers.images.headers import MAX_PIXELS, check_size
 from workers.readers.images.video_times import FrameTable, VideoClock
 from workers.readers.output import video_is_decoded
 from workers.readers.pulse import beat
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, StaticTransform, Sweep
 
 # On frames of 1920 x 1208 pixels 8 ms and 0.9 MB, 1.6 grey levels RMS off what the video holds; as PNG they take
 # 75 ms and 4 MB. What the video's own compression cost is not undone by either.
@@ -110,6 +110,11 @@ class VideoRecording:
     @property
     def other_topics(self) -> Sequence[str]:
         """Nothing: sound and subtitles are not looked at."""
+        return ()
+
+    @property
+    def static_transforms(self) -> Sequence[StaticTransform]:
+        """None: a video states no frames."""
         return ()
 
     @property

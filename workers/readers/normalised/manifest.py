@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, Self
 
 from workers.readers.output import create
-from workers.readers.recording import StampConvention, TimeSource
+from workers.readers.recording import StampConvention, StaticTransform, TimeSource
 
 MAX_GAPS_LISTED: Final = 1000
 
@@ -103,18 +103,25 @@ class SensorManifest:
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """A normalised recording: the format it came in, its sensors (the LiDAR first), and warnings for its owner."""
+    """A normalised recording: the format it came in, its sensors (the LiDAR first), and warnings for its owner.
+
+    ``static_transforms`` are the poses of frames that it states to be fixed.
+    """
 
     format: str
     sensors: Sequence[SensorManifest]
     warnings: Sequence[str]
+    static_transforms: Sequence[StaticTransform] = ()
 
     def facts(self) -> dict[str, Any]:
         """What is true of the recording as a whole; ``together_s`` is how long all its sensors ran."""
         first = min(sensor.first_ns for sensor in self.sensors)
         last = max(sensor.last_ns for sensor in self.sensors)
         together = min(s.last_ns for s in self.sensors) - max(s.first_ns for s in self.sensors)
-        return {
+        fixed = (
+            {"static_transforms": [asdict(one) for one in self.static_transforms]} if self.static_transforms else {}
+        )
+        return fixed | {
             "format": self.format,
             "first_ns": first,
             "last_ns": last,
@@ -137,7 +144,15 @@ class Manifest:
             for name in (sensor["file"], sensor["frames"]):
                 if Path(name).name != name:  # the data may come from a process that read a stranger's file
                     raise ValueError(f"{name!r} is no bare file name")
-        return cls(str(data["format"]), [_sensor(s) for s in data["sensors"]], [str(w) for w in data["warnings"]])
+        sensors, warnings = [_sensor(one) for one in data["sensors"]], [str(one) for one in data["warnings"]]
+        return cls(str(data["format"]), sensors, warnings, [_fixed(one) for one in data["static_transforms"]])
+
+
+def _fixed(data: dict[str, Any]) -> StaticTransform:
+    offset, turn = (tuple(float(one) for one in data[name]) for name in ("translation_m", "quaternion_xyzw"))
+    if len(offset) != 3 or len(turn) != 4:
+        raise ValueError(f"{data} is no transform")
+    return StaticTransform(str(data["parent"]), str(data["child"]), offset, turn)
 
 
 def _sensor(data: dict[str, Any]) -> SensorManifest:

@@ -244,6 +244,7 @@ def _normalise(
     finally:
         for sink in sinks.values():
             sink.writer.abandon()
+    fixed = recording.static_transforms  # which may say something too
     warnings = [*recording.warnings, *(said for _, sentences in finished for said in sentences)]
     sensors = [manifest for manifest, _ in finished]
     span = (sensors[0].first_ns, sensors[0].last_ns)
@@ -251,7 +252,7 @@ def _normalise(
         seconds, share = shared_time(span, (camera.first_ns, camera.last_ns))
         sensors[number] = replace(camera, overlap_s=seconds, overlap_share=share)
         warnings += overlap_warning(camera.name, span, (camera.first_ns, camera.last_ns))
-    return Manifest(recording.format, sensors, [legible(warning) for warning in warnings])
+    return Manifest(recording.format, sensors, [legible(warning) for warning in warnings], fixed)
 
 
 def _total(chosen: dict[str, Sensor]) -> int | None:

@@ -6,7 +6,7 @@ The types of ``sensor_msgs`` never change, so they stand here and a file's own d
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, Final
 
@@ -34,6 +34,9 @@ IMAGE: Final = "sensor_msgs/msg/Image"
 COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"
 INFO: Final = "sensor_msgs/msg/CameraInfo"
 PACKETS: Final = "velodyne_msgs/msg/VelodyneScan"
+TRANSFORM: Final = "tf2_msgs/msg/TFMessage"
+# By its name in ROS 2 and in ROS 1, and by that of tf before it.
+TRANSFORMS: Final = (TRANSFORM, "tf/msg/tfMessage")
 
 _STAMP: Final = "builtin_interfaces/Time timestamp\nstring frame_id\n"
 _NEXT: Final = "=" * 80 + "\n"
@@ -48,6 +51,12 @@ _FIXED: Final[Mapping[str, str]] = {
     "float64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
     "sensor_msgs/msg/RegionOfInterest": "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\n"
     "bool do_rectify\n",
+    TRANSFORM: "geometry_msgs/TransformStamped[] transforms\n",
+    "geometry_msgs/msg/TransformStamped": "std_msgs/Header header\nstring child_frame_id\n"
+    "geometry_msgs/Transform transform\n",
+    "geometry_msgs/msg/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+    "geometry_msgs/msg/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/msg/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
 }
 _HEADERS: Final = {
     "ros1": "uint32 seq\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
@@ -101,6 +110,19 @@ def ros_decoder(topic: Topic) -> Decoder | None:
     if topic.encoding == "ros1":
         return lambda raw: read(types.deserialize_ros1(raw, name))
     return lambda raw: read(types.deserialize_cdr(raw, name))
+
+
+def fixed_types(encoding: str) -> Typestore:
+    """The types that never change, for messages in ``ros1`` or ``cdr``."""
+    return _store(encoding)
+
+
+def message_reader(topic: Topic) -> Callable[[bytes], Any]:
+    """How messages of one of the fixed types are read, as rosbags has them."""
+    kind = TRANSFORM if full_name(topic.type) in TRANSFORMS else full_name(topic.type)
+    types = fixed_types(topic.encoding)
+    read = types.deserialize_ros1 if topic.encoding == "ros1" else types.deserialize_cdr
+    return lambda raw: read(raw, kind)
 
 
 @lru_cache(maxsize=16)

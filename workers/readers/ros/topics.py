@@ -17,9 +17,10 @@ from workers.readers.clouds.pointcloud2 import cloud_columns
 from workers.readers.images.headers import read_image_header
 from workers.readers.images.still_images import image_frame
 from workers.readers.images.transcode import raw_to_png
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, StaticTransform, Sweep
 from workers.readers.ros.camera_info import info_document, match_infos
 from workers.readers.ros.containers import Container
+from workers.readers.ros.static_transforms import static_transforms
 from workers.readers.ros.topic_messages import (
     CameraInfo,
     CloudMessage,
@@ -59,6 +60,7 @@ class TopicRecording:
         self._stampless: set[str] = set()
         self._decoders: dict[str, Decoder] = {}
         self._other_topics: list[str] = []
+        self._said: list[str] = []
         self._sensors = self._find_sensors()
 
     def _find_sensors(self) -> list[Sensor]:
@@ -98,6 +100,11 @@ class TopicRecording:
         return self._other_topics
 
     @property
+    def static_transforms(self) -> Sequence[StaticTransform]:
+        """What its ``/tf_static`` says."""
+        return static_transforms(self._container, self._said)
+
+    @property
     def share_read(self) -> float | None:
         """Share of the file that has been read, where the container knows it."""
         return self._container.share_read
@@ -105,7 +112,7 @@ class TopicRecording:
     @property
     def warnings(self) -> list[str]:
         """Sentences about what was met while reading."""
-        said = [*self._container.warnings]
+        said = [*self._container.warnings, *self._said]
         said += [sentence for model in self._models.values() for sentence in model.warnings()]
         said += [sentence for cutter in self._cutters.values() for sentence in cutter.warnings()]
         said += [sentence for video in self._videos.values() for sentence in video.warnings()]

@@ -6,7 +6,7 @@ import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, StaticTransform, Sweep
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,12 @@ class Composite:
     def other_topics(self) -> Sequence[str]:
         """What the parts hold besides."""
         return [topic for part in self._parts for topic in part.recording.other_topics]
+
+    @property
+    def static_transforms(self) -> Sequence[StaticTransform]:
+        """Those of all parts; of a frame that is said again the later one counts."""
+        stated = (one for part in self._parts for one in part.recording.static_transforms)
+        return list({one.child: one for one in stated}.values())
 
     @property
     def warnings(self) -> list[str]:

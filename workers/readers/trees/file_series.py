@@ -12,7 +12,7 @@ import numpy as np
 
 from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.images.still_images import IMAGE_SUFFIXES, image_frame
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, StaticTransform, Sweep
 from workers.readers.trees.cloud_files import CLOUD_SUFFIXES, read_cloud
 from workers.readers.trees.file_times import KITTI_NAME, TimesFrom, stamp_files, stem_and_number
 from workers.readers.trees.file_tree import FileTree, read_file
@@ -155,6 +155,11 @@ class FileSeries:
     @property
     def other_topics(self) -> Sequence[str]:
         """Nothing: it is given only what it reads."""
+        return ()
+
+    @property
+    def static_transforms(self) -> Sequence[StaticTransform]:
+        """None: files of sensors state no frames."""
         return ()
 
     @property

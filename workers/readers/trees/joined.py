@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, Recording, Sensor, StaticTransform, Sweep
 
 
 class Joined:
@@ -30,6 +30,11 @@ class Joined:
     def other_topics(self) -> Sequence[str]:
         """What the first part holds besides."""
         return self._parts[0].other_topics
+
+    @property
+    def static_transforms(self) -> Sequence[StaticTransform]:
+        """Those of all parts; of a frame that is said again the later one counts."""
+        return list({one.child: one for part in self._parts for one in part.static_transforms}.values())
 
     @property
     def warnings(self) -> list[str]:

@@ -4,12 +4,17 @@ import { bodyOf, client } from "./http.ts";
 import { read, type Read } from "./reads.ts";
 import type { MarkingProgress, MarkingTally, MarkingTask, NewAnswer } from "./types.ts";
 
-/** The next task for this person, the one that they hold, or null when nothing is left. */
-export const nextTask = async (id: string, camera: string, skip: string | null): Promise<MarkingTask | null> =>
+/** The next task for this person, or the one that they hold, with `ahead` that follow; null when nothing is left. */
+export const nextTask = async (
+  id: string,
+  camera: string,
+  skip: string | null,
+  ahead: number,
+): Promise<MarkingTask | null> =>
   (await bodyOf(
     client.POST("/v1/detections/{detection_id}/tasks/next", {
       params: { path: { detection_id: id } },
-      body: { camera, skip },
+      body: { camera, skip, ahead },
     }),
   )) ?? null;
 

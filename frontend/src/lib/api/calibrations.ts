@@ -10,6 +10,7 @@ import {
   type CorrespondenceSet,
   type CurrentCalibration,
   type Publication,
+  type Report,
   type Result,
 } from "./types.ts";
 
@@ -45,6 +46,32 @@ export const cancelCalibration = (calibration_id: string): Promise<unknown> =>
   client.POST("/v1/calibrations/{calibration_id}/cancel", { params: { path: { calibration_id } } });
 
 export const result = (result_id: string): Read<Result> => read("/v1/results/{result_id}", { result_id });
+
+/** Has the report of a result made; it is followed with `report`. */
+export const makeReport = (result_id: string): Promise<Report> =>
+  bodyOf(client.POST("/v1/results/{result_id}/report", { params: { path: { result_id } }, ...once() }));
+
+export const report = (report_id: string): Promise<Report> =>
+  bodyOf(client.GET("/v1/reports/{report_id}", { params: { path: { report_id } } }));
+
+export const reportUrl = (id: string): string => `/v1/results/${id}/report`;
+
+/** Asks for a result's calibration again, without those of its pairs that have these numbers. */
+export async function calibrateWithout(found: Result, pairs: number[]): Promise<{ id: string }> {
+  const fewer = await bodyOf(
+    client.POST("/v1/correspondence-sets/{set_id}/selections", {
+      params: { path: { set_id: found.set_id } },
+      body: { leave_out: pairs },
+      ...once(),
+    }),
+  );
+  const params = { path: { calibration_id: found.calibration_id } };
+  const { request } = await bodyOf(client.GET("/v1/calibrations/{calibration_id}", { params }));
+  const ids = (request.correspondence_set_ids ?? []).map((one) => (one === found.set_id ? fewer.id : one));
+  // What the service keeps of a request it takes again; its generated type loses the lengths of pairs.
+  const again = { ...request, correspondence_set_ids: ids } as CalibrationRequest;
+  return createCalibration(found.vehicle_id, again);
+}
 
 export const resultUrl = (id: string): string => `/v1/results/${id}`;
 

@@ -79,6 +79,7 @@ export type CameraPair = Schemas["CameraPair"];
 export type RigConsistency = Schemas["RigSummary"];
 export type Result = Schemas["ResultView"];
 export type Outlier = Schemas["Outlier"];
+export type Report = Schemas["ReportView"];
 export type Publication = Schemas["PublicationView"];
 export type AliasMove = Schemas["AliasMoveView"];
 export type CurrentCalibration = Schemas["CurrentCalibration"];

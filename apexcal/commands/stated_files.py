@@ -1,0 +1,61 @@
+"""Calibration files of other programs as options name them, read by the service."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from apexcal.client import Client, InputError
+from apexcal.documents.imports import ReadCamera, ReadFiles
+from apexcal.transport import Document
+
+# What the service takes of one file.
+_LARGEST_BYTES = 60_000
+
+
+def read_texts(paths: Sequence[Path]) -> dict[str, str]:
+    """Files as texts, by name. Raises :class:`InputError` for what cannot be read."""
+    texts: dict[str, str] = {}
+    for path in paths:
+        try:
+            if path.stat().st_size > _LARGEST_BYTES:
+                raise InputError(f"{path} is too large for a calibration file")
+            texts[path.name] = path.read_text(encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"cannot read {path}: {(error.strerror or '').lower()}") from None
+        except UnicodeDecodeError:
+            raise InputError(f"{path} is no text") from None
+    return texts
+
+
+def read_lens(client: Client, file: str, camera: str) -> Document:
+    """A camera's lens as ``intrinsics`` of a calibration takes it. ``FILE#NAME`` names a camera of the file.
+
+    Raises :class:`InputError`, :class:`ApiError` ``calibration_file_not_read``.
+    """
+    path, name = _named(file)
+    found = client.imports.read(read_texts([path]))
+    lens = _one(found, path, name or camera, named=bool(name)).lens
+    if lens is None:
+        raise InputError(f"{path} holds no lens")
+    return lens.model_dump(include={"width", "height", "distortion_model", "K", "D"})
+
+
+def _named(file: str) -> tuple[Path, str]:
+    path, _, name = file.rpartition("#")
+    return (Path(path), name) if path and not Path(file).exists() else (Path(file), "")
+
+
+def _one(found: ReadFiles, path: Path, camera: str, *, named: bool) -> ReadCamera:
+    """The camera of this name, else of this topic, else the only one."""
+    cameras = found.cameras
+    wanted = [one for one in cameras if camera == one.name or camera in (one.topic or "").split("/")]
+    if not wanted and len(cameras) == 1 and not named:
+        return cameras[0]
+    if len(wanted) != 1:
+        listed = ", ".join(one.name for one in cameras)
+        raise InputError(
+            f"{path} has the cameras {listed}, and none of them is clearly {camera}",
+            f"Name one of them: {path}#{cameras[0].name}",
+        )
+    return wanted[0]

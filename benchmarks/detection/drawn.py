@@ -1,0 +1,106 @@
+"""Walks and streets whose sensor, scene, person and board are drawn (`workers.simulation.drawn`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.detection.figures import figures
+from benchmarks.detection.real import DATA
+from benchmarks.detection.walks import Found, found, looked_at
+from workers.readers.detect import open_recording
+from workers.readers.recording import ReadOptions
+from workers.simulation.drawn import draw, draw_street
+from workers.simulation.scene import WALKER_REGION
+from workers.vertices.detectors import detect_range
+from workers.vertices.region import Region
+from workers.vertices.sweep_source import Listed
+
+STREET_SWEEPS = 5
+ROAD = DATA / "road-lane-markers"
+_FEW = 20  # vertices of a walk, below which its bias says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnWalk:
+    """One drawn walk, and what was found in it."""
+
+    seed: int
+    about: str
+    found: Found
+
+
+def run_drawn(asked: tuple[int, float]) -> DrawnWalk:
+    """Simulate the drawn walk of a seed, so many seconds long, and look for its board, whose size is known."""
+    seed, seconds = asked
+    drawn = draw(seed)
+    walked = looked_at(*drawn.simulated(seconds), seconds)
+    size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1]}
+    seen = found("drawn", "refined", walked, Region.from_document(drawn.region()), "refined", size)
+    held, mount = drawn.disturbances, drawn.mount
+    about = (
+        f"{drawn.sensor.name} {drawn.sensor.rate_hz:g} Hz, {drawn.plan}, board {size['board_width_m']:.2f} x "
+        f"{size['board_height_m']:.2f} m rolled {held.rolled_deg:+.0f} tilted {held.tilted_deg:+.0f}, body "
+        f"{held.body_behind_m:.2f} m, mount {mount.roll_deg:+.0f} {mount.pitch_deg:+.0f}, seam {mount.seam_deg:.0f}, "
+        f"noise {1e3 * drawn.noise_m:.0f} mm, beam {held.beam_mrad:.1f} mrad, second {held.second_person}"
+        + (", head" if held.head_above_m > 0.0 else "")
+    )
+    return DrawnWalk(seed, about, seen)
+
+
+def drawn_figures(walks: Sequence[DrawnWalk]) -> dict[str, Any]:
+    """All drawn walks together, and each by itself; ``worst_bias_deg`` is of azimuth and elevation."""
+    whole = figures([walk.found for walk in walks])
+    each = [{"seed": walk.seed, "about": walk.about, **_each(walk.found)} for walk in walks]
+    told = [walk["bias_deg"] for walk in each if walk["vertices"] >= _FEW]
+    rejected: dict[str, int] = {}
+    for walk in walks:
+        for reason, count in walk.found.rejected.items():
+            rejected[reason] = rejected.get(reason, 0) + count
+    return whole | {
+        "worst_bias_deg": max(told, default=0.0),
+        "walks_within_0.015_deg": float(np.mean([bias <= 0.015 for bias in told])) if told else 0.0,
+        "rejected": rejected,
+        "each": each,
+    }
+
+
+def _each(seen: Found) -> dict[str, Any]:
+    own = figures([seen])
+    return {
+        "vertices": len(seen.vertices),
+        "share": own["accepted_share"],
+        "gross": own.get("gross_share", 0.0),
+        "coverage": own.get("coverage_2sigma", 0.0),
+        "bias_deg": max(abs(own.get("bias_deg", 0.0)), abs(own.get("bias_azimuth_deg", 0.0))),
+        "rejected": dict(seen.rejected),
+    }
+
+
+def run_street(seed: int) -> int:
+    """How many sweeps of a drawn street without a board give a vertex."""
+    drawn = draw_street(seed)
+    _, lidar = drawn.simulated(1.0)
+    sweeps = [
+        lidar.sweep(k, k / lidar.sensor.rate_hz, round(k / lidar.sensor.rate_hz * 1e9)) for k in range(STREET_SWEEPS)
+    ]
+    size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1]}
+    region = Region.from_document(drawn.region())
+    return len(detect_range(Listed(sweeps), region, "refined", size, indices=range(len(sweeps))).vertices)
+
+
+def road_vertices() -> int | None:
+    """How many vertices the recorded road frame gives, which has no board; None where it is absent."""
+    if not ROAD.exists():
+        return None
+    recording = open_recording(ROAD, ReadOptions(point_times="stamp_only"))
+    try:
+        (lidar,) = (sensor for sensor in recording.sensors if sensor.kind == "lidar")
+        source = Listed(list(recording.sweeps(lidar)))
+    finally:
+        recording.close()
+    region = Region.from_document(WALKER_REGION)
+    return len(detect_range(source, region, "refined", {}, indices=range(len(source))).vertices)

@@ -1,0 +1,108 @@
+"""How far a result is from a mount or lens that somebody states."""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+
+from apexcal.documents.imports import ComparisonRequest, LensDifference, ReadCamera, StatedComparison
+from service.calibration_runs.result_comparison import compared_with_stated
+from service.db.base import Json
+from service.exports.transform import Floats, Transform
+from service.http.problems import Problem
+from service.imports.found import refused
+from service.imports.plausibility import mount_doubts
+from service.imports.views import files_view, transform_view
+
+ReadAs = Literal["stated", "inverted", "body", "inverted_body", "none"]
+# Within so much of the truth a nominal mount has to be; what is farther off is another reading of the transform.
+_ALIKE_DEG: Final = 30.0
+# A camera's body frame (x forward, y left, z up) seen from its optical one (x right, y down, z forward).
+_R_OPTICAL_BODY: Final[Floats] = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+_ADVICE: Final[dict[ReadAs, str]] = {
+    "inverted": "It fits if it is inverted: it seems to map camera points into the LiDAR's frame.",
+    "body": "It fits if its camera frame is the body's (x forward, y left, z up) and not the optical one.",
+    "inverted_body": "It fits if it is inverted and its camera frame is the body's (x forward), not the optical one.",
+    "none": "No reading of it (inverted, or with the camera's body frame) is within 30 degrees of the result.",
+}
+
+
+def stated_comparison(asked: ComparisonRequest, document: Json, spread: Json | None) -> StatedComparison:
+    """``document`` is the result's; ``spread`` its deviations with other models counted, if there are any.
+
+    Raises:
+        Problem: 422 ``calibration_file_not_read``, ``nothing_to_compare``.
+    """
+    stated, camera = _stated(asked)
+    found = Transform.of(document["transform"])
+    hints = list(camera.doubts) if camera is not None else [] if stated is None else mount_doubts(stated)
+    lens = _lens_difference(camera, document, hints)
+    if stated is None:
+        return StatedComparison(
+            T_camera_lidar=None, rotation_deg=None, translation_mm=None, sigmas=None, differs=None, read_as=None,
+            lens=lens, hints=hints,
+        )  # fmt: skip
+    if (stated.to_frame, stated.from_frame) == (found.from_frame, found.to_frame):
+        raise Problem(
+            422,
+            "invalid_request",
+            f"T_camera_lidar maps points of {found.from_frame!r} into {found.to_frame!r}, and this one says the "
+            "opposite.",
+            "Invert it, or name its frames the other way round.",
+        )
+    stated = stated._replace(to_frame=found.to_frame, from_frame=found.from_frame)
+    read_as = _reading(stated, found)
+    if read_as != "stated":
+        hints.append(_ADVICE[read_as])
+    measured = compared_with_stated(document, spread, stated.R, stated.t)
+    # A rotation vector of half a circle is not told from none.
+    measured["rotation_deg"] = _angle_deg(stated.R @ found.R.T)
+    return StatedComparison(
+        T_camera_lidar=transform_view(stated), read_as=read_as, lens=lens, hints=hints, **measured
+    )
+
+
+def _stated(asked: ComparisonRequest) -> tuple[Transform | None, ReadCamera | None]:
+    if (asked.T_camera_lidar is None) == (asked.files is None):
+        raise Problem(
+            422, "nothing_to_compare", "The body needs either T_camera_lidar or files.", "Send one of the two."
+        )
+    if asked.T_camera_lidar is not None:
+        return Transform.of(asked.T_camera_lidar.model_dump(mode="json")), None
+    assert asked.files is not None
+    cameras = files_view(asked.files).cameras
+    names = ", ".join(one.name for one in cameras)
+    chosen = [one for one in cameras if asked.camera in (None, one.name)]
+    if len(chosen) != 1:
+        raise refused(f"The files hold the cameras {names}.", "Name one of them as `camera`.")
+    mount = chosen[0].T_camera_lidar
+    return (None if mount is None else Transform.of(mount.model_dump(mode="json"))), chosen[0]
+
+
+def _reading(stated: Transform, found: Transform) -> ReadAs:
+    inverse = stated.inverse()
+    readings: dict[ReadAs, Floats] = {
+        "stated": stated.R,
+        "inverted": inverse.R,
+        "body": _R_OPTICAL_BODY @ stated.R,
+        "inverted_body": _R_OPTICAL_BODY @ inverse.R,
+    }
+    off: dict[ReadAs, float] = {name: _angle_deg(R @ found.R.T) for name, R in readings.items()}
+    if off["stated"] <= _ALIKE_DEG:
+        return "stated"
+    nearest: ReadAs = min(off, key=lambda name: off[name])
+    return nearest if off[nearest] <= _ALIKE_DEG else "none"
+
+
+def _angle_deg(R: Floats) -> float:
+    return float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(R) - 1.0), -1.0, 1.0))))
+
+
+def _lens_difference(camera: ReadCamera | None, document: Json, hints: list[str]) -> LensDifference | None:
+    if camera is None or camera.lens is None:
+        return None
+    K, own = camera.lens.K, document["intrinsics"]
+    if camera.lens.model != document["model"]:
+        hints.append(f"The stated lens is {camera.lens.model}, the result's {document['model']}.")
+    return LensDifference(f_x=own["f_x"] - K[0], f_y=own["f_y"] - K[4], c_x=own["c_x"] - K[2], c_y=own["c_y"] - K[5])

@@ -1,0 +1,57 @@
+"""The table of formats that are read, and the reading of files whose format their content tells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from apexcal.documents.imports import CalibrationFiles, ImportFormat
+from service.imports.camera_info import is_camera_info, read_camera_info
+from service.imports.found import Found, refused
+from service.imports.kalibr import is_kalibr, read_kalibr
+from service.imports.kitti import is_kitti, read_kitti
+from service.imports.opencv import is_opencv, read_opencv
+from service.imports.yaml_text import read_yaml
+
+_KNOWN = (
+    "Known are ROS camera_info (YAML), OpenCV's FileStorage (YAML or JSON), Kalibr's camchain, and KITTI's "
+    "calib_cam_to_cam.txt, calib_velo_to_cam.txt and calib.txt."
+)
+
+
+class Read(NamedTuple):
+    """What files hold, and in which format they came."""
+
+    format: ImportFormat
+    found: Found
+
+
+def read_files(sent: CalibrationFiles) -> Read:
+    """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
+    if sent.format == "kitti" or (sent.format is None and any(map(is_kitti, sent.files.values()))):
+        return Read("kitti", read_kitti(sent.files))
+    if len(sent.files) > 1:
+        raise refused(f"There are {len(sent.files)} files.", "Send one; only KITTI's belong together.")
+    ((name, text),) = sent.files.items()
+    if text.lstrip().startswith("<"):
+        raise refused(f"{name} is XML.", f"Save it as YAML. {_KNOWN}")
+    return _read_one(name, text, sent.format)
+
+
+def _read_one(name: str, text: str, wanted: ImportFormat | None) -> Read:
+    document = read_yaml(name, text)
+    told: Mapping[ImportFormat, bool] = {
+        "kalibr": is_kalibr(document),
+        "camera_info": is_camera_info(document) and not text.startswith("%YAML:"),
+        "opencv": is_opencv(text, document),
+    }
+    kind = wanted or next((one for one, is_one in told.items() if is_one), None)
+    if kind == "kalibr":
+        return Read(kind, read_kalibr(name, document))
+    if kind == "camera_info":
+        if not is_camera_info(document):
+            raise refused(f"{name} has no distortion_model or no K.", _KNOWN)
+        return Read(kind, read_camera_info(name, document))
+    if kind == "opencv":
+        return Read(kind, read_opencv(name, document))
+    raise refused(f"{name} is no calibration file that is known here.", _KNOWN)

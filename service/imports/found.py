@@ -1,0 +1,89 @@
+"""What a calibration file holds, in our conventions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any
+
+from service.exports.transform import Transform
+from service.http.problems import Problem
+
+LIDAR = "lidar"
+# As of the transforms and lenses that requests bring: products of larger numbers are no numbers.
+_LARGEST = 1e6
+# Neither a radial-tangential lens with thin prisms nor a matrix has more.
+_MOST_NUMBERS = 64
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens: K by rows in pixels, D in the order of its distortion model. The size is None if the file has none."""
+
+    distortion_model: str
+    K: list[float]
+    D: list[float]
+    size: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class FoundCamera:
+    """One camera. ``T_camera_lidar`` has the frames ``name`` and :data:`LIDAR`, or those that the file names."""
+
+    name: str
+    topic: str | None = None
+    lens: Lens | None = None
+    T_camera_lidar: Transform | None = None
+
+
+@dataclass(frozen=True)
+class Found:
+    """The cameras of a file, the transforms between them, and what was left out, in sentences."""
+
+    cameras: Sequence[FoundCamera]
+    camera_transforms: Sequence[Transform] = ()
+    notes: list[str] = field(default_factory=list[str])
+
+
+def refused(what: str, hint: str) -> Problem:
+    """A calibration file that cannot be used."""
+    return Problem(422, "calibration_file_not_read", what, hint)
+
+
+def numbers(where: str, values: Any, count: int | None = None) -> list[float]:
+    """Plain numbers of a list, or of a list of rows. Raises :class:`Problem` ``calibration_file_not_read``."""
+    flat: list[Any] = []
+    for value in values if isinstance(values, list) else [values]:
+        flat += value if isinstance(value, list) else [value]
+        if len(flat) > _MOST_NUMBERS:
+            raise refused(f"{where} has more than {_MOST_NUMBERS} numbers.", "Send the file as it was written.")
+    found = [_number(where, value) for value in flat]
+    if count is not None and len(found) != count:
+        raise refused(f"{where} has {len(found)} numbers, not {count}.", "Send the file as it was written.")
+    return found
+
+
+def _number(where: str, value: Any) -> float:
+    # YAML 1.1 takes 1e-05 for text.
+    try:
+        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else None
+    except (ValueError, OverflowError):
+        number = None
+    if number is None or not isfinite(number) or abs(number) > _LARGEST:
+        shown = repr(value)[:40]
+        raise refused(f"{where} holds {shown}.", f"Every number in it must be finite and at most {_LARGEST:g}.")
+    return number
+
+
+def image_size(where: str, width: Any, height: Any) -> tuple[int, int]:
+    """Raises :class:`Problem` ``calibration_file_not_read`` where these are no two whole numbers of pixels."""
+    found = numbers(where, [width, height], 2)
+    if any(one != int(one) or not 1 <= one <= 32768 for one in found):
+        raise refused(f"{where} are {found[0]:g} x {found[1]:g} pixels.", "Both are whole numbers up to 32768.")
+    return int(found[0]), int(found[1])
+
+
+def camera_matrix(f_x: float, f_y: float, c_x: float, c_y: float) -> list[float]:
+    """K by rows."""
+    return [f_x, 0.0, c_x, 0.0, f_y, c_y, 0.0, 0.0, 1.0]

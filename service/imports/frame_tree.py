@@ -1,0 +1,109 @@
+"""A vehicle's frames as its URDF or ``/tf_static`` has them: each with one parent, and its pose there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from service.exports.transform import Transform
+from service.http.problems import Problem
+
+
+class Joint(NamedTuple):
+    """``T_parent_child`` is the child's pose in its parent; ``fixed``: whether it never changes."""
+
+    name: str
+    fixed: bool
+    T_parent_child: Transform
+
+    @property
+    def parent(self) -> str:
+        """The parent's frame."""
+        return self.T_parent_child.to_frame
+
+    @property
+    def child(self) -> str:
+        """The child's frame."""
+        return self.T_parent_child.from_frame
+
+
+class Way(NamedTuple):
+    """From one frame to another: joints up from the first to what both hang on, and joints down to the second.
+
+    Both are in the order in which they are passed.
+    """
+
+    up: Sequence[Joint]
+    down: Sequence[Joint]
+
+    @property
+    def joints(self) -> Sequence[Joint]:
+        """All of them."""
+        return [*self.up, *self.down]
+
+
+def unusable(what: str, hint: str) -> Problem:
+    """A tree that says not what is asked of it."""
+    return Problem(422, "frames_not_usable", what, hint)
+
+
+class FrameTree:
+    """Raises :class:`Problem` 422 ``frames_not_usable`` where a frame has two parents."""
+
+    def __init__(self, joints: Iterable[Joint]) -> None:
+        self._above: dict[str, Joint] = {}
+        self.frames: dict[str, None] = {}
+        for joint in joints:
+            known = self._above.setdefault(joint.child, joint)
+            if known is not joint and known.parent != joint.parent:
+                raise unusable(
+                    f"The frame {joint.child!r} has two parents, {known.parent!r} and {joint.parent!r}.",
+                    "Every frame has one parent. Remove the joint that is not meant.",
+                )
+            # Said again, the later one counts, as for tf2.
+            self._above[joint.child] = joint
+            self.frames |= {joint.parent: None, joint.child: None}
+
+    def above(self, frame: str) -> list[Joint]:
+        """The joints from a frame up to its root. Raises :class:`Problem` for an unknown frame, and for a circle."""
+        if frame not in self.frames:
+            listed = ", ".join(list(self.frames)[:50])
+            raise unusable(f"There is no frame {frame!r}.", f"The frames are {listed or 'none'}.")
+        found: list[Joint] = []
+        while frame in self._above:
+            found.append(self._above[frame])
+            frame = found[-1].parent
+            if len(found) > len(self._above):
+                raise unusable(f"The frame {frame!r} hangs on itself.", "A tree has no circles.")
+        return found
+
+    def root(self, frame: str) -> str:
+        """What a frame hangs on at last."""
+        above = self.above(frame)
+        return above[-1].parent if above else frame
+
+    def way(self, start: str, end: str) -> Way:
+        """Raises :class:`Problem` where no joints lead from one to the other."""
+        up, down = self.above(start), self.above(end)
+        if self.root(start) != self.root(end):
+            raise unusable(
+                f"No joints lead from {start!r} to {end!r}: one hangs on {self.root(start)!r}, the other on "
+                f"{self.root(end)!r}.",
+                "Add the joint between them, even if it is only roughly known.",
+            )
+        while up and down and up[-1] == down[-1]:
+            up.pop()
+            down.pop()
+        return Way(up, down[::-1])
+
+    def transform(self, to_frame: str, from_frame: str) -> Transform:
+        """``T_<to_frame>_<from_frame>`` by the joints between."""
+        found = Transform(from_frame, from_frame, np.eye(3), np.zeros(3))
+        way = self.way(from_frame, to_frame)
+        for joint in way.up:
+            found = joint.T_parent_child.after(found)
+        for joint in way.down:
+            found = joint.T_parent_child.inverse().after(found)
+        return found

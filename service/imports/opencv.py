@@ -1,0 +1,69 @@
+"""OpenCV's FileStorage in YAML or JSON: K, D and size under the names that its samples and calibrators use.
+
+Files that we wrote also hold ``T_camera_lidar``; no other name of a transform says its direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from service.exports.transform import Transform
+from service.imports.found import LIDAR, Found, FoundCamera, Lens, image_size, numbers, refused
+
+_K = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "CameraMatrix", "CameraMat", "K")
+_D = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "DistCoeff", "D")
+_SIZES = (("image_width", "image_height"), ("image_Width", "image_Height"), ("width", "height"))
+_UNDIRECTED = ("R", "T", "rvec", "tvec", "extrinsic_parameters", "CameraExtrinsicMat")
+_LISTED = ("ImageSize", "image_size", "imageSize")
+# Told by calibrateCamera: 4, 5, 8, 12 or 14 coefficients.
+_RATIONAL_FROM = 8
+
+
+def is_opencv(text: str, document: Mapping[str, Any]) -> bool:
+    """Whether the file begins as FileStorage does, or has a matrix as it writes them."""
+    if text.startswith("%YAML:"):
+        return True
+    matrix = next((document[name] for name in _K if name in document), None)
+    return isinstance(matrix, dict) and {"rows", "cols", "data"} <= set(matrix)
+
+
+def read_opencv(name: str, document: Mapping[str, Any]) -> Found:
+    """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
+    K = next((one for one in _K if one in document), None)
+    if K is None:
+        raise refused(f"{name} has no camera matrix ({', '.join(_K)}).", "Send the file with the camera's lens.")
+    D = next((one for one in _D if one in document), None)
+    coefficients = numbers(f"{D} of {name}", _data(document[D])) if D else []
+    fisheye = bool(document.get("fisheye_model", 0))
+    model = "equidistant" if fisheye else "plumb_bob" if len(coefficients) < _RATIONAL_FROM else "rational_polynomial"
+    lens = Lens(model, numbers(f"{K} of {name}", _data(document[K]), 9), coefficients, _size(name, document))
+    notes = (
+        [] if "fisheye_model" in document else ["The file does not say fisheye_model, so it is not cv2.fisheye's."]
+    )
+    others = [one for one in document if one in _UNDIRECTED]
+    if others:
+        notes.append(f"{', '.join(others)}: the file does not say which way it leads, so it was left out.")
+    return Found([FoundCamera("camera", lens=lens, T_camera_lidar=_mount(name, document))], notes=notes)
+
+
+def _size(name: str, document: Mapping[str, Any]) -> tuple[int, int] | None:
+    for width, height in _SIZES:
+        if width in document and height in document:
+            return image_size(f"The images of {name}", document[width], document[height])
+    listed = next((document[one] for one in _LISTED if one in document), None)
+    return None if listed is None else image_size(f"The images of {name}", *numbers(f"The size in {name}", listed, 2))
+
+
+def _mount(name: str, document: Mapping[str, Any]) -> Transform | None:
+    if "T_camera_lidar" not in document:
+        return None
+    T = np.array(numbers(f"T_camera_lidar of {name}", _data(document["T_camera_lidar"]), 16)).reshape(4, 4)
+    to_frame, from_frame = str(document.get("camera_frame") or "camera"), str(document.get("lidar_frame") or LIDAR)
+    return Transform(to_frame[:200], from_frame[:200], T[:3, :3], T[:3, 3])
+
+
+def _data(matrix: Any) -> Any:
+    return matrix.get("data") if isinstance(matrix, dict) else matrix

@@ -1,0 +1,138 @@
+"""Whether a lens or a mount that a file states can be what it says it is."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from apexcal.documents.bounds import LEAST_FOCAL_PX
+from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
+from apexcal.documents.lenses import MODEL_OF, coefficients_of, model_stated
+from service.exports.transform import Floats, Transform
+from service.imports.found import Lens, refused
+
+# Published matrices carry four to six digits.
+_ORTHONORMAL_TO: Final = 1e-3
+# The default bounds of a search, as shares of the image's width (preset `image-size`).
+_FOCAL_SHARES: Final = (0.2, 3.0)
+# The longest vehicle with a trailer on European roads, metres (Directive 96/53/EC).
+_LONGEST_VEHICLE_M: Final = 18.75
+_STEPS: Final = 2000
+
+
+class KnownLens(NamedTuple):
+    """A lens under our model's name, with as many coefficients as the model has."""
+
+    model: ModelName
+    K: list[float]
+    D: list[float]
+    width: int
+    height: int
+
+
+def known_lens(camera: str, lens: Lens, size: tuple[int, int] | None) -> KnownLens:
+    """``size`` is that of the images, for a lens that states none.
+
+    Raises:
+        Problem: 422 ``calibration_file_not_read``.
+    """
+    model = model_stated(lens.distortion_model)
+    if model is None:
+        known = ", ".join(sorted(one for one in MODEL_OF if one))
+        raise refused(f"The lens of {camera} is of the model {lens.distortion_model!r}.", f"Known are {known}.")
+    D = coefficients_of(model, lens.D)
+    if D is None:
+        raise refused(
+            f"The lens of {camera} has {len(lens.D)} coefficients, and {model} has "
+            f"{len(CAMERA_MODELS[model].distortion)}: the further ones are not zero.",
+            "Calibrate it as plumb_bob (k1 k2 p1 p2 k3) or equidistant (k1 k2 k3 k4).",
+        )
+    K = lens.K
+    if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
+        raise refused(
+            f"K of {camera} is no camera matrix: it is [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows, in pixels.",
+            "A file of a camera that was not calibrated has zeros there.",
+        )
+    if lens.size is None and size is None:
+        raise refused(f"The file says no image size of {camera}.", "Give image_size (width, height).")
+    if lens.size is not None and size is not None and lens.size != size:
+        (width, height), (own_width, own_height) = size, lens.size
+        raise refused(
+            f"The lens of {camera} is of {own_width} x {own_height} pixels, and the images have {width} x {height}.",
+            "Scale K, or calibrate at this size.",
+        )
+    return KnownLens(model, K, D, *(lens.size or size or (0, 0)))
+
+
+def lens_doubts(lens: KnownLens) -> list[str]:
+    """What is unlikely of a lens, in sentences."""
+    f_x, _, c_x, _, f_y, c_y = lens.K[:6]
+    width, height = lens.width, lens.height
+    found: list[str] = []
+    if not (0.0 <= c_x <= width - 1 and 0.0 <= c_y <= height - 1):
+        found.append(
+            f"The principal point ({c_x:.0f}, {c_y:.0f}) lies outside of the image of {width} x {height} pixels: is "
+            "the lens of images of another size?"
+        )
+    least, most = (share * width for share in _FOCAL_SHARES)
+    if not (least <= f_x <= most and least <= f_y <= most):
+        found.append(
+            f"The focal lengths {f_x:.0f} and {f_y:.0f} px are outside of 0.2 to 3 image widths: are they pixels, "
+            "and of this image size?"
+        )
+    share = _fold_share(lens)
+    if share < 1.0:
+        found.append(
+            f"The distortion stops growing at {share:.2f} of the way to the image's nearest edge: are the "
+            "coefficients in the order of their model, and is the image size right?"
+        )
+    return found
+
+
+def _fold_share(lens: KnownLens) -> float:
+    """Up to which share of the distance from the image's centre to its nearest edge the radial distortion grows.
+
+    Lenses that fold in the corners are common: polynomials are fitted to what was seen.
+    """
+    edge = min(lens.width / lens.K[0], lens.height / lens.K[4]) / 2.0
+    if lens.model == "kannala_brandt":
+        angle = np.linspace(0.0, pi, _STEPS)
+        radius = angle * (1.0 + sum(k * angle ** (2 * place + 2) for place, k in enumerate(lens.D)))
+        reached = _growing(radius)
+    else:
+        k1, k2, _, _, k3 = lens.D or [0.0] * 5
+        # A tangent of 20 is 87 degrees: what a radial polynomial says of wider angles is no measurement.
+        tangent = np.linspace(0.0, 20.0, 10 * _STEPS)
+        squared = tangent**2
+        reached = _growing(tangent * (1.0 + squared * (k1 + squared * (k2 + squared * k3))))
+    return reached / edge
+
+
+def _growing(radius: Floats) -> float:
+    """The largest radius before the first that is not larger than the one before it."""
+    falls = np.flatnonzero(np.diff(radius) <= 0.0)
+    return float(radius[falls[0]] if falls.size else radius[-1])
+
+
+def checked_mount(camera: str, T: Transform) -> Transform:
+    """The transform with its rotation made exactly orthonormal. Raises :class:`Problem` where it is no rotation."""
+    if np.abs(T.R @ T.R.T - np.eye(3)).max() > _ORTHONORMAL_TO or np.linalg.det(T.R) < 0.0:
+        raise refused(
+            f"The rotation of {camera} is none: its rows are not orthonormal, or it mirrors.",
+            "Send the transform without scale and without flipped axes.",
+        )
+    U, _, Vt = np.linalg.svd(T.R)
+    return T._replace(R=U @ Vt)
+
+
+def mount_doubts(T: Transform) -> list[str]:
+    """What is unlikely of a mount, in sentences."""
+    distance = float(np.linalg.norm(T.t))
+    if distance <= _LONGEST_VEHICLE_M:
+        return []
+    return [
+        f"Camera and LiDAR are {distance:.0f} m apart, farther than the longest road vehicle: is the translation in "
+        "metres?"
+    ]

@@ -1,0 +1,51 @@
+"""What files hold, as answers show it."""
+
+from __future__ import annotations
+
+from apexcal.documents.imports import CalibrationFiles, ReadCamera, ReadFiles, ReadLens
+from apexcal.documents.transforms import SolvedTransform
+from service.calibration_runs.transforms import write
+from service.exports.transform import Transform
+from service.imports.formats import read_files
+from service.imports.found import FoundCamera
+from service.imports.plausibility import checked_mount, known_lens, lens_doubts, mount_doubts
+
+
+def files_view(sent: CalibrationFiles) -> ReadFiles:
+    """Raises :class:`Problem` 422 ``calibration_file_not_read``."""
+    kind, found = read_files(sent)
+    return ReadFiles(
+        format=kind,
+        cameras=[_camera(camera, sent.image_size) for camera in found.cameras],
+        camera_transforms=[
+            transform_view(checked_mount(f"{one.to_frame} and {one.from_frame}", one))
+            for one in found.camera_transforms
+        ],
+        notes=found.notes,
+    )
+
+
+def transform_view(T: Transform) -> SolvedTransform:
+    """A transform in every form of its rotation."""
+    return SolvedTransform.model_validate(write(T.to_frame, T.from_frame, T.R, T.t))
+
+
+def _camera(camera: FoundCamera, size: tuple[int, int] | None) -> ReadCamera:
+    doubts: list[str] = []
+    lens = mount = None
+    if camera.lens is not None:
+        known = known_lens(camera.name, camera.lens, size)
+        doubts += lens_doubts(known)
+        lens = ReadLens(
+            width=known.width,
+            height=known.height,
+            distortion_model=camera.lens.distortion_model,
+            K=known.K,
+            D=known.D,
+            model=known.model,
+        )
+    if camera.T_camera_lidar is not None:
+        checked = checked_mount(camera.name, camera.T_camera_lidar)
+        doubts += mount_doubts(checked)
+        mount = transform_view(checked)
+    return ReadCamera(name=camera.name, topic=camera.topic, lens=lens, T_camera_lidar=mount, doubts=doubts)

@@ -1,0 +1,1 @@
+"""Reports of results: a worker makes each as one HTML file."""

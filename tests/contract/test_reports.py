@@ -1,0 +1,117 @@
+"""A report from the request to the file: made by a worker, read over HTTP, shown to whom it may be shown."""
+
+import json
+import re
+
+import pytest
+from sqlalchemy import select, update
+
+from apexcal.documents.reports import ReportView
+from service.db.calibrations import CorrespondenceSet, Result
+from service.db.models import Blob, Report
+from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
+from tests.service.detections.seeding import seed_rig
+from tests.support.work import work
+
+pytestmark = pytest.mark.usefixtures("broker")
+
+
+@pytest.fixture
+def made(api, context):
+    """(engineer, result, fleet): a finished calibration without a report."""
+    fleet = api.fleet()
+    engineer = api.member(fleet, "engineer")
+    rig = seed_rig(api.database, fleet)
+    brought = engineer.post(
+        f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs_of_a_pinhole()}, params={"camera": "front"}
+    ).json()
+    body = {"correspondence_set_ids": [brought["id"]], "models": ["pinhole"], "folds": 2, "schedule": SCHEDULE}
+    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/calibrations", body)
+    assert asked.status_code == 202, asked.text
+    work(context)
+    done = engineer.get(f"/calibrations/{asked.json()['id']}").json()
+    return engineer, done["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"], fleet
+
+
+def test_a_report_is_made_kept_and_replaced(api, context, made):
+    engineer, result, fleet = made
+    assert engineer.get(f"/results/{result}/report").json()["code"] == "no_report"
+    asked = engineer.post(f"/results/{result}/report")
+    assert asked.status_code == 202, asked.text
+    row = ReportView.model_validate_json(asked.content, extra="forbid")
+    assert engineer.get(f"/results/{result}/report").json()["code"] == "report_not_ready"
+    # Asked again while it waits, it is the same work.
+    assert engineer.post(f"/results/{result}/report").json()["job"]["id"] == row.job.id
+    work(context)
+    ended = engineer.get(f"/reports/{row.id}").json()
+    assert (ended["state"], ended["problem"]) == ("done", None) and ended["made_at"]
+    answer = engineer.get(f"/results/{result}/report")
+    assert answer.status_code == 200 and answer.headers["content-type"].startswith("text/html")
+    assert "sandbox" in answer.headers["content-security-policy"]
+    assert len(answer.content) == ended["bytes"]
+    data = json.loads(
+        re.search(r'<script type="application/json" id="data">(.*?)</script>', answer.text, re.DOTALL)[1]
+    )
+    stored = engineer.get(f"/results/{result}").json()
+    assert data["ids"]["result"] == result and data["verdict"]["level"] == ended["verdict"]
+    assert data["pairs"]["error_px"] == pytest.approx(stored["residuals_px"], rel=1e-5)
+    assert len(data["slots"]["loss_px"]) == 2 * stored["iterations"]
+    held = [value for value in data["pairs"]["heldout_px"] if value is not None]
+    assert len(held) == 80
+    for objection in stored["objections"]:
+        assert objection in data["verdict"]["against"]
+    same = {"If-None-Match": answer.headers["etag"]}
+    assert engineer.get(f"/results/{result}/report", headers=same).status_code == 304
+    saved = engineer.get(f"/results/{result}/report", params={"download": "true"})
+    assert 'attachment; filename="front-pinhole-report.html"' in saved.headers["content-disposition"]
+    # Made anew, it takes the place of the one before, whose bytes go.
+    engineer.post(f"/results/{result}/report")
+    assert engineer.get(f"/results/{result}/report").content == answer.content
+    work(context)
+    again = engineer.get(f"/results/{result}/report", headers=same)
+    assert again.status_code == 200
+    with api.database.reading() as session:
+        states = dict(session.execute(select(Blob.key, Blob.state).where(Blob.key.startswith("reports/"))).all())
+        kept = session.scalars(select(Report.blob_key)).one()
+    assert sorted(states.values()) == ["condemned", "stored"] and states[kept] == "stored"
+    assert api.member(fleet, "viewer").get(f"/results/{result}/report").status_code == 200
+
+
+def test_of_marks_only_reviewers_see_it_and_only_of_a_whole_fit(api, context, made):
+    engineer, result, fleet = made
+    engineer.post(f"/results/{result}/report")
+    work(context)
+    with api.database.writing() as session:
+        session.execute(update(CorrespondenceSet).values(source="annotations"))
+    refused = api.member(fleet, "annotator").get(f"/results/{result}/report")
+    assert (refused.status_code, refused.json()["code"]) == (403, "role_too_low")
+    assert api.member(fleet, "reviewer").get(f"/results/{result}/report").status_code == 200
+    assert api.member(fleet, "annotator").post(f"/results/{result}/report").status_code == 403
+    outsider = api.member(api.fleet(), "admin")
+    assert outsider.get(f"/results/{result}/report").status_code == 404
+    with api.database.reading() as session:
+        fold = session.scalars(select(Result.id).where(Result.fold == 0)).one()
+    assert engineer.post(f"/results/{fold}/report").json()["code"] == "not_a_fit_to_all_pairs"
+
+
+def test_pairs_are_left_out_and_the_calibration_asked_for_again(api, context, made):
+    engineer, result, _ = made
+    found = engineer.get(f"/results/{result}").json()
+    path = f"/correspondence-sets/{found['set_id']}/selections"
+    assert engineer.post(path, {"leave_out": [80]}).json()["code"] == "no_such_pair"
+    assert engineer.post(path, {"leave_out": list(range(80))}).json()["code"] == "nothing_left"
+    fewer = engineer.post(path, {"leave_out": [3, 17, 3]})
+    assert fewer.status_code == 201, fewer.text
+    assert fewer.json()["count"] == 78 and fewer.json()["notes"][-1] == "2 pairs were left out by hand."
+    assert engineer.post(path, {"leave_out": [17, 3]}).status_code == 200
+    whole, rest = (
+        engineer.get(f"/correspondence-sets/{one}").json()["pairs"] for one in (found["set_id"], fewer.json()["id"])
+    )
+    assert rest == [pair for i, pair in enumerate(whole) if i not in (3, 17)]
+    request = engineer.get(f"/calibrations/{found['calibration_id']}").json()["request"]
+    body = request | {"correspondence_set_ids": [fewer.json()["id"]]}
+    again = engineer.post(f"/vehicles/{found['vehicle_id']}/calibrations", body)
+    assert again.status_code == 202, again.text
+    work(context)
+    done = engineer.get(f"/calibrations/{again.json()['id']}").json()
+    assert done["summary"]["cameras"]["front"]["models"]["pinhole"]["pairs"] == 78

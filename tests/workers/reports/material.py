@@ -1,0 +1,57 @@
+"""A calibration of a simulated walk by two models, as a worker reads it to report on it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
+from tests.workers.solver.walks import finish
+from workers.reports.material import FittedModel, Material, PersonMark
+from workers.solver.problem_document import problem_from_document
+
+MODELS = ("pinhole", "brown_conrady")
+
+
+@lru_cache(maxsize=4)
+def made(pairs: int = 222, wrong: int = 3, lens: str = "brown_conrady", model: str = "brown_conrady") -> Material:
+    """Marks of 1 px, the first ``wrong`` of them 60 px off; two people, one of whom marks 2 px too far right."""
+    walked, truth = simulated(lens, 5, pairs=pairs)
+    pixels = walked.pixels.copy()
+    pixels[:wrong, 1] += 60.0
+    known = dict(zip(walked.names, truth.tolist(), strict=True))
+    fitted: list[FittedModel] = []
+    for name in {*MODELS, lens, model}:
+        document = {"model": name, "image_size": SIZE, "nominal": NOMINAL, "seed": 1}
+        problem = problem_from_document(document, walked.points, pixels)
+        start = [known.get(one, 0.0) for one in problem.names]
+        held = {"indices": list(range(0, pairs, 5)), "errors_px": [0.5 + 0.01 * i for i in range(0, pairs, 5)]}
+        result = finish(problem, start) | {
+            "provenance": {"request": document, "pairs_sha256": "00", "sources_sha256": "11"}
+        }
+        fitted.append(FittedModel(name, result, problem, [held]))
+    fitted.sort(key=lambda one: one.name)
+    columns = dict(zip("xyz", walked.points.T.tolist(), strict=True))
+    columns |= dict(zip("uv", pixels.T.tolist(), strict=True))
+    columns["stamp_ns"] = [1_700_000_000_000_000_000 + 400_000_000 * i for i in range(pairs)]
+    marks = [PersonMark(i, "Ann", u, v) for i, (u, v) in enumerate(pixels[: pairs // 2].tolist())]
+    marks += [PersonMark(i, "Ben </script>$x$", u + 2.0, v) for i, (u, v) in enumerate(pixels.tolist())]
+    return Material(
+        chosen=next(one for one in fitted if one.name == model),
+        models=fitted,
+        pairs=columns,
+        objections=["Nobody held pairs out."],
+        recommended="brown_conrady",
+        slots=[(i, slot, 3.0 / (i + 1) + 0.1 * slot) for i in range(4) for slot in range(3)],
+        marks=marks,
+        names={"vehicle": "van </script>", "rig": "roof", "camera": "front"},
+        ids={"result": "r1", "calibration": "c1"},
+        request={"models": list(MODELS)},
+        made_at="2026-01-01 00:00 UTC",
+    )
+
+
+def steady(values: list[float | None]) -> np.ndarray:
+    """A column of a report's document, NaN where there is no number."""
+    return np.array(values, np.float64)

@@ -1,0 +1,198 @@
+"""Every number of a report, recomputed from pairs and stored documents with NumPy and OpenCV alone."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.workers.reports.material import made, steady
+from workers.reports.contents import contents
+
+LENS = ("k1", "k2", "k3", "k4", "k5")
+
+
+@pytest.fixture(scope="module")
+def report():
+    return contents(made())
+
+
+def matrix(document):
+    """R and t of T_camera_lidar, from the document's quaternion."""
+    x, y, z, w = document["transform"]["rotation"]["quaternion_xyzw"]
+    R = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return R, np.array(document["transform"]["translation_m"])
+
+
+def projected(document, points):
+    """OpenCV's pixels of points in the LiDAR's frame, with the skew that it ignores."""
+    R, t = matrix(document)
+    lens = document["intrinsics"]
+    distortion = np.array([lens.get(name) or 0.0 for name in LENS])
+    plane = cv2.projectPoints(points @ R.T + t, np.zeros(3), np.zeros(3), np.eye(3), distortion)[0].reshape(-1, 2)
+    skew = lens.get("skew") or 0.0
+    return np.column_stack(
+        [
+            lens["f_x"] * (plane[:, 0] + skew * plane[:, 1]) + lens["c_x"],
+            lens["f_y"] * plane[:, 1] + lens["c_y"],
+        ]
+    )
+
+
+def points_and_marks(material):
+    pairs = material.pairs
+    return (np.column_stack([pairs[name] for name in names]) for names in ("xyz", "uv"))
+
+
+def test_every_pair_is_where_opencv_projects_it(report):
+    material = made()
+    points, marks = points_and_marks(material)
+    document = material.chosen.document
+    at = projected(document, points)
+    columns = report["pairs"]
+    for name, values in (("projected_u", at[:, 0]), ("projected_v", at[:, 1])):
+        assert np.allclose(steady(columns[name]), values, rtol=5.1e-6, atol=1e-6)  # six digits
+    off = marks - at
+    assert np.abs(steady(columns["off_u"]) - off[:, 0]).max() < 1e-4
+    assert np.abs(steady(columns["off_v"]) - off[:, 1]).max() < 1e-4
+    assert np.allclose(steady(columns["error_px"]), np.hypot(*off.T), rtol=1e-5, atol=1e-6)
+    assert np.allclose(steady(columns["error_px"]), document["residuals_px"], rtol=1e-5)
+    R, t = matrix(document)
+    camera = points @ R.T + t
+    angle = np.degrees(np.arccos(camera[:, 2] / np.linalg.norm(camera, axis=1)))
+    assert np.allclose(steady(columns["angle_deg"]), angle, rtol=1e-5, atol=1e-5)
+    assert np.allclose(steady(columns["range_m"]), np.sqrt((points**2).sum(axis=1)), rtol=1e-5)
+    assert np.allclose(steady(columns["seconds"]), 0.4 * np.arange(len(points)), rtol=1e-5)
+    assert columns["stamp_ns"][1] == "1700000000400000000"
+    held = steady(columns["heldout_px"])
+    assert np.allclose(held[::5], 0.5 + 0.01 * np.arange(0, 222, 5), rtol=1e-5) and np.isnan(held[1:5]).all()
+
+
+def test_each_person_is_judged_by_their_own_marks(report):
+    at = projected(made().chosen.document, next(points_and_marks(made())))
+    ann, ben = report["people"]
+    assert (ann["name"], ben["name"]) == ("Ann", "Ben </script>$x$")
+    for person, count in ((ann, 111), (ben, 222)):
+        own = np.array([(one.u, one.v) for one in made().marks if one.person == person["name"]]) - at[:count]
+        assert person["pair"] == list(range(count))
+        assert np.abs(np.column_stack([person["off_u"], person["off_v"]]) - own).max() < 1e-3
+        assert person["mean_u"] == pytest.approx(own[:, 0].mean(), rel=1e-4)
+        assert person["rms_px"] == pytest.approx(np.sqrt((own**2).sum(axis=1).mean()), rel=1e-4)
+
+
+def deviation(material, model, points, step=1e-6):
+    """px: derivatives by finite differences through OpenCV, times the stored covariance."""
+    document = next(one.document for one in material.models if one.name == model)
+    names, size = document["covariance"]["names"], np.array(document["intrinsics"]["image_size"])
+    columns = []
+    for name in names:
+        ends = []
+        for sign in (1.0, -1.0):
+            changed = {**document, "intrinsics": {**document["intrinsics"]}}
+            R, t = matrix(document)
+            if name.startswith("rotation_"):
+                turn = cv2.Rodrigues(np.radians(sign * step) * np.eye(3)["xyz".index(name[-1])])[0]
+                points_now = (points @ R.T) @ turn.T + t
+            elif name.startswith("t_"):
+                points_now = points @ R.T + t + sign * step * np.eye(3)["xyz".index(name[-1])]
+            else:
+                points_now = points @ R.T + t
+                changed["intrinsics"][name] += sign * step
+            still = {"rotation": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}, "translation_m": [0.0, 0.0, 0.0]}
+            ends.append(projected({**changed, "transform": still}, points_now))
+        columns.append((ends[0] - ends[1]) / (2 * step))
+    J = np.stack(columns, axis=2)
+    spread = np.einsum("ncf,fg,ncg->n", J, np.array(document["covariance"]["matrix"]), J)
+    at = projected(document, points)
+    return np.sqrt(spread), np.all((at >= -0.5) & (at <= size - 0.5), axis=1)
+
+
+@pytest.mark.parametrize("model", ["pinhole", "brown_conrady"])
+def test_maps_are_the_covariance_carried_to_each_cell(report, model):
+    material = made()
+    points, marks = points_and_marks(material)
+    found = report["models"][model]
+    ground = found["ground"]
+    across, down = np.meshgrid(ground["across"], ground["down"])
+    cells = np.column_stack([across.ravel(), down.ravel(), np.full(across.size, np.median(points[:, 2]))])
+    sigma, inside = deviation(material, model, cells)
+    told = np.array(ground["sigma_px"], np.float64).ravel()
+    shown = np.isfinite(told)
+    assert shown.sum() > 500
+    assert np.allclose(told[shown], sigma[shown], rtol=2e-3)
+    assert inside[shown].all()
+    document = next(one.document for one in material.models if one.name == model)
+    image = found["image"]
+    R, t = matrix(document)
+    distance = np.median(np.linalg.norm(points @ R.T + t, axis=1))
+    assert image["distance_m"] == pytest.approx(distance, rel=1e-5)
+    lens = document["intrinsics"]
+    u, v = (values.ravel() for values in np.meshgrid(image["across"], image["down"]))
+    y = (v - lens["c_y"]) / lens["f_y"]
+    plane = np.column_stack([(u - lens["c_x"]) / lens["f_x"] - (lens.get("skew") or 0.0) * y, y])
+    distortion = np.array([lens.get(name) or 0.0 for name in LENS])
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+    plane = cv2.undistortPoints(plane[:, None], np.eye(3), distortion, criteria=criteria).reshape(-1, 2)
+    rays = np.column_stack([plane, np.ones(len(plane))])
+    rays *= distance / np.linalg.norm(rays, axis=1, keepdims=True)
+    sigma, _ = deviation(material, model, (rays - t) @ R)
+    told = np.array(image["sigma_px"], np.float64).ravel()
+    shown = np.isfinite(told)
+    assert shown.mean() > 0.8 and np.allclose(told[shown], sigma[shown], rtol=5e-3)
+    error = np.hypot(*(marks - projected(document, points)).T)
+    held = 0.5 + 0.01 * np.arange(len(points))
+    expected = np.where(np.arange(len(points)) % 5 == 0, held, error)
+    assert np.allclose(steady(found["measured_px"]), expected, rtol=1e-4)
+
+
+def test_coverage_counts_and_names_what_is_missing(report):
+    material = made()
+    points, marks = points_and_marks(material)
+    width = material.chosen.document["intrinsics"]["image_size"][0]
+    field = report["coverage"]
+    distance = np.linalg.norm(points, axis=1)
+    column = np.floor((marks[:, 0] + 0.5) / (width / 6)).astype(int)
+    for band, row in enumerate(field["pairs"]):
+        near = (distance >= field["edges_m"][band]) & (distance < field["edges_m"][band + 1])
+        assert row == [int(np.count_nonzero(near & (column == c))) for c in range(6)]
+    assert sum(map(sum, field["pairs"])) == len(points)
+    empty = [(band, c) for band, row in enumerate(field["pairs"]) for c in range(6) if row[c] == 0 and any(row)]
+    if any(c == 5 for _, c in empty):
+        assert any("right of" in one for one in field["missing"])
+
+
+def test_rings_off_the_axis_are_the_pairs_own(report):
+    check = next(one for one in report["checks"] if one["name"] == "off_axis")
+    used = np.ones(222, bool)
+    used[[one["index"] for one in made().chosen.document["outliers"]]] = False
+    angle, error = (steady(report["pairs"][name])[used] for name in ("angle_deg", "error_px"))
+    assert sum(ring["pairs"] for ring in check["figures"]["rings"]) == used.sum()
+    for k, ring in enumerate(check["figures"]["rings"]):
+        end = np.inf if k == 3 else ring["to_deg"]
+        within = (angle >= ring["from_deg"] - 1e-4) & (angle < end - 1e-4)
+        if abs(int(within.sum()) - ring["pairs"]) == 0:
+            assert ring["rms_px"] == pytest.approx(np.sqrt((error[within] ** 2).mean()), rel=1e-3)
+        else:
+            assert abs(int(within.sum()) - ring["pairs"]) <= 1
+
+
+def test_the_rest_is_as_stored(report):
+    document = made().chosen.document
+    for name in ("parameters", "std", "interval95_half_width", "intrinsics"):
+        for key, value in document[name].items():
+            told = report["result"][name][key]
+            assert told == pytest.approx(value, rel=1e-5) if isinstance(value, float) else told == value
+    assert np.allclose(report["result"]["correlation"], document["correlation"], rtol=1e-4, atol=1e-9)
+    assert [one["index"] for one in report["result"]["outliers"]] == [one["index"] for one in document["outliers"]]
+    assert report["slots"]["loss_px"] == pytest.approx([loss for _, _, loss in made().slots], rel=1e-5)
+    assert report["provenance"] == {"request": {**document["provenance"]["request"], "image_size": [1280, 960]}} | {
+        "pairs_sha256": "00",
+        "sources_sha256": "11",
+    }
+    prediction = report["result"]["prediction"]
+    for told, stored in zip(prediction["points"], document["prediction"]["points"], strict=True):
+        assert told["stated_px"] == pytest.approx(stored["stated_px"], rel=1e-5)

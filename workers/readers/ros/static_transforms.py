@@ -1,0 +1,77 @@
+"""The transforms that a recording states once and for all: its ``/tf_static``."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from rosbags.serde import SerdeError
+
+from workers.readers.damage import damage
+from workers.readers.recording import ReadError, StaticTransform, legible
+from workers.readers.ros.containers import Container
+from workers.readers.ros.ros_types import TRANSFORMS, full_name, message_reader
+from workers.readers.ros.topic_messages import Topic
+
+_NAME: Final = "tf_static"
+# Every node publishes its own once; a recorder that splits its files repeats them.
+_MESSAGES: Final = 500
+_MOST: Final = 2000
+_LONGEST_NAME: Final = 200
+# Metres; products of larger numbers are no numbers.
+_FARTHEST: Final = 1000.0
+
+
+def is_static_transforms(topic: Topic) -> bool:
+    """Whether a topic holds transforms that never change, in a type that is read."""
+    return (
+        topic.name.rpartition("/")[2] == _NAME
+        and full_name(topic.type) in TRANSFORMS
+        and topic.encoding in ("ros1", "cdr")
+    )
+
+
+def static_transforms(container: Container, warnings: list[str]) -> list[StaticTransform]:
+    """Those of all ``tf_static`` topics; of a child that is said again the later one counts, as for tf2."""
+    found: dict[str, StaticTransform] = {}
+    for topic in container.topics:
+        if is_static_transforms(topic):
+            try:
+                for one in _stated(container, topic):
+                    found[one.child] = one
+            except ReadError as error:  # no reason to refuse what the sensors recorded
+                warnings.append(f"{topic.name} was left out: {error.message}")
+    if len(found) > _MOST:
+        warnings.append(f"{len(found)} frames are stated to be fixed; they were left out, for at most {_MOST} are.")
+        return []
+    return list(found.values())
+
+
+def _stated(container: Container, topic: Topic) -> list[StaticTransform]:
+    read = message_reader(topic)
+    found: list[StaticTransform] = []
+    with damage(topic.name, "a topic of fixed transforms", "Look at who publishes it.", SerdeError):
+        for _, raw in container.samples(topic.name, _MESSAGES):
+            for one in read(raw).transforms:
+                known = _transform(one)
+                if known is not None:
+                    found.append(known)
+    return found
+
+
+def _transform(stamped: Any) -> StaticTransform | None:
+    """None where it is no transform between two frames that can be named."""
+    t, q = stamped.transform.translation, stamped.transform.rotation
+    parent, child = (_frame(name) for name in (stamped.header.frame_id, stamped.child_frame_id))
+    offset, turn = (float(t.x), float(t.y), float(t.z)), (float(q.x), float(q.y), float(q.z), float(q.w))
+    length = math.hypot(*turn)
+    is_sound = math.isfinite(length) and length > 0.0 and all(abs(one) <= _FARTHEST for one in offset)
+    if not parent or not child or parent == child or not is_sound:
+        return None
+    return StaticTransform(parent, child, offset, tuple(one / length for one in turn))
+
+
+def _frame(name: object) -> str:
+    """A frame's name as tf2 compares it: without the slash of older versions."""
+    text = str(name).removeprefix("/")
+    return text if len(text) <= _LONGEST_NAME and legible(text) == text else ""

@@ -1,0 +1,220 @@
+"""Checks of a result, each with a verdict of its own: what could be wrong, whether it is, and how large.
+
+A check fails only if chance explains it in fewer than one of thousand sound results, and if it matters: if what it
+finds is larger than half of a mark's noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.reports.coverage import coverage_check
+from workers.reports.further_unknowns import Tested, tested
+from workers.reports.material import Material
+from workers.reports.pair_errors import PairErrors
+from workers.solver.estimate import Estimate
+from workers.solver.residuals import by_point, predict
+
+Floats = NDArray[np.float64]
+Verdict = Literal["passed", "failed", "unknown"]
+_CHANCE: Final = 1e-3
+_MATTERS: Final = 0.5  # of the noise of a mark per coordinate
+# Radial patterns up to the seventh power of the distance from the centre: the lens models' own terms go that far.
+_POWERS: Final = (1, 2, 3, 4, 5, 6, 7)
+# Share of wrong pairs from which marks, frames or pairing need a look as a whole; slips of the hand are about 1 %.
+_MANY_WRONG: Final = 0.02
+_FEWEST_WRONG: Final = 2
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was looked at, whether it passed, and a sentence; ``figures`` are what the sentence says, as numbers.
+
+    ``forbids``: whether the result should not be used where the check fails; otherwise somebody should look first.
+    """
+
+    name: str
+    title: str
+    verdict: Verdict
+    sentence: str
+    figures: dict[str, Any] = field(default_factory=dict[str, Any])
+    forbids: bool = True
+
+
+def checks(material: Material, found: Estimate, errors: PairErrors) -> list[Check]:
+    """All checks of the reported result. ``found``: its estimate without outliers; ``errors``: its pairs' errors."""
+    document = material.chosen.document
+    return [
+        off_axis(found, errors),
+        *times(found),
+        wrong_pairs(document),
+        together(document),
+        halves(document),
+        Check(*coverage_check(material, errors), forbids=False),
+    ]
+
+
+def off_axis(found: Estimate, errors: PairErrors) -> Check:
+    """Whether errors grow with the angle to the camera's axis, as those of a lens model that does not fit do."""
+    title = "Errors off the camera's axis"
+    rings = rings_of(found, errors)
+    figures: dict[str, Any] = {"rings": rings}
+    told = " and ".join(
+        f"{ring['rms_px']:.1f} px RMS {words} {ring[end]:.0f} degrees"
+        for ring, words, end in ((rings[0], "within", "to_deg"), (rings[-1], "beyond", "from_deg"))
+    )
+    result = tested(found, _radial(found))
+    if result is None:
+        return Check("off_axis", title, "unknown", f"{told}; the result states no errors to compare with.", figures)
+    used = found.holding.weights > 0.0
+    size = np.hypot(*result.pattern[used].T)
+    largest = float(np.quantile(size, 0.99))
+    at = float(errors.angle_deg[used][int(np.argmin(np.abs(size - largest)))])
+    figures |= {"probability": result.probability, "pattern_px": largest, "pattern_at_deg": at}
+    if result.probability < _CHANCE and largest > _MATTERS * found.spread.sigma_px:
+        return Check(
+            "off_axis",
+            title,
+            "failed",
+            f"The lens model {found.fitted.model} does not fit this lens: errors follow a radial pattern of up to "
+            f"{largest:.1f} px, at {at:.0f} degrees from the axis. {told}. Compare the other models.",
+            figures,
+        )
+    return Check("off_axis", title, "passed", f"Errors follow no pattern of the lens: {told}.", figures)
+
+
+def rings_of(found: Estimate, errors: PairErrors, count: int = 4) -> list[dict[str, float]]:
+    """Rings about the axis with equally many pairs: angles, number of pairs, RMS distance px."""
+    used = (found.holding.weights > 0.0) & errors.seen
+    angle, distance = errors.angle_deg[used], errors.distance_px[used]
+    edges = np.quantile(angle, np.linspace(0.0, 1.0, count + 1))
+    ring = np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, count - 1)
+    return [
+        {
+            "from_deg": float(edges[k]),
+            "to_deg": float(edges[k + 1]),
+            "pairs": int(np.count_nonzero(ring == k)),
+            "rms_px": float(np.sqrt(np.mean(distance[ring == k] ** 2))),
+        }
+        for k in range(count)
+        if np.any(ring == k)
+    ]
+
+
+def _radial(found: Estimate) -> Floats:
+    """(N, 2, powers) shifts along the radius from the principal point, 1 px each at the image's corner."""
+    problem = found.holding
+    pixels, violation = predict(problem, found.parameters)
+    away = np.where((violation > 0.0)[:, None], 0.0, pixels - found.parameters[8:10])
+    radius = np.linalg.norm(away, axis=1)
+    unit = away / np.maximum(radius, 1e-9)[:, None]
+    share = radius / (0.5 * problem.diagonal_px)
+    return unit[:, :, None] * np.stack([share**power for power in _POWERS], axis=1)[:, None, :]
+
+
+def times(found: Estimate) -> list[Check]:
+    """Whether the marks lie where the board was at another moment: the clocks' offset, and a rolling shutter."""
+    clock, shutter = "Clocks of camera and LiDAR", "Rolling shutter"
+    problem = found.holding
+    if problem.velocities is None:
+        why = "The pairs do not say how the board moved."
+        return [Check("clock", clock, "unknown", why), Check("rolling_shutter", shutter, "unknown", why)]
+    pixels, violation = predict(problem, found.parameters)
+    moved = np.einsum("nij,nj->ni", by_point(problem, found.parameters), problem.velocities)
+    moved[violation > 0.0] = 0.0
+    height = problem.image_size[1]
+    row = np.where(violation > 0.0, 0.0, (pixels[:, 1] - 0.5 * (height - 1)) / height)
+    alone = tested(found, moved[:, :, None])
+    both = tested(found, np.stack([moved, moved * row[:, None]], axis=2))
+    used = problem.weights > 0.0
+    speed = float(np.median(np.hypot(*moved[used].T)))
+    return [
+        _time_check("clock", clock, _clock_words, alone, 0, speed, found, 1.0),
+        _time_check("rolling_shutter", shutter, _shutter_words, both, 1, speed, found, 1.0 / height),
+    ]
+
+
+Words = Callable[[float, float, bool], str]
+
+
+def _time_check(
+    name: str, title: str, words: Words, result: Tested | None, k: int, speed: float, found: Estimate, per: float
+) -> Check:
+    """One time among the tested unknowns; ``speed``: px/s of the marks; ``per``: of a row where it is one's."""
+    if result is None or not np.isfinite(result.deviations[k]) or result.deviations[k] == 0.0:
+        return Check(name, title, "unknown", "The board's motion does not tell it from the mount.")
+    value, deviation = float(result.values[k]), float(result.deviations[k])
+    # Two-sided quantile of the normal distribution at one in thousand.
+    certain = abs(value) > 3.29 * deviation
+    # A shutter's time is over the whole image: half of it is what marks differ by.
+    effect = abs(value) * speed * (1.0 if per == 1.0 else 0.5)
+    failed = certain and effect > _MATTERS * found.spread.sigma_px
+    figures = {"seconds": value * per, "deviation_seconds": deviation * per, "speed_px_s": speed}
+    return Check(name, title, "failed" if failed else "passed", words(value * per, deviation * per, failed), figures)
+
+
+def _clock_words(value: float, deviation: float, failed: bool) -> str:
+    offset = f"{1e3 * abs(value):.1f} ± {1e3 * deviation:.1f} ms"
+    if not failed:
+        return f"The marks follow the board's motion: {offset} apart."
+    return (
+        f"The marks lie where the board was {offset} {'later' if value > 0 else 'earlier'} than the pairs say: the "
+        "offset between the clocks is wrong. Estimate it, and detect again."
+    )
+
+
+def _shutter_words(value: float, deviation: float, failed: bool) -> str:
+    line = f"{1e6 * value:.0f} ± {1e6 * deviation:.0f} microseconds a row"
+    if not failed:
+        return f"The rows of a frame show one moment: {line}."
+    return f"The rows of a frame show different moments, {line}: a rolling shutter. Walk slowly, or stand still."
+
+
+def wrong_pairs(document: dict[str, Any]) -> Check:
+    """Whether more pairs than slips of the hand explain do not belong."""
+    outliers, pairs = document.get("outliers", []), document.get("pairs") or len(document.get("residuals_px") or [])
+    excluded = sum(bool(one["excluded"]) for one in outliers)
+    pairs += excluded
+    figures = {"outliers": len(outliers), "excluded": excluded, "pairs": pairs}
+    many = len(outliers) > max(_MANY_WRONG * pairs, _FEWEST_WRONG)
+    kept = "left out of the fit" if excluded else "in the fit"
+    sentence = (
+        f"{len(outliers)} of {pairs} pairs do not belong; they are {kept}."
+        if outliers
+        else f"All {pairs} pairs belong together."
+    )
+    verdict: Verdict = "failed" if many else "passed"
+    return Check("wrong_pairs", "Wrong marks", verdict, sentence, figures, forbids=excluded == 0)
+
+
+def together(document: dict[str, Any]) -> Check:
+    """Whether pairs of one pose, or near in time, err together."""
+    title, shared = "Errors that pairs share", document.get("shared_errors")
+    if not shared:
+        return Check("shared_errors", title, "unknown", "The pairs name no poses, or are too few to tell.")
+    begins = ("Pairs of one group err together", "Pairs near in time err together")
+    said = next((alarm for alarm in document.get("alarms", []) if alarm.startswith(begins)), None)
+    figures = {name: shared[name] for name in ("evidence", "widening", "deviations")}
+    if said:
+        # The stated deviations count them.
+        return Check("shared_errors", title, "failed", said, figures, forbids=False)
+    return Check("shared_errors", title, "passed", "Pairs of one pose, or near in time, err independently.", figures)
+
+
+def halves(document: dict[str, Any]) -> Check:
+    """Whether fits of two halves of the pairs agree within what is stated."""
+    title, said = "Halves of the pairs", document.get("stated_too_small") or []
+    compared: Sequence[dict[str, Any]] = document.get("halves") or []
+    figures = {one["split"]: one["ratio"] for one in compared}
+    if said:
+        return Check("halves", title, "failed", " ".join(said), figures)
+    if not compared:
+        return Check("halves", title, "unknown", "The pairs are too few for two fits.", figures)
+    ratios = " and ".join(f"{one['ratio']:.2f}" for one in compared)
+    sentence = f"Two fits of halves differ by {ratios} times what is stated; 1 is expected."
+    return Check("halves", title, "passed", sentence, figures)

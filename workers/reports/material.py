@@ -1,0 +1,66 @@
+"""What a report is made of: stored documents and pairs, as plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from workers.solver.problem import FitProblem
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """A camera model's fit to all pairs: its document, its problem, and the held-out errors of its folds."""
+
+    name: str
+    document: Json
+    problem: FitProblem
+    heldout: Sequence[Json] = ()
+
+
+@dataclass(frozen=True)
+class PersonMark:
+    """A person's own mark of a pair, by the pair's number: pixels."""
+
+    pair: int
+    person: str
+    u: float
+    v: float
+
+
+@dataclass(frozen=True)
+class FrameImage:
+    """A camera frame's image, encoded as it is stored, and its size in pixels."""
+
+    media_type: str
+    data: bytes
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """All that the report of one result reads.
+
+    ``chosen`` is the reported model, ``models`` are all of its camera. ``pairs``: columns of equal lengths.
+    ``objections``: what speaks against publishing the result. ``slots``: iteration, slot and loss of each slot.
+    ``marks``: by person, where the pairs are made of marks. ``frames``: by number of the pair. ``names`` are those of
+    vehicle, rig and camera; ``ids`` of the rows.
+    """
+
+    chosen: FittedModel
+    models: Sequence[FittedModel]
+    pairs: Json
+    objections: Sequence[str] = ()
+    recommended: str | None = None
+    why: str = ""
+    slots: Sequence[tuple[int, int, float]] = ()
+    marks: Sequence[PersonMark] = ()
+    frames: Mapping[int, FrameImage] = field(default_factory=dict[int, FrameImage])
+    names: Mapping[str, str] = field(default_factory=dict[str, str])
+    ids: Mapping[str, str] = field(default_factory=dict[str, str])
+    request: Json = field(default_factory=dict[str, Any])
+    made_at: str = ""

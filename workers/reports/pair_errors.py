@@ -1,0 +1,54 @@
+"""Each pair under a result: where its vertex projects, how far its mark lies from there, and where it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.geometry.models import parse_model
+from workers.geometry.projection import distances_px, image_diagonal_px, project
+from workers.geometry.transforms import from_document
+
+Floats = NDArray[np.float64]
+
+
+class PairErrors(NamedTuple):
+    """Of N pairs: projection and mark minus projection (N, 2) px, NaN without a projection; distance (N,) px.
+
+    ``range_m`` (N,) from the LiDAR, ``angle_deg`` (N,) between the point and the camera's axis.
+    """
+
+    projected: Floats
+    off: Floats
+    distance_px: Floats
+    range_m: Floats
+    angle_deg: Floats
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(N,) whether the pair has a projection."""
+        return np.isfinite(self.projected[:, 0])
+
+
+def pair_errors(document: dict[str, Any], pairs: dict[str, Any]) -> PairErrors:
+    """The pairs (columns, metres in the LiDAR's frame, pixels) under a result's transform and lens."""
+    xyz = np.column_stack([pairs["x"], pairs["y"], pairs["z"]]).astype(np.float64)
+    marks = np.column_stack([pairs["u"], pairs["v"]]).astype(np.float64)
+    lens = document["intrinsics"]
+    in_camera = from_document(document["transform"]).apply(xyz)
+    projected, violation = project(parse_model(lens["model"]), lens, in_camera)
+    distance = distances_px(projected, violation, marks, image_diagonal_px(lens["image_size"]))
+    angle = np.degrees(np.arctan2(np.hypot(in_camera[:, 0], in_camera[:, 1]), in_camera[:, 2]))
+    return PairErrors(projected, marks - projected, distance, np.linalg.norm(xyz, axis=1), angle)
+
+
+def held_out_px(heldout: Sequence[dict[str, Any]], count: int) -> Floats:
+    """(N,) each pair's distance under the fit that held it out, px; NaN where none did."""
+    found = np.full(count, np.nan)
+    for one in heldout:
+        if one.get("indices") is not None and one.get("errors_px") is not None:
+            found[np.asarray(one["indices"], np.int64)] = one["errors_px"]
+    return found

@@ -1,0 +1,194 @@
+"""The report of a result: what the database and the store have of it, made into one HTML file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from typing import Final, NamedTuple
+from uuid import UUID
+
+from sqlalchemy import and_, select
+from sqlalchemy.orm import Session
+
+from service.calibration_runs.objection_queries import objections
+from service.db.annotations import Mark, Verdict
+from service.db.base import Json
+from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
+from service.db.clock import now
+from service.db.detections import Vertex, VertexFrame
+from service.db.fleets import Rig, Vehicle
+from service.db.people import Person
+from service.db.recordings import CameraFrame, Sensor
+from service.db.repeating import repeated
+from service.db.reports import Report
+from service.jobs.claims import Claim, Lease, require_mine
+from service.storage.blobs import condemn, keep, reserve
+from workers.reports.contents import contents
+from workers.reports.material import FittedModel, FrameImage, Material, PersonMark
+from workers.solver.stopping import Stop
+from workers.tasks.context import Context
+from workers.tasks.loading import require_room
+from workers.tasks.solving import read_run
+
+_SHOWN: Final = frozenset(("image/jpeg", "image/png", "image/webp"))
+# Outliers with a picture, the worst first, and the largest frame that is read for one: the file stays below 3 MB.
+_PICTURES: Final = 24
+_FRAME_BYTES: Final = 600_000
+
+
+class _Place(NamedTuple):
+    """Where a frame's image lies in the store."""
+
+    pair: int
+    key: str
+    frame: CameraFrame
+
+
+def report(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Make the report, and put it in the place of the one before."""
+    with context.database.reading() as session:
+        result = session.get_one(Result, session.get_one(Report, held.subject_id).result_id)
+        material = _material(session, result, lease)
+        places = _places(session, material, result)
+    lease.report(0.1, "computing the report")
+    frames = {place.pair: _image(context, place) for place in places}
+    document = contents(material)
+    lease.check()
+    lease.report(0.3, "drawing the report")
+    # Imported here: matplotlib takes 0.4 s and 41 MB, and few workers draw.
+    from workers.reports.page import page
+
+    data = page(document, frames).encode()
+    key = _store(context, held, result.id, data)
+
+    def write(session: Session) -> None:
+        row = session.get_one(Report, held.subject_id, with_for_update=True)
+        keep(session, key, size=len(data))
+        if row.blob_key is not None:
+            condemn(session, [row.blob_key])
+        row.blob_key, row.size, row.verdict = key, len(data), document["verdict"]["level"]
+        row.made_at = session.scalars(select(now())).one()
+
+    return write
+
+
+def _material(session: Session, result: Result, stop: Stop) -> Material:
+    run = session.get_one(CalibrationRun, result.run_id)
+    pairs = session.get_one(CorrespondenceSet, run.set_id)
+    calibration = session.get_one(Calibration, result.calibration_id)
+    models = _models(session, result, pairs.pairs, stop)
+    found: Json = ((calibration.summary or {}).get("cameras") or {}).get(result.camera) or {}
+    slots = select(Slot.iteration, Slot.slot, Slot.loss).where(Slot.run_id == run.id)
+    rig, vehicle = session.get_one(Rig, calibration.rig_id), session.get_one(Vehicle, calibration.vehicle_id)
+    ids = {
+        "result": result.id,
+        "calibration": calibration.id,
+        "run": run.id,
+        "correspondence set": pairs.id,
+        "rig": rig.id,
+        "vehicle": vehicle.id,
+        "recording": pairs.recording_id,
+    }
+    return Material(
+        chosen=next(one for one in models if one.name == result.model),
+        models=models,
+        pairs=pairs.pairs,
+        objections=objections(session, result),
+        recommended=found.get("recommended"),
+        why=found.get("why") or "",
+        slots=[(int(i), int(slot), float(loss)) for i, slot, loss in session.execute(slots.order_by(*_BY_SLOT))],
+        marks=_marks(session, pairs),
+        names={"vehicle": vehicle.name, "rig": rig.name, "camera": result.camera},
+        ids={name: str(value) for name, value in ids.items() if value is not None},
+        request=calibration.request,
+        made_at=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+    )
+
+
+_BY_SLOT = (Slot.iteration, Slot.slot)
+
+
+def _models(session: Session, result: Result, pairs: Json, stop: Stop) -> list[FittedModel]:
+    """Every model of the result's camera in its calibration, in the order of their names."""
+    rows = session.execute(
+        select(Result, CalibrationRun)
+        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
+        .where(Result.calibration_id == result.calibration_id, Result.camera == result.camera)
+        .order_by(Result.model, Result.fold)
+    ).all()
+    held = {
+        model: [one.document["heldout"] for one, _ in rows if one.model == model and one.document.get("heldout")]
+        for model in {one.model for one, _ in rows}
+    }
+    return [
+        FittedModel(one.model, one.document, read_run(run.problem, FULL, pairs, stop).problem, held[one.model])
+        for one, run in rows
+        if one.fold == FULL
+    ]
+
+
+def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
+    """The people's own marks of the pairs, as they stand now; none where the pairs were imported."""
+    columns = pairs.pairs
+    known = ("stamp_ns", "sweep_index", "frame_index")
+    if pairs.detection_id is None or not all(name in columns for name in known):
+        return []
+    number = {moment: i for i, moment in enumerate(zip(*(columns[name] for name in known), strict=True))}
+    rows = session.execute(
+        select(Vertex.time_ns, Vertex.sweep_index, VertexFrame.frame_index, Person.name, Mark.u, Mark.v)
+        .select_from(Vertex)
+        .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
+        .join(Sensor, and_(Sensor.id == VertexFrame.sensor_id, Sensor.name == pairs.camera))
+        .join(Mark, and_(Mark.sensor_id == Sensor.id, Mark.frame_index == VertexFrame.frame_index))
+        .join(Verdict, and_(Verdict.apex_id == Vertex.apex_id, Verdict.person_id == Mark.person_id))
+        .join(Person, Person.id == Mark.person_id)
+        .where(Vertex.detection_id == pairs.detection_id, Verdict.verdict == "confirmed")
+        .order_by(Vertex.time_ns, Person.name)
+    )
+    found = [(number.get((time, sweep, frame)), name, u, v) for time, sweep, frame, name, u, v in rows]
+    return [PersonMark(pair, name, float(u), float(v)) for pair, name, u, v in found if pair is not None]
+
+
+def _places(session: Session, material: Material, result: Result) -> Sequence[_Place]:
+    """The frames of the worst outliers, where the recording keeps them and a browser shows them."""
+    indices, recording = material.pairs.get("frame_index"), material.ids.get("recording")
+    if indices is None or recording is None:
+        return []
+    camera = session.scalars(
+        select(Sensor).where(Sensor.recording_id == UUID(recording), Sensor.name == result.camera)
+    ).one_or_none()
+    if camera is None:
+        return []
+    wanted = {one["index"]: indices[one["index"]] for one in result.document.get("outliers", [])[:_PICTURES]}
+    frames = select(CameraFrame).where(
+        CameraFrame.sensor_id == camera.id, CameraFrame.index.in_(set(wanted.values()))
+    )
+    of_index = {frame.index: frame for frame in session.scalars(frames)}
+    return [
+        _Place(pair, camera.blob_key, of_index[index])
+        for pair, index in wanted.items()
+        if index in of_index and of_index[index].media_type in _SHOWN and of_index[index].length <= _FRAME_BYTES
+    ]
+
+
+def _image(context: Context, place: _Place) -> FrameImage:
+    """The frame as it is stored; only browsers decode it."""
+    frame = place.frame
+    data = context.store.get_range(place.key, frame.offset, frame.length)
+    return FrameImage(frame.media_type, data, frame.width, frame.height)
+
+
+def _store(context: Context, held: Claim, result_id: UUID, data: bytes) -> str:
+    """Put the file into the store, and return its key. Raises :class:`ReadError` ``ingest_disk_full``."""
+    require_room(context, context.store.free_bytes(), len(data))
+
+    def reserved() -> str:
+        with context.database.writing() as session:
+            require_mine(session, held)
+            prefix, size = f"reports/{result_id}", len(data)
+            job_id, attempt = held.job_id, held.attempt
+            return reserve(session, prefix, suffix=".html", size=size, job_id=job_id, attempt=attempt)
+
+    key = repeated(reserved)
+    context.store.put_bytes(key, data)
+    return key
