@@ -89,7 +89,7 @@ def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, se
     shares = covariance @ (rows.T @ (rows / stated[:, None])) / len(rows)
     directions = 1.0 / float(np.sum(shares * shares.T))
     turned = _turned(found, errors, first) if split == "first_and_last" else None
-    freedom = float(np.median(errors.of_pairs().freedoms()))
+    freedom = found.freedom
     tests = [(ratio, _limit(told, freedom))]
     tests.append((float(np.sqrt(np.mean((rows @ step) ** 2 / stated))), _limit(directions, freedom)))
     if turned is not None:
