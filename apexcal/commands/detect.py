@@ -12,7 +12,7 @@ import typer
 from apexcal.client import FailedError
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, understood, usage
 from apexcal.commands.connect import connected, find_recording
-from apexcal.documents.detections import DetectionView
+from apexcal.documents.detections import DetectionView, RollFacts
 from apexcal.documents.detectors import DetectorName
 from apexcal.documents.studies import PreviewView
 from apexcal.embedded.folder import DEFAULT
@@ -150,7 +150,7 @@ def _outcome(detection: DetectionView) -> str:
     return (
         f"The detection {detection.id} accepted {counts.accepted} of {counts.sweeps} sweeps"
         f"{f' ({quality})' if quality else ''}, {counts.paired} of them with a camera frame."
-        f"{_poses(detection)}{reasons}{_advice(detection)}"
+        f"{_poses(detection)}{reasons}{_held(counts.roll)}{_advice(detection)}"
     )
 
 
@@ -163,6 +163,17 @@ def _poses(detection: DetectionView) -> str:
     return (
         f"\n{said} {counts.poses} still poses: each gives one vertex at most, what stands still is left out, and no "
         "track is used."
+    )
+
+
+def _held(roll: RollFacts | None) -> str:
+    """How the board was rolled; empty where the detector does not tell."""
+    if roll is None:
+        return ""
+    way = "counter-clockwise" if roll.mean_deg > 0.0 else "clockwise"
+    return (
+        f"\nThe board was rolled by {abs(roll.mean_deg):.0f} degrees {way} as the LiDAR sees it "
+        f"(+- {roll.spread_deg:.0f} from vertex to vertex; at 0 both upper edges fall alike)."
     )
 
 

@@ -45,6 +45,17 @@ class DetectionRequest(Received):
     pairing: Pairing = Pairing()
 
 
+class RollFacts(Document):
+    """How the board was held: turned by ``mean_deg`` on average, with ``spread_deg`` from vertex to vertex.
+
+    Degrees, counter-clockwise as the LiDAR sees it. At 0 both upper edges fall alike.
+    """
+
+    vertices: int
+    mean_deg: float
+    spread_deg: float
+
+
 class DetectionCounts(Document):
     """How many sweeps were read and vertices accepted; rejected sweeps by reason, vertices by quality and by flag.
 
@@ -52,6 +63,7 @@ class DetectionCounts(Document):
     another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
     run of sweeps that were rejected for it. ``poses``: how many still poses the recording has, each of which gives
     one vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed.
+    run of sweeps that were rejected for it. ``roll`` is null if the detector does not tell it.
     """
 
     sweeps: int = 0
@@ -64,6 +76,7 @@ class DetectionCounts(Document):
     refused_sweeps: dict[str, list[tuple[int, int]]] = {}
     poses: int = 0
     poses_stated: bool = False
+    roll: RollFacts | None = None
 
 
 class DetectionView(Sent):

@@ -93,6 +93,8 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
         {
             "no_points": _NO_POINTS,
             "too_few_rings": "fewer than two rings meet anything in the region that could be the board",
+            "overtopped": "something stands above what looks like the board and before its plane: it is a body below "
+            "or behind the board, whose own part meets too few rings",
             "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top",
             "like_a_person": "on the few rings that meet it, what looks like the board is no wider than a person, "
             "and the sweeps before and after show no wider board there: walk closer",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import dist, hypot, radians
+from math import dist, hypot, radians, sqrt
 from uuid import UUID
 
 import numpy as np
@@ -208,6 +208,7 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
     }
     if found.poses is not None:
         counts |= {"poses": found.poses.count, "poses_stated": found.poses.stated}
+    counts |= _rolls(before.get("roll"), [vertex.roll[0] for vertex in found.vertices if vertex.roll])
     row.state = WorkState.RUNNING
     if row.remaining == 1:
         counts |= _settle_frames(session, row)
@@ -254,6 +255,18 @@ def _runs(before: Mapping[str, list[list[int]]], refused: Mapping[int, str]) -> 
         else:
             of_reason.append([first, last])
     return dict(sorted(runs.items()))
+
+
+def _rolls(before: Mapping[str, float] | None, rolls: list[float]) -> Json:
+    """How the board was rolled in the vertices of all shards so far; empty where no vertex tells."""
+    if not rolls:
+        return {"roll": before} if before else {}
+    known, mean, spread = (before[key] for key in ("vertices", "mean_deg", "spread_deg")) if before else (0, 0.0, 0.0)
+    more = np.degrees(rolls)
+    count = known + more.size
+    both = (known * mean + float(more.sum())) / count
+    squares = known * (spread**2 + (mean - both) ** 2) + float(np.sum((more - both) ** 2))
+    return {"roll": {"vertices": count, "mean_deg": both, "spread_deg": sqrt(squares / count)}}
 
 
 def _settle_frames(session: Session, run: Detection) -> dict[str, int]:

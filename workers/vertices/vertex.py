@@ -25,6 +25,8 @@ class Vertex:
             states none. Azimuth is atan2(y, x), elevation atan2(z, hypot(x, y)), range the Euclidean distance.
         quality: ``fine`` or ``usable``; None where the detector does not grade.
         flags: names in :data:`apexcal.documents.detectors.FLAGS`, for the person who confirms.
+        roll: radians by which the board is turned, counter-clockwise as the sensor sees it, and its standard
+            deviation; at 0 both upper edges fall alike. None where the detector states none.
     """
 
     xyz: tuple[float, float, float]
@@ -36,6 +38,7 @@ class Vertex:
     covariance: Covariance | None = None
     quality: Quality | None = None
     flags: tuple[str, ...] = ()
+    roll: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -158,6 +158,19 @@ def test_each_refused_sweep_is_kept_with_its_reason_whichever_shard_ends_first(d
     assert counts["refused_sweeps"] == {"no_points": [[5, 7], [9, 9]], "too_uncertain": [[2, 3], [8, 8]]}
 
 
+def test_how_the_board_was_rolled_is_told_over_all_shards(database, recording):
+    fleet_id, recording_id, camera_id = recording
+    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+    degrees = [10.0, 14.0, 9.0]
+    rolled = [found((k, 100 * k), roll=(np.radians(deg), 0.01)).vertices[0] for k, deg in enumerate(degrees)]
+    finish(database, run, first, Detections(rolled[:2], 2, {}), {camera_id: [None, None]})
+    finish(database, run, second, Detections(rolled[2:], 1, {}), {camera_id: [None]})
+    with database.reading() as session:
+        roll = session.get_one(Detection, run.id).counts["roll"]
+    assert roll["vertices"] == 3
+    assert (roll["mean_deg"], roll["spread_deg"]) == pytest.approx((np.mean(degrees), np.std(degrees)))
+
+
 def test_by_default_vertices_of_a_walk_move_to_their_frames_and_still_poses_stay():
     times = [100 * sweep for sweep in range(12)]
     pairing = {"mode": "auto", "offset_ns": 0, "max_gap_ns": 50_000_000}

@@ -27,8 +27,8 @@ def posterior(
     prior = -0.5 * ((rolls - roll[0]) / roll[1]) ** 2
     return integrate(
         left, up, np.full(count, growth), np.full(count, 0.004), ratio, *edges, 0.0,
-        rolls, prior, np.zeros(2), np.zeros(2), np.full(2, half), cells,
-    )  # fmt: skip
+        rolls, prior, np.zeros((31, 2)), np.full((31, 2), half), cells,
+    )[0]  # fmt: skip
 
 
 def test_the_apex_of_many_boards_is_found_within_what_the_rays_leave_open():

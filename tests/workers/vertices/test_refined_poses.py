@@ -49,14 +49,17 @@ def test_what_rings_disagree_by_is_learned_and_poses_are_noticed():
     assert walked.bias < 0.006
 
 
-@pytest.mark.parametrize("rolled_deg", [-15.0, 15.0])
+@pytest.mark.parametrize("rolled_deg", [-15.0, 10.0, 15.0])
 def test_a_board_that_is_held_rolled_is_found_where_it_is(rolled_deg):
     recorded = walk(27, 30.0, disturbances=Disturbances(rolled_deg=rolled_deg))
     found = detect_range(recorded.source, REGION, "refined", SIZE, indices=recorded.all)
     wrong, scaled = errors(recorded, found.vertices)
     assert len(found.vertices) > 0.75 * np.count_nonzero(recorded.rings >= 2)
-    assert np.abs(wrong[:, :2].mean(axis=0)).max() < 0.06
+    assert np.abs(wrong[:, :2].mean(axis=0)).max() < 0.03
     assert np.mean(np.abs(scaled) < 2.0) > 0.93
+    rolls = np.degrees([vertex.roll for vertex in found.vertices])
+    assert rolls[:, 0].mean() == pytest.approx(rolled_deg, abs=2.0)
+    assert (rolls[:, 1] > 0.0).all()
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
-from workers.vertices.refined.board_model import EDGE_M, TELLING_RINGS, BoardModel, Fix, Floats, Plane, Sighting, hang
+from workers.vertices.refined.board_model import (
+    BEAM_M,
+    EDGE_M,
+    ROLLS,
+    TELLING_RINGS,
+    BoardModel,
+    Fix,
+    Floats,
+    Plane,
+    Sighting,
+    hang,
+)
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import integrate
 from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
@@ -27,6 +38,7 @@ _HOPELESS = 12.0  # log odds from which the other way to hold the board is not f
 _COARSE, _FINE = 24, 36  # cells along either side of the grid
 _ROLLS = 9
 _ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
+_ASTRAY_M = 0.12  # hits that are not the board's lie this far beside it at most
 _ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
 
 
@@ -121,37 +133,42 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     Args:
         coarse: for comparing models: quicker, and good enough for the evidence.
     """
-    found: list[tuple[float, bool, Floats]] = []
+    found: list[tuple[float, bool, Floats, Floats, Floats]] = []
     for share, swapped in sorted([(1.0 - model.swapped, False), (model.swapped, True)], reverse=True):
         floor = found[0][0] - math.log(share) - _HOPELESS if found else -math.inf
         corner = _corner(plane, model, _edges(model, swapped), coarse, floor)
         if corner is not None:
-            found.append((math.log(share) + float(corner[0]), swapped, corner))
+            found.append((math.log(share) + float(corner[0][0]), swapped, *corner))
     if not found:
         return None
     evidence = np.array([item[0] for item in found])
     total = float(np.logaddexp.reduce(evidence))
     weight = np.exp(evidence - total)
-    means = np.array([[*corner[1:3], corner[3] - hang(_edges(model, swapped))] for _, swapped, corner in found])
+    means = np.array([[*corner[1:3], corner[3] - hang(_edges(model, swapped))] for _, swapped, corner, *_ in found])
     mean: Floats = weight @ means
     covariance = np.zeros((3, 3))
-    for x, m, (_, _, corner) in zip(weight, means, found, strict=True):
+    for x, m, (_, _, corner, *_) in zip(weight, means, found, strict=True):
         covariance += x * (_matrix(corner) + np.outer(m - mean, m - mean))
-    told = _to_angles(plane, mean, covariance)[1]
-    covariance[[0, 1], [0, 1]] += EDGE_M**2
+    own = _to_angles(plane, mean, covariance)[1]
+    covariance[[0, 1], [0, 1]] += EDGE_M**2 + BEAM_M**2
     xyz, errors = _to_angles(plane, mean, covariance)
     errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
     errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
-    ways = np.tile([-math.inf, 0.0, 1.0], (2, 1))
-    for _, swapped, corner in found:
-        ways[int(swapped)] = corner[0], corner[3] - hang(_edges(model, swapped)), corner[6]
+    told = np.full((2, ROLLS.size), -math.inf)
+    for _, swapped, _, likely, rolls in found:
+        told[int(swapped)] = np.interp(
+            ROLLS, rolls - hang(_edges(model, swapped)), likely, left=-math.inf, right=-math.inf
+        )
     first = int(np.argmax(weight))
     against, upper = _against(plane, model, _edges(model, found[first][1]), found[first][2])
     expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
-    best = max(float(corner[10]) for _, _, corner in found)
+    best = max(float(corner[10]) for _, _, corner, *_ in found)
     roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
-    sigma = math.sqrt(told[0, 0] + told[1, 1])
-    return Fix(plane, xyz, errors, sigma, float(mean[2]), roll_sigma, against, upper, best, expected, total, ways)
+    fall = float(sum(x * corner[3] for x, (_, _, corner, *_) in zip(weight, found, strict=True)))
+    sigma = math.sqrt(own[0, 0] + own[1, 1])
+    return Fix(
+        plane, xyz, errors, sigma, float(mean[2]), roll_sigma, fall, against, upper, best, expected, total, told
+    )
 
 
 def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
@@ -164,7 +181,7 @@ def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
 ) -> tuple[int, tuple[int, int]]:
     """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
-    p, q = _turn(float(corner[3])) @ np.array([plane.left - corner[1], plane.up - corner[2]])
+    p, q = _turns(corner[3:4])[0] @ np.array([plane.left - corner[1], plane.up - corner[2]])
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
     far = np.hypot(soft, model.slack)
     on_board = np.ones(p.size)
@@ -188,10 +205,14 @@ def _matrix(corner: Floats) -> Floats:
     return np.array([[ll, lu, lr], [lu, uu, ur], [lr, ur, rr]])
 
 
-def _corner(plane: Plane, model: BoardModel, edges: tuple[float, float], coarse: bool, floor: float) -> Floats | None:
+def _corner(
+    plane: Plane, model: BoardModel, edges: tuple[float, float], coarse: bool, floor: float
+) -> tuple[Floats, Floats, Floats] | None:
     """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
 
-    None where no board explains the rays, or the first pass ends below ``floor``.
+    Returns:
+        Its moments, and of the last pass the log evidence (K,) of each roll and the rolls (K,). None where no board
+        explains the rays, or the first pass ends below ``floor``.
     """
     hits = plane.ratio > _CONFIDENT
     if not hits.any():
@@ -201,48 +222,52 @@ def _corner(plane: Plane, model: BoardModel, edges: tuple[float, float], coarse:
     ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
     rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, max(_ROLLS, 1 + round(sigma / _ROLL_STEP)))
     grow, soft = plane.reach * model.growth, plane.reach * model.soft
-    along = _turn(mean) @ np.array([plane.left, plane.up])[:, hits]
-    low, high = along.max(axis=1) - np.array(edges), along.min(axis=1)
-    centre, lean, half = 0.5 * (low + high), np.zeros(2), 0.5 * np.abs(high - low) + 0.12 + model.slack
+    turns = _turns(rolls)
+    # Of each roll: the apexes whose board holds all hits.
+    along = turns @ np.array([plane.left, plane.up])[:, hits]
+    low, high = along.max(axis=2) - np.array(edges), along.min(axis=2)
+    centre, half = 0.5 * (low + high), 0.5 * np.abs(high - low) + _ASTRAY_M + model.slack
     origin = np.zeros(2)
-    out = np.zeros(12)
+    out, of_roll = np.zeros(0), np.zeros(0)
     passes = (20, 24) if coarse else (_COARSE, _COARSE, _FINE)
     for number, cells in enumerate(passes):
+        if number > 0:
+            reach = 3.0 * max(math.sqrt(max(out[6], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
+            ends = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
+            after = _even(*ends, _ROLLS + 2 if cells == _FINE else _ROLLS)
+            apex = (turns @ of_roll[:, 1:3, None])[..., 0] + origin
+            own = 3.2 * of_roll[:, 3:5] + 2.0 * half / passes[number - 1]
+            seen = of_roll[:, 0] > -1e299
+            turns, origin = _turns(after), out[1:3].copy()
+            about = _interpolated(after, rolls[seen], apex[seen]) - origin
+            centre, half = (turns @ about[..., None])[..., 0], _interpolated(after, rolls[seen], own[seen])
+            rolls = after
         prior = -0.5 * ((rolls - mean) / sigma) ** 2 + math.log(
             (rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi)
         )
-        out = integrate(
+        out, of_roll = integrate(
             plane.left - origin[0], plane.up - origin[1], grow, soft, ratio,
-            edges[0], edges[1], model.slack, rolls, prior, centre, lean, half, cells,
+            edges[0], edges[1], model.slack, rolls, prior, centre, half, cells,
         )  # fmt: skip
         if out[0] < max(floor if number == 0 else -math.inf, -1e299):
             return None
         out[1:3] += origin
-        if number == len(passes) - 1:
-            break
-        origin = out[1:3].copy()
-        covariance = _matrix(out)
-        reach = 3.0 * max(math.sqrt(max(covariance[2, 2], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
-        ends = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
-        rolls = _even(*ends, _ROLLS + 2 if cells == _FINE else _ROLLS)
-        middle = 0.5 * (ends[0] + ends[1])
-        turn = _turn(middle)
-        flat, towards = turn @ covariance[:2, :2] @ turn.T, turn @ covariance[:2, 2]
-        lean = towards / max(covariance[2, 2], 1e-12)
-        own = np.sqrt(np.maximum(np.diag(flat) - lean * towards, 1e-10))
-        centre = lean * (middle - out[3])
-        half = 3.2 * own + half * 2.0 / cells
-    return out
+    return out, of_roll[:, 0], rolls
+
+
+def _interpolated(at: Floats, x: Floats, values: Floats) -> Floats:
+    """(K, 2) at ``at`` (K,) of ``values`` (J, 2) at ``x`` (J,)."""
+    return np.column_stack([np.interp(at, x, values[:, k]) for k in (0, 1)])
 
 
 def _even(low: float, high: float, count: int) -> Floats:
     return low + (high - low) * np.arange(count, dtype=np.float64) / (count - 1)
 
 
-def _turn(roll: float) -> Floats:
-    """(2, 2) from (left, up) to the coordinates along the edges to the lower left and to the lower right."""
-    cosine, sine = math.cos(roll), math.sin(roll)
-    return np.array([[cosine, -sine], [-sine, -cosine]])
+def _turns(rolls: Floats) -> Floats:
+    """(K, 2, 2) from (left, up) to the coordinates along the edges to the lower left and lower right, or back."""
+    cosine, sine = np.cos(rolls), np.sin(rolls)
+    return np.moveaxis(np.array([[cosine, -sine], [-sine, -cosine]]), 2, 0)
 
 
 def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:

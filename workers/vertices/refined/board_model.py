@@ -18,12 +18,17 @@ _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
 _CONTRADICTED = 0.25
 # Plywood panels are cut to 3.5 mm (EN 315). Bending, or a hand at the edge, moves an edge as much.
 EDGE_M = 0.0035
+# A beam leaves the sensor 9.5 mm wide (data sheets: OS1 9.5 mm, VLP-16 9.5 x 12.7 mm). Where within it a board's edge
+# still answers depends on what stands behind that edge: the edge's place is even over the width.
+BEAM_M = 0.0095 / math.sqrt(12.0)
 # By chance a board and a leg, or a head, can lie in one plane on two or three rings, but hardly on more.
 TELLING_RINGS = 4
 # Breadth of the hips of a standing man, 95th percentile (DIN 33402-2); the trunk is no broader.
 _TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
+# Radians from `hang`: wider than any prior reaches, in steps that a person's spread of rolls covers several times.
+ROLLS: Floats = np.radians(np.arange(-38.0, 38.25, 0.5))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,13 +147,15 @@ class Fix:
         sigma: radians, standard deviation, azimuth and elevation together, from the sweep's own rays: without errors
             that all sweeps share.
         roll, roll_sigma: radians from `hang`, and its standard deviation.
+        fall: radians by which the edge to the lower left falls.
         against: how many returns contradict the board: in its plane but outside the board, or off its plane inside.
         upper: above the board's side corners, how many returns contradict it and how many there are.
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
         expected: this log likelihood if the board is there and the sensor is as learned.
         evidence: log of the rays' likelihood, averaged over the prior.
-        ways: (2, 3) for the first edge to the lower left, and for the second there: log of the rays' likelihood, mean
-            and variance of the roll; minus infinity where the other way is so much likelier that it was left out.
+        told: (2, G) log likelihood of the rays at each of `ROLLS`, for the first edge to the lower left and for the
+            second there; minus infinity far from the likeliest rolls, and in a way to hold the board that was left
+            out because the other is so much likelier.
     """
 
     plane: Plane
@@ -157,12 +164,13 @@ class Fix:
     sigma: float
     roll: float
     roll_sigma: float
+    fall: float
     against: int
     upper: tuple[int, int]
     best: float
     expected: float
     evidence: float
-    ways: Floats
+    told: Floats
 
     @property
     def explained(self) -> bool:

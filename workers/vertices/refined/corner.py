@@ -30,8 +30,8 @@ def _step(x: float) -> float:
 def integrate(
     left: Floats, up: Floats, grow: Floats, soft: Floats, ratio: Floats,
     edge_p: float, edge_q: float, slack: float,
-    rolls: Floats, log_prior: Floats, centre: Floats, lean: Floats, half: Floats, cells: int,
-) -> Floats:  # fmt: skip
+    rolls: Floats, log_prior: Floats, centre: Floats, half: Floats, cells: int,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """Moments of the posterior over (apex left, apex up, roll).
 
     Args:
@@ -42,30 +42,31 @@ def integrate(
         edge_p, edge_q: metres, edges to the lower left and to the lower right.
         slack: metres, half width of what is not known of the edges' lengths.
         rolls: (K,) radians, even; log_prior: (K,).
-        centre: (2,) p and q of the grid's middle at the middle roll; lean: (2,) its change per radian; half: (2,)
-            half widths of the grid, metres.
+        centre: (K, 2) p and q of the grid's middle at each roll, metres; half: (K, 2) half widths of the grid.
         cells: grid cells along either side.
 
     Returns:
-        (12,) log evidence, mean left, up, roll, covariance (ll, uu, rr, lu, lr, ur), best log likelihood, share of
-        the weight in the outermost cells.
+        (11,) log evidence, mean left, up, roll, covariance (ll, uu, rr, lu, lr, ur), best log likelihood; and (K, 5)
+        of each roll, log evidence without the prior, mean p and q of the apex, and their standard deviations.
     """
     rays = left.size
-    cell_p, cell_q = 2.0 * half[0] / cells, 2.0 * half[1] / cells
     grid = np.empty((cells, cells))
     on_p, on_q = np.empty(cells), np.empty(cells)
     s0 = s1 = s2 = s3 = 0.0
     m11 = m22 = m33 = m12 = m13 = m23 = 0.0
-    best, rim = -1e300, 0.0
-    middle = 0.5 * (rolls[0] + rolls[-1])
+    best = -1e300
     # Moments about the middle of the grid.
+    mid = rolls.size // 2
+    middle = rolls[mid]
     cm, sm = math.cos(middle), math.sin(middle)
-    l0, u0 = centre[0] * cm - centre[1] * sm, -centre[0] * sm - centre[1] * cm
+    l0, u0 = centre[mid, 0] * cm - centre[mid, 1] * sm, -centre[mid, 0] * sm - centre[mid, 1] * cm
     scale = -1e300
+    out, of_roll = np.zeros(11), np.zeros((rolls.size, 5))
     for k in range(rolls.size):
         cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
-        p0 = centre[0] + lean[0] * (rolls[k] - middle) - half[0] + 0.5 * cell_p
-        q0 = centre[1] + lean[1] * (rolls[k] - middle) - half[1] + 0.5 * cell_q
+        cell_p, cell_q = 2.0 * half[k, 0] / cells, 2.0 * half[k, 1] / cells
+        p0 = centre[k, 0] - half[k, 0] + 0.5 * cell_p
+        q0 = centre[k, 1] - half[k, 1] + 0.5 * cell_q
         grid[:] = 1.0
         offset = 0.0
         for i in range(rays):
@@ -102,14 +103,33 @@ def integrate(
                 if 0.0 < most < _TINY:
                     grid *= 1.0 / most
                     offset += math.log(most)
-        highest = 0.0
+        highest, whole = 0.0, 0.0
+        n1 = n2 = n11 = n22 = 0.0
         for a in range(cells):
+            p = p0 + a * cell_p - centre[k, 0]
             for b in range(cells):
-                highest = max(highest, grid[a, b])
+                weight = grid[a, b]
+                q = q0 + b * cell_q - centre[k, 1]
+                highest = max(highest, weight)
+                whole += weight
+                n1 += weight * p
+                n2 += weight * q
+                n11 += weight * p * p
+                n22 += weight * q * q
         if highest <= 0.0:
+            of_roll[k, 0] = -1e300
+            of_roll[k, 1], of_roll[k, 2] = centre[k, 0], centre[k, 1]
             continue
+        n1 /= whole
+        n2 /= whole
+        of_roll[k, 0] = math.log(whole * cell_p * cell_q) + offset
+        of_roll[k, 1], of_roll[k, 2] = centre[k, 0] + n1, centre[k, 1] + n2
+        of_roll[k, 3] = math.sqrt(max(n11 / whole - n1 * n1, 0.0))
+        of_roll[k, 4] = math.sqrt(max(n22 / whole - n2 * n2, 0.0))
         best = max(best, math.log(highest) + offset)
-        level = log_prior[k] + offset
+        # The cells' own extent is part of the variance.
+        within = (cell_p * cell_p + cell_q * cell_q) / 24.0
+        level = log_prior[k] + offset + math.log(cell_p * cell_q)
         top_level = level + math.log(highest)
         if top_level > scale:
             shrink = math.exp(scale - top_level) if scale > -1e299 else 0.0
@@ -123,7 +143,6 @@ def integrate(
             m12 *= shrink
             m13 *= shrink
             m23 *= shrink
-            rim *= shrink
             scale = top_level
         factor = math.exp(level - scale)
         if factor == 0.0:
@@ -139,24 +158,19 @@ def integrate(
                 s1 += weight * dl
                 s2 += weight * du
                 s3 += weight * dr
-                m11 += weight * dl * dl
-                m22 += weight * du * du
+                m11 += weight * (dl * dl + within)
+                m22 += weight * (du * du + within)
                 m33 += weight * dr * dr
                 m12 += weight * dl * du
                 m13 += weight * dl * dr
                 m23 += weight * du * dr
-                if a == 0 or b == 0 or a == cells - 1 or b == cells - 1:
-                    rim += weight
-    out = np.zeros(12)
     if s0 <= 0.0:
         out[0] = -1e300
-        return out
+        return out, of_roll
     a1, a2, a3 = s1 / s0, s2 / s0, s3 / s0
-    out[0] = math.log(s0 * cell_p * cell_q) + scale
+    out[0] = math.log(s0) + scale
     out[1], out[2], out[3] = l0 + a1, u0 + a2, middle + a3
-    # The cells' own extent is part of the variance.
-    within = (cell_p * cell_p + cell_q * cell_q) / 24.0
-    out[4], out[5], out[6] = m11 / s0 - a1 * a1 + within, m22 / s0 - a2 * a2 + within, m33 / s0 - a3 * a3
+    out[4], out[5], out[6] = m11 / s0 - a1 * a1, m22 / s0 - a2 * a2, m33 / s0 - a3 * a3
     out[7], out[8], out[9] = m12 / s0 - a1 * a2, m13 / s0 - a1 * a3, m23 / s0 - a2 * a3
-    out[10], out[11] = best, rim / s0
-    return out
+    out[10] = best
+    return out, of_roll

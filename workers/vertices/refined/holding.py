@@ -7,13 +7,13 @@ what holds for boards in general. So boards with little information leave the ge
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.vertices.refined.board_model import Fix
+from workers.vertices.refined.board_model import ROLLS
 
 Floats = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -39,27 +39,64 @@ class _Population:
         return centre, math.sqrt(float(np.sum(weight * (self.spread**2 + (self.mean - centre) ** 2))))
 
 
-def learn_roll(fixes: Sequence[Fix], general: Pair) -> tuple[Pair, float]:
-    """Mean and standard deviation of the roll (radians from `hang`), and the share of sweeps with swapped edges.
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """How the boards of a recording are held.
+
+    Attributes:
+        roll: mean and standard deviation of the next board's roll, radians from `hang`.
+        mean_sigma: radians, standard deviation of the mean of all rolls.
+        swapped: share of the sweeps in which the second edge is the one to the lower left.
+        evidence: log of the likelihood of all boards' rays, averaged over all rolls and ways to hold a board.
+    """
+
+    roll: Pair
+    mean_sigma: float
+    swapped: float
+    evidence: float
+
+
+def learn_roll(told: Floats, general: Pair) -> Holding:
+    """How boards are held whose rays have the log likelihoods ``told`` (N, 2, G), as `Fix.told`.
+
+    The roll of a board that few rings meet can be anything within an interval, and hardly anything outside. So each
+    likelihood is summed as it is; a Gaussian of the same moments would draw the mean towards the usual roll.
 
     Args:
-        fixes: found with the prior ``general`` on the roll.
-        general: mean and standard deviation over all recordings.
+        general: mean and standard deviation of the roll over all recordings.
     """
-    if not fixes:
-        return general, 0.5
-    middle, wide = general
+    rolls, prior = _any_rolls(*general)
+    step = ROLLS[1] - ROLLS[0]
+    highest = told.max(axis=(1, 2), keepdims=True)
+    likely = np.exp(told - highest)  # (N, W, G)
+    # A false board has a roll of its own.
+    none = 0.5 * step * likely.sum(axis=1) @ _density(ROLLS, *general)
+    each = likely @ prior.reshape(-1, ROLLS.size).T / none[:, None, None]  # (N, W, S M)
+    share = np.stack([1.0 - _SWAPPED, _SWAPPED])
+    held = np.einsum("nwp,wh->nhp", each * step, share)
+    stray = _STRAY[:, None, None, None]
+    log = np.log((1.0 - stray) * held + stray).sum(axis=1) + rolls.prior.ravel()  # (T, H, S M)
+    total = float(np.logaddexp.reduce(log, axis=None))
+    weight = np.exp(log - total)
+    of_rolls = weight.sum(axis=(0, 1)).reshape(rolls.mean.shape)
+    roll = rolls.moments(of_rolls)
+    sigma = math.sqrt(float(np.sum(of_rolls * (rolls.mean - roll[0]) ** 2)))
+    evidence = total + float(np.sum(np.log(none)) + highest.sum())
+    return Holding(roll, sigma, float(weight.sum(axis=(0, 2)) @ _SWAPPED), evidence)
+
+
+@cache
+def _any_rolls(middle: float, wide: float) -> tuple[_Population, Floats]:
+    """All means and spreads of rolls that a recording may have, and their densities (S, M, G) at `ROLLS`."""
     spread = np.geomspace(_LEAST_ROLL, wide, _SPREADS)[:, None]
     between = np.sqrt(np.maximum(wide**2 - spread**2, 1e-12))
     mean = middle + _REACH * np.linspace(-1.0, 1.0, _MEANS) * between
-    rolls = _Population(mean, spread, _normalised(-0.5 * ((mean - middle) / between) ** 2))
-    evidence, value, variance = np.moveaxis(np.array([fix.ways for fix in fixes]), -1, 0)
-    share = np.log(np.stack([1.0 - _SWAPPED, _SWAPPED]))
-    at, own = _alone(value, variance, general)
-    level = evidence - _normal(at, middle, own + wide**2)
-    none = np.logaddexp.reduce(evidence - math.log(2.0), axis=1)
-    weight = _weights(rolls, level, at, own, none, share)
-    return rolls.moments(weight.sum(axis=0)), float(weight.sum(axis=(1, 2)) @ _SWAPPED)
+    prior = _normalised(-0.5 * ((mean - middle) / between) ** 2)
+    return _Population(mean, spread, prior), _density(ROLLS, mean[..., None], spread[..., None])
+
+
+def _density(x: Floats, mean: Floats | float, sigma: Floats | float) -> Floats:
+    return np.exp(-0.5 * ((x - mean) / sigma) ** 2) / (sigma * math.sqrt(2.0 * math.pi))
 
 
 def learn_slope(slope: Floats, variance: Floats, fitted_with: Pair, general: Pair, least: float) -> Pair:
@@ -81,11 +118,14 @@ def learn_slope(slope: Floats, variance: Floats, fitted_with: Pair, general: Pai
     usual = -2.0 * np.log1p((mean - general[0]) ** 2 / general[1] ** 2)
     slopes = _Population(mean, spread, _normalised(usual) - np.log(spread))
     at, own = _alone(slope, variance, fitted_with)
-    level = np.zeros((slope.size, 1))
     # Legs and ground give any slope, also those of no board.
     none = _normal(at, np.clip(at, mean.min(), mean.max()), wide**2 + own)
-    weight = _weights(slopes, level, at[:, None], own[:, None], none, np.zeros((1, 1)))
-    return slopes.moments(weight[0])
+    held = _normal(at[:, None, None], slopes.mean, own[:, None, None] + slopes.spread**2)
+    stray = _STRAY[:, None, None, None]
+    each = np.logaddexp(np.log1p(-stray) + held, np.log(stray) + none[:, None, None])
+    total = each.sum(axis=1) + slopes.prior
+    weight = np.exp(total - total.max()).sum(axis=0)
+    return slopes.moments(weight / weight.sum())
 
 
 def _alone(value: Floats, variance: Floats, prior: Pair) -> tuple[Floats, Floats]:
@@ -98,24 +138,6 @@ def _alone(value: Floats, variance: Floats, prior: Pair) -> tuple[Floats, Floats
     variance = np.where(told, variance, 0.5 * wide**2)
     own = 1.0 / (1.0 / variance - 1.0 / wide**2)
     return middle + (value - middle) * own / variance, np.where(told, own, _NOTHING)
-
-
-def _weights(population: _Population, level: Floats, at: Floats, own: Floats, none: Floats, share: Floats) -> Floats:
-    """(H, S, M) posterior weights; an unknown share of the boards, up to a half, are false and carry no information.
-
-    Args:
-        level, at, own: (N, W) log of the scale, mean and variance of each board's likelihood in each way to hold it.
-        none: (N,) its log likelihood if it is false.
-        share: (W, H) logs of how often each way is taken, for each of H cases.
-    """
-    level, at, own = (part[..., None, None] for part in (level, at, own))
-    score = level + _normal(at, population.mean, own + population.spread**2)  # (N, W, S, M)
-    held = np.logaddexp.reduce(score[:, :, None] + share[:, :, None, None], axis=1)  # (N, H, S, M)
-    stray = _STRAY[:, None, None, None]
-    each = np.logaddexp(np.log1p(-stray) + held[:, None], np.log(stray) + none[:, None, None, None, None])
-    total = each.sum(axis=0) + population.prior
-    weight = np.exp(total - total.max()).sum(axis=0)
-    return weight / weight.sum()
 
 
 def _normalised(log: Floats) -> Floats:

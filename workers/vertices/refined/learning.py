@@ -35,6 +35,7 @@ _LEAST_TILT, _LEAST_YAW = 0.03, 0.1
 _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _FIRST, _SOME = 5, 10
 _HOPELESS = -300.0
+_WIDE_ROLL = math.radians(12.0)  # the grid reaches 2.8 deviations: 34 degrees
 _SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 _GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
 _GROWTH_SIGMA_RAD = 0.5e-3
@@ -182,10 +183,7 @@ def _learn_board(
             model = _learn_blur(solid[:_SOME], model)
             model = _learn_wrong(solid[:_SOME], model)
         # Growth and roll are told by the same edges, so each is learned again with the other.
-        open_roll = replace(model, roll=any_roll(model.edges), swapped=BoardModel(model.grid).swapped)
-        fixes = [fix for plane in planes if (fix := locate(plane, open_roll)) is not None and fix.explained]
-        roll, swapped = learn_roll(fixes, open_roll.roll)
-        model = replace(model, roll=roll, swapped=swapped)
+        model = _learn_roll(planes, model)
     return model
 
 
@@ -226,11 +224,34 @@ def _learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     return replace(model, wrong=max((against + 100.0 * default) / (rays + 100.0), default))
 
 
+def _learn_roll(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
+    wide = _any_way(model)
+    fixes = [fix for plane in planes if (fix := locate(plane, wide)) is not None and fix.explained]
+    if not fixes:
+        return replace(model, roll=any_roll(model.edges), swapped=wide.swapped)
+    holding = learn_roll(np.array([fix.told for fix in fixes]), any_roll(model.edges))
+    return replace(model, roll=holding.roll, swapped=holding.swapped)
+
+
+def _any_way(model: BoardModel) -> BoardModel:
+    """The model with so wide a prior on the roll that the fit reaches every roll which the rays allow."""
+    return replace(model, roll=(0.0, _WIDE_ROLL), swapped=BoardModel(model.grid).swapped)
+
+
 def _evidence(planes: Sequence[Plane], model: BoardModel) -> float:
-    """Log evidence of a model over three quarters of the sweeps: those that it explains worst may be no boards."""
-    found = [locate(plane, model, coarse=True) for plane in planes]
-    told = sorted(fix.evidence if fix is not None else _HOPELESS for fix in found)
-    return sum(told[len(told) // 4 :])
+    """Log evidence of a model over three quarters of the sweeps: those that it explains worst may be no boards.
+
+    The boards' rolls have an unknown mean in common: each by itself can take the roll that suits a wrong model.
+    """
+    wide = _any_way(model)
+    found = [locate(plane, wide, coarse=True) for plane in planes]
+    fixes = sorted((fix for fix in found if fix is not None), key=lambda fix: fix.evidence)
+    few = len(found) // 4 - (len(found) - len(fixes))
+    kept = fixes[max(few, 0) :]
+    if not kept:
+        return _HOPELESS * len(found)
+    told = np.array([fix.told for fix in kept])
+    return learn_roll(told, any_roll(model.edges)).evidence + _HOPELESS * max(-few, 0)
 
 
 def _refine(

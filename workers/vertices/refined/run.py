@@ -55,9 +55,10 @@ def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
     inside = area.inside(sweep)
     if not inside.any():
         return _Findings((), (), "no_points")
-    found = [pair for pair in find_boards(sweep, inside, model) if not overtopped(*pair, model)]
+    every = find_boards(sweep, inside, model)
+    found = [pair for pair in every if not overtopped(*pair, model)]
     if not found:
-        return _Findings((), (), "too_few_rings")
+        return _Findings((), (), "overtopped" if every else "too_few_rings")
     seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]
     flags = [_flags(sighting, fix, found) for sighting, fix in found]
     return _Findings(tuple(seen), tuple(flags), "")
@@ -133,4 +134,5 @@ def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...]) -> Verte
         covariance=covariance,
         quality=quality,
         flags=flags,
+        roll=(fix.fall - math.radians(45.0), fix.roll_sigma),
     )
