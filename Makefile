@@ -13,7 +13,7 @@ API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
 API_TYPES := frontend/src/lib/api/schema.ts
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
+.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -50,6 +50,9 @@ bench-accuracy: setup  ## how often the solver ends on the optimum, and whether 
 
 bench-coverage: setup  ## whether what is published holds, on data with blunders and shared errors; RUNS=1 for a short form
 	$(BIN)/python -m benchmarks.coverage
+
+bench-trust: setup  ## whether a report's verdict names what is wrong, and accuses no sound result; RUNS=1 for a short form
+	$(BIN)/python -m benchmarks.trust
 
 bench-solver: $(STAMPS)/bench  ## one slot of the genetic algorithm beside the bare evaluation of as many individuals
 	$(BIN)/python -m benchmarks.solver

@@ -37,6 +37,7 @@ COMMANDS = {
     "rollback": "Restore a camera's previous calibration.",
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
     "pull": "Keep what a vehicle is given now in a file.",
+    "copy": "Copy a recording's bag with its published calibration put in.",
     "compare": "Compare a camera's calibration with a file of another program.",
     "recalibrate": "Calibrate again without some of a result's pairs.",
     "report": "Write the report of a result, with its verdict, as one HTML file.",

@@ -17,6 +17,7 @@ from uuid import UUID
 from pydantic import BaseModel
 
 from apexcal.documents.calibrations import CalibrationView, ProgressView
+from apexcal.documents.copies import CopyView
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleet_requests import FleetRequestView
 from apexcal.documents.jobs import JobProgress, JobView
@@ -51,6 +52,7 @@ Listener = Callable[[float, str], None]
 
 Work = TypeVar(
     "Work",
+    CopyView,
     DetectionView,
     CalibrationView,
     FleetRequestView,
@@ -190,6 +192,7 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     DetectionView: ("detections", DetectionView, "the detection"),
     FleetRequestView: ("fleet-requests", FleetRequestView, "the fleet request"),
     CalibrationView: ("calibrations", CalibrationView, "the calibration"),
+    CopyView: ("calibrated-copies", CopyView, "the copy of the recording"),
     JobView: ("jobs", JobView, "job {0.id} ({0.kind})"),
     OffsetView: ("clock-offsets", OffsetView, "the clock offset"),
     PackingView: ("sweep-packings", PackingView, "the packing of the sweeps"),

@@ -63,6 +63,7 @@ from service.storage.audit import audit_if_due
 from service.storage.quota import count_older
 from service.storage.room import Room
 from service.storage.store import Store, open_store
+from service.studies import copy_routes
 from service.studies import routes as studies
 
 ROUTERS: tuple[APIRouter, ...] = (
@@ -82,6 +83,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     events.router,
     detections.router,
     studies.router,
+    copy_routes.router,
     annotations.router,
     mark_routes.router,
     correspondence_sets.router,

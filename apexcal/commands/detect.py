@@ -150,14 +150,26 @@ def _outcome(detection: DetectionView) -> str:
     return (
         f"The detection {detection.id} accepted {counts.accepted} of {counts.sweeps} sweeps"
         f"{f' ({quality})' if quality else ''}, {counts.paired} of them with a camera frame."
-        f"{reasons}{_advice(detection)}"
+        f"{_poses(detection)}{reasons}{_advice(detection)}"
+    )
+
+
+def _poses(detection: DetectionView) -> str:
+    """What was done differently for still poses; empty for a walk."""
+    counts = detection.counts
+    if not counts.poses:
+        return ""
+    said = "As you said, these are" if counts.poses_stated else "These seem to be"
+    return (
+        f"\n{said} {counts.poses} still poses: each gives one vertex at most, what stands still is left out, and no "
+        "track is used."
     )
 
 
 def _advice(detection: DetectionView) -> str:
     """What to do where hardly any sweep was accepted; empty otherwise."""
     counts = detection.counts
-    if counts.accepted >= _FEW * counts.sweeps:
+    if counts.accepted >= _FEW * (counts.poses or counts.sweeps):
         return ""
     if detection.detector == "strict":
         return "\nHint: strict accepts few sweeps by its nature; --detector tolerant or refined accepts more."

@@ -21,7 +21,11 @@ TopicOption = Annotated[
     ),
 ]
 StillOption = Annotated[
-    bool, typer.Option("--still", help="Still poses: use the sweeps' stamps, not the points' own times.")
+    bool,
+    typer.Option(
+        "--still",
+        help="Still poses, one sweep or several of each: no track, and no times of single points.",
+    ),
 ]
 LidarModelOption = Annotated[
     LidarModel | None, typer.Option(help="Sensor of a packet capture; otherwise found from its packets.")

@@ -32,7 +32,7 @@ def suggest(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Suggest a region: where somebody walked, above the ground, with a margin. The LiDAR must have stood still.
+    """Suggest a region: where somebody walked, or where the board of still poses stands. The LiDAR must not move.
 
     `apexcal detect RECORDING --region region.json --preview` shows what the region keeps. You may edit the file.
     """
@@ -47,6 +47,12 @@ def suggest(
 
 def _what_was_found(facts: SuggestionFacts) -> str:
     notes = "".join(f"\n  {note}" for note in facts.notes)
+    if facts.poses:
+        return (
+            f"{facts.poses} still {'pose' if facts.poses == 1 else 'poses'}: the board, or somebody with it, stands "
+            f"elsewhere in {facts.sweeps_moving} of {facts.sweeps_read} sweeps, within {facts.area_m2:.0f} square "
+            f"metres. What stands still there is left out when vertices are looked for.{notes}"
+        )
     return (
         f"Somebody walks in {facts.sweeps_moving} of {facts.sweeps_read} sweeps that were looked at, over "
         f"{facts.area_m2:.0f} square metres.{notes}"

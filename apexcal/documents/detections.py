@@ -50,7 +50,8 @@ class DetectionCounts(Document):
 
     ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
     another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
-    run of sweeps that were rejected for it.
+    run of sweeps that were rejected for it. ``poses``: how many still poses the recording has, each of which gives
+    one vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed.
     """
 
     sweeps: int = 0
@@ -61,6 +62,8 @@ class DetectionCounts(Document):
     paired: int | None = None
     frame_taken: int | None = None
     refused_sweeps: dict[str, list[tuple[int, int]]] = {}
+    poses: int = 0
+    poses_stated: bool = False
 
 
 class DetectionView(Sent):

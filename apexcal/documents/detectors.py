@@ -31,6 +31,12 @@ class DetectorWords(NamedTuple):
 
 
 _NO_POINTS = "no point of the sweep lies in the region"
+# Reasons that every detector has for recordings of still poses.
+_STILL_POSES = {
+    "nothing_differs": "all that lies in the region stands at the same place in the other poses too: the board is "
+    "outside of the region, or was not moved",
+    "same_pose": "another sweep of the same still pose has the vertex, the mean of all of them",
+}
 
 DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
     "strict": DetectorWords(
@@ -40,7 +46,8 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "no_points": _NO_POINTS,
             "ring_span_too_small": "the rings in the region span too few to be a person with a board",
             "top_ring_not_single": "more than one point on the highest ring",
-        },
+        }
+        | _STILL_POSES,
     ),
     "tolerant": DetectorWords(
         "One to three points close together on the highest ring; their mean (the authors' toolbox).",
@@ -56,7 +63,8 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "top_ring_too_wide": "too many points on the highest ring",
             "top_points_apart": "the points on the highest ring are too far apart",
             "too_few_points_two_rings_below": "too few points two rings below the highest",
-        },
+        }
+        | _STILL_POSES,
     ),
     "refined": DetectorWords(
         "The board's plane and right-angled corner, fitted to every ray that meets or misses it, and its covariance.",
@@ -90,7 +98,8 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "and the sweeps before and after show no wider board there: walk closer",
             "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough",
             "off_the_track": "the vertex lies far off the path of the sweeps before and after",
-        },
+        }
+        | _STILL_POSES,
     ),
 }
 

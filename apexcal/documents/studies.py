@@ -81,6 +81,7 @@ class SuggestionFacts(Document):
     ``sweeps_read``, and ``sweeps_moving`` of them in which something of a person's size moved; ``points_per_sweep``,
     the median number of points that the region keeps in these; ``area_m2`` of the polygon; ``ground_z`` in its middle
     and ``z_low``, ``z_high`` of the region, metres; ``posts``, how many things that stand still were cut out.
+    ``poses``: how many still poses the recording has; 0 for a walk.
     """
 
     sweeps_read: int
@@ -92,6 +93,7 @@ class SuggestionFacts(Document):
     z_high: float
     posts: int
     notes: list[str]
+    poses: int = 0
 
 
 class SuggestedRegion(Document):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from uuid import UUID
 
+from apexcal.documents.copies import CopyView
 from apexcal.documents.recordings import (
     AcceptedRecording,
     BlobAddress,
@@ -164,6 +165,38 @@ class Recordings:
     def packings(self, recording_id: UUID | str) -> Iterator[PackingView]:
         """The packings of a recording's sweeps, newest first: a recording is packed right after it was read."""
         return self._http.items(at("recordings", recording_id, "sweep-packings"), PackingView)
+
+    def copy_calibrated(
+        self, recording_id: UUID | str, *, cameras: Sequence[str] = (), joints: Mapping[str, str] | None = None
+    ) -> CopyView:
+        """Copy the recording's bag with the published calibration put in; follow it with ``client.wait``.
+
+        ``joints``: by camera, the frame whose pose is replaced.
+        """
+        body = {"cameras": list(cameras), "joints": dict(joints or {})}
+        return self._http.post(at("recordings", recording_id, "calibrated-copies"), CopyView, body)
+
+    def calibrated_copies(self, recording_id: UUID | str) -> Iterator[CopyView]:
+        """The copies of a recording, newest first."""
+        return self._http.items(at("recordings", recording_id, "calibrated-copies"), CopyView)
+
+    def delete_copy(self, copy_id: UUID | str) -> None:
+        """Delete a copy with its file."""
+        self._http.delete(at("calibrated-copies", copy_id))
+
+    def download_copy(self, made: CopyView, target: Path) -> None:
+        """Write a copy's file to a new file, and compare its digest."""
+        if target.exists():
+            raise ClientError(f"{target} exists already", "Name a file that does not exist yet.")
+        beside, digest = target.with_name(target.name + ".part"), hashlib.sha256()
+        with self._http.stream(at("calibrated-copies", made.id, "file")) as response, beside.open("wb") as file:
+            for chunk in response.iter_bytes(1 << 20):
+                digest.update(chunk)
+                file.write(chunk)
+        if made.result is None or digest.hexdigest() != made.result.sha256:
+            beside.unlink()
+            raise ClientError("the copy is not what was made", "Try again.")
+        beside.replace(target)
 
     def _range(self, path: str, media_type: str) -> bytes:
         """A byte range of a sensor's file, straight from the store where the service says so."""

@@ -8,6 +8,7 @@ further look. Fits to a part of the pairs have no baselines, because nothing rea
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any, Final
 from uuid import uuid4
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.calibrations import CalibrationTemplate
-from apexcal.documents.camera_models import MODELS, ModelName
+from apexcal.documents.camera_models import ModelName
 from benchmarks.coverage.marks import Errors, columns
 from benchmarks.coverage.walks import Paired, Walked, pair
 from service.calibration_runs.camera_summary import camera_summary
@@ -30,6 +31,7 @@ from workers.simulation.camera import FRONT
 from workers.solver.degeneracy import is_determined
 from workers.solver.estimate import estimate
 from workers.solver.held_out import held_out
+from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.schedule import State, run_schedule
 from workers.solver.solution import intrinsics_document
@@ -42,12 +44,14 @@ _NO_WORK: Final[Json] = {"workers": [], "ga_seconds": 0.0, "evaluations": 0}
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The camera's summary, and each model's result of a fit to all pairs."""
+    """The camera's summary, and each model's problem and result of a fit to all pairs (``known``, columns)."""
 
     paired: Paired
     errors: Errors
     summary: Json
     results: dict[str, Json]
+    known: Json
+    problems: dict[str, FitProblem]
 
 
 class Bench:
@@ -62,32 +66,38 @@ class Bench:
         """Marks of this draw, calibrated by all models as the request asks."""
         paired = self._pairs(lens)
         random = np.random.default_rng([self._walked.rig.settings.seed, 41, draw])
-        known = columns(paired, errors, random)
-        plan = _plan(paired, known, request)
-        states = self._states(lens, paired)
+        return self.fit(paired, errors, columns(paired, errors, random), request)
+
+    def fit(self, paired: Paired, errors: Errors, known: Json, request: Request) -> Calibration:
+        """These pairs, calibrated as the request asks."""
+        plan, lens = _plan(paired, known, request), paired.camera.model
+        states = self._states(lens, paired, {fit.model for fit in plan.fits})
         results: list[Result] = []
+        problems: dict[str, FitProblem] = {}
         for fit in plan.fits:
             for fold in range(FULL, fit.folds):
                 given = read_run(fit.problem | {"fold": fold}, fold, known)
+                if fold == FULL:
+                    problems[fit.model] = given.problem
                 document = (solved if fold == FULL else _held_out)(given, states[fit.model])
                 of = {"id": uuid4(), "run_id": uuid4(), "camera": FRONT, "model": fit.model, "fold": fold}
                 results.append(Result(**of, document=document))
         summary = camera_summary(results, defaultdict(lambda: _NO_WORK))
         full = {result.model: result.document for result in results if result.fold == FULL}
-        return Calibration(paired, errors, summary, full)
+        return Calibration(paired, errors, summary, full, known, problems)
 
     def _pairs(self, lens: ModelName) -> Paired:
         if lens not in self._paired:
             self._paired[lens] = pair(self._walked, lens)
         return self._paired[lens]
 
-    def _states(self, lens: ModelName, paired: Paired) -> dict[str, State]:
+    def _states(self, lens: ModelName, paired: Paired, models: Collection[str]) -> dict[str, State]:
         clean = columns(paired, Errors(), np.random.default_rng(self._walked.rig.settings.seed))
         for fit in _plan(paired, clean, {}).fits:
-            if (lens, fit.model) not in self._searched:
+            if fit.model in models and (lens, fit.model) not in self._searched:
                 problem = read_run(fit.problem | {"fold": FULL}, FULL, clean).problem
                 self._searched[lens, fit.model] = replace(run_schedule(problem)[0], first_slot_parameters=())
-        return {model: self._searched[lens, model] for model in MODELS}
+        return {model: self._searched[lens, model] for model in models}
 
 
 def _held_out(given: RunInput, state: State) -> Json:

@@ -73,8 +73,8 @@ def walk(seed: int) -> Walked:
     return Walked(rig, found.vertices)
 
 
-def pair(walked: Walked, model: ModelName) -> Paired:
-    """The pairs of a camera with that lens, at the offset that marks of 1 px tell."""
+def pair(walked: Walked, model: ModelName, wrong_ms: float = 0.0) -> Paired:
+    """The pairs of a camera with that lens, at the offset that marks of 1 px tell, or so much more."""
     mounted = walked.rig.cameras[0]
     camera = make_camera(model, walked.rig.settings.seed)
     about = _pair(walked, camera, round(_CLOCK_MS * 1e6))
@@ -83,7 +83,7 @@ def pair(walked: Walked, model: ModelName) -> Paired:
     marks = seen + random.normal(0.0, 1.0, seen.shape)
     request = {"model": model, "image_size": list(IMAGE_SIZE), "nominal": about.nominal, "mark_sigma_px": 1.0}
     offset = estimate_offset(Track.of(walked.vertices), mounted.stamps_ns[about.frames], marks, request)
-    return _pair(walked, camera, offset.offset_ns)
+    return _pair(walked, camera, offset.offset_ns + round(1e6 * wrong_ms))
 
 
 def _pair(walked: Walked, camera: Camera, offset_ns: int) -> Paired:

@@ -81,6 +81,11 @@ def given(session: Session, vehicle: Vehicle, asked: Asked) -> dict[str, Given]:
         _check_sensors(session, vehicle, asked.mounted)
     found = {one.camera: one for one in (Given(*row) for row in session.execute(_rows(vehicle.id, asked)))}
     withdrawn = _withdrawn(session, vehicle.id, asked, found)
+    if withdrawn and not asked.cameras:
+        # Who asks for the vehicle is told of what it carries now.
+        gone = {one.camera for one in withdrawn} - _mounted(session, vehicle.id, asked.as_of)
+        withdrawn = [one for one in withdrawn if one.camera not in gone]
+        found = {name: one for name, one in found.items() if name not in gone}
     if withdrawn:
         raise _refuse_withdrawn(vehicle, asked, withdrawn)
     missing = [name for name in asked.cameras if name not in found]
@@ -150,6 +155,15 @@ def _withdrawn(session: Session, vehicle_id: UUID, asked: Asked, found: Mapping[
     return [
         one for name, one in last.items() if not isinstance(move := moves.get(name), Publication) or one.holds(move)
     ]
+
+
+def _mounted(session: Session, vehicle_id: UUID, as_of: datetime | None) -> set[str]:
+    """The cameras of the newest rig of each LiDAR."""
+    rigs = select(Rig.id, Rig.lidar_frame).where(Rig.vehicle_id == vehicle_id)
+    if as_of is not None:
+        rigs = rigs.where(Rig.created_at <= as_of)
+    newest = {frame: id for id, frame in session.execute(rigs.order_by(Rig.created_at, Rig.id))}
+    return set(session.scalars(select(RigCamera.name).where(RigCamera.rig_id.in_(newest.values()))))
 
 
 def _check_sensors(session: Session, vehicle: Vehicle, mounted: Mapping[str, str]) -> None:

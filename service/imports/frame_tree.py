@@ -63,8 +63,12 @@ class FrameTree:
                     "Every frame has one parent. Remove the joint that is not meant.",
                 )
             # Said again, the later one counts, as for tf2.
-            self._above[joint.child] = joint
-            self.frames |= {joint.parent: None, joint.child: None}
+            self.put(joint)
+
+    def put(self, joint: Joint) -> None:
+        """Add a joint, or replace the one above its child."""
+        self._above[joint.child] = joint
+        self.frames |= {joint.parent: None, joint.child: None}
 
     def above(self, frame: str) -> list[Joint]:
         """The joints from a frame up to its root. Raises :class:`Problem` for an unknown frame, and for a circle."""

@@ -15,6 +15,7 @@ from service.db.jobs import Job
 from service.db.recordings import Recording
 from service.jobs.kinds import CannotRetryError, Kind
 from service.jobs.queue import enqueue
+from service.storage.quota import copied
 
 _CANCELLED: Json = {
     "code": "cancelled",
@@ -46,7 +47,7 @@ def _end(session: Session, recording_id: UUID, state: WorkState, problem: Json |
     row.state = RecordingState.READY if done else RecordingState.FAILED
     row.problem = problem or (_CANCELLED if state == WorkState.CANCELLED else None)
     if not done:
-        row.taken_bytes = row.size
+        row.taken_bytes = row.size + copied(session, row.id)
     row.version += 1
     hint(session, row.fleet_id, "recording", row.id)
 

@@ -16,8 +16,9 @@ from sqlalchemy.orm import Session
 from apexcal.documents.states import RecordingState
 from service.db.clock import now
 from service.db.fleets import Fleet
-from service.db.recordings import Blob, Recording, Sensor, UploadPart
+from service.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
 from service.db.session import Database
+from service.db.studies import CalibratedCopy, Study
 
 _BATCH = 500
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
@@ -80,6 +81,41 @@ def take(session: Session, recording: Recording, size: int, default: int) -> Non
     if use.taken + more > use.allowed:
         raise QuotaExceededError(use, more)
     recording.taken_bytes = size
+
+
+def counted(session: Session, recording: Recording, *, besides: int | None) -> int:
+    """Bytes of a recording's file, of the files that its rows name, and of those that jobs are writing.
+
+    Those of the job ``besides`` that are not kept do not count.
+    """
+    of_sensors = select(func.sum(Blob.size)).join(Sensor, Sensor.blob_key == Blob.key)
+    packed = (
+        select(func.sum(Blob.size))
+        .join(PackedSweeps, PackedSweeps.blob_key == Blob.key)
+        .join(Sensor, Sensor.id == PackedSweeps.sensor_id)
+    )
+    writing = select(func.sum(Blob.size)).where(
+        Blob.state == "reserved",
+        Blob.job_id.is_not(None),
+        Blob.job_id != (besides or 0),
+        Blob.key.startswith(f"recordings/{recording.id}/", autoescape=True),
+    )
+    sums = (
+        session.scalar(of_sensors.where(Sensor.recording_id == recording.id)),
+        session.scalar(packed.where(Sensor.recording_id == recording.id)),
+        session.scalar(writing),
+    )
+    return recording.size + copied(session, recording.id) + sum(int(one or 0) for one in sums)
+
+
+def copied(session: Session, recording_id: UUID) -> int:
+    """Bytes of a recording's calibrated copies."""
+    copies = (
+        select(func.sum(Blob.size))
+        .join(CalibratedCopy, CalibratedCopy.blob_key == Blob.key)
+        .join(Study, Study.id == CalibratedCopy.study_id)
+    )
+    return int(session.scalar(copies.where(Study.recording_id == recording_id)) or 0)
 
 
 def coming(session: Session, recording: Recording) -> int:

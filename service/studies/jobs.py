@@ -15,6 +15,10 @@ from service.db.recordings import Recording
 from service.db.studies import Study
 from service.jobs.kinds import CannotRetryError, Kind
 from service.jobs.queue import enqueue
+from service.storage.quota import counted
+
+# Kinds whose jobs write files that count towards the quota.
+_WRITING = ("packing", "calibrated_copy")
 
 
 def queue_study(session: Session, row: Study) -> Job:
@@ -37,6 +41,10 @@ def _end(session: Session, study_id: UUID, state: WorkState, problem: Json | Non
     if row is None:
         return
     row.state, row.problem = state, problem
+    if state != WorkState.DONE and row.kind in _WRITING:
+        recording = session.get(Recording, row.recording_id, with_for_update=True)
+        if recording is not None:
+            recording.taken_bytes = counted(session, recording, besides=row.job_id)
     hint(session, row.fleet_id, "recording", row.recording_id)
 
 
@@ -56,5 +64,6 @@ KINDS = tuple(
         ("suggestion", "detect"),
         ("clock_offset", "solve"),
         ("packing", "ingest"),
+        ("calibrated_copy", "ingest"),
     )
 )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from apexcal.documents.base import stored
+from apexcal.documents.copies import CopyView
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.sweeps import PackingView
 from service.db.jobs import Job
@@ -38,6 +40,11 @@ def offset_view(row: Study, job: Job | None) -> OffsetView:
 def packing_view(row: Study, job: Job | None) -> PackingView:
     """A packing with its job."""
     return PackingView(**_members(row, job))
+
+
+def copy_view(row: Study, job: Job | None) -> CopyView:
+    """A calibrated copy with its job."""
+    return CopyView(**_members(row, job), results=row.asked["results"], poses=stored(row.asked["poses"]))
 
 
 def _how_to_use(result: dict[str, Any], camera: str) -> str:

@@ -1,7 +1,8 @@
-"""The ingest child: ``python -m workers.readers SOURCE OUT --request JSON``.
+"""The child that reads an upload: ``python -m workers.readers SOURCE OUT --request JSON``.
 
 Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}``, ``{"beat": true}`` where work goes on
-without messages, and at the end ``{"manifest": {...}, "used": {"cpu_s", "resident_bytes", "written_bytes"}}`` or
+without messages, and at the end ``{"manifest": {...}, "used": {"cpu_s", "resident_bytes", "written_bytes"}}`` (of a
+copy, requested by ``copy``, ``{"copy": {...}, "used": {...}}``) or
 ``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and ``--limits`` it is what ``ingest_limited``
 starts; without them it is a command for people.
 """
@@ -24,6 +25,7 @@ from workers.readers.confine import confine
 from workers.readers.isolation.isolate import isolate
 from workers.readers.normalised.normalise import normalise
 from workers.readers.output import OutputLimitError, ReserveError, limit_output, written
+from workers.readers.progress import Progress
 from workers.readers.pulse import tell_beats
 from workers.readers.recording import ReadError, ReadOptions
 
@@ -68,24 +70,12 @@ def _take_limits(arguments: argparse.Namespace) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one ingestion; the exit code is 0 only with a manifest."""
+    """Run one ingestion or one copy; the exit code is 0 only with its outcome."""
     arguments = _arguments(argv)
     _take_limits(arguments)
     request: dict[str, Any] = arguments.request
     try:
-        options = ReadOptions(**request.get("options", {}))
-    except (TypeError, ValueError) as error:
-        return _error("request_invalid", f"The options of the ingestion are wrong: {error}.", _OPTIONS)
-    try:
-        manifest = normalise(
-            arguments.source,
-            arguments.out,
-            lidar=request.get("lidar"),
-            cameras=request.get("cameras"),
-            sizes={name: (width, height) for name, (width, height) in request.get("image_sizes", {}).items()},
-            options=options,
-            on_progress=lambda progress: _say({"progress": asdict(progress)}),
-        )
+        made = _copied(arguments, request["copy"]) if "copy" in request else _normalised(arguments, request)
     except ReadError as error:
         return _error(error.code, error.message, error.hint, error.fields)
     except MemoryError:
@@ -100,8 +90,39 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.errno == errno.ENOSPC:
             return _error("ingest_disk_full", "", "")
         raise
-    _say({"manifest": manifest.to_json(), "used": _used()})
+    _say(made | {"used": _used()})
     return 0
+
+
+def _normalised(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:
+    try:
+        options = ReadOptions(**request.get("options", {}))
+    except (TypeError, ValueError) as error:
+        raise ReadError("request_invalid", f"The options of the ingestion are wrong: {error}.", _OPTIONS) from None
+    manifest = normalise(
+        arguments.source,
+        arguments.out,
+        lidar=request.get("lidar"),
+        cameras=request.get("cameras"),
+        sizes={name: (width, height) for name, (width, height) in request.get("image_sizes", {}).items()},
+        options=options,
+        on_progress=_tell,
+    )
+    return {"manifest": manifest.to_json()}
+
+
+def _copied(arguments: argparse.Namespace, edits: dict[str, Any]) -> dict[str, Any]:
+    # Loaded before the recording is opened, and only by who needs it.
+    from workers.readers.copying.copy_recording import copy_recording
+
+    def tell(share: float) -> None:
+        _tell(Progress(0, None, share, None))
+
+    return {"copy": copy_recording(arguments.source, arguments.out, edits, tell)}
+
+
+def _tell(progress: Progress) -> None:
+    _say({"progress": asdict(progress)})
 
 
 def _used() -> dict[str, float]:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from workers.readers.camera_guess import Sizes, guess_cameras
+from workers.readers.captures.other_makers import instead, maker_of_topic
 from workers.readers.clouds.model import RING_FIELDS
 from workers.readers.clouds.point_times import TIME_FIELDS
 from workers.readers.recording import ReadError, Recording, Sensor
@@ -32,9 +33,9 @@ def choose_sensors(
         sizes: (width, height) of the cameras' images where the rig says it.
 
     Raises:
-        ReadError: ``no_lidar_topic``, ``no_camera_topic``, ``topic_not_found``, ``ambiguous_lidar``,
-            ``ambiguous_cameras``, each with ``candidates`` in its fields (and ``cameras``, the names that wait for a
-            topic); ``camera_name_invalid``; ``too_many_sensors``.
+        ReadError: ``no_lidar_topic``, ``lidar_packets_not_read``, ``no_camera_topic``, ``topic_not_found``,
+            ``ambiguous_lidar``, ``ambiguous_cameras``, each with ``candidates`` in its fields (and ``cameras``, the
+            names that wait for a topic); ``camera_name_invalid``; ``too_many_sensors``.
     """
     if len(recording.sensors) > _MOST_SENSORS:
         raise ReadError(
@@ -121,6 +122,16 @@ def _lidar(recording: Recording, name: str | None) -> Sensor:
         return _by_name(recording, "lidar", name)
     clouds = [s for s in recording.sensors if s.kind == "lidar" and s.count != 0]
     if not clouds:
+        packets = {topic: maker_of_topic(topic) for topic in recording.other_topics}
+        makers = sorted({maker for maker in packets.values() if maker is not None})
+        if makers:
+            named = ", ".join([topic for topic, maker in packets.items() if maker is not None][:_MOST_LISTED])
+            raise ReadError(
+                "lidar_packets_not_read",
+                f"The recording holds raw packets of a LiDAR by {' and '.join(makers)}, which are not read: {named}.",
+                instead(makers),
+                {"candidates": []},
+            )
         raise ReadError(
             "no_lidar_topic",
             f"No LiDAR was found in the recording. {_contents(recording)}",

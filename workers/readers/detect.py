@@ -13,7 +13,7 @@ from workers.readers.recording import ReadError, ReadOptions, Recording
 HEAD_BYTES: Final = 1024
 FORMATS: Final = (
     "a ROS 1 bag, a ROS 2 bag, an MCAP file, a capture of a Velodyne's packets (pcap, pcapng), or a folder, zip or "
-    "tar of these, of videos, and of clouds (PCD, KITTI, .npy, .csv) and images"
+    "tar of these, of videos, and of clouds (PCD, PLY, KITTI, .npy, .csv) and images"
 )
 
 
@@ -81,6 +81,8 @@ _OTHERS: Final[tuple[tuple[bytes, str, str], ...]] = (
     (b"#ROSBAG V1", "a ROS bag of version 1.x", "Convert it with `rosbag fix` or `rosbag migrate` to version 2.0."),
     (b"7z\xbc\xaf\x27\x1c", "a 7z archive", "Pack the recording as zip or tar."),
     (b"Rar!\x1a\x07", "a RAR archive", "Pack the recording as zip or tar."),
+    (b"ply\n", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
+    (b"ply\r\n", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
     (b"# .PCD", "a single point cloud", "Upload the folder with all clouds and images, or a zip or tar of it."),
     (b"\xff\xd8\xff", "a single image", "Upload the folder with all clouds and images, or a zip or tar of it."),
     (b"\x89PNG\r\n", "a single image", "Upload the folder with all clouds and images, or a zip or tar of it."),

@@ -68,6 +68,45 @@ def ingest_limited(
             ``ingest_output_limit``, ``ingest_disk_full``, ``ingest_crashed``, ``ingest_killed``.
         ValueError: ``out_dir`` holds something.
     """
+    made = _limited(source, out_dir, request, limits, name, on_progress, must_stop)
+    return Manifest.from_json(made["manifest"])
+
+
+def copy_limited(
+    source: str | Path,
+    out_dir: str | Path,
+    edits: Mapping[str, Any],
+    *,
+    limits: Limits | None = None,
+    name: str | None = None,
+    on_progress: OnProgress | None = None,
+    must_stop: Callable[[], None] | None = None,
+) -> dict[str, Any]:
+    """Copy a recording's file with ``edits`` in a child process.
+
+    See :func:`workers.readers.copying.copy_recording.copy_recording` for what it returns, and :func:`ingest_limited`
+    for the rest. ``file`` is a bare name in ``out_dir``.
+
+    Raises:
+        ReadError: the file cannot be copied, or as :func:`ingest_limited` does.
+        ValueError: ``out_dir`` holds something, or the child named no file in it.
+    """
+    made: dict[str, Any] = _limited(source, out_dir, {"copy": edits}, limits, name, on_progress, must_stop)["copy"]
+    if Path(str(made["file"])).name != made["file"] or not (Path(out_dir) / made["file"]).is_file():
+        raise ValueError(f"{made['file']!r} is no file that was written")
+    return made
+
+
+def _limited(
+    source: str | Path,
+    out_dir: str | Path,
+    request: Mapping[str, Any],
+    limits: Limits | None,
+    name: str | None,
+    on_progress: OnProgress | None,
+    must_stop: Callable[[], None] | None,
+) -> dict[str, Any]:
+    """The last word of the child that does what is requested."""
     out, source = Path(out_dir), Path(source)
     out.mkdir(parents=True, exist_ok=True)
     if any(out.iterdir()):
@@ -121,8 +160,8 @@ class _Ingestion:
 
     def run(
         self, request: Mapping[str, Any], on_progress: OnProgress | None, must_stop: Callable[[], None] | None
-    ) -> Manifest:
-        """Start the child and follow it to its end."""
+    ) -> dict[str, Any]:
+        """Start the child and follow it to its end; its last word."""
         self._on_progress, self._must_stop = on_progress, must_stop
         # One thread: every further one of OpenBLAS reserves address space.
         one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
@@ -135,8 +174,8 @@ class _Ingestion:
             raise self._crashed("it printed without end") from error
         if "error" not in self._last:
             self._look_at_disk()  # a fast disk takes gigabytes between two looks
-        if ended.code == 0 and "manifest" in self._last:
-            return Manifest.from_json(self._last["manifest"])
+        if ended.code == 0 and ("manifest" in self._last or "copy" in self._last):
+            return self._last
         raised = self._explain(ended.code, self._last.get("error"), ended.complaint)
         if ended.complaint:
             raised.add_note(f"The reading process said:\n{ended.complaint}")

@@ -58,6 +58,15 @@ def written() -> int:
     return _WRITTEN.count
 
 
+def declare(size: int, folder: Path) -> None:
+    """Count bytes that a library is about to write into a file of its own.
+
+    Raises:
+        OutputLimitError, ReserveError.
+    """
+    _check(size, folder)
+
+
 def create(path: Path) -> BinaryIO:
     """Open a new file for writing, whose bytes count. Nothing else in this package may write.
 
@@ -75,6 +84,10 @@ class _Counted(io.BufferedWriter):
 
 def _count(size: int, file: io.BufferedWriter) -> None:
     """Count bytes before they are written, so that what is refused is not in any buffer either."""
+    _check(size, file.fileno())
+
+
+def _check(size: int, disk: int | Path) -> None:
     beat()
     if _WRITTEN.most is not None and _WRITTEN.count + size > _WRITTEN.most:
         raise OutputLimitError
@@ -82,5 +95,5 @@ def _count(size: int, file: io.BufferedWriter) -> None:
     _WRITTEN.unchecked += size
     if _WRITTEN.unchecked >= _LOOK_BYTES and _WRITTEN.reserve:
         _WRITTEN.unchecked = 0
-        if shutil.disk_usage(file.fileno()).free - size < _WRITTEN.reserve:
+        if shutil.disk_usage(disk).free - size < _WRITTEN.reserve:
             raise ReserveError

@@ -109,8 +109,8 @@ def rings_of(found: Estimate, errors: PairErrors, count: int = 4) -> list[dict[s
 def _radial(found: Estimate) -> Floats:
     """(N, 2, powers) shifts along the radius from the principal point, 1 px each at the image's corner."""
     problem = found.holding
-    pixels, violation = predict(problem, found.parameters)
-    away = np.where((violation > 0.0)[:, None], 0.0, pixels - found.parameters[8:10])
+    pixels, violation = predict(problem, found.held_at)
+    away = np.where((violation > 0.0)[:, None], 0.0, pixels - found.held_at[8:10])
     radius = np.linalg.norm(away, axis=1)
     unit = away / np.maximum(radius, 1e-9)[:, None]
     share = radius / (0.5 * problem.diagonal_px)
@@ -124,8 +124,8 @@ def times(found: Estimate) -> list[Check]:
     if problem.velocities is None:
         why = "The pairs do not say how the board moved."
         return [Check("clock", clock, "unknown", why), Check("rolling_shutter", shutter, "unknown", why)]
-    pixels, violation = predict(problem, found.parameters)
-    moved = np.einsum("nij,nj->ni", by_point(problem, found.parameters), problem.velocities)
+    pixels, violation = predict(problem, found.held_at)
+    moved = np.einsum("nij,nj->ni", by_point(problem, found.held_at), problem.velocities)
     moved[violation > 0.0] = 0.0
     height = problem.image_size[1]
     row = np.where(violation > 0.0, 0.0, (pixels[:, 1] - 0.5 * (height - 1)) / height)

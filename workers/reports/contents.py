@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.reports.checks import checks
+from workers.reports.checks import Check, checks
 from workers.reports.coverage import field_of, missing
 from workers.reports.maps import ground_map, image_map
 from workers.reports.material import Material
 from workers.reports.pair_errors import PairErrors, held_out_px, pair_errors
 from workers.reports.rounding import rounded, tidy
-from workers.reports.verdict import verdict_of
+from workers.reports.verdict import Verdict, verdict_of
 from workers.solver.estimate import estimate
 
 Json = dict[str, Any]
@@ -35,12 +35,7 @@ def contents(material: Material) -> Json:
     """The report's numbers: metres in the LiDAR's frame, pixels, degrees; of N pairs in the order of their set."""
     document = material.chosen.document
     errors = pair_errors(document, material.pairs)
-    # Wrong marks have a check of their own; the others look at the pairs that belong.
-    problem = replace(material.chosen.problem, outliers="exclude")
-    parameters = document["polished"]["parameters"]
-    found = estimate(problem, np.array([parameters[name] for name in problem.names]))
-    made = checks(material, found, errors)
-    verdict = verdict_of(document, material.objections, made)
+    made, verdict = judged(material, errors)
     field = field_of(material, errors)
     return tidy(
         {
@@ -61,6 +56,17 @@ def contents(material: Material) -> Json:
             "provenance": document.get("provenance"),
         }
     ) | {"pairs": _pairs(material, errors)}
+
+
+def judged(material: Material, errors: PairErrors) -> tuple[list[Check], Verdict]:
+    """The checks of the reported result, and the verdict that follows. ``errors``: those of its pairs."""
+    document = material.chosen.document
+    # Wrong marks have a check of their own; the others look at the pairs that belong.
+    problem = replace(material.chosen.problem, outliers="exclude")
+    parameters = document["polished"]["parameters"]
+    found = estimate(problem, np.array([parameters[name] for name in problem.names]))
+    made = checks(material, found, errors)
+    return made, verdict_of(document, material.objections, made)
 
 
 def _pairs(material: Material, errors: PairErrors) -> Json:

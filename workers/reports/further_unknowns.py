@@ -37,12 +37,15 @@ def tested(found: Estimate, columns: Floats) -> Tested | None:
     """Test unknowns by which the pixels change as ``columns`` (N, 2, e) say, per unit of each.
 
     The unknowns and the fit's own parameters are solved for together, linearised at the fit; errors are those that
-    the result states, shared ones included. None if the result states none.
+    the result states. A walk's stretches may absorb the pattern as shared errors, so there the pairs count as
+    independent, as in the test of halves for a turn. None if the result states no errors.
     """
-    errors = found.errors
-    if errors is None:
+    if found.errors is None:
         return None
-    here = whitened(found.holding, found.parameters)
+    blocks = found.holding.blocks
+    is_posed = blocks is not None and blocks.kind == "group"
+    errors = found.errors if is_posed or found.plain is None else found.plain
+    here = whitened(found.holding, found.held_at)
     rows = weighed(here, np.nan_to_num(columns))
     combined = _told_apart(errors, rows)
     if combined.shape[1] == 0:
@@ -53,7 +56,7 @@ def tested(found: Estimate, columns: Floats) -> Tested | None:
     # The residual is projection minus mark: the pixels move by -step to meet the marks.
     step, covariance = wider.step()[-more:], wider.covariance()[-more:, -more:]
     statistic = float(step @ np.linalg.pinv(covariance, hermitian=True) @ step) / more
-    freedom = found.freedom if np.isfinite(found.freedom) else 1e9
+    freedom = min(float(np.median(wider.of_pairs().freedoms()[-more:])), 1e9)
     values = combined @ step
     deviations = np.sqrt(np.einsum("ei,ij,ej->e", combined, covariance, combined))
     lost = np.linalg.norm(combined, axis=1) == 0.0

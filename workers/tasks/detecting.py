@@ -20,10 +20,11 @@ from service.db.ids import new_id
 from service.db.recordings import CameraFrame, Recording, Sensor
 from service.jobs.claims import Claim, Lease
 from workers.tasks.context import Context
-from workers.tasks.loading import lidar_key, open_lidar
+from workers.tasks.loading import lidar_key, open_lidar, said_still
 from workers.vertices.detectors import detect_range
 from workers.vertices.order import spread_order
 from workers.vertices.pairing import on_track, pair, pair_interpolated
+from workers.vertices.pose_detection import fixed_place
 from workers.vertices.region import Region
 from workers.vertices.tracks import MARGIN_SWEEPS
 from workers.vertices.vertex import Detections
@@ -58,6 +59,7 @@ def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
         asked = session.get_one(Detection, held.subject_id)
         key = lidar_key(session, asked.recording_id)
         cameras = _camera_stamps(session, asked.recording_id)
+        still = said_still(session, asked.recording_id)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
         shard = range(held.payload.get("first", 0), held.payload.get("stop", len(lidar)))
         region = Region.from_document(asked.region)
@@ -69,7 +71,7 @@ def detect(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
 
         margin = 0 if asked.pairing["mode"] == "nearest" else MARGIN_SWEEPS
         found = detect_range(
-            lidar, region, asked.detector, asked.options, indices=shard, on_sweep=report, margin=margin
+            lidar, region, asked.detector, asked.options, indices=shard, on_sweep=report, margin=margin, still=still
         )
     return writing(asked, found, {sensor: _pair(found, stamps, asked.pairing) for sensor, stamps in cameras.items()})
 
@@ -104,13 +106,13 @@ def _camera_stamps(session: Session, recording_id: UUID) -> dict[UUID, np.ndarra
 
 
 def _pair(found: Detections, stamps: np.ndarray, pairing: Json) -> list[Pair | None]:
-    """Each vertex's frame, or None where there is none near enough."""
+    """Each vertex's frame, or None where there is none near enough. Still poses have no track to be moved along."""
     near = {"offset_ns": pairing["offset_ns"], "max_gap_ns": pairing["max_gap_ns"]}
     times = np.array([vertex.time_ns for vertex in found.vertices], np.int64)
     index, gap = pair(times, stamps, **near)
     rows = zip(index.tolist(), gap.tolist(), strict=True)
     nearest = [Pair(frame, gap_ns) if frame >= 0 else None for frame, gap_ns in rows]
-    if pairing["mode"] == "nearest":
+    if pairing["mode"] == "nearest" or found.poses is not None:
         return nearest
     track = pair_interpolated(found.vertices, stamps, context=found.context, **near)
     rows = zip(track.index.tolist(), track.xyz.tolist(), track.covariance.tolist(), strict=True)
@@ -204,14 +206,36 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
         "flags": _added(before, "flags", Counter(flag for vertex in found.vertices for flag in vertex.flags)),
         "refused_sweeps": _runs(before.get("refused_sweeps", {}), found.refused),
     }
+    if found.poses is not None:
+        counts |= {"poses": found.poses.count, "poses_stated": found.poses.stated}
     row.state = WorkState.RUNNING
     if row.remaining == 1:
         counts |= _settle_frames(session, row)
         _order(session, row.id)
-        if counts["rejected"].get("no_points", 0) == counts["sweeps"]:
-            row.state, row.problem, row.finished_at = WorkState.FAILED, _NOTHING, now()
+        problem = _nothing_found(session, row, counts)
+        if problem:
+            row.state, row.problem, row.finished_at = WorkState.FAILED, problem, now()
     row.counts = counts
     session.flush()
+
+
+def _nothing_found(session: Session, row: Detection, counts: Json) -> Json | None:
+    """What is wrong with a run that looked at nothing, or at something that never moves."""
+    if counts["rejected"].get("no_points", 0) == counts["sweeps"]:
+        return _NOTHING
+    if counts.get("poses"):
+        return None
+    rows = session.execute(select(Vertex.x, Vertex.y, Vertex.z).where(Vertex.detection_id == row.id)).all()
+    place = fixed_place(np.array([tuple(xyz) for xyz in rows], np.float64).reshape(-1, 3))
+    if place is None:
+        return None
+    x, y, z = place
+    return {
+        "code": "fixed_object",
+        "detail": f"The vertex stands at one place in nearly all of {len(rows)} sweeps: x {x:.2f}, y {y:.2f}, "
+        f"z {z:.2f} m. That is an object of the surroundings, not a board that somebody moves.",
+        "hint": "Leave that place out of the region. If the board itself stood there, upload with --still.",
+    }
 
 
 def _added(before: Json, name: str, more: Mapping[str, int]) -> dict[str, int]:

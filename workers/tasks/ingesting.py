@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -21,16 +18,15 @@ from service.db.repeating import repeated
 from service.jobs.claims import Claim, Lease, require_mine
 from service.recordings.blob_queries import sensor_keys
 from service.recordings.jobs import begin_ingestion
-from service.settings import MIB, Settings
 from service.storage.blobs import condemn, keep, reserve
-from service.storage.quota import QuotaExceededError, take
+from service.storage.quota import QuotaExceededError, copied, take
 from service.studies.jobs import queue_packing
 from workers.readers.limited import ingest_limited
-from workers.readers.limits import Limits
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
 from workers.tasks.loading import require_room
+from workers.tasks.originals import join_parts, reading_limits
 
 _OWN_COLUMNS = ("kind", "name", "topic", "frame_id", "count", "first_ns", "last_ns", "file", "frames")
 
@@ -51,13 +47,13 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
         image_sizes = {camera.name: (camera.image_width, camera.image_height) for camera in cameras}
         request = _request(recording, rig, cameras)
     with context.scratch() as folder:
-        source = _join(context, recording, parts, folder, lease)
+        source = join_parts(context, recording, parts, folder, lease)
         out = folder / "normalised"
         manifest = ingest_limited(
             source,
             out,
             request,
-            limits=_limits(context.settings, recording.size),
+            limits=reading_limits(context.settings, recording.size),
             name=recording.file_name,
             must_stop=lease.check,
             on_progress=lambda progress: lease.report(
@@ -72,7 +68,7 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
     def write(session: Session) -> None:
         _forget_earlier(session, recording)
         row = session.get_one(Recording, recording.id)
-        row.taken_bytes = row.size + sum(size for _, size in stored.values())
+        row.taken_bytes = row.size + sum(size for _, size in stored.values()) + copied(session, row.id)
         row.facts, row.warnings = _legible(manifest.facts()), _legible(list(manifest.warnings))
         for sensor in manifest.sensors:
             key, size = stored[sensor.name]
@@ -86,22 +82,6 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
         queue_packing(session, row)
 
     return write
-
-
-def _limits(settings: Settings, size: int) -> Limits:
-    """Four fifths of the task's time are for the reading, the rest for joining the parts and storing the results."""
-    wall_s = settings.ingest_wall_s + settings.ingest_wall_s_per_mib * size / MIB
-    return Limits(
-        memory_bytes=settings.ingest_memory_bytes,
-        cpu_s=settings.ingest_cpu_s,
-        wall_s=min(wall_s, 0.8 * settings.task_limit_s),
-        silence_s=settings.ingest_silence_s,
-        file_bytes=settings.ingest_file_bytes,
-        output_ratio=settings.ingest_output_ratio,
-        video_ratio=settings.ingest_video_ratio,
-        output_floor_bytes=settings.ingest_output_floor_bytes,
-        reserve_bytes=settings.min_free_bytes,
-    )
 
 
 def _request(recording: Recording, rig: Rig, cameras: Sequence[RigCamera]) -> Json:
@@ -130,45 +110,6 @@ def _check_sizes(camera: str, size: tuple[int, int], frames: list[Json]) -> None
             )
 
 
-def _join(context: Context, recording: Recording, parts: Sequence[UploadPart], folder: Path, lease: Lease) -> Path:
-    """The original as one file; every part's checksum compared with what was acknowledged, and the whole's too."""
-    source = folder / "original" / _plain_name(recording.file_name)
-    source.parent.mkdir()
-    require_room(context, shutil.disk_usage(folder).free, recording.size)
-    whole = hashlib.sha256()
-    done = 0
-    with source.open("wb") as file:
-        for part in parts:
-            require_room(context, shutil.disk_usage(folder).free, part.size)
-            digest = hashlib.sha256()
-            for chunk in context.store.stream(part.blob_key):
-                file.write(chunk)
-                whole.update(chunk)
-                digest.update(chunk)
-                done += len(chunk)
-                lease.report(0.1 * done / max(recording.size, 1), "joining the parts")
-            _require_same(f"Part {part.number}", digest.hexdigest(), part.sha256)
-    if recording.sha256:
-        _require_same("All parts together", whole.hexdigest(), recording.sha256)
-    return source
-
-
-def _require_same(what: str, found: str, announced: str) -> None:
-    """Parts may come straight into the store, where nothing of ours looks at their bytes before this."""
-    if found != announced:
-        raise ReadError(
-            "checksum_mismatch",
-            f"{what} has the SHA-256 {found}, announced was {announced}.",
-            "A part was made from another file or another version of it, or damaged on its way. Upload the recording "
-            "again.",
-        )
-
-
-def _plain_name(file_name: str) -> str:
-    """The owner's name for the file where it is harmless: readers name sensors after it, and look at its end."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", file_name)[-100:].lstrip(".") or "recording"
-
-
 def _store(context: Context, held: Claim, files: Mapping[str, Path]) -> dict[str, tuple[str, int]]:
     """Put the sensors' files into the store; their keys and sizes by the sensors' names.
 
@@ -188,7 +129,8 @@ def _reserve(context: Context, held: Claim, sizes: Mapping[str, int]) -> dict[st
     with context.database.writing() as session:
         require_mine(session, held)
         recording = session.get_one(Recording, held.subject_id, with_for_update=True)
-        take(session, recording, recording.size + sum(sizes.values()), context.settings.fleet_quota_bytes)
+        taken = recording.size + sum(sizes.values()) + copied(session, recording.id)
+        take(session, recording, taken, context.settings.fleet_quota_bytes)
         prefix = f"recordings/{recording.id}/sensors"
         return {
             name: reserve(session, prefix, suffix=".mcap", size=size, job_id=held.job_id, attempt=held.attempt)

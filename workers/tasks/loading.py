@@ -9,7 +9,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.recordings import Sensor
+from service.db.recordings import Recording, Sensor
 from service.jobs.claims import Lease
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError, Sweep
@@ -23,6 +23,11 @@ def lidar_key(session: Session, recording_id: UUID) -> str:
     return session.scalars(
         select(Sensor.blob_key).where(Sensor.recording_id == recording_id, Sensor.kind == "lidar")
     ).one()
+
+
+def said_still(session: Session, recording_id: UUID) -> bool:
+    """Whether the owner said that a recording holds still poses."""
+    return session.get_one(Recording, recording_id).reading.get("point_times") == "stamp_only"
 
 
 def open_lidar(context: Context, key: str, folder: Path) -> LidarFile:

@@ -10,12 +10,12 @@ from sqlalchemy import func, insert, select
 from sqlalchemy.orm import Session
 
 from service.db.base import Json
-from service.db.recordings import Blob, PackedSweep, PackedSweeps, Recording, Sensor
+from service.db.recordings import PackedSweep, PackedSweeps, Recording, Sensor
 from service.db.repeating import repeated
 from service.db.studies import Study
 from service.jobs.claims import Claim, Lease, require_mine
 from service.storage.blobs import keep, reserve
-from service.storage.quota import QuotaExceededError, take
+from service.storage.quota import QuotaExceededError, counted, take
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.packed_sweeps import pack
 from workers.readers.recording import ReadError
@@ -43,11 +43,12 @@ def packing(context: Context, held: Claim, lease: Lease) -> Callable[[Session], 
         recording = session.get_one(Recording, recording_id, with_for_update=True)
         if session.get(PackedSweeps, lidar.id) is None:
             keep(session, key, size=size)
-            recording.taken_bytes = _taken_with(session, recording, size)
             session.add(PackedSweeps(sensor_id=lidar.id, blob_key=key))
             session.flush()
             if rows:
                 session.execute(insert(PackedSweep), [{"sensor_id": lidar.id, **row} for row in rows])
+        session.flush()
+        recording.taken_bytes = counted(session, recording, besides=held.job_id)
         _tell(session, held)
 
     return write
@@ -82,21 +83,14 @@ def _store(context: Context, held: Claim, recording_id: UUID, file: Path, size: 
 
 
 def _reserve(context: Context, held: Claim, recording_id: UUID, size: int) -> str:
-    """A key, if the fleet has room. The transaction that keeps the bytes counts them."""
+    """A key, if the fleet has room: what is reserved counts, so that several jobs do not exceed it together."""
     with context.database.writing() as session:
         require_mine(session, held)
         recording = session.get_one(Recording, recording_id, with_for_update=True)
-        before = recording.taken_bytes
-        take(session, recording, _taken_with(session, recording, size), context.settings.fleet_quota_bytes)
-        recording.taken_bytes = before
+        taken = counted(session, recording, besides=held.job_id) + size
+        take(session, recording, taken, context.settings.fleet_quota_bytes)
         prefix = f"recordings/{recording_id}/sweeps"
         return reserve(session, prefix, size=size, job_id=held.job_id, attempt=held.attempt)
-
-
-def _taken_with(session: Session, recording: Recording, size: int) -> int:
-    """Bytes of a recording's file and its sensors', with ``size`` more."""
-    of_sensors = select(func.sum(Blob.size)).join(Sensor, Sensor.blob_key == Blob.key)
-    return recording.size + size + int(session.scalar(of_sensors.where(Sensor.recording_id == recording.id)) or 0)
 
 
 def _tell(session: Session, held: Claim) -> None:

@@ -42,6 +42,7 @@ def _of(room: str, kind: str) -> Work:
 _ROOMS = {
     "ingest": "ingesting",
     "packing": "packing",
+    "calibrated_copy": "copying",
     "preview": "studying",
     "suggestion": "studying",
     "detect": "detecting",
@@ -52,7 +53,7 @@ _ROOMS = {
 }
 WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
 # The modules that need no kernels.
-_READING = {"ingesting", "packing"}
+_READING = {"ingesting", "packing", "copying"}
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError, ReservationEndedError)

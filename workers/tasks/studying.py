@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import count
 from typing import Any
 from uuid import UUID
@@ -15,9 +15,11 @@ from service.db.base import Json
 from service.db.detections import Detection, Vertex
 from service.db.studies import Study
 from service.jobs.claims import Claim, Lease
+from workers.geometry.errors import InputError
 from workers.solver.clock_offset import estimate_offset
 from workers.tasks.context import Context
-from workers.tasks.loading import lidar_key, open_lidar, watched
+from workers.tasks.loading import lidar_key, open_lidar, said_still, watched
+from workers.vertices.pairing import on_track
 from workers.vertices.preview import preview as count_kept
 from workers.vertices.region import Region
 from workers.vertices.suggestion import suggest as suggest_region
@@ -40,14 +42,18 @@ def preview(context: Context, held: Claim, lease: Lease) -> Callable[[Session], 
 
 def suggestion(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
     """A region around what moves."""
-    _, key = _asked(context, held)
+    with context.database.reading() as session:
+        study = session.get_one(Study, held.subject_id)
+        key, still = lidar_key(session, study.recording_id), said_still(session, study.recording_id)
     calls = count(1)
     with context.scratch() as folder, open_lidar(context, key, folder) as lidar:
         # Each of the sweeps that it looks at is read twice.
         reads = 2 * max(min(_SAMPLES, len(lidar)), 1)
-        found = suggest_region(
-            lidar, samples=_SAMPLES, on_sweep=lambda _: lease.report(next(calls) / reads, "looking for what moves")
-        )
+
+        def report(_: int) -> None:
+            lease.report(min(next(calls) / reads, 1.0), "looking for what moves")
+
+        found = suggest_region(lidar, samples=_SAMPLES, on_sweep=report, still=still)
     return _writing(held, {"region": found.document, "facts": dict(found.facts)})
 
 
@@ -57,7 +63,11 @@ def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Sessi
     with context.database.reading() as session:
         study = session.get_one(Study, held.subject_id)
         vertices = _vertices(session, study.detection_id)
+        poses = said_still(session, study.recording_id) or bool(
+            session.get_one(Detection, study.detection_id).counts.get("poses")
+        )
         paired_under_ns = session.get_one(Detection, study.detection_id).pairing["offset_ns"]
+    must_move(vertices, poses)
     marks = study.asked["marks"]
     estimate = estimate_offset(
         Track.of(vertices),
@@ -68,6 +78,16 @@ def clock_offset(context: Context, held: Claim, lease: Lease) -> Callable[[Sessi
         about_ns=paired_under_ns,  # marks exist only on frames that were paired under it
     )
     return _writing(held, estimate.to_document())
+
+
+def must_move(vertices: Sequence[Found], poses: bool) -> None:
+    """Refuse still poses, said to be or by their vertices. Raises InputError ``offset_not_determined``."""
+    if poses or not on_track(vertices).any():
+        raise InputError(
+            "offset_not_determined",
+            "The board does not move while it is recorded: still poses look alike under every offset of the clocks.",
+            "Record a walk with the board, 60 s or longer, and estimate the offset from it.",
+        )
 
 
 def _asked(context: Context, held: Claim) -> tuple[Json, str]:

@@ -8,8 +8,10 @@ from typing import Any
 
 from apexcal.documents.detectors import DetectorName, parse_detector, resolve_options
 from workers.vertices import ring_rules
+from workers.vertices.pose_detection import detect_poses
 from workers.vertices.refined.run import run as run_refined
 from workers.vertices.region import Region
+from workers.vertices.still_poses import find_poses
 from workers.vertices.sweep_source import OnSweep, Run, SweepSource
 from workers.vertices.vertex import Detections, Vertex
 
@@ -29,6 +31,7 @@ def detect_range(
     indices: range,
     on_sweep: OnSweep | None = None,
     margin: int = 0,
+    still: bool = False,
 ) -> Detections:
     """Look for the apex in some consecutive sweeps of a recording.
 
@@ -43,6 +46,7 @@ def detect_range(
         on_sweep: called now and then with the number of a sweep of ``indices``, never a smaller one than before:
             that many are done. It may raise to stop the work.
         margin: how many sweeps before and after are looked at too, for ``context``.
+        still: the owner says that these are still poses; it is noticed otherwise, too.
 
     Raises:
         DocumentError: ``unknown_detector``, ``invalid_options``.
@@ -63,10 +67,16 @@ def detect_range(
     vertices: list[Vertex] = []
     context: list[Vertex] = []
     refused: dict[int, str] = {}
-    for index, found in zip(wider, RUNS[detector](source, region, resolved, wider, report), strict=True):
+    poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start))
+    if poses is None:
+        answers = RUNS[detector](source, region, resolved, wider, report)
+    else:
+        answers = detect_poses(source, region, poses, RUNS[detector], resolved, wider, report)
+    for index, found in zip(wider, answers, strict=True):
         if isinstance(found, Vertex):
             (vertices if index in indices else context).append(found)
         elif index in indices:
             refused[index] = found.reason
     rejected = dict(sorted(Counter(refused.values()).items()))
-    return Detections(vertices, len(indices), rejected, tuple(context), refused)
+    facts = None if poses is None else poses.facts()
+    return Detections(vertices, len(indices), rejected, tuple(context), refused, facts)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.regions import OPERATORS, QUANTITIES, Document, check_region
+from workers.readers.recording import Sweep
 
 _ACCEPT: Final = -1
 _REJECT: Final = -2
@@ -80,6 +81,10 @@ class Region:
         if xyz.ndim != 2 or xyz.shape[1] != 3:
             raise ValueError(f"xyz must have shape (N, 3), got {xyz.shape}")
         return _mask(xyz, self._codes, self._values, self._corners)
+
+    def inside(self, sweep: Sweep) -> NDArray[np.bool_]:
+        """Which points (N,) of a sweep lie inside."""
+        return self.mask(sweep.xyz)
 
 
 def _plain(node: Node) -> Node:

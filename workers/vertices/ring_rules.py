@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
-from workers.vertices.region import Region
-from workers.vertices.sweep_source import OnSweep, Run, SweepSource
+from workers.vertices.sweep_source import Area, OnSweep, Run, SweepSource
 from workers.vertices.vertex import Rejection, Vertex
 
 
@@ -60,9 +59,9 @@ def _tolerant(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Reje
 
 
 def _look(
-    detector: str, select: _Select, sweep: Sweep, region: Region, options: Options, index: int
+    detector: str, select: _Select, sweep: Sweep, area: Area, options: Options, index: int
 ) -> Vertex | Rejection:
-    kept = np.flatnonzero(region.mask(sweep.xyz))
+    kept = np.flatnonzero(area.inside(sweep))
     inside = _Candidates(
         sweep.xyz[kept].astype(np.float64),
         sweep.ring[kept].astype(np.int64),
@@ -84,11 +83,11 @@ def _look(
 
 def _runner(detector: str, select: _Select) -> Run:
     def run(
-        source: SweepSource, region: Region, options: Options, indices: range, on_sweep: OnSweep
+        source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep
     ) -> Sequence[Vertex | Rejection]:
         found: list[Vertex | Rejection] = []
         for index in indices:
-            found.append(_look(detector, select, source.sweep(index), region, options, index))
+            found.append(_look(detector, select, source.sweep(index), area, options, index))
             on_sweep(index)
         return found
 

@@ -49,7 +49,7 @@ def learn_grid(sweeps: Iterable[Sweep]) -> SensorGrid:
     azimuths: list[NDArray[np.float64]] = []
     elevations: list[NDArray[np.float64]] = []
     for number, sweep in enumerate(sweeps):
-        real = sweep.ring < MOST_RINGS
+        real = (sweep.ring < MOST_RINGS) & np.isfinite(sweep.xyz).all(axis=1)
         x, y, z = sweep.xyz[real].astype(np.float64).T
         ring = sweep.ring[real].astype(np.int64)
         azimuth = np.arctan2(y, x)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
-from workers.vertices.region import Region
 from workers.vertices.vertex import Rejection, Vertex
 
 OnSweep = Callable[[int], None]
@@ -35,5 +37,11 @@ class Listed:
         return self._sweeps[index]
 
 
+class Area(Protocol):
+    """Which points of a sweep are looked at: a `region.Region`, or what of it is no backdrop of still poses."""
+
+    def inside(self, sweep: Sweep) -> NDArray[np.bool_]: ...
+
+
 # Looks for the apex in each sweep of a range; answers in the range's order.
-Run = Callable[[SweepSource, Region, Options, range, OnSweep], Sequence[Vertex | Rejection]]
+Run = Callable[[SweepSource, Area, Options, range, OnSweep], Sequence[Vertex | Rejection]]

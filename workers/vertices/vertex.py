@@ -46,6 +46,14 @@ class Rejection:
 
 
 @dataclass(frozen=True, slots=True)
+class PoseFacts:
+    """How many still poses a recording has, and whether its owner said so or it was noticed."""
+
+    count: int
+    stated: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Detections:
     """The vertices of a range of sweeps in sweep order, and why its other sweeps gave none.
 
@@ -56,6 +64,7 @@ class Detections:
         context: vertices of some sweeps before and after, in sweep order, so that a track can be interpolated up to
             the range's ends.
         refused: reason of each sweep without a vertex, by the sweep's number, in sweep order.
+        poses: of a recording of still poses, whose vertices form no track; else None.
     """
 
     vertices: list[Vertex]
@@ -63,3 +72,4 @@ class Detections:
     rejected: dict[str, int]
     context: tuple[Vertex, ...] = ()
     refused: Mapping[int, str] = field(default_factory=dict[int, str])
+    poses: PoseFacts | None = None

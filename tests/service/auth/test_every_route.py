@@ -158,6 +158,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     offset = Study(id=new_id(), **owned, kind="clock_offset", detection_id=detection.id)
     offset.asked = {"camera": "front", "marks": {"stamp_ns": [], "u": [], "v": []}}
     packing = Study(id=new_id(), **owned, kind="packing", asked={})
+    copy = Study(id=new_id(), **owned, kind="calibrated_copy", asked={"results": {}, "poses": []})
     apex = Apex(id=new_id(), recording_id=recording.id, sweep_index=0, x=1, y=0, z=0)
     vertex = Vertex(
         id=new_id(), detection_id=detection.id, apex_id=apex.id, rank=0, sweep_index=0, time_ns=0, x=1, y=0, z=0
@@ -202,6 +203,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         suggestion,
         offset,
         packing,
+        copy,
         apex,
         vertex,
         pairs,
@@ -222,6 +224,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         "region-suggestions": suggestion.id,
         "clock-offsets": offset.id,
         "sweep-packings": packing.id,
+        "calibrated-copies": copy.id,
         "vertices": vertex.id,
         "correspondence-sets": pairs.id,
         "calibrations": calibration.id,

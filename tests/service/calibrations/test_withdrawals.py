@@ -10,9 +10,10 @@ from sqlalchemy import delete, select, update
 from service.calibrations import publication_routes
 from service.db.aliases import Withdrawal
 from service.db.calibrations import Calibration, Publication, Result
+from service.db.fleets import Rig, RigCamera
 from tests.service.calibrations.given import history, publish, same_moment, withdraw
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
-from tests.service.detections.seeding import seed_rig
+from tests.service.detections.seeding import LEVEL, seed_rig
 
 
 @pytest.fixture
@@ -172,3 +173,23 @@ def test_what_is_deleted_at_this_moment_is_not_found(api, rig, reviewer, monkeyp
     monkeypatch.setattr(publication_routes, "hold_publications", hold)
     answer = reviewer.post(f"/publications/{given['id']}/withdrawal", {"reason": "x"})
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+
+
+def test_a_withdrawn_camera_that_is_no_longer_mounted_does_not_hold_the_vehicle_up(api, rig, reviewer, viewer):
+    withdraw(reviewer, publish(api, rig, reviewer))
+    address = f"/vehicles/{rig.vehicle_id}/calibration"
+    assert viewer.get(address).status_code == 410
+    with api.database.writing() as session:
+        newer = Rig(fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, name="new", lidar_frame=rig.lidar_frame)
+        session.add(newer)
+        session.flush()
+        session.add(
+            RigCamera(
+                rig_id=newer.id, position=0, name="rear", frame="rear", image_width=640, image_height=480,
+                nominal=LEVEL, bounds={},
+            )
+        )  # fmt: skip
+    refused = viewer.get(address)
+    assert (refused.status_code, refused.json()["code"]) == (404, "no_calibration_yet")
+    assert viewer.get(address, params={"camera": "front"}).status_code == 410
+    assert viewer.get(current_address(rig)).status_code == 410

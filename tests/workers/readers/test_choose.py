@@ -64,6 +64,25 @@ def test_cameras_are_told_by_their_names_in_the_topics():
     assert list(chosen(sensors, cameras={"rear": None, "x": "/camera_left/image"})) == ["lidar", "rear", "x"]
 
 
+@pytest.mark.parametrize(
+    ("topic", "maker"),
+    [
+        ("/pandar_packets (pandar_msgs/msg/PandarScan)", "Hesai"),
+        ("/lidar_packets (hesai_ros_driver/msg/UdpFrame)", "Hesai"),
+        ("/os_node/lidar_packets (ouster_ros/PacketMsg)", "Ouster"),
+        ("/ouster/lidar_packets (ouster_sensor_msgs/msg/PacketMsg)", "Ouster"),
+        ("/livox/lidar (livox_ros_driver2/msg/CustomMsg)", "Livox"),
+        ("/rslidar_packets (rslidar_msg/msg/RslidarPacket)", "RoboSense"),
+    ],
+)
+def test_raw_packets_of_another_maker_are_said_to_be_that(topic, maker):
+    recording = Listed([camera("/cam")], (topic, "/imu (sensor_msgs/Imu)"))
+    with pytest.raises(ReadError) as caught:
+        choose_sensors(recording, None, None)
+    assert caught.value.code == "lidar_packets_not_read"
+    assert maker in caught.value.message and topic in caught.value.message and "/imu" not in caught.value.message
+
+
 def test_what_the_recording_holds_is_listed():
     error = refused([camera("/cam")])
     assert error.code == "no_lidar_topic" and "/cam (camera, 5 messages)" in error.message and "/imu" in error.message

@@ -22,7 +22,8 @@ from tests.support.work import work
 from tests.workers.readers.making_recordings import clouds, header, images, interleaved, png, write_bag
 from workers.readers import limited
 from workers.tasks.context import Context
-from workers.tasks.ingesting import _limits, _plain_name, ingest
+from workers.tasks.ingesting import ingest
+from workers.tasks.originals import plain_name, reading_limits
 from workers.tasks.running import run_job
 
 
@@ -37,7 +38,7 @@ from workers.tasks.running import run_job
     ],
 )
 def test_the_original_is_named_as_its_owner_does_as_far_as_that_is_harmless(file_name, plain):
-    assert _plain_name(file_name) == plain
+    assert plain_name(file_name) == plain
 
 
 def test_a_frozen_worker_does_not_put_a_ready_recording_back(context, database):
@@ -149,7 +150,7 @@ def test_a_child_that_hangs_ends_with_its_job(context, database, tmp_path, monke
 
 def test_limits_follow_the_upload_and_stay_within_the_task():
     settings = Settings(task_limit_s=1800)
-    small, large = _limits(settings, 10_000), _limits(settings, 10 * 1024**3)
+    small, large = reading_limits(settings, 10_000), reading_limits(settings, 10 * 1024**3)
     assert 120 <= small.wall_s < 121 and large.wall_s == 1440
     assert small.reserve_bytes == settings.min_free_bytes
     # 209 kB once became 400 MiB.

@@ -19,6 +19,7 @@ _PACKET_NS: Final = 1_327_104
 _SWEEP_NS: Final = 100_000_000
 _GAP_BINS: Final = 36
 _MANY_TURNS: Final = 20
+_HELD_NS: Final = 100_000_000  # a driver may hold packets for a turn and stamp them when it lets them go
 
 # (host's stamp in nanoseconds, UDP payload)
 Packet = tuple[int, bytes]
@@ -73,7 +74,7 @@ def learn_packets(sample: Sequence[Packet], options: ReadOptions, where: str) ->
     device_ok = bool(
         len(sample) > 20
         and np.mean(step_us > 0) > 0.9
-        and (elapsed <= 0 or abs(float(step_us.sum()) * 1000 - elapsed) < 0.05 * elapsed + 2e7)
+        and (elapsed <= 0 or abs(float(step_us.sum()) * 1000 - elapsed) < 0.05 * elapsed + _HELD_NS)
     )
     notes = list(decoding.notes)
     packet_ns = round(float(np.median(step_us)) * 1000) if device_ok else _host_packet_ns(host)

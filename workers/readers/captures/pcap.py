@@ -10,6 +10,7 @@ from typing import Final
 
 from workers.readers.captures.capture import Capture
 from workers.readers.captures.datagrams import KNOWN_LINKS, Datagrams, endpoint
+from workers.readers.captures.other_makers import instead, maker_of_datagram
 from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, learn_packets
 from workers.readers.captures.velodyne import FIELDS, SweepCutter
 from workers.readers.captures.velodyne_models import is_data_packet
@@ -29,6 +30,7 @@ class _Overview:
     packets: dict[_Key, list[Packet]] = field(default_factory=dict[_Key, list[Packet]])
     others: Counter[tuple[bytes, int, int]] = field(default_factory=Counter[tuple[bytes, int, int]])
     links: set[int] = field(default_factory=set[int])
+    makers: Counter[str] = field(default_factory=Counter[str])
     frames: int = 0
 
 
@@ -36,7 +38,8 @@ class PcapRecording:
     """A capture of what Velodyne sensors send; each sender and port is one LiDAR, named ``address:port``.
 
     Raises:
-        ReadError: ``capture_damaged``, ``no_lidar_packets``, and what :func:`learn_packets` raises.
+        ReadError: ``capture_damaged``, ``no_lidar_packets``, ``lidar_packets_not_read``, and what
+            :func:`learn_packets` raises.
     """
 
     format = "pcap"
@@ -79,6 +82,9 @@ class PcapRecording:
                     break
             elif len(seen.others) < 1000:
                 seen.others[sender, port, len(payload)] += 1
+                maker = maker_of_datagram(payload, port)
+                if maker is not None:
+                    seen.makers[maker] += 1
             if self._capture.position > _SAMPLE_BYTES and seen.packets:
                 break
         return seen
@@ -99,6 +105,14 @@ class PcapRecording:
             f"{count} of {size} bytes from {endpoint(sender, port)}"
             for (sender, port, size), count in seen.others.most_common(5)
         )
+        if seen.makers:
+            makers = sorted(seen.makers)
+            return ReadError(
+                "lidar_packets_not_read",
+                f"{self._path.name} holds the packets of a LiDAR by {' and '.join(makers)}, which are not read: "
+                f"{listed}.",
+                instead(makers),
+            )
         return ReadError(
             "no_lidar_packets",
             f"{self._path.name} holds no packets of a Velodyne sensor among {seen.frames}"

@@ -7,6 +7,7 @@ once, so that no point is in two sweeps and none is lost.
 from __future__ import annotations
 
 from importlib import import_module
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -21,6 +22,8 @@ FIELDS: Final = "x y z intensity ring time"
 _BACK: Final = 1_000
 # Less than the time from one laser to the next, 1.2 us at least, and more than float32 seconds lose.
 _MARGIN_NS: Final = 200
+# Hundredths of a degree from one block to the next; at 20 Hz a sensor turns by 0.8 degrees.
+_JUMP: Final = 500
 
 
 class SweepCutter:
@@ -43,7 +46,7 @@ class SweepCutter:
         self._phase = -1  # azimuth from the seam, and moment, of the last firing cycle
         self._cycle_at = 0
         self._last_data = b""
-        self._damaged = self._twins = self._disordered = self._lost = self._stalled = 0
+        self._damaged = self._twins = self._disordered = self._lost = self._stalled = self._parted = 0
 
     def add(self, host_ns: int, data: bytes) -> Sweep | None:
         """Take one packet; the sweep that it ends, where it does."""
@@ -70,7 +73,34 @@ class SweepCutter:
             self._disordered += 1
             return None
         self._last_data = data
+        steps = [(after - before) % TURN for before, after in pairwise(azimuths)]
+        jump = next((k for k, step in enumerate(steps, start=1) if _JUMP < step < TURN - _JUMP), None)
+        if jump is not None:
+            data, phases = self._before(jump, data, phases)
         return self._cut(moment, data, phases, gap_ns)
+
+    def _before(self, jump: int, data: bytes, phases: list[int]) -> tuple[bytes, list[int]]:
+        """The packet without its blocks from ``jump`` on, which a sensor that is set to a sector fires after the gap.
+
+        The decoder would spread the gap over all blocks of the packet, and its stamp is that of the blocks before.
+        """
+        self._parted += 1
+        width = self._width(data)
+        step = TURN * self._stream.packet_ns * width / (self._stream.sweep_ns * BLOCKS)
+        last = phases[jump - 1]
+        even = [round(last + (k // width - (jump - 1) // width) * step) for k in range(jump, BLOCKS)]
+        blocks = [data[100 * k : 100 * k + 100] for k in range(BLOCKS)]
+        for k, phase in zip(range(jump, BLOCKS), even, strict=True):
+            azimuth = (phase + self._stream.seam) % TURN
+            blocks[k] = blocks[k][:2] + azimuth.to_bytes(2, "little") + bytes(96)
+        return b"".join(blocks) + data[1200:], [*phases[:jump], *(phase % TURN for phase in even)]
+
+    def _width(self, data: bytes) -> int:
+        """Blocks of one firing of all lasers."""
+        model = self._stream.decoding.model
+        # An HDL-64E shows dual return by sending an azimuth twice.
+        dual = data[2:4] == data[202:204] if model.product is None else data[-2] == DUAL
+        return model.blocks * (1 + dual)
 
     def _cut(self, moment: int, data: bytes, phases: list[int], gap_ns: int) -> Sweep | None:
         """Hold a packet, and close the sweep where it crosses the seam or comes too late to belong to it."""
@@ -102,9 +132,7 @@ class SweepCutter:
     def _crossing(self, moment: int, data: bytes, phases: list[int], forced: int | None) -> int | None:
         """The moment at which the sensor passes the seam in this packet or just before it, None where it does not."""
         model = self._stream.decoding.model
-        # An HDL-64E shows dual return by sending an azimuth twice.
-        dual = data[2:4] == data[202:204] if model.product is None else data[-2] == DUAL
-        width = model.blocks * (1 + dual)
+        width = self._width(data)
         last = (BLOCKS // width - 1) * width
         before, before_ns = self._phase, self._cycle_at
         self._phase = phases[last]
@@ -172,6 +200,7 @@ class SweepCutter:
             (self._damaged, "packets are not what this sensor sends and were left out"),
             (self._twins, "packets came twice and were taken once"),
             (self._disordered, "packets came after later ones and were left out"),
+            (self._parted, "packets hold the end of the field and its next beginning; only the end was read of them"),
             (self._stalled, "times the sensor did not finish a turn in time; the sweep was cut all the same"),
             (self._clock.jumps, "times the sensor's clock and the host's were set against each other"),
         )

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.clouds.point_times import TIME_FIELDS, PointTimes, learn_point_times
-from workers.readers.clouds.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings
+from workers.readers.clouds.ring_spread import check_rings
+from workers.readers.clouds.rings import ComputedRings, RingOrder, learn_missing_rings, learn_rings, ring_ids
 from workers.readers.recording import LidarFacts, ReadError, ReadOptions, Sweep
 
 Columns = Mapping[str, NDArray[np.generic]]
@@ -179,7 +180,7 @@ def learn_clouds(
 
     Raises:
         ReadError: ``cloud_without_xyz``, ``cloud_fields_differ``, ``rings_not_separable``, ``rings_unexpected``,
-            ``rings_too_many``, ``no_sweeps``.
+            ``rings_too_many``, ``points_without_rings``, ``no_sweeps``.
     """
     fields: CloudFields | None = None
     clouds: list[tuple[int, NDArray[np.float32], NDArray[np.int64] | None, NDArray[np.generic] | None]] = []
@@ -190,7 +191,7 @@ def learn_clouds(
         step = 1 if len(columns["x"]) <= _DENSE else 7
         xyz, keep = _returns({name: values[::step] for name, values in columns.items()})
         time = None if fields.time is None else columns[fields.time][::step][keep]
-        ids = None if fields.ring is None else columns[fields.ring][::step][keep].astype(np.int64)
+        ids = None if fields.ring is None else ring_ids(columns[fields.ring][::step][keep])
         clouds.append((stamp_ns, xyz, ids, time))
     if fields is None:
         raise ReadError("no_sweeps", f"{where} holds no sweeps.", "Record again, or choose another topic.")
@@ -198,7 +199,9 @@ def learn_clouds(
     if fields.ring is None:
         rings = learn_missing_rings([xyz for _, xyz, _, _ in clouds], where, options.rings)
     else:
-        rings = learn_rings([(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None], where)
+        numbered = [(xyz, ids) for _, xyz, ids, _ in clouds if ids is not None]
+        check_rings(numbered, where)
+        rings = learn_rings(numbered, where)
     notes = [f"{where}: {rings.note}"] if rings.note else []
     if fields.intensity is None:
         notes.append(f"{where} has no intensity field; intensities are 0.")

@@ -53,11 +53,19 @@ class RingOrder:
 
     def number(self, ids: NDArray[np.generic]) -> NDArray[np.int32]:
         """(N,) int32 numbers of (N,) ids, -1 where an id is not known."""
-        index = ids.astype(np.int64)
+        index = ring_ids(ids)
         known = (index >= 0) & (index < len(self.table))
         if known.all():
             return self.table[index]
         return np.where(known, self.table[np.where(known, index, 0)], np.int32(-1))
+
+
+def ring_ids(values: NDArray[np.generic]) -> NDArray[np.int64]:
+    """(N,) ids as integers, -1 for values that are none: damaged files have NaN and 1e30 in a column of floats."""
+    if values.dtype.kind != "f":
+        return values.astype(np.int64)
+    numbers = values.astype(np.float64)
+    return np.where(np.abs(numbers) < 2.0**31, numbers, -1.0).astype(np.int64)
 
 
 def learn_rings(clouds: Sequence[tuple[NDArray[np.float32], NDArray[np.int64]]], where: str) -> RingOrder:

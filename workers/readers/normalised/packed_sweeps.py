@@ -22,7 +22,8 @@ Integers = NDArray[np.int32]
 def pack(sweep: Sweep, index: int, ring_count: int) -> bytes:
     """A sweep's bytes over the wire.
 
-    Positions are rounded to 1 mm and cut off at 8.3 km along each axis, times are rounded to 1 us. If all intensities
+    Positions are rounded to 1 mm and cut off at 8.3 km along each axis, times are rounded to 1 us.
+    A position that is not finite becomes the origin. If all intensities
     are whole numbers up to 65535, they are kept. Otherwise they are rounded to 255 steps up to the largest.
 
     Args:
@@ -31,7 +32,9 @@ def pack(sweep: Sweep, index: int, ring_count: int) -> bytes:
         ring_count: rings of the sensor.
     """
     order = np.argsort(sweep.ring, kind="stable")
-    steps = np.rint(sweep.xyz[order].astype(np.float64) * (1.0 / POSITION_STEP_M))
+    # The layout has no word for a position that is none; sensors write the origin for it.
+    metres = np.nan_to_num(sweep.xyz[order].astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    steps = np.rint(metres * (1.0 / POSITION_STEP_M))
     positions = np.clip(steps, -_LARGEST, _LARGEST).astype(np.int32)
     times = np.rint(sweep.offset_ns[order] * (1.0 / TIME_STEP_NS)).astype(np.int32)
     intensities, intensity_step = _intensities(sweep.intensity[order])

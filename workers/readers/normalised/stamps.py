@@ -47,21 +47,25 @@ def report_stamps(stamps_ns: NDArray[np.int64], name: str) -> StampReport:
     """
     order = np.argsort(stamps_ns, kind="stable")
     ordered = stamps_ns[order]
-    steps = np.diff(ordered)
+    moments, alike = np.unique(ordered, return_counts=True)
+    steps = np.diff(moments)
     back = np.flatnonzero(np.diff(stamps_ns) < 0)
-    twins = int(np.count_nonzero(steps == 0))
+    twins = len(ordered) - len(moments)
     median = float(np.median(steps)) if len(steps) else 0.0
-    places = np.flatnonzero(steps > _GAP_STEPS * median) if median > 0 else np.zeros(0, np.int64)
-    gaps = [Gap(int(ordered[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
+    # A message with another's stamp is there: it fills the gap that its own stamp leaves, before or after the other.
+    spare = np.maximum(alike[:-1], alike[1:]) - 1
+    absent = np.rint(steps / median) - 1 - spare if median > 0 else np.zeros(len(steps))
+    places = np.flatnonzero((steps > _GAP_STEPS * median) & (absent > 0)) if median > 0 else np.zeros(0, np.int64)
+    gaps = [Gap(int(moments[i]), int(steps[i])) for i in places[:MAX_GAPS_LISTED]]
     usual = places[steps[places] <= _JUMP_NS]
-    missing = int(np.sum(np.rint(steps[usual] / median) - 1)) if len(usual) else 0
+    missing = int(np.sum(absent[usual]))
     jumps = _jumps(stamps_ns)
     warnings = [*_order_warnings(stamps_ns, back, twins, name), *(_jump_warning(jump, name) for jump in jumps[:1])]
     if len(usual):
         worst = int(usual[np.argmax(steps[usual])])
         warnings.append(
             f"{name}: {len(usual)} gaps, the longest of {steps[worst] / 1e9:.2f} s "
-            f"after {ordered[worst] / 1e9:.3f} s (usual step {median / 1e9:.3f} s); "
+            f"after {moments[worst] / 1e9:.3f} s (usual step {median / 1e9:.3f} s); "
             f"about {missing} messages are missing."
         )
     return StampReport(

@@ -68,9 +68,9 @@ class McapBag:
         self._loose: dict[int, array[int]] = {}
         self._file = path.open("rb")
         try:
-            with self._damage():
-                self._contents = self._summary() or self._look_through()
-            if not self._contents.channels:
+            with self.damage():
+                self.contents = self._summary() or self._look_through()
+            if not self.contents.channels:
                 raise ReadError(
                     "recording_empty",
                     f"{path.name} is an MCAP file of {self._size} bytes without any channel.",
@@ -81,7 +81,8 @@ class McapBag:
             raise
 
     @contextmanager
-    def _damage(self) -> Generator[None]:
+    def damage(self) -> Generator[None]:
+        """What libraries raise on damaged bytes becomes ``recording_damaged``."""
         kinds = (zstandard.ZstdError, SerdeError, WireError, RecordError, McapError)
         with damage(self._path.name, "an MCAP file", _HINT, *kinds):
             yield
@@ -159,7 +160,7 @@ class McapBag:
             self._file.seek(place)
 
     def _chunks_without(self, wanted: frozenset[int]) -> Iterator[ChunkPlace]:
-        return (c for c in self._contents.chunks if c.channels and c.channels.isdisjoint(wanted))
+        return (c for c in self.contents.chunks if c.channels and c.channels.isdisjoint(wanted))
 
     def _note_end(self, place: int) -> None:
         self.warnings.append(
@@ -171,12 +172,12 @@ class McapBag:
     def topics(self) -> Sequence[Topic]:
         """Topics in the order of the file."""
         found: dict[str, Topic] = {}
-        for channel in self._contents.channels.values():
-            count = self._contents.counts.get(channel.id)
+        for channel in self.contents.channels.values():
+            count = self.contents.counts.get(channel.id)
             known = found.get(channel.topic)
             if known is not None and known.count is not None and count is not None:
                 count += known.count
-            schema = self._contents.schemas.get(channel.schema_id, _NO_SCHEMA)
+            schema = self.contents.schemas.get(channel.schema_id, _NO_SCHEMA)
             definition = "" if schema.encoding == "protobuf" else schema.data.decode(errors="replace")
             found[channel.topic] = Topic(
                 channel.topic, schema.name, channel.message_encoding, definition, schema.encoding, count
@@ -191,15 +192,15 @@ class McapBag:
     def decoder(self, topic: Topic) -> Decoder | None:
         """See :class:`Container`."""
         decode = foxglove_decoder(topic) or ros_decoder(topic)
-        return None if decode is None else damage_proof(decode, self._damage)
+        return None if decode is None else damage_proof(decode, self.damage)
 
     def _numbers(self, names: Collection[str]) -> dict[int, str]:
-        return {c.id: c.topic for c in self._contents.channels.values() if c.topic in names}
+        return {c.id: c.topic for c in self.contents.channels.values() if c.topic in names}
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """See :class:`Container`; within a chunk and from chunk to chunk in the order of the file."""
         numbers = self._numbers(names)
-        with self._damage():
+        with self.damage():
             for _, kind, body in self._records(whole=False, wanted=frozenset(numbers)):
                 parts = records(unpacked_chunk(body)) if kind == Opcode.CHUNK else ((kind, body),)
                 for inner, part in parts:
@@ -210,9 +211,9 @@ class McapBag:
     def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
         """See :class:`Container`."""
         numbers = self._numbers([name])
-        with self._damage():
+        with self.damage():
             loose = sorted(place for number in numbers for place in self._loose.get(number, ()))
-            chunks = [c for c in self._contents.chunks if not c.channels or not c.channels.isdisjoint(numbers)]
+            chunks = [c for c in self.contents.chunks if not c.channels or not c.channels.isdisjoint(numbers)]
             yield from self._loose_samples(loose, count)
             yield from self._chunk_samples(chunks, numbers, 0 if loose else count)
 

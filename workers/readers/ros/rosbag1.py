@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
-from rosbags.rosbag1.reader import Chunk
+from rosbags.rosbag1.reader import Chunk, Header
 from rosbags.serde import SerdeError
 
 from workers.readers.damage import damage, damage_proof
@@ -35,7 +35,7 @@ class Rosbag1Recording(TopicRecording):
     """
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
-        bag = _Bag(path)
+        bag = Rosbag1Bag(path)
         try:
             super().__init__(bag, options)
         except BaseException:
@@ -44,16 +44,22 @@ class Rosbag1Recording(TopicRecording):
 
 
 class _Reader(Reader):
-    """Says that it goes on while it reads the index of a long bag."""
+    """Says that it goes on while it reads the index of a long bag, and notes how the last chunk is compressed."""
+
+    compression = "none"
 
     def read_chunk(self) -> Chunk:
         """The head of a chunk."""
         beat()
+        if self.bio is not None:
+            place = self.bio.tell()
+            self.compression = Header.read(self.bio).get_string("compression")
+            self.bio.seek(place)
         return super().read_chunk()
 
 
-class _Bag:
-    """A ROS 1 bag as a container of topics."""
+class Rosbag1Bag:
+    """A ROS 1 bag as a container of topics. ``reader`` is rosbags' own."""
 
     format = "rosbag1"
     share_read = None
@@ -61,12 +67,12 @@ class _Bag:
     def __init__(self, path: Path) -> None:
         _check_ends(path)
         self._path = path
-        self._bag = _Reader(path)
+        self.reader = _Reader(path)
         self._connections: dict[str, list[Connection]] = {}
         self.warnings: list[str] = []
-        with _damage(path):
-            self._bag.open()
-            for connection in self._bag.connections:
+        with bag_damage(path):
+            self.reader.open()
+            for connection in self.reader.connections:
                 self._connections.setdefault(connection.topic, []).append(connection)
             self._check_index()
 
@@ -76,7 +82,7 @@ class _Bag:
         Raises:
             ReaderError: it does.
         """
-        for entries in self._bag.indexes.values():
+        for entries in self.reader.indexes.values():
             if len({(entry.chunk_pos, entry.offset) for entry in entries}) < len(entries):
                 raise ReaderError("its index names the same message more than once")
 
@@ -98,13 +104,13 @@ class _Bag:
     def decoder(self, topic: Topic) -> Decoder | None:
         """See :class:`Container`."""
         decode = ros_decoder(topic)
-        return None if decode is None else damage_proof(decode, lambda: _damage(self._path))
+        return None if decode is None else damage_proof(decode, lambda: bag_damage(self._path))
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """See :class:`Container`."""
         connections = [c for name in names for c in self._connections[name]]
-        with _damage(self._path):
-            for connection, log_ns, raw in self._bag.messages(connections):
+        with bag_damage(self._path):
+            for connection, log_ns, raw in self.reader.messages(connections):
                 yield connection.topic, log_ns, raw
 
     def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
@@ -112,21 +118,21 @@ class _Bag:
         connections = self._connections[name]
         times = np.sort(self.times(name))
         chosen = np.unique(np.linspace(0, len(times) - 1, min(count, len(times))).astype(int))
-        with _damage(self._path):
+        with bag_damage(self._path):
             for time in times[chosen].tolist():
-                for _, log_ns, raw in self._bag.messages(connections, start=time, stop=time + 1):
+                for _, log_ns, raw in self.reader.messages(connections, start=time, stop=time + 1):
                     yield log_ns, raw
                     break
 
     def times(self, name: str) -> NDArray[np.int64]:
         """See :class:`Container`."""
-        entries = (entry.time for c in self._connections[name] for entry in self._bag.indexes[c.id])
+        entries = (entry.time for c in self._connections[name] for entry in self.reader.indexes[c.id])
         return np.fromiter(entries, np.int64)
 
     def close(self) -> None:
         """Close the bag."""
-        if self._bag.bio is not None:
-            self._bag.close()
+        if self.reader.bio is not None:
+            self.reader.close()
 
 
 def _check_ends(path: Path) -> None:
@@ -171,7 +177,7 @@ def _damaged(path: Path, why: str) -> ReadError:
 
 
 @contextmanager
-def _damage(path: Path) -> Generator[None]:
+def bag_damage(path: Path) -> Generator[None]:
     """Whatever rosbags raises on broken bytes, as a ReadError with a sentence."""
     with damage(path.name, _WHAT, _HINT, ReaderError, SerdeError):
         try:

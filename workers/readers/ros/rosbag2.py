@@ -17,7 +17,7 @@ from workers.readers.ros.topic_messages import Decoder, Topic
 from workers.readers.ros.topics import TopicRecording
 from workers.readers.trees.scratch import Scratch, packing_of
 
-_METADATA: Final = "metadata.yaml"
+METADATA: Final = "metadata.yaml"
 _METADATA_BYTES: Final = 2_000_000
 _MAX_FILES: Final = 10_000
 _ENDS: Final = (".db3", ".mcap")
@@ -42,14 +42,19 @@ class Rosbag2Recording(TopicRecording):
             raise
 
 
-def _open_file(path: Path, scratch: Scratch) -> Container:
-    """One file of a bag, decompressed first where it is packed as a whole."""
+def unpacked_file(path: Path, scratch: Scratch) -> Path:
+    """One file of a bag, decompressed where it is packed as a whole."""
     with path.open("rb") as file:
         head = file.read(16)
     if packing_of(head) == "zstd":
-        path = scratch.unpack(path, "zstd", path.name.removesuffix(".zstd") + ".unpacked")
-        with path.open("rb") as file:
-            head = file.read(16)
+        return scratch.unpack(path, "zstd", path.name.removesuffix(".zstd") + ".unpacked")
+    return path
+
+
+def _open_file(path: Path, scratch: Scratch) -> Container:
+    path = unpacked_file(path, scratch)
+    with path.open("rb") as file:
+        head = file.read(16)
     # Each needs a library of its own, so the module is loaded when its format is met.
     if head.startswith(_MCAP):
         return cast(Container, import_module("workers.readers.ros.mcap_bag").McapBag(path))
@@ -72,39 +77,13 @@ class _BagFolder:
         self._files: list[Container] = []
         self.warnings: list[str] = []
         try:
-            for file in self._listed(path):
+            for file in bag_files(path, self.warnings):
                 self._files.append(_open_file(file, self._scratch))
                 self._sizes.append(file.stat().st_size)
         except BaseException:
             self.close()
             raise
         self.format = self._files[0].format
-
-    def _listed(self, path: Path) -> list[Path]:
-        """The bag's files in order, as its metadata say it, else as they are named."""
-        names = _named_in(path / _METADATA)
-        there = [file for file in sorted(path.iterdir()) if file.is_file() and not file.is_symlink()]
-        found = [file for file in there if PurePath(file.name.removesuffix(".zstd")).suffix in _ENDS]
-        files: list[Path] = []
-        missing: list[str] = []
-        for name in names[:_MAX_FILES]:
-            here = [path / PurePath(name).name, path / f"{PurePath(name).name}.zstd"]
-            file = next((file for file in here if file in found), None)
-            if file is None:
-                missing.append(PurePath(name).name)
-            else:
-                files.append(file)
-        if missing and files:
-            self.warnings.append(f"{len(missing)} of the bag's {len(names)} files are missing: {missing[0]}.")
-        files = files or found
-        if not files:
-            named = ", ".join(missing[:3]) or ".db3 or .mcap"
-            raise ReadError(
-                "bag_incomplete",
-                f"{path.name} has {_METADATA}, but none of the bag's files ({named}).",
-                "Upload the whole folder of the bag.",
-            )
-        return files
 
     @property
     def topics(self) -> Sequence[Topic]:
@@ -165,8 +144,44 @@ class _BagFolder:
         self._scratch.close()
 
 
+def bag_files(path: Path, warnings: list[str]) -> list[Path]:
+    """A bag's files in order, as its metadata say it, else as they are named.
+
+    Raises:
+        ReadError: ``bag_incomplete``.
+    """
+    names = _named_in(path / METADATA)
+    there = [file for file in sorted(path.iterdir()) if file.is_file() and not file.is_symlink()]
+    found = [file for file in there if PurePath(file.name.removesuffix(".zstd")).suffix in _ENDS]
+    files: list[Path] = []
+    missing: list[str] = []
+    for name in names[:_MAX_FILES]:
+        here = [path / PurePath(name).name, path / f"{PurePath(name).name}.zstd"]
+        file = next((file for file in here if file in found), None)
+        if file is None:
+            missing.append(PurePath(name).name)
+        else:
+            files.append(file)
+    if missing and files:
+        warnings.append(f"{len(missing)} of the bag's {len(names)} files are missing: {missing[0]}.")
+    files = files or found
+    if not files:
+        named = ", ".join(missing[:3]) or ".db3 or .mcap"
+        raise ReadError(
+            "bag_incomplete",
+            f"{path.name} has {METADATA}, but none of the bag's files ({named}).",
+            "Upload the whole folder of the bag.",
+        )
+    return files
+
+
 def _named_in(metadata: Path) -> list[str]:
-    """The files that a bag's metadata name.
+    # A list of lists could stand for itself a million times over.
+    return [name for name in read_metadata(metadata)["relative_file_paths"] if isinstance(name, str)]
+
+
+def read_metadata(metadata: Path) -> dict[str, Any]:
+    """What a bag's metadata say of it; ``relative_file_paths`` is there.
 
     Raises:
         ReadError: ``bag_incomplete``, the metadata cannot be read.
@@ -177,13 +192,13 @@ def _named_in(metadata: Path) -> list[str]:
             raise ValueError(f"{metadata.stat().st_size} bytes")
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is ten times faster
         document: Any = yaml.load(metadata.read_bytes(), Loader=loader)
-        names: Any = document["rosbag2_bagfile_information"]["relative_file_paths"]
-        # A list of lists could stand for itself a million times over.
-        return [name for name in names if isinstance(name, str)]
+        information: dict[str, Any] = document["rosbag2_bagfile_information"]
+        iter(information["relative_file_paths"])
+        return information
     except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
         why = (str(error).splitlines() or ["no list of files"])[0][:100]
         raise ReadError(
             "bag_incomplete",
-            f"{_METADATA} is not what a ROS 2 bag has ({why}).",
+            f"{METADATA} is not what a ROS 2 bag has ({why}).",
             "Run `ros2 bag reindex` on the folder, or upload the .db3 or .mcap file by itself.",
         ) from error

@@ -38,47 +38,49 @@ class SqliteBag:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.warnings: list[str] = []
-        with self._damage():
-            self._file = SqliteFile(path)
+        with self.damage():
+            self.file = SqliteFile(path)
         try:
-            with self._damage():
-                self._ids, self._topics = self._read_topics()
+            with self.damage():
+                self.ids, self._topics = self._read_topics()
         except BaseException:
-            self._file.close()
+            self.file.close()
             raise
 
     @contextmanager
-    def _damage(self) -> Generator[None]:
+    def damage(self) -> Generator[None]:
+        """What libraries raise on damaged bytes becomes ``recording_damaged``."""
         kinds = (sqlite3.Error, SerdeError, zstandard.ZstdError)
         with damage(self._path.name, "a ROS 2 bag in SQLite", _HINT, *kinds):
             yield
 
     def _read_topics(self) -> tuple[dict[str, list[int]], list[Topic]]:
-        if not {"topics", "messages"} <= self._file.tables:
+        if not {"topics", "messages"} <= self.file.tables:
             raise ReadError(
                 "not_a_recording",
                 f"{self._path.name} is an SQLite file without the tables of a ROS 2 bag.",
                 "Upload the .db3 file that `ros2 bag record` wrote.",
             )
         definitions: dict[str, tuple[str, str]] = {}
-        if "message_definitions" in self._file.tables:
-            rows = self._file.rows("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+        if "message_definitions" in self.file.tables:
+            rows = self.file.rows("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
             definitions = {str(kind): (str(text), str(form)) for kind, form, text in rows}
         some = "SELECT topic_id FROM messages LIMIT ?"  # a table whose pages lie in a circle has no end
-        most = self._file.most_rows
+        most = self.file.most_rows
         counts: dict[int, int] = dict(
-            self._file.rows(f"SELECT topic_id, count(*) FROM ({some}) GROUP BY topic_id", [most])
+            self.file.rows(f"SELECT topic_id, count(*) FROM ({some}) GROUP BY topic_id", [most])
         )
         if sum(counts.values()) >= most:
             raise sqlite3.DatabaseError("it has more messages than room for them")
         ids: dict[str, list[int]] = {}
         topics: list[Topic] = []
-        rows = self._file.rows("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
+        rows = self.file.rows("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
         for number, name, kind, encoding in rows:
             ids.setdefault(str(name), []).append(int(number))
             if len(ids[name]) == 1:
                 text, form = definitions.get(str(kind), ("", ""))
-                topics.append(Topic(str(name), str(kind), str(encoding), text, form, counts.get(number, 0)))
+                usual = str(encoding) or "cdr"  # old recorders left it empty; there is no other format in ROS 2
+                topics.append(Topic(str(name), str(kind), usual, text, form, counts.get(number, 0)))
         return ids, topics
 
     @property
@@ -89,44 +91,44 @@ class SqliteBag:
     def decoder(self, topic: Topic) -> Decoder | None:
         """See :class:`Container`."""
         decode = ros_decoder(topic)
-        return None if decode is None else damage_proof(decode, self._damage)
+        return None if decode is None else damage_proof(decode, self.damage)
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """See :class:`Container`; recorded order is the order of row ids."""
-        by_id = {number: name for name in names for number in self._ids[name]}
+        by_id = {number: name for name in names for number in self.ids[name]}
         marks = ",".join("?" * len(by_id))
-        with self._damage():
+        with self.damage():
             query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
-            for topic_id, log_ns, data in self._file.rows(query, list(by_id)):
-                yield by_id[topic_id], int(log_ns), _message(data)
+            for topic_id, log_ns, data in self.file.rows(query, list(by_id)):
+                yield by_id[topic_id], int(log_ns), unpacked_message(data)
 
     def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
         """See :class:`Container`."""
-        with self._damage():
-            numbers = self._ids[name]
+        with self.damage():
+            numbers = self.ids[name]
             marks = ",".join("?" * len(numbers))
-            rows = self._file.rows(f"SELECT id FROM messages WHERE topic_id IN ({marks}) ORDER BY id", numbers)
+            rows = self.file.rows(f"SELECT id FROM messages WHERE topic_id IN ({marks}) ORDER BY id", numbers)
             every = np.fromiter((row for (row,) in rows), np.int64)
             chosen = np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))
             for row in every[chosen].tolist():
                 one = "SELECT timestamp, data FROM messages WHERE id = ? LIMIT 1"
-                ((log_ns, data),) = self._file.rows(one, [row])
-                yield int(log_ns), _message(data)
+                ((log_ns, data),) = self.file.rows(one, [row])
+                yield int(log_ns), unpacked_message(data)
 
     def times(self, name: str) -> NDArray[np.int64]:
         """See :class:`Container`."""
-        with self._damage():
-            numbers = self._ids[name]
+        with self.damage():
+            numbers = self.ids[name]
             marks = ",".join("?" * len(numbers))
             query = f"SELECT timestamp FROM messages WHERE topic_id IN ({marks}) ORDER BY id LIMIT {_TIMES}"
-            return np.fromiter((time for (time,) in self._file.rows(query, numbers)), np.int64)
+            return np.fromiter((time for (time,) in self.file.rows(query, numbers)), np.int64)
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        self.file.close()
 
 
-def _message(data: bytes) -> bytes:
+def unpacked_message(data: bytes) -> bytes:
     """A message, decompressed where the recorder packed each by itself; CDR never begins with zstd's magic."""
     if data[:4] == _ZSTD:
         return decompress_zstd(data, MAX_VALUE_BYTES)

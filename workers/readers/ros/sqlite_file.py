@@ -46,6 +46,7 @@ class SqliteFile:
 
     Attributes:
         tables: names of the tables that may be read.
+        columns: of each table, the names of its columns.
         most_rows: more than this the file has no room for.
 
     Raises:
@@ -70,7 +71,8 @@ class SqliteFile:
             memory = ("cache_size=-4000", "temp_store=MEMORY")
             for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "query_only=ON", *memory):
                 self._db.execute(f"PRAGMA {pragma}")
-            self.tables = self._ordinary_tables()
+            self.columns = self._ordinary_tables()
+            self.tables = frozenset(self.columns)
         except BaseException:
             self._db.close()
             raise
@@ -81,7 +83,7 @@ class SqliteFile:
         self._late = time.process_time() - self._since > QUERY_CPU_S
         return self._late
 
-    def _ordinary_tables(self) -> frozenset[str]:
+    def _ordinary_tables(self) -> dict[str, frozenset[str]]:
         objects = self._db.execute(f"SELECT name, sql FROM sqlite_master LIMIT {_MAX_OBJECTS + 1}").fetchall()
         if len(objects) > _MAX_OBJECTS:
             raise self._refused(f"more than {_MAX_OBJECTS} tables")
@@ -90,11 +92,13 @@ class SqliteFile:
         if any(sql is not None and not _ORDINARY.match(str(sql)) for _, sql in objects):
             raise self._refused("a view, a trigger or a virtual table")
         tables = frozenset(str(name).lower() for name, sql in objects if sql is not None and _is_table(str(sql)))
+        found: dict[str, frozenset[str]] = {}
         for name in tables:
-            columns = self._db.execute("SELECT hidden FROM pragma_table_xinfo(?)", [name]).fetchall()
-            if any(hidden for (hidden,) in columns):
+            columns = self._db.execute("SELECT name, hidden FROM pragma_table_xinfo(?)", [name]).fetchall()
+            if any(hidden for _, hidden in columns):
                 raise self._refused("a generated column")
-        return tables
+            found[name] = frozenset(str(column) for column, _ in columns)
+        return found
 
     def _refused(self, what: str) -> ReadError:
         return ReadError(

@@ -1,4 +1,4 @@
-"""Columns of a file that holds one point cloud: PCD, KITTI's .bin, .npy, .csv."""
+"""Columns of a file that holds one point cloud: PCD, PLY, KITTI's .bin, .npy, .csv."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from workers.readers.clouds.pointcloud2 import MAX_POINTS
 from workers.readers.recording import ReadError
+from workers.readers.trees.ply import read_ply
 
-CLOUD_SUFFIXES: Final = frozenset({".pcd", ".bin", ".npy"})
+CLOUD_SUFFIXES: Final = frozenset({".pcd", ".ply", ".bin", ".npy"})
 _PLAIN: Final = ("x", "y", "z", "intensity", "ring", "time")
 _FARTHEST_M: Final = 2000.0
 _MAX_FIELDS: Final = 256
@@ -53,9 +54,18 @@ def read_cloud(data: bytes, path: str) -> Arrays:
         from workers.readers.trees.pcd import read_pcd  # its library takes 0.13 s to import
 
         return read_pcd(data, path)
+    if suffix == ".ply":
+        return _named(read_ply(data, path))
     if suffix == ".bin":
         return _read_bin(data, path)
     return _read_npy(data, path) if suffix == ".npy" else _read_csv(data, path)
+
+
+def _named(columns: Arrays) -> Arrays:
+    """Columns under the names that we use; a name that is taken stays as it is."""
+    small = {name: name.lower() for name in columns}
+    ours = {name: _ALIASES.get(low, low) for name, low in small.items()}
+    return {our if list(ours.values()).count(our) == 1 else name: columns[name] for name, our in ours.items()}
 
 
 def is_cloud_table(head: bytes) -> bool:

@@ -99,7 +99,7 @@ def _stamp_group(
     if lines is not None:
         return "kitti", kitti_stamps(kitti_times(lines, KITTI_NAME), paths)
     texts = {path: stem_and_number(path)[1] for path in paths}
-    timed = [path for path, text in texts.items() if "." in text or len(text) in _UNITS_BY_DIGITS]
+    timed = [path for path, text in texts.items() if "." in text or _is_time(text)]
     if len(timed) == len(paths):
         return "names", {path: _time(path, text) for path, text in texts.items()}
     if tables:
@@ -119,7 +119,7 @@ def _stamp_group(
             f"Some files are named by their time, but {odd} is not.",
             f"Name all files in the same way, or add {CSV_NAME} with the columns file,stamp_ns.",
         )
-    absurd = next((path for path, text in texts.items() if len(text) > 9), None)
+    absurd = next((path for path, text in texts.items() if len(text.lstrip("0")) > 9), None)
     if absurd is not None:
         raise ReadError(
             "files_without_times",
@@ -129,6 +129,11 @@ def _stamp_group(
         )
     # A single file needs no number to be told from others.
     return "index", {path: _INDEX_START_NS + int(text or 0) * _INDEX_STEP_NS for path, text in texts.items()}
+
+
+def _is_time(text: str) -> bool:
+    """Whether digits are a time since 1970. A leading zero is a number's, filled up: KITTI's have ten digits."""
+    return len(text) in _UNITS_BY_DIGITS and not text.startswith("0")
 
 
 def _incomplete(missing: Sequence[str], count: int) -> ReadError:

@@ -28,7 +28,7 @@ _MAX_LISTED: Final = 20
 
 
 @dataclass(slots=True)
-class _Contents:
+class Contents:
     """What a tree holds.
 
     Attributes:
@@ -59,7 +59,7 @@ class FolderRecording(Composite):
         self._warnings: list[str] = []
         parts: list[Part] = []
         try:
-            contents = _look(self._tree)
+            contents = look_into(self._tree)
             self._others = contents.others
             if not contents.sources and not contents.groups:
                 raise _empty(self._tree, contents)
@@ -90,8 +90,9 @@ class FolderRecording(Composite):
         self._tree.close()
 
 
-def _look(tree: FileTree) -> _Contents:
-    contents = _Contents()
+def look_into(tree: FileTree) -> Contents:
+    """What a tree holds, by the files' names and first bytes."""
+    contents = Contents()
     paths = tree.paths
     bags = _bag_folders(paths)
     sensor_files: list[str] = []
@@ -139,7 +140,7 @@ def _bag_format(tree: FileTree, file: str) -> Format:
     return known
 
 
-def _look_inside(tree: FileTree, path: str, contents: _Contents, sensor_files: list[str]) -> None:
+def _look_inside(tree: FileTree, path: str, contents: Contents, sensor_files: list[str]) -> None:
     head = read_head(tree, path, HEAD_BYTES)
     known = format_of(head)
     if known is not None:
@@ -153,7 +154,7 @@ def _look_inside(tree: FileTree, path: str, contents: _Contents, sensor_files: l
 
 
 def _open_parts(
-    tree: FileTree, contents: _Contents, options: ReadOptions, parts: list[Part], warnings: list[str]
+    tree: FileTree, contents: Contents, options: ReadOptions, parts: list[Part], warnings: list[str]
 ) -> None:
     """Open all sources; ``parts`` holds what is open although one of them cannot be read."""
     tables = {path: read_file(tree, path) for path in contents.tables}
@@ -248,7 +249,7 @@ def _group_name(group: Group, top: str) -> str:
     return _below(group.name, top)
 
 
-def _empty(tree: FileTree, contents: _Contents) -> ReadError:
+def _empty(tree: FileTree, contents: Contents) -> ReadError:
     found = f"; it holds {', '.join(contents.others[:5])}" if contents.others else ""
     packed = next((path for path in contents.others[:100] if TREE.matches(read_head(tree, path, HEAD_BYTES))), None)
     if packed is not None:
@@ -260,6 +261,6 @@ def _empty(tree: FileTree, contents: _Contents) -> ReadError:
     return ReadError(
         "folder_empty",
         f"{tree.name} holds no recording, no point clouds and no images{found}.",
-        "Put a bag, a packet capture or point clouds (.pcd, .bin, .npy, .csv) into it, and images (.jpg, .png, "
+        "Put a bag, a packet capture or point clouds (.pcd, .ply, .bin, .npy, .csv) into it, and images (.jpg, .png, "
         ".webp) or a video, one subfolder per sensor or all in one.",
     )

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+# A ray leaves 0.002 of a cell's likelihood at least, so that sixteen leave 1e-43.
+_RESCALED_AFTER, _TINY = 16, 1e-100
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
@@ -94,6 +96,12 @@ def integrate(
                 else:
                     for b in range(cells):
                         grid[a, b] *= base + g * on_q[b]
+            if i % _RESCALED_AFTER == _RESCALED_AFTER - 1:
+                # Hundreds of rays that contradict even the best cell would leave nothing but zeros.
+                most = np.max(grid)
+                if 0.0 < most < _TINY:
+                    grid *= 1.0 / most
+                    offset += math.log(most)
         highest = 0.0
         for a in range(cells):
             for b in range(cells):

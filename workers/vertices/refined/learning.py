@@ -9,20 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 from apexcal.documents.detectors import Options
+from workers.vertices.jumps import jumps
 from workers.vertices.refined.board import find_planes, locate, open_windows
 from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting, any_roll
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
-from workers.vertices.refined.track import FASTEST_M_S, LONGEST_S, TREMBLE_M
 from workers.vertices.refined.window import Window
-from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
-from workers.vertices.sweep_source import SweepSource
+from workers.vertices.sweep_source import Area, SweepSource
 
 _GRID_SWEEPS = 24
 _SWEEPS = 96
@@ -43,7 +41,7 @@ _GROWTH_SIGMA_RAD = 0.5e-3
 _GROWTH_RAD = (-0.25e-3, 10.0e-3)
 
 
-def learn(source: SweepSource, region: Region, options: Options, on_sweep: Callable[[], None]) -> BoardModel:
+def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[[], None]) -> BoardModel:
     """The model of a recording; defaults where its near sweeps tell nothing."""
     grid = learn_grid(source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
@@ -53,12 +51,12 @@ def learn(source: SweepSource, region: Region, options: Options, on_sweep: Calla
     for index in _spread(len(source), _SWEEPS):
         sweep = source.sweep(index)
         on_sweep()
-        for sighting in find_planes(open_windows(sweep, region.mask(sweep.xyz), grid), model, 1):
+        for sighting in find_planes(open_windows(sweep, area.inside(sweep), grid), model, 1):
             plane = sighting.plane
             if plane.rings >= _MIN_RINGS and plane.points >= _MIN_POINTS and not plane.like_a_person:
                 near.append((plane.points, index, sighting.window))
                 places.append((sweep.stamp_ns, *_place(plane)))
-    model = replace(model, poses=_are_poses(places))
+    model = replace(model, poses=jumps(places))
     windows = [
         window
         for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
@@ -77,16 +75,6 @@ def _spread(count: int, most: int) -> list[int]:
 def _place(plane: Plane) -> tuple[float, float]:
     """Where the plane stands, x and y in metres."""
     return math.cos(plane.centre) / float(plane.w[0]), math.sin(plane.centre) / float(plane.w[0])
-
-
-def _are_poses(places: Sequence[tuple[int, float, float]]) -> bool:
-    """Whether boards (stamp in ns, x, y) are farther apart than somebody walks, as often as not."""
-    pairs = [
-        math.hypot(after[1] - before[1], after[2] - before[2]) > TREMBLE_M + FASTEST_M_S * apart_s
-        for before, after in pairwise(places)
-        if (apart_s := abs(after[0] - before[0]) * 1e-9) < LONGEST_S
-    ]
-    return sum(pairs) > 0.5 * len(pairs)
 
 
 def _given(model: BoardModel, edges: tuple[float, float], growth_mrad: float) -> BoardModel:

@@ -15,8 +15,7 @@ from workers.vertices.refined.board_model import BoardModel, Fix, Sighting
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
 from workers.vertices.refined.track import REACH, Seen, confirmed, off_path, roll_prior, trustworthy
-from workers.vertices.region import Region
-from workers.vertices.sweep_source import OnSweep, SweepSource
+from workers.vertices.sweep_source import Area, OnSweep, SweepSource
 from workers.vertices.vertex import Covariance, Rejection, Vertex
 
 # A sweep has some ten planes that could be a board; in 200 sweeps without one, none may pass: log(2000) = 7.6.
@@ -39,21 +38,21 @@ class _Findings:
 
 
 def run(
-    source: SweepSource, region: Region, options: Options, indices: range, on_sweep: OnSweep
+    source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep
 ) -> Sequence[Vertex | Rejection]:
     """See :func:`workers.vertices.detectors.detect_range`."""
-    model = learn(source, region, options, lambda: on_sweep(indices.start))
+    model = learn(source, area, options, lambda: on_sweep(indices.start))
     reach = REACH if options["track"] and not model.poses else 0
     wider = range(max(0, indices.start - reach), min(len(source), indices.stop + reach))
     found_in: dict[int, _Findings] = {}
     for index in wider:
-        found_in[index] = _find(source.sweep(index), region, model)
+        found_in[index] = _find(source.sweep(index), area, model)
         on_sweep(index)
     return [_settle(index, found_in, model, options, reach) for index in indices]
 
 
-def _find(sweep: Sweep, region: Region, model: BoardModel) -> _Findings:
-    inside = region.mask(sweep.xyz)
+def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
+    inside = area.inside(sweep)
     if not inside.any():
         return _Findings((), (), "no_points")
     found = [pair for pair in find_boards(sweep, inside, model) if not overtopped(*pair, model)]

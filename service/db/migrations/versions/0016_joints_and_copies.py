@@ -1,7 +1,7 @@
 """The joint that a camera is calibrated for, and files of recordings with their calibration put in.
 
 Revision ID: 0016
-Revises: 0012
+Revises: 0014
 """
 
 import sqlalchemy as sa

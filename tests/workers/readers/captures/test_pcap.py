@@ -271,9 +271,24 @@ def test_a_return_mode_that_is_not_read(tmp_path):
 
 
 def test_a_capture_without_a_velodyne_says_what_is_in_it(tmp_path):
-    error = failure(write_pcap(tmp_path / "a.pcap", [(START_NS, datagram(bytes(6464), port=7502))] * 5))
-    assert error.code == "no_lidar_packets" and "5 of 6464 bytes from 192.168.1.201:7502" in error.message
+    error = failure(write_pcap(tmp_path / "a.pcap", [(START_NS, datagram(bytes(900), port=7777))] * 5))
+    assert error.code == "no_lidar_packets" and "5 of 900 bytes from 192.168.1.201:7777" in error.message
     assert failure(write_pcap(tmp_path / "b.pcap", [])).code == "recording_empty"
+
+
+@pytest.mark.parametrize(
+    ("maker", "payload", "port"),
+    [
+        ("Ouster", bytes(6464), 7502),
+        ("Hesai", b"\xee\xff\x06\x01" + bytes(1076), 2368),
+        ("RoboSense", b"\x55\xaa\x05\x5a" + bytes(1244), 6699),
+        ("Livox", bytes(1380), 56301),
+    ],
+)
+def test_another_maker_s_packets_are_said_to_be_that(tmp_path, maker, payload, port):
+    error = failure(write_pcap(tmp_path / "a.pcap", [(START_NS, datagram(payload, port=port))] * 5))
+    assert error.code == "lidar_packets_not_read" and f"a LiDAR by {maker}" in error.message
+    assert error.hint.startswith("A Livox's points" if maker == "Livox" else "Record the driver's point cloud")
 
 
 def test_an_unknown_link(tmp_path):

@@ -21,6 +21,13 @@ def test_ascending_ids_are_kept_with_their_gaps():
     assert order.count == 16 and order.note == ""
 
 
+def test_ids_that_are_no_numbers_are_unknown():
+    ids = np.array([0.0, np.nan, 1e30, np.inf, 15.0, -3.0], np.float32)
+    rng = np.random.default_rng(0)
+    order = learn_rings([points({i: -15 + 2 * i for i in range(16)}, range(16), rng)], "The LiDAR")
+    np.testing.assert_array_equal(order.number(ids), [0, -1, -1, -1, 15, -1])
+
+
 def test_ids_from_the_top_are_turned_round_although_the_topmost_see_only_sky():
     rng = np.random.default_rng(1)
     elevations = {i: 22.5 - 45 * i / 63 for i in range(64)}

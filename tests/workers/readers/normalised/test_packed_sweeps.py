@@ -114,3 +114,12 @@ def test_the_pages_read_the_same_points(tmp_path):
     assert read["rings"] == points.ring.tolist()
     assert read["intensities"] == points.intensity.tolist()
     assert read["timesNs"] == (points.time_ns - STAMP_NS).tolist()
+
+
+def test_a_position_that_is_none_becomes_the_origin_and_moves_no_other():
+    sweep = sweep_of(100)
+    sweep.xyz[[3, 50]] = [[np.nan, 1.0, 2.0], [np.inf, -np.inf, 0.0]]
+    order = np.argsort(sweep.ring, kind="stable")
+    _, xyz, *_ = unpack(pack(sweep, 0, RINGS))
+    expected = np.nan_to_num(sweep.xyz[order], nan=0.0, posinf=0.0, neginf=0.0)
+    assert np.abs(xyz - expected).max() <= 0.0005 + 1e-9

@@ -28,6 +28,19 @@ def test_a_missing_message_is_a_gap():
     assert report.missing == 10 and "10 messages are missing" in report.warnings[0]
 
 
+def test_a_message_with_another_s_stamp_is_not_missing():
+    report = report_stamps(stamps(0, 1, 2, 2, 4, 5, 6, 8, 8, 9), "lidar")
+    assert (report.twins, report.missing, report.gap_count) == (2, 0, 0)
+    assert len(report.warnings) == 1 and "2 messages have the same stamp" in report.warnings[0]
+    missed = report_stamps(stamps(0, 1, 2, 2, 5, 6, 7), "lidar")
+    assert (missed.twins, missed.missing, missed.gap_count) == (1, 1, 1)
+
+
+def test_a_recording_that_holds_everything_twice_has_its_rate_and_no_gaps():
+    report = report_stamps(np.repeat(stamps(*range(20)), 2), "lidar")
+    assert (report.rate_hz, report.twins, report.missing, report.gap_count) == (10.0, 20, 0, 0)
+
+
 def test_stamps_out_of_order_are_ordered_and_said():
     report = report_stamps(stamps(0, 1, 3, 2, 4, 4), "lidar")
     assert report.order.tolist() == [0, 1, 3, 2, 4, 5]

@@ -21,6 +21,13 @@ def test_times_in_names(text, stamp):
     assert times.sources == {"lidar": "names", "camera": "names"}
 
 
+def test_kitti_s_ten_digits_are_numbers_and_no_seconds():
+    files = {"lidar": [f"{i:010d}.bin" for i in range(3)], "camera": [f"{i:010d}.png" for i in range(3)]}
+    times = stamp_files(files, {}, {})
+    assert times.stamps_ns["0000000002.bin"] == times.stamps_ns["0000000002.png"] == 1_200_000_000
+    assert set(times.sources.values()) == {"index"} and "made up" in times.warnings[0]
+
+
 def test_numbers_pair_files_and_the_made_up_times_are_said():
     times = stamp_files({"lidar": ["pose1.pcd", "pose3.pcd"], "camera": ["pose1.png", "pose03.png"]}, {}, {})
     assert times.stamps_ns["pose1.pcd"] == times.stamps_ns["pose1.png"] == 1_100_000_000

@@ -1,0 +1,64 @@
+"""The verdict of a report on a calibration by the product's own path, and on other pairs than it was fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.coverage.calibrations import Bench, Calibration
+from benchmarks.coverage.marks import Errors
+from benchmarks.coverage.walks import Paired
+from service.calibration_runs.objection_queries import own_objections
+from workers.geometry.rotations import rotation_from_vector
+from workers.geometry.transforms import RigidTransform, from_document, to_document
+from workers.reports.contents import judged
+from workers.reports.material import FittedModel, Material
+from workers.reports.pair_errors import pair_errors
+from workers.reports.verdict import Verdict
+from workers.simulation.camera import FRONT
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A calibration, its verdict, and the checks that failed."""
+
+    done: Calibration
+    model: str
+    verdict: Verdict
+    failed: frozenset[str]
+
+
+def judge(bench: Bench, paired: Paired, known: dict[str, Any], request: dict[str, Any]) -> Judged:
+    """Calibrate and judge as a report does. The request names one model."""
+    done = bench.fit(paired, Errors(), known, request)
+    (model,) = request["models"]
+    fitted = FittedModel(model, done.results[model], done.problems[model])
+    against = own_objections(FRONT, done.summary, model, None, ended_well=True)
+    material = Material(fitted, [fitted], known, objections=against)
+    checks, verdict = judged(material, pair_errors(fitted.document, known))
+    return Judged(done, model, verdict, frozenset(one.name for one in checks if one.verdict == "failed"))
+
+
+def agrees_elsewhere(found: Judged, others: dict[str, Any], turn: Floats, shift: Floats) -> bool | None:
+    """Whether the result agrees with other pairs, if its mount moved by a turn (rad) and a shift (m) before these.
+
+    None where nothing scores a calibration on other pairs.
+    """
+    if find_spec("workers.validation") is None:
+        return None
+    document = dict(found.done.results[found.model])
+    mount = from_document(document["transform"])
+    R = rotation_from_vector(turn)
+    moved = RigidTransform(mount.to_frame, mount.from_frame, R @ mount.R, mount.t + shift)
+    document["transform"] = to_document(moved)
+    calibration = import_module("workers.validation.calibration").KnownCalibration.of(document)
+    points, marks = (np.column_stack([others[name] for name in names]) for names in ("xyz", "uv"))
+    score = import_module("workers.validation.pair_score").score_pairs(calibration, points, marks)
+    return score["verdict"] == "agrees"

@@ -1,0 +1,147 @@
+"""What is put into a copy of a recording: the given calibrations, in the recording's own topics and frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.copies import CopyRequest
+from service.db.base import Json
+from service.db.fleets import Vehicle
+from service.db.recordings import Recording, Sensor
+from service.exports.calibrated import CalibratedCamera
+from service.exports.given_queries import Asked
+from service.exports.queries import of_given
+from service.exports.transform import Transform, numbers
+from service.http.problems import Problem
+from service.imports.drafting import recorded_tree
+from service.imports.frame_tree import FrameTree, Joint, unusable
+
+
+def plan_copy(session: Session, recording: Recording, wanted: CopyRequest) -> Json:
+    """Plain data for the worker, and ``results`` by camera.
+
+    Raises:
+        Problem: as for what a vehicle is given; 422 ``camera_not_recorded``, ``lens_without_equal``,
+            ``frames_not_usable``.
+    """
+    sensors = {one.name: one for one in session.scalars(select(Sensor).where(Sensor.recording_id == recording.id))}
+    vehicle = session.get_one(Vehicle, recording.vehicle_id)
+    given = of_given(session, vehicle, Asked(wanted.cameras, wanted.alias)).cameras
+    cameras = [one for one in given if one.name in sensors]
+    missing = [name for name in (*wanted.cameras, *wanted.joints) if name not in {one.name for one in cameras}]
+    if missing or not cameras:
+        raise Problem(
+            422,
+            "camera_not_recorded",
+            f"The recording {recording.name!r} has no calibrated camera {missing[0]!r}."
+            if missing
+            else f"No camera of the recording {recording.name!r} has a calibration.",
+            "Name cameras that were recorded and have a published calibration.",
+        )
+    lidar_frame = _frame(sensors["lidar"], cameras[0].lidar_frame)
+    frames = {one.name: _frame(sensors[one.name], one.frame) for one in cameras}
+    tree = recorded_tree((recording.facts or {}).get("static_transforms") or ())
+    return {
+        "lidar_frame": lidar_frame,
+        "cameras": [_camera(one, sensors[one.name], frames[one.name]) for one in cameras],
+        "poses": _poses(tree, lidar_frame, cameras, frames, wanted.joints),
+        "results": {one.name: one.source for one in cameras},
+    }
+
+
+def _frame(sensor: Sensor, otherwise: str) -> str:
+    """A sensor's frame as the recording names it, else as the rig does."""
+    return sensor.frame_id.removeprefix("/") or otherwise
+
+
+def _camera(camera: CalibratedCamera, sensor: Sensor, frame: str) -> Json:
+    if camera.skew:
+        raise Problem(
+            422,
+            "lens_without_equal",
+            f"The lens of {camera.name} has a skew, which readers of CameraInfo ignore.",
+            "Calibrate with skew locked at 0 (`locked`).",
+        )
+    return {
+        "name": camera.name,
+        "topic": sensor.topic,
+        "frame_id": frame,
+        "width": camera.width,
+        "height": camera.height,
+        "distortion_model": camera.written_as.camera_info,
+        "K": [value for row in camera.K for value in row],
+        "D": camera.D,
+    }
+
+
+def _poses(
+    tree: FrameTree,
+    lidar: str,
+    cameras: Sequence[CalibratedCamera],
+    frames: Mapping[str, str],
+    joints: Mapping[str, str],
+) -> list[Json]:
+    """The poses to put in, one for each camera; each is solved in the tree with those before it."""
+    found: list[Json] = []
+    for camera in cameras:
+        T_camera_lidar = camera.T_camera_lidar._replace(to_frame=frames[camera.name], from_frame=lidar)
+        others = [frame for name, frame in frames.items() if name != camera.name]
+        pose, is_new = _pose(tree, T_camera_lidar, others, joints.get(camera.name))
+        tree.put(Joint(pose.from_frame, True, pose))
+        found.append(
+            {
+                "parent": pose.to_frame,
+                "child": pose.from_frame,
+                "translation_m": numbers(pose.t),
+                "quaternion_xyzw": pose.quaternion_xyzw,
+                "is_new": is_new,
+            }
+        )
+    return found
+
+
+def _pose(
+    tree: FrameTree, T_camera_lidar: Transform, others: Sequence[str], named: str | None
+) -> tuple[Transform, bool]:
+    """``T_parent_child`` that makes the tree say the calibration, and whether it is a new one."""
+    camera, lidar = T_camera_lidar.to_frame, T_camera_lidar.from_frame
+    T_lidar_camera = T_camera_lidar.inverse()
+    if camera not in tree.frames:
+        return T_lidar_camera, True
+    root = tree.root(camera)
+    if lidar not in tree.frames or tree.root(lidar) != root:
+        # The camera's own tree is hung on the LiDAR.
+        return T_lidar_camera.after(tree.transform(camera, root)), True
+    joint = _joint(tree, camera, lidar, others, named)
+    T_parent_lidar, T_camera_child = tree.transform(joint.parent, lidar), tree.transform(camera, joint.child)
+    return T_parent_lidar.after(T_lidar_camera).after(T_camera_child), False
+
+
+def _joint(tree: FrameTree, camera: str, lidar: str, others: Sequence[str], named: str | None) -> Joint:
+    """The joint whose pose is replaced: no other calibrated camera may hang on it."""
+    down = tree.way(lidar, camera).down
+    if not down:
+        raise unusable(
+            f"In /tf_static the LiDAR's frame {lidar!r} hangs on the camera's, {camera!r}.",
+            "Only frames on the camera's side are moved. Record with the camera below the LiDAR or the vehicle.",
+        )
+    shared = {joint.child for other in others if other in tree.frames for joint in tree.above(other)}
+    free = [joint for joint in down if joint.child not in shared]
+    if named is not None:
+        free = [joint for joint in free if named in (joint.name, joint.child)]
+    if not free:
+        raise unusable(
+            f"No frame between {lidar!r} and {camera!r} can be moved by itself"
+            + (f" under the name {named!r}." if named else "."),
+            f"The frames there are {', '.join(joint.child for joint in down)}; other cameras hang on some of them.",
+        )
+    return free[0]
+
+
+def as_request(plan: Mapping[str, Any]) -> Json:
+    """What the reading process needs of it."""
+    return {name: plan[name] for name in ("lidar_frame", "cameras", "poses")}

@@ -1,0 +1,116 @@
+"""Copies of recordings with their calibration: asked for, followed, read as a file, deleted."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from typing import Annotated
+from urllib.parse import quote
+from uuid import UUID
+
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.responses import JSONResponse, StreamingResponse
+
+from apexcal.documents.copies import CopyRequest, CopyView
+from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
+from service.db.recordings import Blob, Recording
+from service.db.session import Database
+from service.db.studies import CalibratedCopy, Study
+from service.detections.queries import ready_recording
+from service.http.pages import Page, Paging
+from service.http.problems import Problem
+from service.jobs.queue import abandon
+from service.storage.blobs import condemn
+from service.storage.quota import counted
+from service.storage.store import Store
+from service.studies.queries import list_studies, new_study, read_study
+from service.studies.views import copy_view
+
+router = APIRouter(tags=["studies"])
+_KIND = "calibrated_copy"
+
+
+@router.post("/recordings/{recording_id}/calibrated-copies", status_code=202, response_model=CopyView)
+def ask_copy(recording_id: UUID, wanted: CopyRequest, access: WriteAccess) -> JSONResponse:
+    """Copy the recording's own bag with CameraInfo and `/tf_static` as published; all else byte for byte. [engineer]
+
+    The copy counts towards the fleet's quota until it is deleted.
+    """
+    # Imported here: it needs NumPy, which takes a twentieth of the start.
+    from service.studies.copy_plan import plan_copy
+
+    recording = ready_recording(access, recording_id, "engineer")
+    row, job = new_study(access, recording, _KIND, plan_copy(access.session, recording, wanted))
+    return access.answer(copy_view(row, job), 202)
+
+
+@router.get("/recordings/{recording_id}/calibrated-copies")
+def list_copies(recording_id: UUID, access: ReadAccess, window: Paging) -> Page[CopyView]:
+    """The copies of a recording, newest first."""
+    return list_studies(access, recording_id, _KIND, window, copy_view)
+
+
+@router.get("/calibrated-copies/{copy_id}")
+def read_copy(copy_id: UUID, access: ReadAccess) -> CopyView:
+    """A copy of a recording."""
+    return copy_view(*read_study(access, copy_id, _KIND))
+
+
+@router.delete("/calibrated-copies/{copy_id}", status_code=204)
+def delete_copy(copy_id: UUID, access: WriteAccess) -> Response:
+    """Delete a copy and its file, or end its making. [engineer]"""
+    session = access.session
+    found, _ = read_study(access, copy_id, _KIND)
+    access.need(found.fleet_id, "engineer")
+    # Jobs first, as workers lock them before the rows that they work for.
+    abandon(session, [found.id])
+    recording = session.get(Recording, found.recording_id, with_for_update=True)
+    made = session.get(CalibratedCopy, found.id)
+    if made is not None:
+        condemn(session, [made.blob_key])
+    session.delete(found)
+    session.flush()
+    if recording is not None:
+        recording.taken_bytes = counted(session, recording, besides=found.job_id)
+    return Response(status_code=204)
+
+
+def _file(copy_id: UUID, request: Request, identity: CurrentIdentity) -> tuple[CalibratedCopy, int]:
+    """The copy's file and its size. The session ends here, before any byte is read."""
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        access = Access(session, identity)
+        row = access.find(Study, copy_id, "engineer")
+        made = session.get(CalibratedCopy, row.id)
+        if made is None:
+            raise Problem(
+                409,
+                "copy_not_ready",
+                f"This copy is {row.state}; it has no file.",
+                "Wait until its state is done.",
+                state=row.state,
+            )
+        return made, session.get_one(Blob, made.blob_key).size
+
+
+@router.get("/calibrated-copies/{copy_id}/file", response_class=StreamingResponse)
+async def get_copy_file(request: Request, found: Annotated[tuple[CalibratedCopy, int], Depends(_file)]) -> Response:
+    """The copy's file. [engineer]"""
+    made, size = found
+    store: Store = request.app.state.store
+    pieces = aiter(store.read_all(made.blob_key))
+    # The first piece is fetched before the answer begins, so that a store that fails is answered with a problem.
+    first = await anext(pieces, b"")
+    return StreamingResponse(
+        _after(first, pieces),
+        media_type="application/octet-stream",
+        headers={
+            "Content-Length": str(size),
+            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(made.file_name, safe='')}",
+        },
+    )
+
+
+async def _after(first: bytes, rest: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    yield first
+    async for piece in rest:
+        yield piece

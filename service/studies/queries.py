@@ -1,0 +1,57 @@
+"""Studies by their rows: one made and queued, one read, a page of those of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+from uuid import UUID
+
+from sqlalchemy import select
+
+from apexcal.documents.studies import StudyView
+from service.auth.access import Access
+from service.db.jobs import Job
+from service.db.recordings import Recording
+from service.db.studies import Study
+from service.http.pages import Page, Window, fetch
+from service.http.problems import not_found
+from service.studies.jobs import queue_study
+
+View = TypeVar("View", bound=StudyView)
+
+
+def list_studies(
+    access: Access, recording_id: UUID, kind: str, window: Window, view: Callable[[Study, Job | None], View]
+) -> Page[View]:
+    """A page of a recording's studies of one kind, newest first."""
+    recording = access.find(Recording, recording_id)
+    statement = select(Study).where(Study.recording_id == recording.id, Study.kind == kind)
+    rows, following = fetch(access.session, statement, Study.id, window, newest_first=True)
+    jobs = {
+        job.id: job for job in access.session.scalars(select(Job).where(Job.id.in_([row.job_id for row in rows])))
+    }
+    return Page(items=[view(row, jobs.get(row.job_id or 0)) for row in rows], next=following)
+
+
+def new_study(
+    access: Access, recording: Recording, kind: str, asked: dict[str, Any], detection_id: UUID | None = None
+) -> tuple[Study, Job]:
+    """A new study, and its job."""
+    row = Study(
+        fleet_id=recording.fleet_id,
+        recording_id=recording.id,
+        detection_id=detection_id,
+        kind=kind,
+        asked=asked,
+    )
+    access.session.add(row)
+    access.session.flush()
+    return row, queue_study(access.session, row)
+
+
+def read_study(access: Access, study_id: UUID, kind: str) -> tuple[Study, Job | None]:
+    """A study of this kind, and its job. Raises :class:`Problem` 404."""
+    row = access.find(Study, study_id)
+    if row.kind != kind:
+        raise not_found()
+    return row, access.session.get(Job, row.job_id) if row.job_id else None

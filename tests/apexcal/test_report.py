@@ -1,0 +1,37 @@
+"""`apexcal report` and `apexcal recalibrate`, against a service that calibrates."""
+
+from __future__ import annotations
+
+import json
+import re
+
+from typer.testing import CliRunner
+
+from apexcal.cli import app
+from apexcal.client import Client
+from tests.apexcal.conftest import Embedded
+from tests.faults.jobs import LEVEL_RIG, pairs
+
+
+def test_a_report_is_written_and_its_pairs_are_left_out(embedded: Embedded, tmp_path):
+    with Client(embedded.url, embedded.token) as client:
+        vehicle = client.vehicles.create(client.fleets.create("Reports").id, "Wagon")
+        rig = client.vehicles.create_rig(vehicle.id, LEVEL_RIG)
+        of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(60)).id
+        done = client.wait(client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2), timeout_s=120)
+        result = str(done.summary.cameras["front"].models["pinhole"].result_id)
+
+        def apexcal(*words: str):
+            return CliRunner().invoke(app, [*words, "--url", embedded.url, "--token", embedded.token])
+
+        file = tmp_path / "front.html"
+        wrote = apexcal("report", result, "-o", str(file))
+        assert wrote.exit_code == 0 and "Its verdict" in wrote.output, wrote.output
+        text = file.read_text()
+        data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
+        assert data["ids"]["result"] == result and len(data["pairs"]["u"]) == 60
+        assert apexcal("report", result, "-o", str(file)).exit_code == 2
+        again = apexcal("recalibrate", result, "--leave-out", "3,17", "--json")
+        assert again.exit_code == 0, again.output
+        assert json.loads(again.stdout)["summary"]["cameras"]["front"]["models"]["pinhole"]["pairs"] == 58
+        assert apexcal("recalibrate", result, "--leave-out", "three").exit_code == 2

@@ -1,0 +1,52 @@
+"""Numbers that are no rings are refused; rings of tilted, noisy or damaged clouds are not."""
+
+import numpy as np
+import pytest
+
+from workers.readers.clouds.ring_spread import check_rings
+from workers.readers.recording import ReadError
+from workers.simulation.flaws import Mount
+from workers.simulation.lidar import Lidar
+from workers.simulation.scene import Scene
+from workers.simulation.sensors import SENSORS
+from workers.simulation.walker import Walk
+
+
+def livox(seed, count=20_000, lines=6):
+    """A rosette: each line draws petals all over the field."""
+    rng = np.random.default_rng(seed)
+    angle = np.cumsum(rng.uniform(0.0, 0.02, count))
+    radius = np.radians(35.0) * np.sin(3.618 * angle)
+    azimuth, elevation = radius * np.cos(angle), radius * np.sin(angle)
+    distance = rng.uniform(3.0, 30.0, count)
+    flat = distance * np.cos(elevation)
+    xyz = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation)])
+    return xyz.astype(np.float32), np.arange(count) % lines
+
+
+def test_a_livox_s_lines_are_no_rings():
+    with pytest.raises(ReadError) as caught:
+        check_rings([livox(1), livox(2)], "/livox/lidar")
+    assert caught.value.code == "points_without_rings"
+    assert "/livox/lidar" in caught.value.message and "Livox" in caught.value.hint
+
+
+@pytest.mark.parametrize("sensor", ["vlp16", "os0-128", "qt64", "alpha-prime", "lux4"])
+@pytest.mark.parametrize("mount", [Mount(), Mount(15.0, 20.0)])
+def test_rings_are_rings_also_of_a_cloud_that_was_tilted(sensor, mount):
+    scene = Scene()
+    walk = Walk(1, 5.0, scene.ground_z)
+    lidar = Lidar(SENSORS[sensor], scene, walk, sector_deg=60.0, noise_m=0.02, seed=1)
+    clouds = [lidar.sweep(k, 0.1 * k, 0) for k in range(2)]
+    check_rings(
+        [((c.xyz @ mount.rotation().T + 0.5).astype(np.float32), c.ring.astype(np.int64)) for c in clouds], "L"
+    )
+
+
+def test_some_damaged_points_make_no_livox():
+    scene = Scene()
+    lidar = Lidar(SENSORS["vlp16"], scene, Walk(1, 5.0, scene.ground_z), sector_deg=60.0, noise_m=0.02, seed=1)
+    sweep = lidar.sweep(0, 0.0, 0)
+    ring = sweep.ring.astype(np.int64)
+    ring[::5] = np.random.default_rng(1).integers(0, 16, len(ring[::5]))
+    check_rings([(sweep.xyz, ring)], "L")

@@ -1,0 +1,242 @@
+"""A recording with its calibration put in: rosbags reads it, and every other message is the same, byte for byte."""
+
+from __future__ import annotations
+
+import sqlite3
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from making_recordings import COMPRESSED, START_NS, clouds, images, interleaved, write_bag
+from making_recordings import TYPES as ROS1
+from making_ros2 import INFO, as_cdr, rig, write_mcap, write_ros2
+from making_ros2 import TYPES as ROS2
+from making_transforms import CAMERA, LIDAR, TF, message
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.writer import CompressionType
+from rosbags.highlevel import AnyReader
+
+from workers.readers.copying.copy_recording import copy_recording
+from workers.readers.detect import open_recording
+from workers.readers.normalised.normalise import normalise
+from workers.readers.recording import ReadError
+
+POSE = {
+    "parent": "base_link",
+    "child": "camera",
+    "translation_m": [1.1, 0.2, 1.6],
+    "quaternion_xyzw": [-0.6, 0.4, -0.4, 0.56],
+    "is_new": False,
+}
+LENS = {
+    "name": "front",
+    "topic": "/front/image_raw/compressed",
+    "frame_id": "camera",
+    "width": 8,
+    "height": 6,
+    "distortion_model": "equidistant",
+    "K": [5.0, 0.0, 4.0, 0.0, 5.1, 3.0, 0.0, 0.0, 1.0],
+    "D": [0.1, 0.02, 0.003, 0.0004],
+}
+ROS1_TOPIC = "/camera/compressed"
+FORMS = ["rosbag1", "rosbag1 bz2", "db3", "mcap", "mcap lz4", "mcap plain", "mcap unchunked", "mcap cut",
+         "folder db3", "folder mcap", "folder db3 message", "folder db3 file"]  # fmt: skip
+
+
+def request(topic=LENS["topic"], **changed):
+    return {"lidar_frame": "velodyne", "cameras": [LENS | {"topic": topic}], "poses": [POSE | changed]}
+
+
+def write(tmp_path: Path, form: str, *, infos: bool = True, stated=(LIDAR, CAMERA), moving=()) -> tuple[Path, str]:
+    """A recording in this form, and its camera's topic."""
+    kind, *how = form.split()
+    types = ROS1 if kind == "rosbag1" else ROS2
+    said = [("/tf_static", TF, START_NS + 3 * n, message(types, [one])) for n, one in enumerate(stated)]
+    said += [("/tf", TF, START_NS + 50_000_000, message(types, [one])) for one in moving]
+    if kind == "rosbag1":
+        from rosbags.rosbag1 import Writer
+
+        compression = Writer.CompressionFormat.BZ2 if how else None
+        path = write_bag(tmp_path / "walk.bag", interleaved(clouds(), images(), said), compression)
+        return path, ROS1_TOPIC
+    messages = interleaved(rig() if infos else (one for one in rig() if one[1] != INFO), said)
+    if kind == "mcap":
+        packed = {"lz4": CompressionType.LZ4, "plain": CompressionType.NONE}.get("".join(how), CompressionType.ZSTD)
+        path = write_mcap(
+            tmp_path / "walk.mcap", as_cdr(messages), compression=packed, chunked=how != ["unchunked"],
+            summary=how != ["cut"],
+        )  # fmt: skip
+        if how == ["cut"]:
+            path.write_bytes(path.read_bytes()[:-200])
+        return path, LENS["topic"]
+    if kind == "db3":
+        folder = write_ros2(tmp_path / "walk", messages)
+        return next(folder.glob("*.db3")), LENS["topic"]
+    storage = "mcap" if how[0] == "mcap" else "sqlite3"
+    folder = write_ros2(tmp_path / "walk", messages, storage, how[1].upper() if len(how) > 1 else None)
+    packed = tmp_path / "walk.tar"
+    with tarfile.open(packed, "w") as tar:
+        tar.add(folder, arcname="walk")
+    return packed, LENS["topic"]
+
+
+def read_all(path: Path, tmp_path: Path, name: str) -> list[tuple[str, int, bytes]]:
+    """Every message as rosbags gives it, of a bare MCAP file as mcap does: these state no profile."""
+    if path.suffix == ".mcap":
+        with path.open("rb") as file:
+            every = sorted(read_mcap(file), key=lambda one: one[2].log_time)
+            return [(channel.topic, message.log_time, message.data) for _, channel, message in every]
+    if path.suffix == ".tar":
+        folder = tmp_path / name
+        with tarfile.open(path) as tar:
+            tar.extractall(folder, filter="data")
+        path = next(folder.iterdir())
+    with AnyReader([path]) as reader:
+        return [(connection.topic, time, bytes(raw)) for connection, time, raw in reader.messages()]
+
+
+def read_mcap(file):
+    """Up to the end of the file, or to where it is cut off."""
+    try:
+        yield from NonSeekingReader(file).iter_messages(log_time_order=False)
+    except EndOfFile:
+        return
+
+
+def copied(tmp_path: Path, path: Path, asked) -> Path:
+    made = copy_recording(path, tmp_path / "out", asked, lambda share: None)
+    return tmp_path / "out" / made["file"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_all_other_messages_are_the_same(tmp_path, form):
+    path, topic = write(tmp_path, form)
+    made = copy_recording(path, tmp_path / "out", request(topic), lambda share: None)
+    file = tmp_path / "out" / made["file"]
+    before, after = (read_all(one, tmp_path, name) for one, name in ((path, "before"), (file, "after")))
+    has_infos = not form.startswith("rosbag1")
+    edited = {"/tf_static", "/front/camera_info"} if has_infos else {"/tf_static", "/camera_info"}
+    kept_before, kept_after = ([one for one in listed if one[0] not in edited] for listed in (before, after))
+    assert kept_before == kept_after and len(kept_before) > 5
+    assert [one[:2] for one in before if one[0] == "/tf_static"] == [
+        one[:2] for one in after if one[0] == "/tf_static"
+    ]
+    infos = sum(one[0] == "/front/camera_info" for one in before)
+    assert made["replaced"] == 1 + infos and made["added"] == (0 if has_infos else 5)
+    assert made["copied"] + made["replaced"] == len(before) and len(after) == len(before) + made["added"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_intrinsics_and_frames_are_those_put_in(tmp_path, form):
+    path, topic = write(tmp_path, form)
+    file = copied(tmp_path, path, request(topic))
+    with open_closing(file) as recording:
+        (camera,) = [sensor for sensor in recording.sensors if sensor.kind == "camera"]
+        assert camera.camera_info["K"] == LENS["K"] and camera.camera_info["D"] == LENS["D"]
+        assert camera.camera_info["model"] == "kannala_brandt"
+        poses = {(one.parent, one.child): one for one in recording.static_transforms}
+    assert set(poses) == {("base_link", "velodyne"), ("base_link", "camera")}
+    assert poses["base_link", "camera"].translation_m == tuple(POSE["translation_m"])
+    assert poses["base_link", "velodyne"].translation_m == LIDAR[2]
+    # It can be read like any recording.
+    normalise(file, tmp_path / "again")
+
+
+class open_closing:  # noqa: N801 - used as a function
+    def __init__(self, path):
+        self.recording = open_recording(path)
+
+    def __enter__(self):
+        return self.recording
+
+    def __exit__(self, *_):
+        self.recording.close()
+
+
+@pytest.mark.parametrize("form", ["rosbag1", "db3", "mcap", "mcap cut", "folder db3", "folder mcap"])
+def test_what_the_recording_lacks_is_added(tmp_path, form):
+    path, topic = write(tmp_path, form, infos=False, stated=())
+    file = copied(tmp_path, path, request(topic, parent="velodyne", is_new=True))
+    info = "/camera_info" if form == "rosbag1" else "/front/camera_info"
+    before, after = (read_all(one, tmp_path, name) for one, name in ((path, "before"), (file, "after")))
+    added = [one for one in after if one not in before]
+    frames = [time for name, time, _ in before if name == topic]
+    assert sorted(one[0] for one in added) == [*[info] * len(frames), "/tf_static"] and len(frames) > 2
+    assert [time for name, time, _ in added if name == info] == frames
+    assert min(time for _, time, _ in after) == next(time for name, time, _ in added if name == "/tf_static")
+    with open_closing(file) as recording:
+        (camera,) = [sensor for sensor in recording.sensors if sensor.kind == "camera"]
+        assert camera.camera_info["K"] == LENS["K"]
+        (pose,) = recording.static_transforms
+        assert (pose.parent, pose.child) == ("velodyne", "camera")
+
+
+def test_added_intrinsics_have_the_stamps_and_frames_of_their_images(tmp_path):
+    path, topic = write(tmp_path, "mcap", infos=False)
+    file = copied(tmp_path, path, request(topic))
+    for name, _, raw in read_all(file, tmp_path, "after"):
+        if name == "/front/camera_info":
+            info = ROS2.deserialize_cdr(raw, INFO)
+            assert info.header.frame_id == "camera" and np.array_equal(
+                info.p.reshape(3, 4)[:, :3].reshape(-1), info.k
+            )
+    stamps = [ROS2.deserialize_cdr(raw, COMPRESSED).header.stamp.nanosec for name, _, raw in
+              read_all(file, tmp_path, "x") if name == topic]  # fmt: skip
+    infos = [ROS2.deserialize_cdr(raw, INFO).header.stamp.nanosec for name, _, raw in
+             read_all(file, tmp_path, "y") if name == "/front/camera_info"]  # fmt: skip
+    assert infos == stamps
+
+
+def refusal(tmp_path, path, asked) -> ReadError:
+    with pytest.raises(ReadError) as refused:
+        copied(tmp_path, path, asked)
+    return refused.value
+
+
+def test_a_frame_that_moves_is_refused(tmp_path):
+    path, topic = write(tmp_path, "mcap", stated=(LIDAR,), moving=(CAMERA,))
+    assert refusal(tmp_path, path, request(topic, is_new=True)).code == "frame_moves"
+
+
+def test_a_pose_that_nobody_states_and_a_topic_that_is_not_there_are_refused(tmp_path):
+    path, topic = write(tmp_path, "db3")
+    assert refusal(tmp_path, path, request(topic, child="mast")).code == "copy_not_possible"
+    (tmp_path / "out" / "recording.db3").unlink()
+    assert "are no ROS messages" in refusal(tmp_path, path, request("/rear")).message
+
+
+def test_a_schema_that_would_run_is_not_taken_over(tmp_path):
+    path, topic = write(tmp_path, "db3")
+    with sqlite3.connect(path) as db:
+        db.execute("CREATE INDEX bomb ON messages (zeroblob(1000000))")
+    db.close()
+    file = copied(tmp_path, path, request(topic))
+    with sqlite3.connect(file) as db:
+        assert [name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'index'")] == [
+            "timestamp_idx"
+        ]
+    db.close()
+    with sqlite3.connect(path) as db:
+        db.execute("CREATE TRIGGER late AFTER INSERT ON messages BEGIN DELETE FROM messages; END")
+    db.close()
+    assert refusal(tmp_path, path, request(topic)).code == "sqlite_not_plain"
+
+
+def test_an_mcap_file_keeps_its_numbers_and_its_index_finds_every_message(tmp_path):
+    path, topic = write(tmp_path, "mcap", infos=False)
+    file = copied(tmp_path, path, request(topic))
+    with path.open("rb") as one, file.open("rb") as other:
+        plain = [(c.topic, m.log_time, m.publish_time, m.sequence) for _, c, m in make_reader(one).iter_messages()]
+        reader = make_reader(other)
+        found = list(reader.iter_messages())
+        kept = [
+            (c.topic, m.log_time, m.publish_time, m.sequence) for _, c, m in found if c.topic != "/front/camera_info"
+        ]
+        summary = reader.get_summary()
+    assert kept == plain
+    assert summary.statistics.message_count == len(found) == len(plain) + 5
+    schema, channel, _ = next(one for one in found if one[1].topic == "/front/camera_info")
+    assert schema.name == INFO and schema.encoding == "ros2msg" and b"float64[9] k" in schema.data
+    assert "durability: 2" in channel.metadata["offered_qos_profiles"]

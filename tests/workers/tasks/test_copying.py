@@ -1,0 +1,187 @@
+"""A recording with its published calibration put in: asked for over HTTP, copied by a worker, read as a file."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pytest
+from sqlalchemy import func, select
+
+from service.db.models import Blob, CalibratedCopy, Fleet, Recording, Study
+from service.db.recordings import Recording as Row
+from service.exports.transform import Transform
+from service.exports.urdf_tree import read_joints
+from service.imports.drafting import urdf_tree
+from service.jobs.sweep import sweep
+from tests.faults.jobs import pairs
+from tests.service.calibrations.given import publish
+from tests.service.detections.seeding import seed_rig
+from tests.support.databases import one_database
+from tests.support.work import work
+from tests.workers.readers.making_recordings import START_NS, clouds, images, interleaved, png, write_bag
+from tests.workers.readers.making_recordings import TYPES as ROS1
+from tests.workers.readers.making_transforms import LIDAR, TF, message
+from tests.workers.tasks.test_ingesting import uploaded
+from workers.readers.detect import open_recording
+from workers.tasks.context import Context
+
+pytestmark = one_database
+CAMERA = ("base_link", "mount", (1.5, 0.1, 1.4), (0.0, 0.0, 0.0, 1.0))
+OPTICAL = ("mount", "camera", (0.0, 0.0, 0.0), (-0.5, 0.5, -0.5, 0.5))
+
+
+@pytest.fixture
+def fleet(api):
+    return api.fleet()
+
+
+@pytest.fixture
+def engineer(api, fleet):
+    return api.member(fleet, "engineer")
+
+
+@pytest.fixture
+def recorded(api, fleet, context: Context, tmp_path):
+    """A ready recording of a rig whose camera has a published calibration."""
+    rig = seed_rig(api.database, fleet)
+    said = [("/tf_static", TF, START_NS, message(ROS1, [LIDAR, CAMERA, OPTICAL]))]
+    frames = list(images(4, "/camera/compressed", png(640, 480)))
+    file = write_bag(tmp_path / "walk.bag", interleaved(said, clouds(4), frames))
+    recording = uploaded(context, rig, file)
+    work(context)
+    publish(api, rig, api.member(fleet, "reviewer"))
+    return recording.id
+
+
+def ask(engineer, recording, **body):
+    return engineer.post(f"/recordings/{recording}/calibrated-copies", body)
+
+
+def taken(api, recording) -> tuple[int, int]:
+    """What is counted of a recording, and what the store holds."""
+    with api.database.reading() as session:
+        stored = session.scalar(select(func.sum(Blob.size)).where(Blob.state == "stored"))
+        return session.get_one(Row, recording).taken_bytes, stored
+
+
+def test_the_copy_holds_the_published_calibration(api, engineer, recorded, context, tmp_path):
+    asked = ask(engineer, recorded)
+    assert asked.status_code == 202, asked.text
+    (pose,) = asked.json()["poses"]
+    assert (pose["parent"], pose["child"], pose["is_new"]) == ("base_link", "mount", False)
+    address = f"/calibrated-copies/{asked.json()['id']}"
+    assert engineer.get(f"{address}/file").json()["code"] == "copy_not_ready"
+    work(context)
+    made = engineer.get(address).json()
+    assert made["state"] == "done", made
+    assert made["result"]["file_name"] == "walk-calibrated.bag" and made["result"]["replaced"] == 1
+    answer = engineer.get(f"{address}/file")
+    assert answer.headers["content-disposition"].endswith("walk-calibrated.bag")
+    assert hashlib.sha256(answer.content).hexdigest() == made["result"]["sha256"]
+    file = tmp_path / "copy.bag"
+    file.write_bytes(answer.content)
+    recording = open_recording(file)
+    try:
+        (camera,) = [one for one in recording.sensors if one.kind == "camera"]
+        poses = {one.child: one for one in recording.static_transforms}
+    finally:
+        recording.close()
+    assert camera.camera_info["K"] == [500.0, 0.0, 320.0, 0.0, 501.0, 240.0, 0.0, 0.0, 1.0]
+    # LEVEL: the camera stands 0.2 m before and 0.1 m below the LiDAR, which stands at (1.2, 0, 1.9).
+    assert poses["mount"].translation_m == pytest.approx((1.4, 0.0, 1.8))
+    assert poses["mount"].quaternion_xyzw == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-12)
+    assert poses["velodyne"].translation_m == LIDAR[2] and poses["camera"].translation_m == OPTICAL[2]
+    assert taken(api, recorded)[0] == taken(api, recorded)[1]
+    (listed,) = engineer.get(f"/recordings/{recorded}/calibrated-copies").json()["items"]
+    assert listed["id"] == asked.json()["id"]
+
+
+def test_a_named_joint_and_what_cannot_be_asked(api, engineer, recorded):
+    (pose,) = ask(engineer, recorded, joints={"front": "camera"}).json()["poses"]
+    assert (pose["parent"], pose["child"]) == ("mount", "camera")
+    for body, code in (
+        ({"joints": {"front": "velodyne"}}, "frames_not_usable"),
+        ({"joints": {"rear": "mount"}}, "camera_not_recorded"),
+        ({"alias": "canary"}, "no_calibration_yet"),
+    ):
+        refused = ask(engineer, recorded, **body)
+        assert refused.status_code in (404, 422) and refused.json()["code"] == code, refused.text
+
+
+def test_a_deleted_copy_and_a_deleted_recording_leave_nothing(api, engineer, recorded, context):
+    first, second = (ask(engineer, recorded).json()["id"] for _ in range(2))
+    work(context)
+    before, _ = taken(api, recorded)
+    assert engineer.delete(f"/calibrated-copies/{first}").status_code == 204
+    assert engineer.get(f"/calibrated-copies/{first}").status_code == 404
+    with api.database.reading() as session:
+        size = session.scalar(select(Blob.size).join(CalibratedCopy, CalibratedCopy.blob_key == Blob.key))
+    assert taken(api, recorded) == (before - size, before - size)
+    deleted = engineer.delete(f"/recordings/{recorded}")
+    assert deleted.status_code == 204, deleted.text
+    sweep(api.database, context.store)
+    with api.database.reading() as session:
+        assert session.scalars(select(Blob)).all() == [] and session.scalars(select(Study)).all() == []
+    assert second
+
+
+def test_a_fleet_without_room_hears_why(api, engineer, recorded, context):
+    before, _ = taken(api, recorded)
+    with api.database.writing() as session:
+        fleet = session.get_one(Fleet, session.get_one(Recording, recorded).fleet_id)
+        fleet.quota_bytes = before + 10
+    asked = ask(engineer, recorded).json()["id"]
+    work(context)
+    row = engineer.get(f"/calibrated-copies/{asked}").json()
+    assert (row["state"], row["problem"]["code"]) == ("failed", "fleet_quota_exceeded")
+    assert taken(api, recorded)[0] == before
+
+
+URDF = """<robot name="car">
+  <link name="base_link"/><link name="velodyne"/><link name="mount"/><link name="camera"/>
+  <joint name="lidar_joint" type="fixed"><parent link="base_link"/><child link="velodyne"/>
+    <origin xyz="1.2 0 1.9"/></joint>
+  <joint name="mount_joint" type="fixed"><parent link="base_link"/><child link="mount"/>
+    <origin xyz="1.5 0.1 1.4"/></joint>
+  <joint name="optical_joint" type="fixed"><parent link="mount"/><child link="camera"/>
+    <origin rpy="-1.5707963267948966 0 -1.5707963267948966"/></joint>
+</robot>"""
+
+
+def test_tf_static_in_and_a_verified_urdf_out(api, fleet, engineer, recorded, context):
+    """A rig from the bag's /tf_static, pairs, a calibration, and the vehicle's URDF with its own joint solved."""
+    with api.database.reading() as session:
+        vehicle = session.get_one(Recording, recorded).vehicle_id
+    camera = {"name": "front", "link": "camera", "image_size": [960, 600]}
+    asked = {"name": "of its tree", "lidar_link": "velodyne", "cameras": [camera]}
+    drafted = engineer.post(f"/recordings/{recorded}/rig-drafts", asked).json()["rig"]
+    rig = engineer.post(f"/vehicles/{vehicle}/rigs", drafted)
+    assert rig.status_code == 201, rig.text
+    seen = pairs(120)
+    brought = engineer.post(
+        f"/rigs/{rig.json()['id']}/correspondence-sets", {"pairs": seen}, params={"camera": "front"}
+    ).json()["id"]
+    schedule = {"slots": 2, "population": 400, "generations": 20, "max_iterations": 4}
+    request = {"correspondence_set_ids": [brought], "models": ["pinhole"], "folds": 0, "schedule": schedule}
+    calibration = engineer.post(f"/vehicles/{vehicle}/calibrations", request).json()["id"]
+    work(context)
+    found = engineer.get(f"/calibrations/{calibration}").json()["summary"]["cameras"]["front"]["models"]["pinhole"]
+    override = {"override": {"reason": "The walk is short."}}
+    reviewer = api.member(fleet, "reviewer", "Rev")
+    published = reviewer.post(f"/results/{found['result_id']}/publication", override)
+    assert published.status_code == 201, published.text
+    given = engineer.get(f"/vehicles/{vehicle}/cameras/front/calibration").json()
+    body = {"urdf": URDF, "joint": "mount_joint"}
+    text = engineer.post(f"/vehicles/{vehicle}/cameras/front/calibration/urdf", body).content
+    joint = read_joints(text)["mount_joint"].T_parent_child
+    assert (given["T_parent_child"]["to_frame"], given["T_parent_child"]["from_frame"]) == ("base_link", "mount")
+    assert np.abs(joint.matrix - Transform.of(given["T_parent_child"]).matrix).max() < 1e-9
+    # The file's own chain of joints puts every vertex where it was marked, to the noise of the marks (1 px each way).
+    T = urdf_tree(text).transform("camera", "velodyne")
+    points = np.array([[one[axis] for axis in "xyz"] for one in seen]) @ T.R.T + T.t
+    lens = given["intrinsics"]
+    u = lens["f_x"] * points[:, 0] / points[:, 2] + lens["c_x"] - [one["u"] for one in seen]
+    v = lens["f_y"] * points[:, 1] / points[:, 2] + lens["c_y"] - [one["v"] for one in seen]
+    assert np.sqrt(np.mean(u**2 + v**2)) == pytest.approx(found["polished"]["rms_px"], abs=1e-4)
+    assert found["polished"]["rms_px"] < 1.6

@@ -1,0 +1,1 @@
+"""A recording's own file with a calibration put in, and a file of it for viewers."""

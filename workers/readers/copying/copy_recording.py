@@ -1,0 +1,88 @@
+"""A recording's own file with its calibration put in: ROS 1 and ROS 2 bags and MCAP, bare or in an archive."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from workers.readers.copying.edits import Counts, Edits
+from workers.readers.copying.rosbag1_copy import copy_rosbag1
+from workers.readers.copying.rosbag2_copy import copy_file, copy_folder
+from workers.readers.detect import HEAD_BYTES
+from workers.readers.output import written
+from workers.readers.recording import ReadError
+from workers.readers.trees.folder import look_into
+from workers.readers.trees.open_tree import open_tree
+
+_BAG: Final = b"#ROSBAG V2.0\n"
+_STORAGE: Final = (b"SQLite format 3\0", b"\x89MCAP0\r\n")
+_EVERY_S: Final = 0.2
+
+
+def copy_recording(
+    path: Path, out_dir: Path, request: Mapping[str, Any], on_share: Callable[[float], None]
+) -> dict[str, Any]:
+    """Write the copy into a folder. Returns its ``file`` name and how many messages were copied, replaced and added.
+
+    Raises:
+        ReadError: ``copy_not_possible``, ``frame_moves``, and what the file's reader raises.
+    """
+    edits = Edits.from_json(request)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    made, counts = _copied(path, out_dir / "recording", edits, _paced(on_share))
+    said = {"copied": counts.copied, "replaced": counts.replaced, "added": counts.added}
+    return {"file": made.name, **said, "written": written()}
+
+
+def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> tuple[Path, Counts]:
+    if path.is_dir():
+        return copy_folder(path, out, edits, on_done)
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    if head.startswith(_BAG):
+        made = out.with_name(f"{out.name}.bag")
+        return made, copy_rosbag1(path, made, edits, on_done)
+    if head.startswith(_STORAGE):
+        return copy_file(path, out, edits, on_done)
+    tree = open_tree(path)
+    try:
+        contents = look_into(tree)
+        sources = list(contents.sources)
+        if len(sources) != 1 or contents.groups:
+            raise _refused(path, "holds not one bag but several files of sensors")
+        inner = tree.on_disk(sources[0])
+        if not inner.is_dir() and not _is_bag(inner):
+            raise _refused(path, "holds no bag and no MCAP file")
+        return _copied(inner, out, edits, on_done)
+    finally:
+        tree.close()
+
+
+def _is_bag(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(HEAD_BYTES).startswith((_BAG, *_STORAGE))
+
+
+def _refused(path: Path, why: str) -> ReadError:
+    return ReadError(
+        "copy_not_possible",
+        f"{path.name} {why}.",
+        "Only ROS bags and MCAP files with ROS messages are copied. `apexcal export --format ros2` writes files "
+        "to play beside it.",
+    )
+
+
+def _paced(on_share: Callable[[float], None]) -> Callable[[float], None]:
+    """Tell of progress a few times a second."""
+    due = 0.0
+
+    def tell(share: float) -> None:
+        nonlocal due
+        now = time.monotonic()
+        if now >= due:
+            due = now + _EVERY_S
+            on_share(share)
+
+    return tell

@@ -1,0 +1,211 @@
+"""Decides for each message of a bag whether it stays, is replaced, or is followed by one that is added."""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from workers.readers.copying.edits import CameraEdit, Counts, Edits
+from workers.readers.copying.messages import Messages, head_of_message
+from workers.readers.recording import ReadError
+from workers.readers.ros.camera_info import match_infos
+from workers.readers.ros.containers import Container
+from workers.readers.ros.ros_types import INFO, TRANSFORM, TRANSFORMS, full_name
+from workers.readers.ros.static_transforms import is_static_transforms
+from workers.readers.ros.topic_messages import CameraInfo, Topic
+
+_SUFFIXES: Final = ("/compressed", "/raw")
+_TF: Final = "tf"
+_TF_STATIC: Final = "/tf_static"
+
+
+@dataclass(frozen=True, slots=True)
+class NewTopic:
+    """A topic that the recording does not have yet; ``latched``: late subscribers get its last messages."""
+
+    name: str
+    type: str
+    encoding: str
+    latched: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """A message to add, with its time of recording."""
+
+    topic: str
+    log_ns: int
+    data: bytes
+
+
+class Editor:
+    """Knows a bag's topics, and what becomes of each of their messages.
+
+    Raises:
+        ReadError: ``copy_not_possible``, a camera's topic is not in the bag, or is in no encoding of ROS.
+    """
+
+    def __init__(self, container: Container, edits: Edits) -> None:
+        self.counts = Counts()
+        self.added_by_topic: dict[str, int] = {}
+        self._edits = edits
+        topics = {topic.name: topic for topic in container.topics}
+        self._encodings = {name: topic.encoding for name, topic in topics.items()}
+        self._messages = {encoding: Messages(encoding) for encoding in ("ros1", "cdr")}
+        self._static = {name for name, topic in topics.items() if is_static_transforms(topic)}
+        self._moving = {name for name, topic in topics.items() if _is_moving(topic)}
+        cameras = {camera.topic: camera for camera in edits.cameras}
+        for camera in edits.cameras:
+            if self._encodings.get(camera.topic) not in self._messages:
+                raise ReadError(
+                    "copy_not_possible",
+                    f"The images of {camera.name} ({camera.topic}) are no ROS messages of this file.",
+                    "Only ROS messages are copied. `apexcal export --format ros2` writes files to play beside it.",
+                )
+        self._infos = _infos_of(container, cameras)
+        replaced = {camera.topic for camera in self._infos.values()}
+        self._new_infos = {
+            camera.topic: (camera, _info_topic(camera, edits.cameras, topics))
+            for camera in edits.cameras
+            if camera.topic not in replaced
+        }
+        self._found: set[str] = set()
+
+    @property
+    def touched(self) -> frozenset[str]:
+        """Topics whose messages may be replaced."""
+        return frozenset({*self._infos, *self._static})
+
+    @property
+    def watched(self) -> frozenset[str]:
+        """Topics whose messages must be shown to :meth:`edited` or :meth:`following`."""
+        return self.touched | self._moving | frozenset(self._new_infos)
+
+    @property
+    def new_topics(self) -> list[NewTopic]:
+        """Topics to make."""
+        infos = [NewTopic(name, INFO, self._encodings[topic]) for topic, (_, name) in self._new_infos.items()]
+        poses = self._new_pose_topic
+        return (
+            infos
+            if poses is None or poses in self._static
+            else [
+                *infos,
+                NewTopic(poses, TRANSFORM, self._first_encoding, latched=True),
+            ]
+        )
+
+    @property
+    def _first_encoding(self) -> str:
+        return self._encodings[self._edits.cameras[0].topic]
+
+    @property
+    def _new_pose_topic(self) -> str | None:
+        if not any(pose.is_new for pose in self._edits.poses):
+            return None
+        return _TF_STATIC if _TF_STATIC in self._static or not self._static else min(self._static)
+
+    def first(self, log_ns: int) -> list[Added]:
+        """What is added before the first message."""
+        topic = self._new_pose_topic
+        if topic is None:
+            return []
+        new = [pose for pose in self._edits.poses if pose.is_new]
+        self._count(topic)
+        encoding = self._encodings.get(topic, self._first_encoding)
+        return [Added(topic, log_ns, self._messages[encoding].new_poses(new, log_ns))]
+
+    def edited(self, topic: str, raw: bytes) -> bytes:
+        """A message as it is to be written; the same bytes if nothing of it is replaced.
+
+        Raises:
+            ReadError: ``frame_moves``, a frame whose pose is put in is placed by a moving transform.
+        """
+        made = raw
+        if topic in self._infos:
+            made = self._messages[self._encodings[topic]].with_lens(raw, self._infos[topic])
+        elif topic in self._static:
+            made, found = self._messages[self._encodings[topic]].with_poses(raw, self._edits.poses)
+            self._found |= found
+        elif topic in self._moving:
+            self._check_moving(topic, raw)
+        if made is raw:
+            self.counts.copied += 1
+        else:
+            self.counts.replaced += 1
+        return made
+
+    def following(self, topic: str, log_ns: int, raw: bytes | memoryview) -> list[Added]:
+        """What is added after this message: the intrinsics beside an image that has none."""
+        if topic not in self._new_infos:
+            return []
+        camera, name = self._new_infos[topic]
+        encoding = self._encodings[topic]
+        stamp_ns, frame_id = head_of_message(encoding, raw)
+        self._count(name)
+        return [Added(name, log_ns, self._messages[encoding].new_info(camera, stamp_ns, frame_id or camera.frame_id))]
+
+    def _count(self, topic: str) -> None:
+        self.counts.added += 1
+        self.added_by_topic[topic] = self.added_by_topic.get(topic, 0) + 1
+
+    def found_elsewhere(self, other: Editor) -> None:
+        """Count the poses that another file of the same bag states."""
+        self._found |= other._found
+
+    def check_complete(self) -> None:
+        """Raises :class:`ReadError` ``copy_not_possible`` where a pose to replace was nowhere."""
+        missing = [pose.child for pose in self._edits.poses if not pose.is_new and pose.child not in self._found]
+        if missing:
+            raise ReadError(
+                "copy_not_possible",
+                f"No message places the frame {missing[0]!r}, although the recording's facts say so.",
+                "Read the recording again, then ask again.",
+            )
+
+    def _check_moving(self, topic: str, raw: bytes) -> None:
+        moving = set(self._messages[self._encodings[topic]].children(raw))
+        for pose in self._edits.poses:
+            if pose.child in moving:
+                raise ReadError(
+                    "frame_moves",
+                    f"{topic} moves the frame {pose.child!r}, so it has no fixed pose to put in.",
+                    "A calibration holds along fixed joints. Name another joint.",
+                )
+
+
+def _is_moving(topic: Topic) -> bool:
+    is_tf = topic.name.rpartition("/")[2] == _TF and full_name(topic.type) in TRANSFORMS
+    return is_tf and topic.encoding in ("ros1", "cdr")
+
+
+def _infos_of(container: Container, cameras: dict[str, CameraEdit]) -> dict[str, CameraEdit]:
+    """By topic of intrinsics, the camera whose they are."""
+    first: dict[str, CameraInfo] = {}
+    for topic in container.topics:
+        if full_name(topic.type) != INFO or topic.encoding not in ("ros1", "cdr"):
+            continue
+        decoder = container.decoder(topic)
+        for _, raw in container.samples(topic.name, 1):
+            message = decoder(raw) if decoder else None
+            if isinstance(message, CameraInfo):
+                first[topic.name] = message
+    matched = match_infos({topic: camera.frame_id for topic, camera in cameras.items()}, first)
+    return {name: cameras[topic] for topic, info in matched.items() for name, one in first.items() if one is info}
+
+
+def _info_topic(camera: CameraEdit, cameras: Sequence[CameraEdit], topics: dict[str, Topic]) -> str:
+    """Where image_transport looks for an image's intrinsics, if that is free and no other camera's."""
+    base = {one.topic: _base(one.topic) for one in cameras}
+    folder = posixpath.dirname(base[camera.topic])
+    beside = posixpath.join(folder, "camera_info")
+    shared = sum(posixpath.dirname(one) == folder for one in base.values()) > 1
+    return f"{base[camera.topic]}/camera_info" if shared or beside in topics else beside
+
+
+def _base(topic: str) -> str:
+    for suffix in _SUFFIXES:
+        topic = topic.removesuffix(suffix)
+    return topic

@@ -1,0 +1,71 @@
+"""What is put into a recording: cameras' intrinsics, and the poses of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+
+@dataclass(frozen=True, slots=True)
+class CameraEdit:
+    """A camera as calibrated.
+
+    Attributes:
+        name: the camera's name in the rig.
+        topic: its images in the recording.
+        frame_id: its optical frame there.
+        width, height: pixels.
+        distortion_model: as CameraInfo names it.
+        K: (9,) by rows, pixels. D: in the model's order.
+    """
+
+    name: str
+    topic: str
+    frame_id: str
+    width: int
+    height: int
+    distortion_model: str
+    K: tuple[float, ...]
+    D: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PoseEdit:
+    """``T_parent_child``: metres, and a unit quaternion. ``is_new``: the recording does not state it yet."""
+
+    parent: str
+    child: str
+    translation_m: tuple[float, ...]
+    quaternion_xyzw: tuple[float, ...]
+    is_new: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Edits:
+    """All of them. ``lidar_frame`` is that of the points."""
+
+    lidar_frame: str
+    cameras: Sequence[CameraEdit]
+    poses: Sequence[PoseEdit]
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Self:
+        """From plain data, as the service plans it."""
+        cameras = [replace(CameraEdit(**one), K=_floats(one["K"]), D=_floats(one["D"])) for one in data["cameras"]]
+        names = ("translation_m", "quaternion_xyzw")
+        poses = [replace(PoseEdit(**one), **{name: _floats(one[name]) for name in names}) for one in data["poses"]]
+        return cls(str(data["lidar_frame"]), cameras, poses)
+
+
+def _floats(values: Sequence[Any]) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)
+
+
+@dataclass(slots=True)
+class Counts:
+    """What was done: messages of each kind that were replaced, added, or copied as they are."""
+
+    copied: int = 0
+    replaced: int = 0
+    added: int = 0

@@ -1,0 +1,90 @@
+"""A ROS 1 bag, message by message into a new one: connections, times and bytes as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO, Final, cast
+
+from rosbags.interfaces import Connection, ConnectionExtRosbag1
+from rosbags.rosbag1 import Writer
+
+from workers.readers.copying.editor import Added, Editor, NewTopic
+from workers.readers.copying.edits import Counts, Edits
+from workers.readers.copying.messages import ros1_types
+from workers.readers.output import create
+from workers.readers.ros.rosbag1 import Rosbag1Bag, bag_damage
+
+_LATCHED: Final = 1
+
+
+class _Place:
+    """A path that opens a file whose bytes count."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def open(self, mode: str) -> BinaryIO:
+        assert mode == "xb"
+        return create(self._path)
+
+
+def copy_rosbag1(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> Counts:
+    """Raises :class:`ReadError` as :class:`Rosbag1Bag` and :class:`Editor` do."""
+    bag = Rosbag1Bag(path)
+    try:
+        editor = Editor(bag, edits)
+        with bag_damage(path):
+            _copy(bag, out, editor, on_done)
+        editor.check_complete()
+    finally:
+        bag.close()
+    return editor.counts
+
+
+def _copy(bag: Rosbag1Bag, out: Path, editor: Editor, on_done: Callable[[float], None]) -> None:
+    writer = Writer(out)
+    writer.path = cast(Any, _Place(out))
+    if bag.reader.compression in ("bz2", "lz4"):
+        writer.set_compression(Writer.CompressionFormat[bag.reader.compression.upper()])
+    total = max(1, sum(connection.msgcount for connection in bag.reader.connections))
+    with writer:
+        known = _connections(bag, writer)
+        new = {topic.name: _add(writer, topic) for topic in editor.new_topics}
+        by_topic = {connection.topic: connection for connection in known.values()} | new
+
+        def add(added: list[Added]) -> None:
+            for one in added:
+                writer.write(by_topic[one.topic], one.log_ns, one.data)
+
+        for number, (connection, log_ns, raw) in enumerate(bag.reader.messages()):
+            if number == 0:
+                add(editor.first(log_ns))
+            writer.write(known[connection.id], log_ns, editor.edited(connection.topic, raw))
+            add(editor.following(connection.topic, log_ns, raw))
+            on_done(number / total)
+
+
+def _connections(bag: Rosbag1Bag, writer: Writer) -> dict[int, Connection]:
+    """By the number in the bag. Connections that say the same are one."""
+    made: dict[tuple[Any, ...], Connection] = {}
+    found: dict[int, Connection] = {}
+    for one in bag.reader.connections:
+        ext = cast(ConnectionExtRosbag1, one.ext)
+        said = (one.topic, one.msgtype, one.msgdef.data, one.digest, ext.callerid, ext.latching)
+        if said not in made:
+            made[said] = writer.add_connection(
+                one.topic,
+                one.msgtype,
+                msgdef=one.msgdef.data,
+                md5sum=one.digest,
+                callerid=ext.callerid,
+                latching=ext.latching,
+            )
+        found[one.id] = made[said]
+    return found
+
+
+def _add(writer: Writer, topic: NewTopic) -> Connection:
+    latching = _LATCHED if topic.latched else None
+    return writer.add_connection(topic.name, topic.type, typestore=ros1_types(), latching=latching)

@@ -1,0 +1,146 @@
+"""A ROS 2 bag: one file, or a folder with metadata.yaml and its files, which becomes a tar."""
+
+from __future__ import annotations
+
+import tarfile
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+from workers.readers.copying.editor import Editor, NewTopic
+from workers.readers.copying.edits import Counts, Edits
+from workers.readers.copying.mcap_copy import copy_mcap
+from workers.readers.copying.qos import LATCHED_QOS, SENSOR_QOS
+from workers.readers.copying.sqlite_copy import copy_sqlite
+from workers.readers.damage import damage
+from workers.readers.output import create
+from workers.readers.ros.ros_types import fixed_types
+from workers.readers.ros.rosbag2 import METADATA, bag_files, read_metadata, unpacked_file
+from workers.readers.trees.scratch import Scratch
+
+_MCAP: Final = b"\x89MCAP0\r\n"
+_INFORMATION: Final = "rosbag2_bagfile_information"
+
+OnDone = Callable[[float], None]
+
+
+def copy_file(path: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, Counts]:
+    """Copy one file of a bag. Returns where it is, with its format's suffix, and what was done."""
+    scratch = Scratch(path.name)
+    try:
+        made, editor = _copy_one(path, out, edits, scratch, True, on_done)
+    finally:
+        scratch.close()
+    editor.check_complete()
+    return made, editor.counts
+
+
+def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, Counts]:
+    """Copy a bag's folder into a tar. New poses go into its first file."""
+    scratch = Scratch(folder.name)
+    work = out.parent / f"{out.name}-files"
+    work.mkdir()
+    try:
+        warnings: list[str] = []
+        files = bag_files(folder, warnings)
+        editors: list[Editor] = []
+        made: list[Path] = []
+        for number, file in enumerate(files):
+            name = file.name.removesuffix(".zstd").rpartition(".")[0]
+
+            def on_part(share: float, number: int = number) -> None:
+                on_done((number + share) / len(files))
+
+            copied, editor = _copy_one(file, work / name, edits, scratch, number == 0, on_part)
+            editors.append(editor)
+            made.append(copied)
+        _check_all(editors)
+        metadata = work / METADATA
+        with create(metadata) as file:
+            with damage(METADATA, "a ROS 2 bag's metadata", "Run `ros2 bag reindex` on the folder."):
+                text = _metadata(read_metadata(folder / METADATA), made, editors)
+            file.write(text)
+        return _packed([metadata, *made], out), _summed(editors)
+    finally:
+        scratch.close()
+
+
+def _copy_one(
+    path: Path, out: Path, edits: Edits, scratch: Scratch, is_first: bool, on_done: OnDone
+) -> tuple[Path, Editor]:
+    path = unpacked_file(path, scratch)
+    with path.open("rb") as file:
+        is_mcap = file.read(len(_MCAP)) == _MCAP
+    made = out.with_name(f"{out.name}.{'mcap' if is_mcap else 'db3'}")
+    copy = copy_mcap if is_mcap else copy_sqlite
+    return made, copy(path, made, edits, is_first, on_done)
+
+
+def _check_all(editors: list[Editor]) -> None:
+    """A pose may be stated in any of the files."""
+    for editor in editors[1:]:
+        editors[0].found_elsewhere(editor)
+    editors[0].check_complete()
+
+
+def _summed(editors: list[Editor]) -> Counts:
+    counts = [editor.counts for editor in editors]
+    return Counts(
+        sum(one.copied for one in counts), sum(one.replaced for one in counts), sum(one.added for one in counts)
+    )
+
+
+def _metadata(stated: Mapping[str, Any], files: list[Path], editors: list[Editor]) -> bytes:
+    """The bag's metadata with the new topics, counts and names; nothing is compressed as a whole any more."""
+    yaml: Any = import_module("yaml")
+    information: dict[str, Any] = dict(stated)
+    added: dict[str, int] = {}
+    for editor in editors:
+        for topic, count in editor.added_by_topic.items():
+            added[topic] = added.get(topic, 0) + count
+    stated_topics: list[dict[str, Any]] = information.get("topics_with_message_count") or []
+    listed: list[dict[str, Any]] = [dict(one) for one in stated_topics]
+    known: dict[str, dict[str, Any]] = {one["topic_metadata"]["name"]: one for one in listed}
+    for name, count in added.items():
+        if name in known:
+            known[name]["message_count"] = int(known[name]["message_count"]) + count
+    new = {topic.name: topic for editor in editors for topic in editor.new_topics}
+    listed += [
+        {"topic_metadata": _topic(topic), "message_count": added.get(topic.name, 0)}
+        for topic in new.values()
+        if topic.name not in known
+    ]
+    information |= {
+        "relative_file_paths": [file.name for file in files],
+        "topics_with_message_count": listed,
+        "message_count": int(information.get("message_count", 0)) + sum(added.values()),
+    }
+    if information.get("compression_mode", "").lower() == "file":
+        information |= {"compression_mode": "", "compression_format": ""}
+    parts: list[dict[str, Any]] = information.get("files") or []
+    if len(parts) == len(files):
+        information["files"] = [
+            {**part, "path": file.name, "message_count": int(part["message_count"]) + editor.counts.added}
+            for part, file, editor in zip(parts, files, editors, strict=True)
+        ]
+    text: str = yaml.safe_dump({_INFORMATION: information}, sort_keys=False, allow_unicode=True)
+    return text.encode()
+
+
+def _topic(topic: NewTopic) -> dict[str, str]:
+    return {
+        "name": topic.name,
+        "type": topic.type,
+        "serialization_format": "cdr",
+        "offered_qos_profiles": LATCHED_QOS if topic.latched else SENSOR_QOS,
+        "type_description_hash": fixed_types("cdr").hash_rihs01(topic.type),
+    }
+
+
+def _packed(files: list[Path], out: Path) -> Path:
+    made = out.with_name(f"{out.name}.tar")
+    with create(made) as raw, tarfile.open(fileobj=raw, mode="w") as tar:
+        for file in files:
+            tar.add(file, arcname=f"bag/{file.name}")
+    return made

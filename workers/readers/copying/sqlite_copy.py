@@ -1,0 +1,158 @@
+"""One .db3 file of a ROS 2 bag, row by row into a new one: ids, times and bytes as they are.
+
+The new file's tables are made here, by the columns that rosbag2 knows: nothing of the file's own schema is run.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, Final
+
+import zstandard
+
+from workers.readers.copying.editor import Added, Editor, NewTopic
+from workers.readers.copying.edits import Edits
+from workers.readers.copying.qos import LATCHED_QOS, SENSOR_QOS
+from workers.readers.output import declare
+from workers.readers.ros.ros_types import fixed_types
+from workers.readers.ros.sqlite_bag import SqliteBag, unpacked_message
+
+_TABLES: Final = {
+    "schema": "schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL",
+    "metadata": "id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL",
+    "topics": "id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, serialization_format TEXT NOT NULL, "
+    "offered_qos_profiles TEXT NOT NULL, type_description_hash TEXT NOT NULL",
+    "message_definitions": "id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL, "
+    "encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL",
+    "messages": "id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL, data BLOB NOT NULL",
+}
+_INDEX: Final = "CREATE INDEX timestamp_idx ON messages (timestamp ASC)"
+# Of a row: its numbers, their lengths, and its entry in the index.
+_ROW_BYTES: Final = 64
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"
+
+
+def copy_sqlite(path: Path, out: Path, edits: Edits, is_first: bool, on_done: Callable[[float], None]) -> Editor:
+    """Copy a file. ``is_first``: whether new poses go into it.
+
+    Raises:
+        ReadError: as :class:`SqliteBag` and :class:`Editor` do.
+    """
+    bag = SqliteBag(path)
+    try:
+        editor = Editor(bag, edits)
+        db = sqlite3.connect(out, isolation_level=None)
+        try:
+            # Nothing but the new file is written, and a file that was not finished is of no use.
+            for pragma in ("journal_mode=OFF", "synchronous=OFF", "temp_store=MEMORY", "cache_size=-4000"):
+                db.execute(f"PRAGMA {pragma}")
+            db.execute("BEGIN")
+            with bag.damage():
+                _Copy(bag, db, editor, out.parent).run(is_first, on_done)
+            db.execute("COMMIT")
+        finally:
+            db.close()
+    finally:
+        bag.close()
+    return editor
+
+
+class _Copy:
+    def __init__(self, bag: SqliteBag, db: sqlite3.Connection, editor: Editor, folder: Path) -> None:
+        self._bag, self._db, self._editor, self._folder = bag, db, editor, folder
+        self._columns = bag.file.columns
+        self._names = {number: name for name, numbers in bag.ids.items() for number in numbers}
+        self._ids = {name: numbers[0] for name, numbers in bag.ids.items()}
+        self._next_id = 0
+        self._is_packed = False
+
+    def run(self, is_first: bool, on_done: Callable[[float], None]) -> None:
+        for table in ("schema", "metadata", "topics", "message_definitions"):
+            self._copy_table(table)
+        for topic in self._editor.new_topics:
+            self._add_topic(topic)
+        self._make("messages")
+        total = max(1, sum(topic.count or 0 for topic in self._bag.topics))
+        ((last,),) = self._bag.file.rows("SELECT count(*) FROM messages")
+        rows = self._bag.file.rows("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id")
+        added: list[Added] = []
+        self._next_id = int(last)
+        for number, (row, topic_id, log_ns, data) in enumerate(rows):
+            self._next_id = max(self._next_id, int(row))
+            if number == 0:
+                self._is_packed = data[:4] == _ZSTD
+                added += self._editor.first(int(log_ns)) if is_first else []
+            name = self._names.get(topic_id, "")
+            self._insert(row, topic_id, log_ns, self._edited(name, data))
+            if name in self._editor.watched:
+                added += self._editor.following(name, int(log_ns), unpacked_message(data))
+            on_done(number / total)
+        for one in added:
+            self._next_id += 1
+            self._insert(self._next_id, self._ids[one.topic], one.log_ns, self._packed(one.data))
+        self._db.execute(_INDEX)
+
+    def _edited(self, name: str, data: bytes) -> bytes:
+        if name not in self._editor.watched:
+            self._editor.counts.copied += 1
+            return data
+        plain = unpacked_message(data)
+        made = self._editor.edited(name, plain)
+        return data if made is plain else self._packed(made) if data[:4] == _ZSTD else made
+
+    def _packed(self, data: bytes) -> bytes:
+        """Of a bag whose recorder packed each message by itself, the new ones too."""
+        return zstandard.ZstdCompressor().compress(data) if self._is_packed else data
+
+    def _insert(self, row: int, topic_id: int, log_ns: int, data: bytes) -> None:
+        declare(len(data) + _ROW_BYTES, self._folder)
+        self._db.execute("INSERT INTO messages VALUES (?, ?, ?, ?)", (row, topic_id, log_ns, data))
+
+    def _make(self, table: str) -> None:
+        columns = [one.strip() for one in _TABLES[table].split(",")]
+        kept = [one for one in columns if one.split()[0] in self._columns.get(table, ())]
+        self._db.execute(f"CREATE TABLE {table} ({', '.join(kept or columns)})")
+
+    def _copy_table(self, table: str) -> None:
+        if table not in self._columns:
+            return
+        self._make(table)
+        names = [one.split()[0] for one in _TABLES[table].split(",") if one.split()[0] in self._columns[table]]
+        rows: Iterable[tuple[Any, ...]] = self._bag.file.rows(f"SELECT {', '.join(names)} FROM {table}")
+        marks = ", ".join("?" * len(names))
+        for row in rows:
+            declare(_ROW_BYTES + sum(len(one) for one in row if isinstance(one, str | bytes)), self._folder)
+            self._db.execute(f"INSERT INTO {table} ({', '.join(names)}) VALUES ({marks})", row)
+
+    def _add_topic(self, topic: NewTopic) -> None:
+        number = max([0, *self._names]) + 1
+        self._names[number], self._ids[topic.name] = topic.name, number
+        values = {
+            "id": number,
+            "name": topic.name,
+            "type": topic.type,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": LATCHED_QOS if topic.latched else SENSOR_QOS,
+            "type_description_hash": fixed_types("cdr").hash_rihs01(topic.type),
+        }
+        names = [name for name in values if name in self._columns["topics"]]
+        marks = ", ".join("?" * len(names))
+        said = [values[name] for name in names]
+        self._db.execute(f"INSERT INTO topics ({', '.join(names)}) VALUES ({marks})", said)
+        if "message_definitions" in self._columns:
+            self._add_definition(topic, values["type_description_hash"])
+
+    def _add_definition(self, topic: NewTopic, digest: object) -> None:
+        text, _ = fixed_types("cdr").generate_msgdef(topic.type, ros_version=2)
+        values = {
+            "topic_type": topic.type,
+            "encoding": "ros2msg",
+            "encoded_message_definition": text,
+            "type_description_hash": digest,
+        }
+        names = [name for name in values if name in self._columns["message_definitions"]]
+        marks = ", ".join("?" * len(names))
+        said = [values[name] for name in names]
+        self._db.execute(f"INSERT INTO message_definitions ({', '.join(names)}) VALUES ({marks})", said)

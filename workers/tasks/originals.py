@@ -1,0 +1,74 @@
+"""An upload as one file again, and what a process that reads it may take."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from service.db.recordings import Recording, UploadPart
+from service.jobs.claims import Lease
+from service.settings import MIB, Settings
+from workers.readers.limits import Limits
+from workers.readers.recording import ReadError
+from workers.tasks.context import Context
+from workers.tasks.loading import require_room
+
+
+def reading_limits(settings: Settings, size: int) -> Limits:
+    """Four fifths of the task's time are for the reading, the rest for joining the parts and storing the results."""
+    wall_s = settings.ingest_wall_s + settings.ingest_wall_s_per_mib * size / MIB
+    return Limits(
+        memory_bytes=settings.ingest_memory_bytes,
+        cpu_s=settings.ingest_cpu_s,
+        wall_s=min(wall_s, 0.8 * settings.task_limit_s),
+        silence_s=settings.ingest_silence_s,
+        file_bytes=settings.ingest_file_bytes,
+        output_ratio=settings.ingest_output_ratio,
+        video_ratio=settings.ingest_video_ratio,
+        output_floor_bytes=settings.ingest_output_floor_bytes,
+        reserve_bytes=settings.min_free_bytes,
+    )
+
+
+def join_parts(
+    context: Context, recording: Recording, parts: Sequence[UploadPart], folder: Path, lease: Lease
+) -> Path:
+    """The original as one file; every part's checksum compared with what was acknowledged, and the whole's too."""
+    source = folder / "original" / plain_name(recording.file_name)
+    source.parent.mkdir()
+    require_room(context, shutil.disk_usage(folder).free, recording.size)
+    whole = hashlib.sha256()
+    done = 0
+    with source.open("wb") as file:
+        for part in parts:
+            require_room(context, shutil.disk_usage(folder).free, part.size)
+            digest = hashlib.sha256()
+            for chunk in context.store.stream(part.blob_key):
+                file.write(chunk)
+                whole.update(chunk)
+                digest.update(chunk)
+                done += len(chunk)
+                lease.report(0.1 * done / max(recording.size, 1), "joining the parts")
+            _require_same(f"Part {part.number}", digest.hexdigest(), part.sha256)
+    if recording.sha256:
+        _require_same("All parts together", whole.hexdigest(), recording.sha256)
+    return source
+
+
+def _require_same(what: str, found: str, announced: str) -> None:
+    """Parts may come straight into the store, where nothing of ours looks at their bytes before this."""
+    if found != announced:
+        raise ReadError(
+            "checksum_mismatch",
+            f"{what} has the SHA-256 {found}, announced was {announced}.",
+            "A part was made from another file or another version of it, or damaged on its way. Upload the recording "
+            "again.",
+        )
+
+
+def plain_name(file_name: str) -> str:
+    """The owner's name for the file where it is harmless: readers name sensors after it, and look at its end."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", file_name)[-100:].lstrip(".") or "recording"

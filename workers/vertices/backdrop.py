@@ -1,0 +1,233 @@
+"""What the sweeps of still poses have in common: the backdrop before which the board stands.
+
+Sweeps are compared as images of ranges, one row per ring and one column per two firings. A return is the same in
+another sweep if that has a return of about the same range in its cell or a neighbouring one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Self
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import Sweep
+from workers.vertices.sensor_grid import learn_grid
+from workers.vertices.sweep_source import SweepSource
+
+Floats = NDArray[np.float64]
+Images = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+MOST_COMPARED: Final = 48
+_GRID_SWEEPS: Final = 8
+_FIRINGS: Final = 2  # per cell, so that each cell has a return whatever the phase of the firings
+_ACCURACY_M: Final = 0.03  # data sheets of spinning sensors
+_DEVIATIONS: Final = 4.0  # of the difference of two ranges
+_GRAZING_M: Final = 0.5  # returns of one cell that are farther apart lie on two surfaces
+_SAME_SHARE: Final = 0.5  # of the sweeps that can see the place
+_SEEN_SHARE: Final = 0.25  # of all sweeps; what is seen less often may be several boards by chance
+_BEHIND_SHARE: Final = 0.15
+_STILL_SHARE: Final = 0.8
+_AROUND: Final = 0.45  # of the azimuths: a board, its bearer and others take less
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """What the other sweeps tell of a sweep's N points.
+
+    Attributes:
+        still: (N,) whether the point is the same in most sweeps that can see its place.
+        moved: (N,) whether it is not, and hides what other sweeps see behind it: a surface, or nothing.
+    """
+
+    still: Mask
+    moved: Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Backdrop:
+    """Images of some sweeps of a recording.
+
+    Attributes:
+        stamps_ns: of these sweeps.
+        near, far: (S, R, C) least and greatest range in each cell, metres; 0 where there is no return.
+        elevation: (R,) radians, of the rings.
+        tolerance_m: by which two ranges of one surface differ at most.
+    """
+
+    stamps_ns: Sequence[int]
+    near: Images
+    far: Images
+    elevation: Floats
+    tolerance_m: float
+
+    @classmethod
+    def of(cls, source: SweepSource, most: int = MOST_COMPARED, on_sweep: Callable[[], None] | None = None) -> Self:
+        """The backdrop of at most so many sweeps, spread over a recording."""
+        count = len(source)
+        numbers = sorted({int(n) for n in np.linspace(0, count - 1, min(most, count)).round()}) if count else []
+        grid = learn_grid(source.sweep(number) for number in numbers[:: max(1, len(numbers) // _GRID_SWEEPS)])
+        elevation = grid.elevation if grid.elevation.size else np.zeros(1)
+        shape = elevation.size, max(8, math.ceil(2.0 * math.pi / (_FIRINGS * grid.step)))
+        near, far = (np.zeros((len(numbers), *shape), np.float32) for _ in range(2))
+        stamps_ns: list[int] = []
+        for place, number in enumerate(numbers):
+            sweep = source.sweep(number)
+            stamps_ns.append(sweep.stamp_ns)
+            _fill(sweep.xyz, sweep.ring, near[place], far[place])
+            if on_sweep is not None:
+                on_sweep()
+        return cls(stamps_ns, near, far, elevation, _tolerance(near, far))
+
+    def again(self, sweeps: Sequence[Sweep]) -> Self:
+        """The images of other sweeps of the recording, with the same tolerance."""
+        near, far = (np.zeros((len(sweeps), *self.near.shape[1:]), np.float32) for _ in range(2))
+        for place, sweep in enumerate(sweeps):
+            _fill(sweep.xyz, sweep.ring, near[place], far[place])
+        return replace(self, stamps_ns=[sweep.stamp_ns for sweep in sweeps], near=near, far=far)
+
+    def compare(self, sweep: Sweep) -> Compared:
+        """What is still and what moved in a sweep of the recording; everything is neither without another sweep."""
+        others = np.array(
+            [place for place, stamp_ns in enumerate(self.stamps_ns) if stamp_ns != sweep.stamp_ns], np.int64
+        )
+        if not others.size:
+            nothing = np.zeros(len(sweep.xyz), np.bool_)
+            return Compared(nothing, nothing.copy())
+        same, beyond, none = _look(sweep.xyz, sweep.ring, self.near, self.far, others, self.tolerance_m)
+        count = others.size
+        still = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= _SAME_SHARE * (same + beyond + none))
+        return Compared(still, ~still & (beyond + none >= max(1.0, _BEHIND_SHARE * count)))
+
+    def same(self, sweep: Sweep, kept: Mask, place: int) -> float:
+        """Share of a sweep's points ``kept`` (N,) that are the same in the image at ``place``."""
+        if not kept.any():
+            return 0.0
+        other = np.array([place], np.int64)
+        same, _, _ = _look(sweep.xyz[kept], sweep.ring[kept], self.near, self.far, other, self.tolerance_m)
+        return float(np.mean(same > 0))
+
+    def moves_itself(self) -> bool:
+        """Whether the sensor moves: most upright surfaces, on many sides, are elsewhere in each sweep.
+
+        The ground tells nothing: it looks alike from everywhere. Nor do few sweeps.
+        """
+        if len(self.stamps_ns) < 3:
+            return False
+        shares: list[float] = []
+        around: list[float] = []
+        for place in range(len(self.stamps_ns)):
+            others = np.array([other for other in range(len(self.stamps_ns)) if other != place], np.int64)
+            upright, still = _upright(self.near[place], self.elevation, self.near, self.far, others, self.tolerance_m)
+            count = int(np.count_nonzero(upright))
+            shares.append(np.count_nonzero(still) / count if count else 1.0)
+            seen = (self.near[place] > 0.0).any(axis=0)
+            around.append(np.count_nonzero((upright & ~still).any(axis=0)) / max(np.count_nonzero(seen), 1))
+        return float(np.median(shares)) < _STILL_SHARE and float(np.median(around)) > _AROUND
+
+
+def _tolerance(near: Images, far: Images) -> float:
+    """From how much the ranges of a cell differ from one sweep to the next; most cells show what stands still."""
+    alone = (near > 0.0) & (far - near < 0.05)
+    apart = [np.abs(near[k + 1] - near[k])[alone[k] & alone[k + 1]].astype(np.float64) for k in range(len(near) - 1)]
+    values = np.concatenate([np.zeros(0), *apart])
+    values = values[values < 0.2]
+    spread = 1.4826 * float(np.median(values)) if values.size else 0.0
+    return max(_ACCURACY_M, _DEVIATIONS * spread)
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _cell(x: float, y: float, z: float, columns: int) -> tuple[int, float]:
+    """Column and range of a point; the range is 0 where it is no point."""
+    distance = math.sqrt(x * x + y * y + z * z)
+    if not (math.isfinite(distance) and distance > 0.0):
+        return 0, 0.0
+    return int((math.atan2(y, x) / (2.0 * math.pi) + 0.5) * columns) % columns, distance
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _fill(xyz: NDArray[np.float32], ring: NDArray[np.uint16], near: Images, far: Images) -> None:
+    rings, columns = near.shape
+    for i in range(xyz.shape[0]):
+        c, distance = _cell(xyz[i, 0], xyz[i, 1], xyz[i, 2], columns)
+        r = ring[i]
+        if distance > 0.0 and r < rings:
+            near[r, c] = distance if near[r, c] == 0.0 else min(near[r, c], distance)
+            far[r, c] = max(far[r, c], distance)
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _relation(near: Images, far: Images, r: int, c: int, distance: float, tolerance: float) -> int:
+    """0: the other sweep has the same there; 1: what lies beyond; 2: nothing; 3: something that hides the place."""
+    columns = near.shape[1]
+    empty = True
+    for dc in range(-1, 2):
+        column = (c + dc) % columns
+        low, high = near[r, column], far[r, column]
+        if low == 0.0:
+            continue
+        empty = False
+        wide = high - low
+        if wide > _GRAZING_M:
+            if abs(distance - low) <= tolerance or abs(distance - high) <= tolerance:
+                return 0
+        elif low - tolerance - wide <= distance <= high + tolerance + wide:
+            return 0
+    if empty:
+        return 2
+    return 1 if far[r, c] == 0.0 or far[r, c] > distance else 3
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _look(
+    xyz: NDArray[np.float32],
+    ring: NDArray[np.uint16],
+    near: Images,
+    far: Images,
+    others: NDArray[np.int64],
+    tolerance: float,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """(N,) in how many other sweeps a point is the same, has something beyond it, has nothing."""
+    found = np.zeros((3, xyz.shape[0]), np.int64)
+    _, rings, columns = near.shape
+    for i in range(xyz.shape[0]):
+        c, distance = _cell(xyz[i, 0], xyz[i, 1], xyz[i, 2], columns)
+        if distance == 0.0 or ring[i] >= rings:
+            continue
+        for k in others:
+            relation = _relation(near[k], far[k], ring[i], c, distance, tolerance)
+            if relation < 3:
+                found[relation, i] += 1
+    return found[0], found[1], found[2]
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _upright(
+    own: Images, elevation: Floats, near: Images, far: Images, others: NDArray[np.int64], tolerance: float
+) -> tuple[Mask, Mask]:
+    """(R, C) whether the ring above or below meets a surface that rises steeply from there; if so, whether it is
+    still."""
+    rings, columns = own.shape
+    upright, still = np.zeros((rings, columns), np.bool_), np.zeros((rings, columns), np.bool_)
+    cosine, sine = np.cos(elevation), np.sin(elevation)
+    for r in range(rings):
+        for c in range(columns):
+            distance = own[r, c]
+            if distance == 0.0:
+                continue
+            for other in (r - 1, r + 1):
+                if 0 <= other < rings and own[other, c] > 0.0:
+                    away = own[other, c] * cosine[other] - distance * cosine[r]
+                    upright[r, c] |= abs(away) < abs(own[other, c] * sine[other] - distance * sine[r])
+            if not upright[r, c]:
+                continue
+            same = 0
+            for k in others:
+                same += _relation(near[k], far[k], r, c, distance, tolerance) == 0
+            still[r, c] = same >= _SAME_SHARE * others.size
+    return upright, still

@@ -1,0 +1,117 @@
+"""Any detector over still poses: before the backdrop, without a track, one vertex for each pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from apexcal.documents.detectors import Options
+from workers.geometry.spherical import to_spherical, to_xyz
+from workers.vertices.region import Region
+from workers.vertices.still_poses import Foreground, StillPoses
+from workers.vertices.sweep_source import OnSweep, Run, SweepSource
+from workers.vertices.vertex import Rejection, Vertex
+
+Floats = NDArray[np.float64]
+
+_FEWEST_FIXED: Final = 8
+_FIXED_M: Final = 0.05  # who stands still sways by as much
+_NEARLY_ALL: Final = 0.9
+_AGREE_M: Final = 0.1  # sweeps of one pose that put the apex farther away saw something else
+# A difference between few sweeps is uncertain. As many imagined ones do not differ, so that S is rather too small.
+_IMAGINED: Final = 4
+
+
+def detect_poses(
+    source: SweepSource,
+    region: Region,
+    poses: StillPoses,
+    run: Run,
+    options: Options,
+    indices: range,
+    on_sweep: OnSweep,
+) -> list[Vertex | Rejection]:
+    """One answer for each sweep of ``indices``; of a pose's sweeps one has the vertex, all others say so.
+
+    A pose that reaches beyond ``indices`` is looked at whole, so that its vertex is the same in every shard.
+    """
+    wider = range(poses.pose_of(indices.start).start, poses.pose_of(indices.stop - 1).stop)
+    alone = {**options, "track": 0.0} if "track" in options else options
+    found = list(run(source, Foreground(region, poses), alone, wider, on_sweep))
+    for place, index in enumerate(wider):
+        if found[place] == Rejection("no_points") and region.inside(source.sweep(index)).any():
+            found[place] = Rejection("nothing_differs")
+    answers: list[Vertex | Rejection] = []
+    at = wider.start
+    while at < wider.stop:
+        pose = poses.pose_of(at)
+        answers += one_of(found[pose.start - wider.start : pose.stop - wider.start])
+        at = pose.stop
+    return answers[indices.start - wider.start : indices.stop - wider.start]
+
+
+def fixed_place(xyz: Floats) -> tuple[float, float, float] | None:
+    """Where nearly all of a walk's vertices (N, 3) stand, if that is one place: then it is no board that moves."""
+    if len(xyz) < _FEWEST_FIXED:
+        return None
+    middle = np.median(xyz, axis=0)
+    if np.mean(np.linalg.norm(xyz - middle, axis=1) <= _FIXED_M) < _NEARLY_ALL:
+        return None
+    x, y, z = middle.tolist()
+    return x, y, z
+
+
+def one_of(found: Sequence[Vertex | Rejection]) -> list[Vertex | Rejection]:
+    """The answers of one pose's sweeps with a single vertex in place of all that there are.
+
+    It stands in the sweep nearest to the middle of those that saw it, and is their mean.
+    """
+    seen = [(place, vertex) for place, vertex in enumerate(found) if isinstance(vertex, Vertex)]
+    if len(seen) < 2:
+        return list(found)
+    xyz = np.array([vertex.xyz for _, vertex in seen])
+    apart = np.linalg.norm(xyz[:, None] - xyz[None, :], axis=2)
+    middle = int(np.argmin(np.median(apart, axis=1)))
+    agree = [seen[k] for k in np.flatnonzero(apart[middle] <= _AGREE_M)]
+    home, vertex = agree[len(agree) // 2]
+    answers: list[Vertex | Rejection] = [
+        Rejection("same_pose") if isinstance(answer, Vertex) else answer for answer in found
+    ]
+    answers[home] = _mean(vertex, [one for _, one in agree])
+    return answers
+
+
+def _mean(home: Vertex, seen: Sequence[Vertex]) -> Vertex:
+    """The vertex of ``home``'s sweep at the mean of all, with the covariance of that mean.
+
+    The sweeps of a pose share most of their error: the same rings meet the same board. Of the covariance C that each
+    states, the part S by which they differ is theirs alone. So their mean has C - (1 - 1/n) S.
+    """
+    values = np.array([vertex.xyz for vertex in seen])
+    mean = values.mean(axis=0)
+    x, y, z = mean.tolist()
+    stated = [vertex.covariance for vertex in seen if vertex.covariance is not None]
+    covariance = None
+    if len(stated) == len(seen):
+        common = to_xyz(np.mean(np.array(stated), axis=0), mean)
+        (aa, ae, ar), (ea, ee, er), (ra, re, rr) = to_spherical(_less(common, values), mean).tolist()
+        covariance = (aa, ae, ar), (ea, ee, er), (ra, re, rr)
+    flags = tuple(sorted({flag for vertex in seen for flag in vertex.flags}))
+    points = sum(vertex.points_used for vertex in seen)
+    return replace(home, xyz=(x, y, z), points_used=points, covariance=covariance, flags=flags)
+
+
+def _less(stated: Floats, values: Floats) -> Floats:
+    """C - (1 - 1/n) S, in axes where C is the unit matrix and no eigenvalue of S is above 1."""
+    n = len(values)
+    root = np.linalg.cholesky(stated)
+    white: Floats = np.asarray(np.linalg.solve(root, (values - values.mean(axis=0)).T), np.float64)
+    size, axes = np.linalg.eigh(white @ white.T / (n - 1 + _IMAGINED))
+    left = 1.0 - (1.0 - 1.0 / n) * np.minimum(size, 1.0)
+    half = root @ axes
+    result: Floats = (half * left) @ half.T
+    return result

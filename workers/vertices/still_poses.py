@@ -1,0 +1,194 @@
+"""Still poses: noticing them, which sweeps show the same pose, and what of a sweep lies before the backdrop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import Sweep
+from workers.vertices.backdrop import Backdrop
+from workers.vertices.footprint import clusters
+from workers.vertices.jumps import APART_S, count_steps
+from workers.vertices.region import Region
+from workers.vertices.sensor_grid import SensorGrid, learn_grid
+from workers.vertices.sweep_source import SweepSource
+from workers.vertices.upright_pieces import upright_pieces
+from workers.vertices.vertex import PoseFacts
+
+Mask = NDArray[np.bool_]
+
+_NOTICED_UP_TO: Final = 64  # sweeps; who walks records more than six seconds
+_FEWEST_OF_A_WALK: Final = 4
+_CELL_M: Final = 0.4
+_SAME_POSE: Final = 0.9
+_GRID_SWEEPS: Final = 8
+_PAIRS: Final = 4
+_A_SWEEP: Final = 500  # points; clouds with fewer were cut out already and show no surroundings
+_LOOKED_AT: Final = 16
+_BODY_M: Final = 0.5
+_FEET_M: Final = 0.3
+_SWAYS: Final = 0.3  # a swaying body shows a tenth of itself at its edges
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StillPoses:
+    """What a recording of still poses tells before anything is looked for.
+
+    Attributes:
+        backdrop: what its sweeps have in common; of a single pose nothing can be told to be backdrop.
+        first: of each sweep, the number of the first sweep of its pose.
+        grid: the directions in which the sensor fires.
+        stated: whether the owner said so; else it was noticed.
+        single: whether there is one pose alone.
+    """
+
+    backdrop: Backdrop
+    first: tuple[int, ...]
+    grid: SensorGrid
+    stated: bool
+    single: bool
+
+    @property
+    def count(self) -> int:
+        """How many poses."""
+        return len(set(self.first))
+
+    def facts(self) -> PoseFacts:
+        """What the owner is told."""
+        return PoseFacts(self.count, self.stated)
+
+    def grouped(self, source: SweepSource, region: Region, on_sweep: Callable[[], None] | None = None) -> StillPoses:
+        """With neighbouring sweeps of one pose told from those of different poses."""
+        if self.single:
+            return self
+        first: list[int] = []
+        before: Sweep | None = None
+        for number in range(len(source)):
+            sweep = source.sweep(number)
+            if on_sweep is not None:
+                on_sweep()
+            together = before is not None and _same_pose(before, sweep, region, self.backdrop)
+            first.append(first[-1] if together else number)
+            before = sweep
+        return replace(self, first=tuple(first))
+
+    def pose_of(self, index: int) -> range:
+        """The sweeps that show the same pose as sweep ``index``."""
+        first = self.first[index]
+        stop = index + 1
+        while stop < len(self.first) and self.first[stop] == first:
+            stop += 1
+        return range(first, stop)
+
+    def before(self, sweep: Sweep, kept: Mask) -> Mask:
+        """Which of the points ``kept`` (N,) are no backdrop.
+
+        Of a single pose, walls and what else is too large for a board with its bearer is backdrop.
+        """
+        if not self.single:
+            return kept & ~self.backdrop.compare(sweep).still
+        pieces = upright_pieces(sweep, kept, self.grid)
+        return np.logical_or.reduce(pieces) if pieces else kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foreground:
+    """A region without the backdrop of still poses."""
+
+    region: Region
+    poses: StillPoses
+
+    def inside(self, sweep: Sweep) -> Mask:
+        """Which points (N,) of a sweep lie in the region and are no backdrop."""
+        kept = self.region.mask(sweep.xyz)
+        return self.poses.before(sweep, kept) if kept.any() else kept
+
+
+def find_poses(
+    source: SweepSource, region: Region | None = None, *, stated: bool, on_sweep: Callable[[], None] | None = None
+) -> StillPoses | None:
+    """The poses of a recording, or None if it is no recording of still poses.
+
+    Args:
+        region: sweeps show the same pose if nothing in it moves from one to the next. Without a region each sweep is
+            a pose of its own.
+        stated: the owner says that it is. Otherwise it is noticed: the sweeps are far apart in time, or there are 64
+            at most, and what moves in them moves as nobody walks.
+    """
+    count = len(source)
+    if not count:
+        return None
+    certain = stated or _far_apart(source)
+    if not certain and (count > _NOTICED_UP_TO or max(len(source.sweep(n).xyz) for n in (0, count - 1)) < _A_SWEEP):
+        return None
+    backdrop = Backdrop.of(source, on_sweep=on_sweep)
+    if not certain and not _noticed(source, backdrop):
+        return None
+    grid = learn_grid(source.sweep(number) for number in range(0, count, max(1, count // _GRID_SWEEPS)))
+    single = _single(source, backdrop)
+    first = (0,) * count if single else tuple(range(count))
+    poses = StillPoses(backdrop, first, grid, stated, single)
+    return poses if region is None else poses.grouped(source, region, on_sweep)
+
+
+def _far_apart(source: SweepSource) -> bool:
+    """Whether neighbouring sweeps, some of them, lie farther apart in time than a track reaches."""
+    count = len(source)
+    firsts = sorted({int(n) for n in np.linspace(0, count - 2, min(_PAIRS, count - 1))}) if count > 1 else []
+    steps_ns = [source.sweep(n + 1).stamp_ns - source.sweep(n).stamp_ns for n in firsts]
+    return bool(steps_ns) and min(steps_ns) > APART_S * 1e9
+
+
+def _noticed(source: SweepSource, backdrop: Backdrop) -> bool:
+    if backdrop.moves_itself():
+        return False
+    if len(source) < _FEWEST_OF_A_WALK:
+        return True
+    places: list[tuple[int, float, float]] = []
+    for number in range(len(source)):
+        sweep = source.sweep(number)
+        middle = _largest(sweep.xyz[backdrop.compare(sweep).moved].astype(np.float64))
+        if middle is not None:
+            places.append((sweep.stamp_ns, *middle))
+    steps = count_steps(places)
+    return steps.jumps >= steps.walks  # nothing at all moves in a single pose
+
+
+def _largest(xyz: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Middle of the cluster with the largest face, as its points and its distance tell."""
+    if not len(xyz):
+        return None
+    cluster = clusters(xyz[:, :2], _CELL_M)
+    flat = np.hypot(xyz[:, 0], xyz[:, 1])
+    face = np.bincount(cluster, weights=flat**2)
+    x, y = np.median(xyz[cluster == int(np.argmax(face)), :2], axis=0).tolist()
+    return x, y
+
+
+def _same_pose(one: Sweep, other: Sweep, region: Region, backdrop: Backdrop) -> bool:
+    """Whether there is something before the backdrop in the region, and it is the same in both sweeps."""
+    both = backdrop.again([one, other])
+    for sweep, place in ((one, 1), (other, 0)):
+        if both.same(sweep, region.mask(sweep.xyz) & ~backdrop.compare(sweep).still, place) < _SAME_POSE:
+            return False
+    return True
+
+
+def _single(source: SweepSource, backdrop: Backdrop) -> bool:
+    """Whether nothing, or only a little of a person with a board, differs: somebody who sways in one pose."""
+    shares: list[float] = []
+    for number in range(0, len(source), max(1, len(source) // _LOOKED_AT)):
+        sweep = source.sweep(number)
+        moved = backdrop.compare(sweep).moved
+        middle = _largest(sweep.xyz[moved].astype(np.float64))
+        if middle is None:
+            shares.append(0.0)
+            continue
+        beside = np.linalg.norm(sweep.xyz[:, :2] - np.array(middle), axis=1) < _BODY_M
+        beside &= sweep.xyz[:, 2] > sweep.xyz[beside, 2].min() + _FEET_M
+        shares.append(np.count_nonzero(moved & beside) / max(np.count_nonzero(beside), 1))
+    return float(np.median(shares)) < _SWAYS
