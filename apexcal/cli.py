@@ -29,6 +29,8 @@ COMMANDS = {
     "detect": "Find the board's vertices in a recording.",
     "clock-offset": "Estimate how far the camera's clock is from the LiDAR's.",
     "calibrate": "Calibrate a camera from marks or from a file of pairs.",
+    "validate": "Hold a calibration against other pairs, or against a drive.",
+    "drift": "Compare a camera's results over time.",
     "admin": "Back up, restore and maintain a service.",
     "publish": "Make a result its camera's current calibration.",
     "publications": "List a camera's publications, by whom and why.",

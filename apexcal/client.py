@@ -26,6 +26,7 @@ from apexcal.documents.recordings import RecordingSummary, RecordingView
 from apexcal.documents.reports import ReportView
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.sweeps import PackingView
+from apexcal.documents.validations import ValidationView
 from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import Detections
@@ -35,6 +36,7 @@ from apexcal.resources.fleets import Fleets, Vehicles
 from apexcal.resources.imports import Imports
 from apexcal.resources.marking import Marking
 from apexcal.resources.recordings import Recordings
+from apexcal.resources.validations import Validations
 from apexcal.transport import Transport, at
 
 __all__ = [
@@ -62,6 +64,7 @@ Work = TypeVar(
     PreviewView,
     ReportView,
     SuggestionView,
+    ValidationView,
 )
 
 # A fleet request with failed vehicles has ended normally; its counts say how many failed.
@@ -87,6 +90,7 @@ class Client:
         self.exports = Exports(self._http)
         self.imports = Imports(self._http)
         self.fleet_requests = FleetRequests(self._http)
+        self.validations = Validations(self._http)
 
     @classmethod
     def sign_in(cls, link: str, base_url: str | None = None) -> Client:
@@ -199,6 +203,7 @@ _FOLLOWED: dict[type[Any], tuple[str, type[BaseModel], str]] = {
     ReportView: ("reports", ReportView, "the report"),
     PreviewView: ("region-previews", PreviewView, "the region preview"),
     SuggestionView: ("region-suggestions", SuggestionView, "the region suggestion"),
+    ValidationView: ("validations", ValidationView, "the validation"),
 }
 
 

@@ -65,6 +65,7 @@ from service.storage.room import Room
 from service.storage.store import Store, open_store
 from service.studies import copy_routes
 from service.studies import routes as studies
+from service.validations import routes as validations
 
 ROUTERS: tuple[APIRouter, ...] = (
     # First, because every vehicle asks it at every start.
@@ -94,6 +95,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     reports.router,
     calibrations.router,
     fleet_requests.router,
+    validations.router,
 )
 
 _UPKEEP_S = 600.0

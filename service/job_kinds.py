@@ -8,6 +8,7 @@ from service.jobs.kinds import register
 from service.recordings import jobs as recordings
 from service.reports import jobs as reports
 from service.studies import jobs as studies
+from service.validations import jobs as validations
 
 KINDS = (
     *recordings.KINDS,
@@ -15,5 +16,6 @@ KINDS = (
     *detections.KINDS,
     *calibration_runs.KINDS,
     *reports.KINDS,
+    *validations.KINDS,
 )
 register(*KINDS)

@@ -7,7 +7,8 @@ from rich.table import Table
 
 from apexcal.commands.common import console
 from apexcal.documents.calibrations import CalibrationView
-from apexcal.documents.results import CameraSummary, Errors, RigSummary, Summary
+from apexcal.documents.results import Errors
+from apexcal.documents.summaries import CameraSummary, RigSummary, Summary
 
 # If the held-out error is more than this many times the fitted one, the model fits noise or has too few pairs.
 _OVERFITTED = 2.0

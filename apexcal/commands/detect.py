@@ -154,17 +154,6 @@ def _outcome(detection: DetectionView) -> str:
     )
 
 
-def _held(roll: RollFacts | None) -> str:
-    """How the board was rolled; empty where the detector does not tell."""
-    if roll is None:
-        return ""
-    way = "counter-clockwise" if roll.mean_deg > 0.0 else "clockwise"
-    return (
-        f"\nThe board was rolled by {abs(roll.mean_deg):.0f} degrees {way} as the LiDAR sees it "
-        f"(+- {roll.spread_deg:.0f} from vertex to vertex; at 0 both upper edges fall alike)."
-    )
-
-
 def _poses(detection: DetectionView) -> str:
     """What was done differently for still poses; empty for a walk."""
     counts = detection.counts
@@ -174,6 +163,17 @@ def _poses(detection: DetectionView) -> str:
     return (
         f"\n{said} {counts.poses} still poses: each gives one vertex at most, what stands still is left out, and no "
         "track is used."
+    )
+
+
+def _held(roll: RollFacts | None) -> str:
+    """How the board was rolled; empty where the detector does not tell."""
+    if roll is None:
+        return ""
+    way = "counter-clockwise" if roll.mean_deg > 0.0 else "clockwise"
+    return (
+        f"\nThe board was rolled by {abs(roll.mean_deg):.0f} degrees {way} as the LiDAR sees it "
+        f"(+- {roll.spread_deg:.0f} from vertex to vertex; at 0 both upper edges fall alike)."
     )
 
 

@@ -24,7 +24,7 @@ from apexcal.commands.exported_files import write_exported
 from apexcal.commands.publications import CameraOption, FleetOption, VehicleOption, find_vehicle_camera
 from apexcal.documents.fleets import VehicleOut
 from apexcal.documents.publications import CURRENT
-from apexcal.documents.results import CurrentCalibration
+from apexcal.documents.summaries import CurrentCalibration
 from apexcal.embedded.folder import DEFAULT
 from apexcal.resources.exports import Exported
 

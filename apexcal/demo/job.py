@@ -14,8 +14,9 @@ from apexcal.documents.correspondence_sets import SetView
 from apexcal.documents.detections import DetectionView
 from apexcal.documents.fleets import RigOut
 from apexcal.documents.recordings import RecordingView
-from apexcal.documents.results import CameraSummary, ResultView
+from apexcal.documents.results import ResultView
 from apexcal.documents.studies import RegionPreview
+from apexcal.documents.summaries import CameraSummary
 from apexcal.transport import Document
 
 

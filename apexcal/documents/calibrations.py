@@ -12,9 +12,9 @@ from apexcal.documents.base import Magnitude, Received, Sent, Stored
 from apexcal.documents.bounds import BoundsPreset
 from apexcal.documents.camera_models import MODELS, SearchForm
 from apexcal.documents.jobs import ProblemView
-from apexcal.documents.results import Summary
 from apexcal.documents.rules import Farm, LensUse, Loss, OutlierRule, WeightRule
 from apexcal.documents.schedules import LIMITS, PresetName
+from apexcal.documents.summaries import Summary
 
 # What a browser's numbers hold exactly.
 _LARGEST_SEED = 2**53 - 1

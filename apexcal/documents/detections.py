@@ -61,9 +61,9 @@ class DetectionCounts(Document):
 
     ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
     another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
-    run of sweeps that were rejected for it. ``roll`` is null if the detector does not tell it. ``poses``: how many
-    still poses the recording has, each of which gives one vertex at most; 0 for a walk. ``poses_stated``: its owner
-    said so; otherwise it was noticed.
+    run of sweeps that were rejected for it. ``poses``: how many still poses the recording has, each of which gives
+    one vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed.
+    run of sweeps that were rejected for it. ``roll`` is null if the detector does not tell it.
     """
 
     sweeps: int = 0
@@ -74,9 +74,9 @@ class DetectionCounts(Document):
     paired: int | None = None
     frame_taken: int | None = None
     refused_sweeps: dict[str, list[tuple[int, int]]] = {}
-    roll: RollFacts | None = None
     poses: int = 0
     poses_stated: bool = False
+    roll: RollFacts | None = None
 
 
 class DetectionView(Sent):

@@ -9,7 +9,7 @@ from uuid import UUID
 from pydantic import Field
 
 from apexcal.documents.base import Received, Sent
-from apexcal.documents.results import CurrentCalibration
+from apexcal.documents.summaries import CurrentCalibration
 
 Link = Annotated[str, Field(min_length=1, max_length=200)]
 

@@ -12,7 +12,8 @@ from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.exports import VehicleCalibration
 from apexcal.documents.publications import CURRENT, AliasMoveView, PublicationView
 from apexcal.documents.reports import ReportView
-from apexcal.documents.results import CurrentCalibration, ResultView
+from apexcal.documents.results import ResultView
+from apexcal.documents.summaries import CurrentCalibration
 from apexcal.transport import Transport, at, read
 
 

@@ -3,6 +3,9 @@
 Everything runs on one core, interleaved rig by rig, and is measured in processor seconds; figures are medians over
 ROUNDS fresh rigs of 222 marks, the same for all. Ratios are per evaluation. Narrowed by MODELS, SEED and PEERS (names
 of files in `peers`, or none).
+
+`reached`: share of the rigs on which a run came within 1 % of the least mean distance, which SciPy finds from the
+truth; `evaluations_to_target` and `seconds_to_target`: medians there, seconds in proportion to evaluations.
 """
 
 import importlib
@@ -21,9 +24,10 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
-from benchmarks.accuracy.rigs import PAIRS, draw_rig  # noqa: E402
+from benchmarks.accuracy.rigs import PAIRS, Rig, draw_rig  # noqa: E402
 from benchmarks.solver.peers.contest import GENERATIONS, POPULATION, Contest, Peer, PeerMissingError  # noqa: E402
 from benchmarks.solver.race import OURS, Time, race  # noqa: E402
+from benchmarks.solver.target import WITHIN, Optimum, evaluations_of_ours_to, evaluations_to, optimum  # noqa: E402
 from workers.geometry.models import MODELS, ModelName, parse_model  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
@@ -46,7 +50,8 @@ def find_peers(names: Sequence[str]) -> tuple[list[Peer], list[str]]:
 
 def measure(model: ModelName, peers: Sequence[Peer], seed: int, rounds: int) -> dict[str, Any]:
     """The figures of one model over `rounds` fresh rigs."""
-    contests = [_contest(model, seed, number) for number in range(rounds)]
+    rigs = [draw_rig(model, np.random.default_rng((seed, number, MODELS.index(model)))) for number in range(rounds)]
+    contests = [_contest(rig, seed, number) for number, rig in enumerate(rigs)]
     # Once unmeasured: what is compiled or imported on a first call is nobody's speed.
     contests[0].loss(np.full(contests[0].genes, 0.5))
     quick = [peer for peer in peers if not peer.slow]
@@ -64,13 +69,38 @@ def measure(model: ModelName, peers: Sequence[Peer], seed: int, rounds: int) -> 
             {name: (round(t.seconds, 4), round(t.loss, 3)) for name, t in found.items()},
             file=sys.stderr,
         )
-    return summary(bare, times, peers)
+    found = summary(bare, times, peers)
+    reached = [_reached(rig, contest, quick) for rig, contest in zip(rigs, contests, strict=True)]
+    for name, row in [(OURS, found), *((peer.name, found["peers"][peer.name]) for peer in quick)]:
+        row |= _to_target([one[name] for _, one in reached], [t[name] for t in times])
+    found["rms_of_polish_over_scipy"] = round(float(np.max([best.rms_of_polish for best, _ in reached])), 6)
+    return found
 
 
-def _contest(model: ModelName, seed: int, number: int) -> Contest:
-    rig = draw_rig(model, np.random.default_rng((seed, number, MODELS.index(model))))
+def _contest(rig: Rig, seed: int, number: int) -> Contest:
     schedule = {"population": POPULATION, "generations": GENERATIONS}
     return Contest(rig.problem(seed=number, schedule=schedule), seed + number)
+
+
+def _reached(rig: Rig, contest: Contest, peers: Sequence[Peer]) -> tuple[Optimum, dict[str, int | None]]:
+    """The optimum of a rig, and everyone's evaluations until within 1 % of it."""
+    best = optimum(contest.problem, rig.truth)
+    target_px = WITHIN * best.mean_px
+    found = {peer.name: evaluations_to(target_px, contest, peer) for peer in peers}
+    return best, found | {OURS: evaluations_of_ours_to(target_px, contest)}
+
+
+def _to_target(evaluations: Sequence[int | None], times: Sequence[Time]) -> dict[str, Any]:
+    """The share of rigs on which the target was reached, and there the medians of evaluations and seconds."""
+    taken = [
+        (count, one.seconds * count / one.evaluations) for count, one in zip(evaluations, times, strict=True) if count
+    ]
+    median = np.median(taken, axis=0) if taken else [None, None]
+    return {
+        "reached": round(len(taken) / len(evaluations), 2),
+        "evaluations_to_target": (taken and int(median[0])) or None,
+        "seconds_to_target": (taken and round(float(median[1]), 5)) or None,
+    }
 
 
 def summary(bare: Sequence[float], times: Sequence[dict[str, Time]], peers: Sequence[Peer]) -> dict[str, Any]:

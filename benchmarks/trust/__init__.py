@@ -1,1 +1,1 @@
-"""Whether a report's verdict names what is wrong, and leaves sound results alone."""
+"""Whether verdicts name what is wrong with a calibration, and leave sound ones alone."""

@@ -12,8 +12,9 @@ from sqlalchemy import select
 
 from apexcal.documents.base import Sought, Stored
 from apexcal.documents.publications import PublicationRequest, PublicationView, WithdrawalRequest
-from apexcal.documents.results import CurrentCalibration, ResultView
+from apexcal.documents.results import ResultView
 from apexcal.documents.roles import rank
+from apexcal.documents.summaries import CurrentCalibration
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint

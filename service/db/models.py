@@ -28,6 +28,7 @@ from service.db.recordings import (
 )
 from service.db.reports import Report
 from service.db.studies import CalibratedCopy, Study
+from service.db.validations import Validation
 
 __all__ = [
     "AliasMove",
@@ -72,6 +73,7 @@ __all__ = [
     "Slot",
     "Study",
     "UploadPart",
+    "Validation",
     "Vehicle",
     "Verdict",
     "Vertex",

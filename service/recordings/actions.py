@@ -19,6 +19,7 @@ from service.db.fleet_requests import FleetRequestVehicle
 from service.db.recordings import Recording, UploadPart
 from service.db.reports import Report
 from service.db.studies import Study
+from service.db.validations import Validation
 from service.http.problems import Problem
 from service.jobs.queue import abandon
 from service.recordings.blob_queries import copy_keys, sensor_keys
@@ -87,6 +88,7 @@ def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
     return [
         recording_id,
         *session.scalars(select(Study.id).where(Study.recording_id == recording_id)),
+        *session.scalars(select(Validation.id).where(Validation.recording_id == recording_id)),
         *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
         *calibrations,
         *session.scalars(runs),

@@ -5,7 +5,7 @@ import io
 from rich.console import Console
 
 from apexcal.commands.calibrated import table_of, warnings_of, why_unpublished
-from apexcal.documents.results import CameraSummary
+from apexcal.documents.summaries import CameraSummary
 
 STAGE = {"mean_px": 119.11, "rms_px": 264.42}
 FOUND = {"result_id": "0192f0c1-2d3e-7a4b-8c5d-6e7f8a9b0c1d", "status": "ok", "message": ""}

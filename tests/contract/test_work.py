@@ -5,7 +5,8 @@ import pytest
 from sqlalchemy import select
 
 from apexcal.documents.calibrations import CalibrationView
-from apexcal.documents.results import CurrentCalibration, ResultView
+from apexcal.documents.results import ResultView
+from apexcal.documents.summaries import CurrentCalibration
 from service.db.jobs import Job
 from service.jobs.sweep import sweep
 from tests.service.detections.seeding import seed_rig

@@ -79,7 +79,7 @@ def test_which_topic_is_which_is_asked_and_answered(sign_in: SignIn, track: Trac
 
 def test_a_region_is_tried_before_it_is_used(sign_in: SignIn, track: Track) -> None:
     page = sign_in("Kim", "engineer")
-    page.goto(f"{track.url}/recordings/{track.recording_id}")
+    page.goto(f"{track.url}/recordings/{track.recording_id}?step=region")
     page.get_by_role("button", name="Preview the region").click()
     expect(page.get_by_text("Keeps")).to_contain_text("sweeps", timeout=20_000)
     page.get_by_role("button", name="Suggest a region").click()

@@ -69,7 +69,7 @@ def dense(track: Track, tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def open_points(page: Page, track: Track, recording_id: str) -> Locator:
     """The page of a recording, once its points are drawn: the part that takes keys."""
-    page.goto(f"{track.url}/recordings/{recording_id}")
+    page.goto(f"{track.url}/recordings/{recording_id}?step=facts")
     stage = page.get_by_role("application")
     expect(stage).to_have_attribute("data-pictures", re.compile("[1-9]"))
     expect(stage).to_have_attribute("data-sweeps", "0")
@@ -182,7 +182,7 @@ def test_without_webgl_the_page_says_so_and_works(sign_in: SignIn, track: Track,
             return kind.startsWith("webgl") ? null : original.call(this, kind, ...rest);
         };
     """)
-    page.goto(f"{track.url}/recordings/{dense}")
+    page.goto(f"{track.url}/recordings/{dense}?step=facts")
     lidar = page.get_by_role("region", name="LiDAR")
     expect(lidar.get_by_text("This browser cannot show points in 3D.")).to_be_visible()
     expect(lidar.get_by_role("status")).to_contain_text("100,096 points in 128 rings")
@@ -194,7 +194,7 @@ def test_a_recording_of_an_older_version_is_packed_on_demand(
 ) -> None:
     forget_packing(served, dense)
     page = sign_in("Ola", "engineer")
-    page.goto(f"{track.url}/recordings/{dense}")
+    page.goto(f"{track.url}/recordings/{dense}?step=facts")
     page.get_by_role("button", name="Pack them").click()
     # The region's drawing opens beside it and shows the sweeps too.
     viewer = page.get_by_role("application", name="Sweep 0.")

@@ -137,11 +137,12 @@ def _renamed(message: str, source: str, name: str) -> str:
 def isolation_here() -> Isolation:
     """What isolates the children that read uploads on this machine; one child is started to find out."""
     command = [sys.executable, "-m", "workers.readers.isolation.isolate"]
-    said = subprocess.run(command, cwd=_ROOT, env=_environment(), stdout=subprocess.PIPE, check=True, timeout=60)
+    said = subprocess.run(command, cwd=_ROOT, env=child_environment(), stdout=subprocess.PIPE, check=True, timeout=60)
     return Isolation(**json.loads(said.stdout))
 
 
-def _environment() -> dict[str, str]:
+def child_environment() -> dict[str, str]:
+    """What the children that decode strangers' bytes are given of this environment."""
     return {key: os.environ[key] for key in _ENVIRONMENT if key in os.environ}
 
 
@@ -165,7 +166,7 @@ class _Ingestion:
         self._on_progress, self._must_stop = on_progress, must_stop
         # One thread: every further one of OpenBLAS reserves address space.
         one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
-        environment = _environment() | one | {"TMPDIR": str(self._scratch.resolve())}
+        environment = child_environment() | one | {"TMPDIR": str(self._scratch.resolve())}
         try:
             ended = supervise(
                 self._command(request), folder=_ROOT, environment=environment, take=self._take, look=self._look

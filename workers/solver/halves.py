@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from dataclasses import replace
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from apexcal.documents.results import Halves
 from workers.geometry.rotations import vector_from_rotation
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.estimate import Estimate
@@ -30,63 +31,6 @@ _FALSE_ALARMS: Final = 0.005
 """Chance that sound pairs raise an alarm, for each of five tests: two splits, by parameters and pixels; the turn."""
 _MANY: Final = 1e6
 _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
-
-
-@dataclass(frozen=True)
-class Halves:
-    """How far the fits of two halves differ.
-
-    pairs: numbers in each half. ratio: root of the Mahalanobis distance over the parameters, with the covariance that
-    the full fit states for the difference. It is about 1 if that holds, and beyond `limit` in one of 200 sound runs.
-    rotation_deg and translation_mm: between the two mounts. field_px: root mean square over the pairs of the distance
-    between the two projections; stated_px: its stated value. field_ratio: the distance over its stated value, pair by
-    pair, with its own field_limit; it detects a shift of all marks that the parameters absorb. turned_deg,
-    turned_ratio, turned_limit: the same for a turn of the mount alone between the first and the last half.
-    """
-
-    split: Split
-    pairs: tuple[int, int]
-    ratio: float
-    limit: float
-    rotation_deg: float
-    translation_mm: float
-    field_px: float
-    stated_px: float
-    field_ratio: float
-    field_limit: float
-    turned_deg: float | None = None
-    turned_ratio: float | None = None
-    turned_limit: float | None = None
-
-    @property
-    def turned(self) -> bool:
-        """Whether the mount turned between the two halves."""
-        return (self.turned_ratio or 0.0) > (self.turned_limit or np.inf)
-
-    @property
-    def holds(self) -> bool:
-        """Whether the stated deviations explain the difference."""
-        return self.ratio <= self.limit and self.field_ratio <= self.field_limit and not self.turned
-
-    def to_document(self) -> dict[str, Any]:
-        """JSON form."""
-        return {**vars(self), "pairs": list(self.pairs), "holds": self.holds}
-
-    def sentence(self, blocks: str) -> str:
-        """The sentence that says what is wrong, if it does not hold."""
-        if self.turned and self.turned_deg is not None:
-            return (
-                f"Between the first and the last half of the {blocks} the camera turned by {self.turned_deg:.2g} "
-                f"degrees, {self.turned_ratio:.1f} times what noise explains: the standard deviations are too small. "
-                "Check whether the mount moved or the clocks drifted, and calibrate from one half alone."
-            )
-        which = "every second" if self.split == "alternating" else "the first half"
-        return (
-            f"Fits of {which} of the {blocks} and of the others differ by {self.rotation_deg:.2f} degrees, "
-            f"{self.translation_mm:.0f} mm and {self.field_px:.1f} px over the marks, {self.ratio:.1f} times what is "
-            f"stated over the parameters and {self.field_ratio:.1f} times over the marks: the standard deviations "
-            "are too small. Check the lens model, the clocks and the marks, and whether the mount moved."
-        )
 
 
 def halves_of(found: Estimate) -> list[Halves]:
@@ -109,7 +53,23 @@ def halves_of(found: Estimate) -> list[Halves]:
 def too_small(halves: list[Halves], problem: FitProblem) -> list[str]:
     """A sentence for each split whose halves differ by more than is stated."""
     blocks = "groups" if problem.blocks is not None and problem.blocks.kind == "group" else "stretches of the walk"
-    return [one.sentence(blocks) for one in halves if not one.holds]
+    return [_sentence(one, blocks) for one in halves if not one.holds]
+
+
+def _sentence(one: Halves, blocks: str) -> str:
+    if one.turned_ratio is not None and one.turned_limit is not None and one.turned_ratio > one.turned_limit:
+        return (
+            f"Between the first and the last half of the {blocks} the camera turned by {one.turned_deg:.2g} "
+            f"degrees, {one.turned_ratio:.1f} times what noise explains: the standard deviations are too small. "
+            "Check whether the mount moved or the clocks drifted, and calibrate from one half alone."
+        )
+    which = "every second" if one.split == "alternating" else "the first half"
+    return (
+        f"Fits of {which} of the {blocks} and of the others differ by {one.rotation_deg:.2f} degrees, "
+        f"{one.translation_mm:.0f} mm and {one.field_px:.1f} px over the marks, {one.ratio:.1f} times what is "
+        f"stated over the parameters and {one.field_ratio:.1f} times over the marks: the standard deviations "
+        "are too small. Check the lens model, the clocks and the marks, and whether the mount moved."
+    )
 
 
 def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, second: Used) -> Halves:
@@ -129,21 +89,26 @@ def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, se
     shares = covariance @ (rows.T @ (rows / stated[:, None])) / len(rows)
     directions = 1.0 / float(np.sum(shares * shares.T))
     turned = _turned(found, errors, first) if split == "first_and_last" else None
-    freedom = float(np.median(errors.of_pairs().freedoms()))
+    freedom = found.freedom
+    tests = [(ratio, _limit(told, freedom))]
+    tests.append((float(np.sqrt(np.mean((rows @ step) ** 2 / stated))), _limit(directions, freedom)))
+    if turned is not None:
+        tests.append(turned[1:])
     return Halves(
         split=split,
-        pairs=(int(np.count_nonzero(first)), int(np.count_nonzero(second))),
+        pairs=[int(np.count_nonzero(first)), int(np.count_nonzero(second))],
         ratio=ratio,
-        limit=_limit(told, freedom),
+        limit=tests[0][1],
         rotation_deg=float(np.degrees(np.linalg.norm(vector_from_rotation(mounts[0].R @ mounts[1].R.T)))),
         translation_mm=1e3 * float(np.linalg.norm(mounts[0].t - mounts[1].t)),
         field_px=float(np.linalg.norm(apart) / np.sqrt(len(apart))),
         stated_px=float(np.sqrt(2.0 * np.mean(stated))),
-        field_ratio=float(np.sqrt(np.mean((rows @ step) ** 2 / stated))),
-        field_limit=_limit(directions, freedom),
+        field_ratio=tests[1][0],
+        field_limit=tests[1][1],
         turned_deg=turned and turned[0],
         turned_ratio=turned and turned[1],
         turned_limit=turned and turned[2],
+        holds=all(found <= limit for found, limit in tests),
     )
 
 

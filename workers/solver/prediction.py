@@ -6,9 +6,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.results import Halves
 from workers.geometry.projection import unproject
 from workers.solver.estimate import Estimate
-from workers.solver.halves import Halves
 from workers.solver.residuals import by_point, residuals_and_jacobian, transform_of
 from workers.solver.uncertainty import turns_are_free
 

@@ -116,7 +116,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "line_time_us": problem.line_time_us,
         "rolling_shutter": line_time and line_time.to_document(),
         "weak_priors": dict(found.weak),
-        "halves": [one.to_document() for one in halves],
+        "halves": [one.model_dump() for one in halves],
         "stated_too_small": doubts,
         "prediction": prediction(found, halves) if problem.fold < 0 else None,
         "several_optima": elsewhere,

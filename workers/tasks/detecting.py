@@ -206,9 +206,9 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
         "flags": _added(before, "flags", Counter(flag for vertex in found.vertices for flag in vertex.flags)),
         "refused_sweeps": _runs(before.get("refused_sweeps", {}), found.refused),
     }
-    counts |= _rolls(before.get("roll"), [vertex.roll[0] for vertex in found.vertices if vertex.roll])
     if found.poses is not None:
         counts |= {"poses": found.poses.count, "poses_stated": found.poses.stated}
+    counts |= _rolls(before.get("roll"), [vertex.roll[0] for vertex in found.vertices if vertex.roll])
     row.state = WorkState.RUNNING
     if row.remaining == 1:
         counts |= _settle_frames(session, row)

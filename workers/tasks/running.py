@@ -50,6 +50,9 @@ _ROOMS = {
     "solve": "solving",
     "consistency": "comparing",
     "report": "reporting",
+    "score_pairs": "validating",
+    "check_lanes": "validating",
+    "check_edges": "validating",
 }
 WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
 # The modules that need no kernels.

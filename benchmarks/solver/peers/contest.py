@@ -30,12 +30,14 @@ class PeerMissingError(Exception):
 class Finish:
     """A peer's best individual as fractions (F,) of the bounds, and how many it had evaluated.
 
-    `elsewhere_s`: processor seconds that it took in other processes.
+    `elsewhere_s`: processor seconds that it took in other processes. `trace`: numbers of evaluations and the lowest
+    loss by then, px, of a peer that does not call back.
     """
 
     best: Floats
     evaluations: int
     elsewhere_s: float = 0.0
+    trace: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass(frozen=True)

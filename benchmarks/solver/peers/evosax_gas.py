@@ -1,4 +1,4 @@
-"""evosax's genetic algorithms on JAX: the whole run, evaluation included, is one jitted scan over the generations."""
+"""evosax's genetic algorithms and CMA-ES on JAX: a whole run, evaluation included, is one jitted scan."""
 
 from collections.abc import Callable
 from functools import cache, partial
@@ -14,6 +14,7 @@ from benchmarks.solver.peers.contest import EVALUATIONS, GENERATIONS, POPULATION
 from benchmarks.solver.peers.jax_fitness import losses_of
 from workers.geometry.models import ModelName
 
+_LAMBDA = 40
 _STEP = 0.1
 """First mutation, as a share of the bounds. Their own default of 1 would throw every child out of the box."""
 
@@ -50,11 +51,12 @@ def _compiled(build: Callable[[int], tuple[Any, Any]], model: ModelName, genes: 
     method, params = build(genes)
     losses = losses_of(model)
 
-    def generation(pack: Any, numbers: Any, state: Any, key: Any) -> tuple[Any, None]:
+    def generation(pack: Any, numbers: Any, state: Any, key: Any) -> tuple[Any, Any]:
         ask, tell = jax.random.split(key)
         children, state = method.ask(ask, state, params)
         children = jnp.clip(children, 0.0, 1.0)
-        return method.tell(tell, children, losses(children, pack, numbers), state, params)[0], None
+        state = method.tell(tell, children, losses(children, pack, numbers), state, params)[0]
+        return state, state.best_fitness
 
     @jax.jit
     def search(seed: Any, pack: Any, numbers: Any) -> Any:
@@ -62,15 +64,48 @@ def _compiled(build: Callable[[int], tuple[Any, Any]], model: ModelName, genes: 
         population = jax.random.uniform(first, (POPULATION, genes))
         state = method.init(begin, population, losses(population, pack, numbers), params)
         keys = jax.random.split(rest, GENERATIONS - 1)
-        return jax.lax.scan(partial(generation, pack, numbers), state, keys)[0].best_solution
+        state, lowest = jax.lax.scan(partial(generation, pack, numbers), state, keys)
+        return state.best_solution, lowest
 
     return search
 
 
 def _run(build: Callable[[int], tuple[Any, Any]], contest: Contest) -> Finish:
     search = _compiled(build, contest.problem.model, contest.genes)
-    best = search(contest.seed % 2**31, contest.pack, contest.numbers.astype(np.float32)).block_until_ready()
-    return Finish(np.asarray(best, dtype=np.float64), EVALUATIONS)
+    best, lowest = search(contest.seed % 2**31, contest.pack, contest.numbers.astype(np.float32))
+    trace = tuple((POPULATION * (2 + i), loss) for i, loss in enumerate(np.asarray(lowest).tolist()))
+    return Finish(np.asarray(best, dtype=np.float64), EVALUATIONS, trace=trace)
+
+
+@cache
+def _compiled_cmaes(model: ModelName, genes: int) -> Callable[..., Any]:
+    method = algorithms.CMA_ES(_LAMBDA, jnp.zeros(genes))
+    params = method.default_params.replace(std_init=0.3)
+    losses = losses_of(model)
+
+    def generation(pack: Any, numbers: Any, state: Any, key: Any) -> tuple[Any, Any]:
+        ask, tell = jax.random.split(key)
+        children, state = method.ask(ask, state, params)
+        children = jnp.clip(children, 0.0, 1.0)
+        state = method.tell(tell, children, losses(children, pack, numbers), state, params)[0]
+        return state, state.best_fitness
+
+    @jax.jit
+    def search(seed: Any, pack: Any, numbers: Any) -> Any:
+        begin, rest = jax.random.split(jax.random.PRNGKey(seed))
+        state = method.init(begin, jnp.full(genes, 0.5), params)
+        keys = jax.random.split(rest, EVALUATIONS // _LAMBDA)
+        state, lowest = jax.lax.scan(partial(generation, pack, numbers), state, keys)
+        return state.best_solution, lowest
+
+    return search
+
+
+def _cmaes(contest: Contest) -> Finish:
+    search = _compiled_cmaes(contest.problem.model, contest.genes)
+    best, lowest = search(contest.seed % 2**31, contest.pack, contest.numbers.astype(np.float32))
+    trace = tuple((_LAMBDA * (1 + i), loss) for i, loss in enumerate(np.asarray(lowest).tolist()))
+    return Finish(np.asarray(best, dtype=np.float64), EVALUATIONS, trace=trace)
 
 
 PEERS = [
@@ -82,4 +117,4 @@ PEERS = [
         ("GESMR_GA", _gesmr, f"mutation from {_STEP} in 17 groups, adapting themselves"),
         ("LearnedGA", _learned, f"the weights that come with it, mutation from {_STEP}"),
     )
-]
+] + [Peer("evosax CMA-ES", "evolution strategy", f"lambda {_LAMBDA}, sigma 0.3, clipped to the bounds", _cmaes)]

@@ -1,10 +1,12 @@
 /** Addresses of the pages. Links are plain <a href>; clicks on them are taken here instead of loading anew. */
 
+import { tick } from "svelte";
+
 export type Route =
   | { page: "home"; fleet: string | null }
   | { page: "sign-in" }
   | { page: "vehicle"; id: string }
-  | { page: "recording"; id: string }
+  | { page: "recording"; id: string; step: string | null }
   | { page: "marking"; detection: string; camera: string }
   | { page: "calibration"; id: string; show: string | null }
   | { page: "fleet-requests"; fleet: string }
@@ -24,19 +26,30 @@ export function routeOf(url: URL): Route {
   if (third) return { page: "unknown" };
   if (first === "fleets") return { page: "home", fleet: second };
   if (first === "vehicles") return { page: "vehicle", id: second };
-  if (first === "recordings") return { page: "recording", id: second };
+  if (first === "recordings") return { page: "recording", id: second, step: url.searchParams.get("step") };
   if (first === "calibrations") return { page: "calibration", id: second, show: url.searchParams.get("show") };
   if (first === "fleet-requests") return { page: "fleet-request", id: second, state: url.searchParams.get("state") };
   return { page: "unknown" };
 }
 
+/** Where a page was left, which the browser's history keeps. */
+interface Left {
+  scroll?: number;
+}
+
+/** How long a page that is gone back to may take to be as high as it was. */
+const RETURN_MS = 3000;
+
 class Router {
   route = $state.raw<Route>({ page: "home", fleet: null });
 
   start(): void {
+    history.scrollRestoration = "manual";
     this.route = routeOf(new URL(location.href));
-    addEventListener("popstate", () => {
+    void scrollBack((history.state as Left | null)?.scroll ?? 0);
+    addEventListener("popstate", ({ state }) => {
       this.route = routeOf(new URL(location.href));
+      void scrollBack((state as Left | null)?.scroll ?? 0);
     });
     document.addEventListener("click", (event) => {
       const href = internalTarget(event);
@@ -44,14 +57,34 @@ class Router {
       event.preventDefault();
       this.go(href);
     });
+    addEventListener("scrollend", () => history.replaceState({ scroll: scrollY } satisfies Left, ""));
   }
 
+  /** Shows another page, from its top and with the focus before its content. A step of the same page leaves both. */
   go(path: string, replace = false): void {
+    const before = location.pathname;
     if (replace) history.replaceState(null, "", path);
-    else history.pushState(null, "", path);
+    else {
+      history.replaceState({ scroll: scrollY } satisfies Left, "");
+      history.pushState(null, "", path);
+    }
     this.route = routeOf(new URL(location.href));
+    if (location.pathname === before) return;
     scrollTo(0, 0);
+    void tick().then(() => document.getElementById("main")?.focus({ preventScroll: true }));
   }
+}
+
+/** Scrolls to where a page was left, once it is high enough: what it shows comes from the service. */
+async function scrollBack(scroll: number): Promise<void> {
+  const until = performance.now() + RETURN_MS;
+  const page = location.href;
+  await tick();
+  while (performance.now() < until && location.href === page) {
+    if (document.documentElement.scrollHeight >= scroll + innerHeight) break;
+    await new Promise(requestAnimationFrame);
+  }
+  if (location.href === page) scrollTo(0, scroll);
 }
 
 /** The path of a plain click on a link to another page of ours, else null. */
@@ -68,6 +101,12 @@ export const router = new Router();
 
 export const markingPath = (detection: string, camera: string): string =>
   `/detections/${detection}/mark?camera=${encodeURIComponent(camera)}`;
+
+/** The steps of a recording's page, in the order of the work. */
+export const STEPS = ["facts", "region", "detection", "marking", "calibration"] as const;
+export type Step = (typeof STEPS)[number];
+
+export const recordingPath = (id: string, step?: Step): string => `/recordings/${id}${step ? `?step=${step}` : ""}`;
 
 /** What a calibration's page shows where it is no camera: no camera has a name with a slash. */
 export const RIG = "/rig";

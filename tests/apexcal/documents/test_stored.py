@@ -7,7 +7,8 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from apexcal.documents.base import Stored
-from apexcal.documents.results import ResultView, Summary
+from apexcal.documents.results import ResultView
+from apexcal.documents.summaries import Summary
 
 PLAIN = TypeAdapter(dict[str, Any])
 RESULT = TypeAdapter(Stored[ResultView])

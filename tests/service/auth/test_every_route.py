@@ -29,6 +29,7 @@ from service.db.models import (
     Rig,
     Sensor,
     Study,
+    Validation,
     Vehicle,
     Vertex,
 )
@@ -63,6 +64,7 @@ BODIES = {
     "/region-previews": {"region": {"quantity": "x", "op": ">", "value": 0}},
     "/region-suggestions": {},
     "/fleet-requests": {"vehicles": {}},
+    "/validations": {"kind": "pairs", "camera": "front", "set_id": WORTHLESS},
     "/address": {"size": 1, "sha256": "0" * 64},
     "/calibration-files/reading": {"files": {"calib.txt": "P0: 1 0 0 0 0 1 0 0 0 0 1 0"}, "image_size": [64, 64]},
     "/recordings/{recording_id}/rig-drafts": {
@@ -197,6 +199,9 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
     publication = Publication(
         id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, camera="front", result_id=result.id
     )
+    validation = Validation(
+        id=new_id(), fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, kind="pairs", camera="front", set_id=pairs.id
+    )
     own = (
         detection,
         preview,
@@ -214,6 +219,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         publication,
         token,
         task,
+        validation,
     )
     for row in (*own, request):
         session.add(row)
@@ -234,6 +240,7 @@ def found(session, recording: Recording, rig: Rig, sensor: Sensor) -> dict[str, 
         "tokens": token.id,
         "tasks": task.id,
         "fleet-requests": request.id,
+        "validations": validation.id,
     }
 
 

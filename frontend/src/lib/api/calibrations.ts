@@ -36,7 +36,7 @@ export const correspondenceSets = (rig_id: string): Read<CorrespondenceSet[]> =>
 export const createCalibration = (vehicle_id: string, body: CalibrationRequest): Promise<{ id: string }> =>
   bodyOf(client.POST("/v1/vehicles/{vehicle_id}/calibrations", { params: { path: { vehicle_id } }, body, ...once() }));
 
-export const calibrations = (vehicle_id: string): Read<Calibration[]> =>
+export const calibrations = (vehicle_id: string | undefined): Read<Calibration[]> =>
   readAll("/v1/vehicles/{vehicle_id}/calibrations", { vehicle_id }, {}, undefined, 200);
 
 export const calibration = (calibration_id: string): Read<Calibration> =>

@@ -81,5 +81,6 @@ export const detection = (detection_id: string): Read<Detection> =>
 export const cancelDetection = (detection_id: string): Promise<unknown> =>
   client.POST("/v1/detections/{detection_id}/cancel", { params: { path: { detection_id } } });
 
-export const vertices = (detection_id: string, camera: string): Read<Vertex[]> =>
-  readAll("/v1/detections/{detection_id}/vertices", { detection_id }, { camera }, undefined, 5000);
+/** A detection's vertices with their frames; those that have one of `camera` where it is given. */
+export const vertices = (detection_id: string, camera?: string): Read<Vertex[]> =>
+  readAll("/v1/detections/{detection_id}/vertices", { detection_id }, { camera, limit: 5000 }, undefined, 200_000);

@@ -4,6 +4,7 @@ import { bodyOf, client, once, send } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
 import {
   isUnderWay,
+  type FramePlace,
   type NewRecording,
   type Packing,
   type Recording,
@@ -61,6 +62,10 @@ export const frameUrl = (id: string, camera: string, index: number): string =>
 /** Where each sweep of the LiDAR is, once a worker has packed them. */
 export const sweeps = (id: string | undefined): Read<SweepPlace[]> =>
   readAll("/v1/recordings/{id}/sweeps", { id }, { limit: 5000 }, undefined, 200_000);
+
+/** When each frame of a camera was taken. */
+export const frames = (id: string | undefined, camera: string): Read<FramePlace[]> =>
+  readAll("/v1/recordings/{id}/cameras/{camera}/frames", { id, camera }, { limit: 5000 }, undefined, 200_000);
 
 /** The packings of a recording's sweeps, the newest first. */
 export const packings = (id: string | undefined): Read<Packing[]> =>

@@ -35,8 +35,13 @@ export type NewRecording = Schemas["NewRecording"];
 export type Sensor = Schemas["SensorView"];
 export type UploadedParts = Schemas["Parts"];
 export type SweepPlace = Schemas["SweepView"];
+export type FramePlace = Schemas["FrameView"];
 export type Packing = Schemas["PackingView"];
 export type BlobAddress = Schemas["BlobAddress"];
+
+export type Validations = Schemas["Page_ValidationView_"];
+export type RoadScore = Schemas["RoadScore"];
+export type OffsetCurve = Schemas["OffsetCurve"];
 
 /** A topic that could not be told from others: further members of a problem are not described. */
 export interface Candidate {

@@ -4,6 +4,7 @@ import { asProblem, type ApiProblem } from "../api/http.ts";
 import * as recordings from "../api/recordings.ts";
 import type { SweepPlace } from "../api/types.ts";
 import { reading } from "../cache.svelte.ts";
+import { stepped } from "../stepping.ts";
 import { cloudOf, type Cloud } from "./cloud.ts";
 import { loadSweep, spreadOver } from "./load.ts";
 
@@ -54,10 +55,6 @@ export class ShownSweeps {
   }
 
   step(event: KeyboardEvent): void {
-    const steps: Record<string, number> = { ArrowLeft: -1, ArrowRight: 1, PageUp: -10, PageDown: 10 };
-    const step = steps[event.key];
-    if (step === undefined) return;
-    event.preventDefault();
-    this.number = Math.min(this.last, Math.max(0, this.number + step));
+    this.number = stepped(event, this.number, this.last);
   }
 }

@@ -1,0 +1,222 @@
+"""What a calibration found: its models and cameras side by side, and what a vehicle is given of it.
+
+Members with a default are those that older versions, or some calibrations, do not have.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Literal
+from uuid import UUID
+
+from apexcal.documents.base import Document, Sent, Stored
+from apexcal.documents.jobs import ProblemView
+from apexcal.documents.publications import OverrideView
+from apexcal.documents.results import Deviations, Errors, Intrinsics, Status, Stopped
+from apexcal.documents.transforms import SolvedTransform
+
+
+class Behind(Document):
+    """How far a model is behind the likeliest one on held-out pairs; standard errors are of the blocks.
+
+    ``within_noise``: the difference of their log likelihoods is below 4.
+    """
+
+    px: float
+    standard_error_px: float
+    percent: float
+    standard_error_percent: float
+    within_noise: bool
+    log_likelihood: float | None = None
+    standard_error_log_likelihood: float | None = None
+
+
+class BetweenModels(Document):
+    """A result's deviations with the spread of the models added, and the models' weights by held-out pairs."""
+
+    weights: dict[str, float]
+    std: Deviations
+    interval95_half_width: Deviations = {}
+
+
+class ModelSummary(Document):
+    """A model's fit to all pairs of a camera, and its errors on held-out ones.
+
+    ``objections`` is what speaks against publishing it, whatever its camera has; ``behind`` how far it is behind the
+    model under which held-out pairs are likeliest. ``weight`` is its share among the models, ``heldout_sigma_px``
+    the noise per coordinate of held-out pairs without wrong marks, ``heldout_forbidden`` how many have no projection.
+    """
+
+    result_id: UUID
+    status: Status
+    message: str
+    polished: Errors | None
+    ga: Errors | None = None
+    baseline: Errors | None = None
+    linear_baseline: Errors | None = None
+    free_parameters: int | None = None
+    at_bounds: list[str] = []
+    several_optima: list[str] = []
+    pairs: int | None = None
+    explained_px: float | None = None
+    marks_outside: int | None = None
+    iterations: int | None = None
+    stopped: Stopped | None = None
+    alarms: list[str] = []
+    stated_too_small: list[str] = []
+    heldout_mean_px: float | None = None
+    heldout_rms_px: float | None = None
+    heldout_pairs: int | None = None
+    heldout_forbidden: int | None = None
+    heldout_sigma_px: float | None = None
+    weight: float | None = None
+    between_models: BetweenModels | None = None
+    seconds: float | None = None
+    workers: list[str] = []
+    objections: list[str] | None = None
+    behind: Behind | None = None
+
+    @property
+    def stages(self) -> dict[str, Errors]:
+        """The errors of search, polish and baseline, of those that there are."""
+        named = {"ga": self.ga, "polished": self.polished, "baseline": self.baseline}
+        return {name: errors for name, errors in named.items() if errors is not None}
+
+
+class CameraSummary(Document):
+    """The models of a camera side by side, which one to take and why; whether it was published, where asked for."""
+
+    recommended: str | None
+    why: str
+    models: dict[str, ModelSummary]
+    published: bool | None = None
+    not_published: list[str] = []
+
+
+class StatedDeviation(Document):
+    """How far the transform between two cameras lies from one that the rig states."""
+
+    source: Literal["nominal", "rig"]
+    std_deg: float
+    std_mm: float
+    rotation_deg: float
+    translation_mm: float
+    chi2: float
+    degrees_of_freedom: int
+    probability: float
+    sigmas: float
+
+
+class OddVertex(Document):
+    """A vertex whose marks in two cameras disagree: the pairs' indices in both."""
+
+    indices: list[int]
+    stamp_ns: int | None = None
+    distance_px: float
+    sigmas: float
+
+
+class SharedVertices(Document):
+    """How the marks of the vertices that both cameras saw agree."""
+
+    vertices: int
+    counted: int
+    mean_px: float
+    rms_px: float
+    expected_rms_px: float
+    offset_px: list[float]
+    offset_sigmas: float
+    odd: list[OddVertex] = []
+
+
+class CameraPair(Document):
+    """Two cameras of a rig held against each other; ``transform`` is T_a_b, null where a mount is not determined.
+
+    Deviations are of small turns about camera a's axes in degrees, and of t in millimetres.
+    """
+
+    cameras: list[str]
+    models: list[str]
+    name: str
+    transform: SolvedTransform | None
+    std: dict[str, float] | None = None
+    interval95_half_width: dict[str, float] | None = None
+    stated: list[StatedDeviation] = []
+    shared: SharedVertices | None = None
+    sentences: list[str] = []
+    alarms: list[str] = []
+
+
+class RigSummary(Document):
+    """Every two cameras of a rig compared; ``problem`` says why they could not be."""
+
+    pairs: list[CameraPair] = []
+    alarms: list[str] = []
+    left_out: list[str] = []
+    problem: ProblemView | None = None
+
+
+class Summary(Document):
+    """What a calibration found: for each camera its models, and the cameras of the rig compared."""
+
+    cameras: dict[str, CameraSummary]
+    rig: RigSummary | None = None
+
+
+class Quality(Document):
+    """How good a published calibration is.
+
+    ``std`` includes the spread of the models that held-out pairs do not rule out; ``std_of_model`` holds if the model
+    is right.
+    """
+
+    pairs: int | None = None
+    mean_px: float
+    rms_px: float
+    heldout_mean_px: float | None = None
+    heldout_rms_px: float | None = None
+    std: Deviations | None = None
+    std_of_model: Deviations | None = None
+    interval95_half_width: Deviations | None = None
+    alarms: list[str] = []
+
+
+class Validity(Document):
+    """Since when a calibration is given, and for which sensors. ``until`` (for past moments) is when it was replaced.
+
+    Serial numbers are null where the rig states none.
+    """
+
+    since: datetime
+    until: datetime | None = None
+    camera_serial: str | None = None
+    lidar_serial: str | None = None
+
+
+class CurrentCalibration(Sent):
+    """What a vehicle's camera is given: intrinsics and transforms, both frames named, and how good they are.
+
+    ``T_vehicle_camera`` is there if the rig states ``T_vehicle_lidar``, ``T_parent_child`` if it states the camera's
+    ``joint``: the child's pose in its parent. ``clock_offset_ns`` is the camera's clock
+    minus the LiDAR's with which the pairs were made, null if they were imported. Under an alias other than
+    ``current``, ``publication_id`` is the id of the alias's move.
+    """
+
+    vehicle_id: UUID
+    camera: str
+    published_at: datetime
+    published_by: str | None
+    reason: str | None
+    override: OverrideView | None
+    publication_id: UUID
+    result_id: UUID
+    calibration_id: UUID
+    model: str
+    intrinsics: Stored[Intrinsics]
+    T_camera_lidar: Stored[SolvedTransform]
+    quality: Quality
+    T_vehicle_camera: SolvedTransform | None = None
+    T_parent_child: SolvedTransform | None = None
+    alias: str = "current"
+    clock_offset_ns: int | None = None
+    validity: Validity | None = None

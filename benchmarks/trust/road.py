@@ -1,0 +1,160 @@
+"""Lane markers and depth edges of drives: what a sound mount scores, and how often a knocked camera is noticed.
+
+python -m benchmarks.trust.road --drives 8
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.geometry.transforms import to_document
+from workers.readers.recording import Sweep
+from workers.readers.trees.pcd import read_pcd
+from workers.simulation.camera import LENSES, Camera, make_camera, nominal_mount
+from workers.simulation.drive import draw_drive, record
+from workers.simulation.road import draw_road
+from workers.simulation.sensors import SENSORS
+from workers.validation.calibration import KnownCalibration
+from workers.validation.edge_check import EdgeCheck
+from workers.validation.lane_check import LaneCheck
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data"
+KNOCK_DEG = 0.25
+FRAMES = 30
+# What a good calibration with a known lens leaves of the mount's turn (SPEC: 0.02 degrees).
+LEFT_DEG = 0.02
+SIZE = (640, 400)
+_SHOWN = ("verdict", "yaw_deg", "pitch_deg", "sigma_yaw_deg", "sigma_pitch_deg")
+SENSORS_USED = ("os1-64", "hdl64", "os1-128", "alpha-prime")
+
+
+def figures(drives: int = 20, frames: int = FRAMES) -> dict[str, Any]:
+    """The keys of `make bench-trust` that are of the road; lanes are of the real road where it is, else simulated."""
+    lane = lane_figures()
+    knocks = [_knocks(seed, frames) for seed in range(drives)]
+    return lane | {
+        "knock_found": float(np.mean([found for one in knocks for found in one["found"]])),
+        "knock_false": float(np.mean([false for one in knocks for false in one["false"]])),
+        "knock_drives": drives,
+        "knock_unknown": float(np.mean([one["unknown"] for one in knocks])),
+        "knock_ms_per_frame": 1e3 * float(np.median([one["seconds"] for one in knocks])),
+        "empty_unknown": float(np.mean([_empty(seed, frames // 3) for seed in range(max(drives // 4, 1))])),
+    }
+
+
+def lane_figures() -> dict[str, Any]:
+    """The published mount on the real road; a simulated one where that is absent."""
+    check = LaneCheck(known := _published()) if (DATA / "road-lane-markers").exists() else None
+    if check is not None:
+        check.add(_real_sweep(), cv2.imread(str(DATA / "road-lane-markers" / "calib.png")))
+        found, where = check.result(), "real"
+        assert known.image_size == (1920, 1200)
+    else:
+        camera = _camera(1)
+        check = LaneCheck(_known(camera))
+        for sweep, image in record(draw_road(1), draw_drive(1), SENSORS["os1-64"], camera, 1, 3):
+            check.add(sweep, image)
+        found, where = check.result(), "simulated"
+    return {
+        "lane_score": found["score"],
+        "lane_score_ratio": found["score"] / max(found["score_at_one_degree"], 1e-3),
+        "lane_peak_deg": float(np.hypot(found["yaw_deg"], found["pitch_deg"])),
+        "lane_road": where,
+    }
+
+
+def _camera(seed: int) -> Camera:
+    """A camera 50 to 90 degrees wide on a mount that is off its drawing."""
+    random = np.random.default_rng([seed, 31])
+    mount = make_camera("pinhole", seed, nominal_mount(pitch_down_deg=random.uniform(0.0, 8.0))).T_camera_lidar
+    f = SIZE[0] / 2 / np.tan(np.radians(random.uniform(25.0, 45.0)))
+    lens = LENSES["pinhole"] | {"f_x": f, "f_y": f, "c_x": SIZE[0] / 2, "c_y": SIZE[1] / 2}
+    return Camera("pinhole", lens, SIZE, mount)
+
+
+def _known(camera: Camera, turn_deg: tuple[float, ...] = (0.0, 0.0, 0.0)) -> KnownCalibration:
+    transform = to_document(camera.T_camera_lidar)
+    known = KnownCalibration.of({"intrinsics": camera.intrinsics_document(), "transform": transform})
+    return known.moved(np.array(turn_deg), np.zeros(3))
+
+
+def _knocks(seed: int, frames: int) -> dict[str, Any]:
+    """Verdicts on one drive: under what a good calibration leaves, and under two knocks beside it."""
+    random = np.random.default_rng([seed, 32])
+    camera = _camera(seed)
+    sensor = SENSORS[SENSORS_USED[seed % len(SENSORS_USED)]]
+    angle = random.uniform(0.0, 2.0 * np.pi)
+    knocks = [KNOCK_DEG * np.array([np.sin(a), np.cos(a), 0.0]) for a in (angle, angle + np.pi / 2)]
+    turns = [random.normal(0.0, LEFT_DEG, 3) + turn for turn in ([0.0, 0.0, 0.0], *knocks)]
+    checks = [EdgeCheck(_known(camera, tuple(turn))) for turn in turns]
+    began, spent = 0.0, 0.0
+    for sweep, image in record(draw_road(seed), draw_drive(seed), sensor, camera, seed, frames):
+        grey = image[..., 1].copy()
+        began = time.process_time()
+        for check in checks:
+            check.add(sweep, grey)
+        spent += time.process_time() - began
+    results = [check.result() for check in checks]
+    verdicts = [one["verdict"] for one in results]
+    for turn, one in zip(turns, results, strict=True):
+        line = {"seed": seed, "sensor": sensor.name, "turn": np.round(turn, 3).tolist()}
+        print(json.dumps(line | {name: one.get(name) for name in _SHOWN}), file=sys.stderr, flush=True)
+    return {
+        "found": [verdict == "disagrees" for verdict in verdicts[1:]],
+        "false": [verdicts[0] == "disagrees"],
+        "unknown": verdicts[0] == "unknown",
+        "seconds": spent / (len(checks) * frames),
+    }
+
+
+def _empty(seed: int, frames: int) -> bool:
+    camera = _camera(seed)
+    check = EdgeCheck(_known(camera))
+    road = draw_road(seed, is_empty=True, is_painted=seed % 2 == 0)
+    for sweep, image in record(road, draw_drive(seed), SENSORS["os1-64"], camera, seed, frames):
+        check.add(sweep, image[..., 1].copy())
+    return check.result()["verdict"] == "unknown"
+
+
+def _published() -> KnownCalibration:
+    folder = DATA / "road-lane-markers"
+    lens = json.loads((folder / "center_camera-intrinsic.json").read_text())["center_camera-intrinsic"]["param"]
+    name = "top_center_lidar-to-center_camera-extrinsic"
+    mount = np.array(json.loads((folder / f"{name}.json").read_text())[name]["param"]["sensor_calib"]["data"])
+    K, D = lens["cam_K"]["data"], lens["cam_dist"]["data"][0]
+    intrinsics = {"model": "brown_conrady", "f_x": K[0][0], "f_y": K[1][1], "c_x": K[0][2], "c_y": K[1][2]}
+    intrinsics |= dict(zip(("k1", "k2", "k3", "k4", "k5"), D, strict=True)) | {"image_size": [1920, 1200]}
+    U, _, Vt = np.linalg.svd(mount[:3, :3])
+    transform = {"to_frame": "camera", "from_frame": "lidar", "rotation": {"matrix": (U @ Vt).tolist()}}
+    transform["translation_m"] = mount[:3, 3].tolist()
+    return KnownCalibration.of({"intrinsics": intrinsics, "transform": transform})
+
+
+def _real_sweep() -> Sweep:
+    cloud = read_pcd((DATA / "road-lane-markers" / "calib.pcd").read_bytes(), "calib.pcd")
+    xyz: NDArray[np.float32] = np.column_stack([cloud[axis] for axis in "xyz"]).astype(np.float32)
+    there = np.isfinite(xyz).all(axis=1) & np.any(xyz != 0.0, axis=1)
+    ring, intensity = cloud["ring"][there].astype(np.uint16), cloud["intensity"][there].astype(np.float32)
+    return Sweep(0, xyz[there], intensity, ring, np.zeros(len(ring), np.int64))
+
+
+def main() -> None:
+    """Print the figures, one line of JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--drives", type=int, default=20)
+    parser.add_argument("--frames", type=int, default=FRAMES)
+    arguments = parser.parse_args()
+    print(json.dumps(figures(arguments.drives, arguments.frames)))
+
+
+if __name__ == "__main__":
+    main()

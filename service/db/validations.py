@@ -1,0 +1,36 @@
+"""The table of validations: a calibration held against data that it was not fitted to."""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy import BigInteger, Index, String
+from sqlalchemy.orm import Mapped, mapped_column
+
+from apexcal.documents.states import WorkState
+from service.db.base import Base, Created, Json, Name, RowId, belongs_to, refers_to
+
+
+class Validation(Base):
+    """One question and its answer. ``kind`` is ``pairs``, ``lanes`` or ``edges``.
+
+    ``asked`` holds the calibration as it was when it was asked, so a validation outlives its result.
+    """
+
+    __tablename__ = "validation"
+    __table_args__ = (Index("ix_validation_vehicle_id_id", "vehicle_id", "id"),)
+
+    id: Mapped[RowId]
+    fleet_id: Mapped[UUID] = belongs_to("fleet.id")
+    vehicle_id: Mapped[UUID] = belongs_to("vehicle.id", index=False)
+    recording_id: Mapped[UUID | None] = belongs_to("recording.id", nullable=True)
+    set_id: Mapped[UUID | None] = belongs_to("correspondence_set.id", nullable=True)
+    result_id: Mapped[UUID | None] = refers_to("result.id")
+    kind: Mapped[str] = mapped_column(String(20))
+    camera: Mapped[Name]
+    asked: Mapped[Json] = mapped_column(default=dict)
+    state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
+    result: Mapped[Json | None]
+    problem: Mapped[Json | None]
+    job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
+    created_at: Mapped[Created]

@@ -1,0 +1,1 @@
+"""Validations: calibrations held against other pairs and drives, and a camera's results over time."""

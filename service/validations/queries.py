@@ -1,0 +1,71 @@
+"""Which calibration a validation is of, read when it is asked for."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from uuid import UUID
+
+from apexcal.documents.validations import GivenCalibration, ValidationRequest
+from service.auth.access import Access
+from service.calibration_runs.publication_actions import current_publication, is_withdrawn
+from service.db.base import Json
+from service.db.calibrations import Calibration, Result
+from service.db.fleets import Vehicle
+from service.http.problems import Problem
+
+# What a worker needs of a result; a document also has the errors of all its pairs.
+_NEEDED = ("intrinsics", "transform", "covariance", "sigma_px", "model", "status")
+
+
+class Validated(NamedTuple):
+    """A calibration as it is now; ``result_id`` None where it was given with the request."""
+
+    result_id: UUID | None
+    document: Json
+
+
+def validated(access: Access, vehicle: Vehicle, wanted: ValidationRequest) -> Validated:
+    """The calibration that the request names, or what the camera is given now.
+
+    Raises:
+        Problem: 404 ``no_calibration``, 422 ``result_of_another_vehicle``, ``result_of_another_camera``.
+    """
+    if wanted.calibration is not None:
+        return Validated(None, _given(wanted.calibration))
+    if wanted.result_id is None:
+        newest = current_publication(access.session, vehicle.id, wanted.camera)
+        if newest is None or is_withdrawn(access.session, newest):
+            raise Problem(
+                404,
+                "no_calibration",
+                f"The camera {wanted.camera!r} has no published calibration.",
+                "Give `result_id`, or `calibration` with a lens and a transform.",
+            )
+        return _of(access.session.get_one(Result, newest.result_id))
+    result = access.find(Result, wanted.result_id, "engineer")
+    of_vehicle = access.session.get_one(Calibration, result.calibration_id).vehicle_id
+    if of_vehicle != vehicle.id:
+        raise Problem(
+            422,
+            "result_of_another_vehicle",
+            "The result belongs to another vehicle, whose sensors are mounted elsewhere.",
+            "Ask at the result's own vehicle.",
+        )
+    if result.camera != wanted.camera:
+        raise Problem(
+            422,
+            "result_of_another_camera",
+            f"The result is of the camera {result.camera!r}, not of {wanted.camera!r}.",
+            "Name the camera of the result.",
+        )
+    return _of(result)
+
+
+def _of(result: Result) -> Validated:
+    return Validated(result.id, {name: result.document.get(name) for name in _NEEDED})
+
+
+def _given(calibration: GivenCalibration) -> Json:
+    lens = calibration.lens
+    intrinsics = {"model": lens.model, **lens.parameters, "image_size": list(lens.image_size)}
+    return {"intrinsics": intrinsics, "transform": calibration.transform.model_dump(mode="json")}

@@ -1,0 +1,100 @@
+"""A detection judged sweep by sweep: found, uncertain and refused, the corner in 3D, the frame beside it."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.e2e.conftest import Track
+
+SignIn = Callable[[str, str], Page]
+FRONTEND = Path(__file__).parents[2] / "frontend"
+
+
+@pytest.fixture(scope="module")
+def narrow_id(track: Track) -> str:
+    """A detection by the paper's rule, which refuses many sweeps, in a region that the board leaves."""
+    region = {
+        "and": [track.owner.detections.get(track.detection_id).region, {"quantity": "y", "op": ">", "value": 0}]
+    }
+    made = track.owner.detections.create(track.recording_id, region, detector="strict")
+    done = track.owner.wait(made, timeout_s=60)
+    assert done.counts.accepted > 0 and done.counts.rejected
+    return str(done.id)
+
+
+def open_judged(page: Page, track: Track, detector: str) -> Locator:
+    page.goto(f"{track.url}/recordings/{track.recording_id}?step=detection")
+    panel = page.locator("section").filter(has=page.get_by_role("heading", name=re.compile(f"^{detector}"))).first
+    slider = panel.get_by_role("slider", name="Sweep to judge")
+    summary = panel.get_by_text("Sweep by sweep")
+    expect(summary).to_be_visible()
+    if not summary.evaluate("node => node.parentElement.open"):
+        summary.click()
+    expect(slider).to_be_visible()
+    return panel
+
+
+def test_every_sweep_has_its_verdict(sign_in: SignIn, track: Track, narrow_id: str) -> None:
+    page = sign_in("Zoe", "viewer")
+    panel = open_judged(page, track, "strict")
+    counts = track.owner.detections.get(narrow_id).counts
+    kinds = panel.get_by_role("group", name="Next sweep of a kind").get_by_role("button")
+    said = {name: int(count) for name, count in (text.rsplit(None, 1) for text in kinds.all_inner_texts())}
+    assert {name: count for name, count in said.items() if name.startswith("refused")} == {
+        f"refused: {reason.replace('_', ' ')}": count for reason, count in counts.rejected.items()
+    }
+    assert sum(said.values()) == counts.sweeps
+
+    reason, runs = next(iter(counts.refused_sweeps.items()))
+    refused = panel.get_by_role("button", name=f"refused: {reason.replace('_', ' ')}")
+    refused.click()
+    status = panel.get_by_role("status").first
+    expect(status).to_contain_text(f"refused: {reason.replace('_', ' ')}")
+    shown = int(panel.locator("[data-sweep]").first.get_attribute("data-sweep") or -1)
+    assert any(first <= shown <= last for first, last in runs)
+    # Also a refused sweep is seen, with the frame of its moment.
+    expect(panel.get_by_role("application")).to_have_attribute("data-sweeps", str(shown))
+    expect(panel.get_by_role("img", name=re.compile("^Frame"))).to_be_visible()
+
+
+def test_a_click_on_the_track_shows_sweep_corner_and_frame(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Arne", "annotator")
+    panel = open_judged(page, track, "refined")
+    plot = panel.get_by_role("img", name="Verdicts of the sweeps")
+    box = plot.bounding_box()
+    assert box
+    plot.click(position={"x": 0.6 * box["width"], "y": 0.4 * box["height"]})
+    state = panel.locator("[data-sweep]").first
+    expect(state).not_to_have_attribute("data-sweep", "0")
+    shown = int(state.get_attribute("data-sweep") or -1)
+    vertices = {one.sweep_index: one for one in track.owner.detections.vertices(track.detection_id)}
+    vertex = vertices[shown]
+    status = panel.get_by_role("status").first
+    expect(status).to_contain_text(f"Corner at x {vertex.x:.3f}, y {vertex.y:.3f}, z {vertex.z:.3f} m")
+    assert vertex.covariance
+    expect(status).to_contain_text(f"{1000 * vertex.covariance[2][2] ** 0.5:.1f} mm along it")
+    expect(panel.get_by_role("img", name=f"Frame {vertex.frames['front'].index} of front")).to_be_visible()
+    expect(panel.get_by_role("application")).to_have_attribute("data-sweeps", str(shown))
+    # The plot's axes say what they are, in which unit.
+    for title in ("x, m", "y, m", "z, m", "time into the recording, s"):
+        expect(plot.get_by_text(title)).to_be_visible()
+    slider = panel.get_by_role("slider", name="Sweep to judge")
+    slider.press("ArrowRight")
+    expect(state).to_have_attribute("data-sweep", str(shown + 1))
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_judged_detection_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, scheme: str) -> None:
+    page = sign_in(f"Bo {scheme}", "viewer")
+    page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]
+    page.set_viewport_size({"width": 390, "height": 844})
+    panel = open_judged(page, track, "refined")
+    expect(panel.get_by_role("application")).to_have_attribute("data-pictures", re.compile("[1-9]"))
+    page.evaluate((FRONTEND / "node_modules" / "axe-core" / "axe.min.js").read_text())
+    found = page.evaluate("() => axe.run('div[data-sweep]')")
+    assert found["violations"] == [], json.dumps(found["violations"], indent=1)
+    assert page.evaluate("document.scrollingElement.scrollWidth") <= 390

@@ -1,0 +1,109 @@
+"""A sweep drawn into its frame on a calibration's page: the points that belong there, blinking, saved, by keys."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from apexcal.sweeps import unpack
+from tests.e2e.conftest import Track
+from tests.e2e.test_calibrating import pairs_of_truth
+from workers.geometry.projection import project
+from workers.geometry.transforms import from_document
+
+SignIn = Callable[[str, str], Page]
+FRONTEND = Path(__file__).parents[2] / "frontend"
+
+
+@pytest.fixture(scope="module")
+def calibration_id(track: Track) -> str:
+    """A calibration of the simulated camera, from pairs as the truth has them."""
+    pairs = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 130))
+    wanted = {"models": ["brown_conrady"], "folds": 0}
+    made = track.owner.wait(track.owner.calibrations.create(track.vehicle_id, [pairs.id], **wanted), timeout_s=90)
+    return str(made.id)
+
+
+def open_overlay(page: Page, track: Track, calibration_id: str) -> Locator:
+    page.goto(f"{track.url}/calibrations/{calibration_id}")
+    overlay = page.get_by_role("region", name="Points in the frame")
+    expect(overlay.locator("canvas")).to_have_attribute("data-points", re.compile("[1-9]"))
+    return overlay
+
+
+def inside_the_image(track: Track, calibration_id: str, sweep: int) -> int:
+    """How many points of a sweep the result's lens maps into the image, by workers/geometry."""
+    found = track.owner.calibrations.get(calibration_id)
+    assert found.summary
+    result = track.owner.calibrations.result(found.summary.cameras["front"].models["brown_conrady"].result_id)
+    lens = result.intrinsics.model_dump(exclude={"model", "image_size"}, exclude_none=True)
+    points = unpack(track.owner.recordings.sweep(track.recording_id, sweep)).xyz
+    mounted = from_document(result.transform.model_dump()).apply(points)
+    pixels, violation = project("brown_conrady", lens, mounted)
+    width, height = track.image_size
+    u, v = pixels[violation == 0].T
+    return int(((u > -0.5) & (v > -0.5) & (u < width - 0.5) & (v < height - 0.5)).sum())
+
+
+def test_the_points_of_a_sweep_lie_in_its_frame(sign_in: SignIn, track: Track, calibration_id: str) -> None:
+    page = sign_in("Vera", "reviewer")
+    overlay = open_overlay(page, track, calibration_id)
+    canvas = overlay.locator("canvas")
+    for key in ("ArrowRight", "PageDown"):
+        before = canvas.get_attribute("data-frame")
+        overlay.get_by_role("slider").press(key)
+        expect(canvas).not_to_have_attribute("data-frame", before or "")
+    shown = int(canvas.get_attribute("data-points") or 0)
+    said = re.search(r"([\d,]+) points, ([\d,]+) more are hidden", overlay.get_by_role("status").inner_text())
+    assert said
+    drawn, hidden = (int(one.replace(",", "")) for one in said.groups())
+    assert drawn == shown > 500
+    assert drawn + hidden == inside_the_image(track, calibration_id, int(canvas.get_attribute("data-sweep") or -1))
+    # The sweep is the one that was measured nearest to the frame: within half of its 100 ms.
+    late = re.search(r"measured ([\d.]+) ms", overlay.get_by_role("status").inner_text())
+    assert late and float(late[1]) <= 51
+
+
+def test_the_mounts_blink(sign_in: SignIn, track: Track, calibration_id: str) -> None:
+    page = sign_in("Walt", "reviewer")
+    overlay = open_overlay(page, track, calibration_id)
+    picture = overlay.get_by_role("img")
+    ways = overlay.get_by_role("group", name="Drawn through")
+    ways.get_by_role("button", name="Nominal mount").focus()
+    page.keyboard.press("Enter")
+    expect(picture).to_have_attribute("aria-label", re.compile("Nominal mount"))
+    ways.get_by_role("button", name="Frame alone").click()
+    expect(overlay.locator("canvas")).to_have_attribute("data-points", "0")
+    ways.get_by_role("button", name="This result").click()
+    overlay.get_by_role("button", name="Blink").click()
+    for pressed in ("Frame alone", "This result", "Frame alone"):
+        expect(ways.get_by_role("button", pressed=True)).to_have_text(pressed)
+    overlay.get_by_role("button", name="Stop").click()
+    with page.expect_download() as saved:
+        overlay.get_by_role("button", name="Save as PNG").click()
+    assert Path(saved.value.path()).read_bytes().startswith(b"\x89PNG")
+
+
+def test_annotators_are_not_shown_where_the_board_is(sign_in: SignIn, track: Track, calibration_id: str) -> None:
+    page = sign_in("Xena", "annotator")
+    page.goto(f"{track.url}/calibrations/{calibration_id}")
+    expect(page.get_by_role("heading", name="brown_conrady", exact=True)).to_be_visible()
+    page.wait_for_load_state("networkidle")
+    expect(page.get_by_role("region", name="Points in the frame")).to_have_count(0)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_overlay_is_accessible_and_fits_a_phone(
+    sign_in: SignIn, track: Track, calibration_id: str, scheme: str
+) -> None:
+    page = sign_in(f"Yann {scheme}", "reviewer")
+    page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]
+    page.set_viewport_size({"width": 390, "height": 844})
+    open_overlay(page, track, calibration_id)
+    page.evaluate((FRONTEND / "node_modules" / "axe-core" / "axe.min.js").read_text())
+    found = page.evaluate("() => axe.run('section[aria-labelledby=overlay]')")
+    assert found["violations"] == [], json.dumps(found["violations"], indent=1)
+    assert page.evaluate("document.scrollingElement.scrollWidth") <= 390

@@ -1,0 +1,130 @@
+"""A recording as the steps of the work, an empty vehicle, a dropped file, and moving between pages by keys."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.e2e.conftest import Track
+
+SignIn = Callable[[str, str], Page]
+FRONTEND = Path(__file__).parents[2] / "frontend"
+STEPS = ("facts", "region", "detection", "marking", "calibration")
+DROP = """() => {
+  const data = new DataTransfer();
+  data.items.add(new File(["This is no bag.\\n".repeat(50)], "dropped.bag"));
+  const at = document.querySelector("h1");
+  for (const type of ["dragenter", "dragover", "drop"]) {
+    at.dispatchEvent(new DragEvent(type, { dataTransfer: data, bubbles: true, cancelable: true }));
+  }
+}"""
+
+
+def test_the_steps_are_links_and_each_role_starts_at_its_own(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Cora", "engineer")
+    page.goto(f"{track.url}/recordings/{track.recording_id}")
+    steps = page.get_by_role("navigation", name="Steps")
+    # Vertices were found already: they wait to be judged.
+    expect(steps.locator("[aria-current=step]")).to_contain_text("Detection")
+    for name, there in (
+        ("Recording", page.get_by_role("heading", name="What it holds")),
+        ("Region", page.get_by_role("heading", name="Find vertices")),
+        ("Marking", page.get_by_role("link", name="Mark", exact=True)),
+        ("Calibration", page.get_by_role("heading", name="Calibrate", exact=True)),
+    ):
+        steps.get_by_role("link", name=name).focus()
+        page.keyboard.press("Enter")
+        expect(there.first).to_be_visible()
+        expect(steps.locator("[aria-current=step]")).to_contain_text(name)
+        expect(steps.get_by_role("link", name=name)).to_be_focused()  # a step keeps the focus where it was
+    page.go_back()
+    expect(steps.locator("[aria-current=step]")).to_contain_text("Marking")
+
+    annotator = sign_in("Dag", "annotator")
+    annotator.goto(f"{track.url}/recordings/{track.recording_id}")
+    expect(annotator.get_by_role("link", name="Mark", exact=True).first).to_be_visible()
+    steps = annotator.get_by_role("navigation", name="Steps")
+    expect(steps.get_by_role("link", name="Region")).to_have_count(0)
+
+
+def until(page: Page, condition: str) -> None:
+    """Wait for a condition; the pages' content policy keeps Playwright's own way of it out."""
+    for _ in range(100):
+        if page.evaluate(condition):
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"never: {condition}")
+
+
+def test_pages_keep_focus_and_scroll(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Elin", "viewer")
+    page.set_viewport_size({"width": 1280, "height": 250})
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
+    expect(page.get_by_role("link", name="Van 7")).to_be_visible()
+    page.keyboard.press("Tab")
+    expect(page.get_by_role("link", name="Skip to the content")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("main")).to_be_focused()
+    page.goto(f"{track.url}/vehicles/{track.vehicle_id}")
+    link = page.get_by_role("link", name="recording.bag").first
+    link.focus()
+    page.evaluate("scrollTo(0, 120)")
+    until(page, "history.state?.scroll === 120")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", level=1)).to_have_text("recording.bag")
+    expect(page.get_by_role("main")).to_be_focused()
+    assert page.evaluate("scrollY") == 0
+    page.go_back()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Van 7")
+    until(page, "scrollY === 120")
+
+
+def test_an_empty_vehicle_asks_for_what_comes_first(sign_in: SignIn, track: Track) -> None:
+    vehicle = track.owner.vehicles.create(track.fleet_id, "Sled")
+    page = sign_in("Finn", "engineer")
+    page.goto(f"{track.url}/vehicles/{vehicle.id}")
+    expect(page.get_by_text("describe its rig first")).to_be_visible()
+    expect(page.get_by_role("heading", name="Recordings")).to_have_count(0)
+    known = track.owner.vehicles.rig(track.rig_id)
+    camera = known.cameras[0].model_dump(mode="json")
+    rig = {"name": "roof", "lidar": {"frame": "velodyne", "topic": None}, "cameras": [camera]}
+    track.owner.vehicles.create_rig(vehicle.id, rig)
+    page.reload()
+    expect(page.get_by_text("Upload a recording of somebody")).to_be_visible()
+
+    page.evaluate(DROP)
+    expect(page.get_by_role("heading", level=1)).to_have_text("dropped.bag")
+    expect(page.get_by_role("alert")).to_contain_text("text file", timeout=20_000)
+    steps = page.get_by_role("navigation", name="Steps")
+    expect(steps.get_by_role("link")).to_have_count(1)  # nothing else can be done with it
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_page_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, scheme: str) -> None:
+    page = sign_in(f"Gry {scheme}", "engineer")
+    page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]
+    axe = (FRONTEND / "node_modules" / "axe-core" / "axe.min.js").read_text()
+    paths = [f"/recordings/{track.recording_id}?step={step}" for step in STEPS]
+    paths += [f"/fleets/{track.fleet_id}", f"/fleets/{track.fleet_id}/requests", f"/vehicles/{track.vehicle_id}"]
+    for path in paths:
+        for width in (390, 1280):
+            page.set_viewport_size({"width": width, "height": 844})
+            page.goto(f"{track.url}{path}")
+            expect(page.get_by_role("heading", level=1)).to_be_visible()
+            page.wait_for_load_state("networkidle")
+            page.evaluate(axe)
+            found = page.evaluate("() => axe.run()")
+            said = [(one["id"], [node["html"] for node in one["nodes"]]) for one in found["violations"]]
+            assert said == [], (path, width, json.dumps(said, indent=1))
+            assert page.evaluate("document.scrollingElement.scrollWidth") <= width, (path, width)
+
+
+def test_a_page_that_loads_shows_shapes(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Hedda", "viewer")
+    page.route(re.compile(r"/v1/recordings/[^/]+$"), lambda route: None)  # never answered
+    page.goto(f"{track.url}/recordings/{track.recording_id}")
+    expect(page.get_by_role("main").get_by_text("Loading")).to_be_attached()
+    page.unroute_all()

@@ -1,0 +1,157 @@
+"""Validations and drift over HTTP, on both databases."""
+
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+
+import pytest
+
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.jobs import Job
+from service.db.validations import Validation
+from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
+
+pytestmark = pytest.mark.usefixtures("broker")
+
+PAIRS = [{"x": 9.0, "y": 0.1 * i, "z": 0.2, "u": 300.0 + i, "v": 200.0, "group": i // 4} for i in range(12)]
+LENS = {"model": "pinhole", "parameters": {"f_x": 400, "f_y": 400, "c_x": 320, "c_y": 240}, "image_size": [640, 480]}
+GIVEN = {"lens": LENS, "transform": LEVEL}
+SCORE = {"verdict": "agrees", "sentence": "It holds.", "pairs": 1, "forbidden": 0, "wrong": 0, "mean_px": 1.0}
+SCORE |= {"rms_px": 1.0, "median_px": 1.0, "max_px": 1.0, "u": [1.0], "v": [2.0], "residual_u": [0.5]}
+SCORE |= {"residual_v": [None], "is_wrong": [False]}
+
+
+@pytest.fixture
+def fleet(api):
+    return api.fleet()
+
+
+@pytest.fixture
+def engineer(api, fleet):
+    return api.member(fleet, "engineer")
+
+
+@pytest.fixture
+def rig(api, fleet):
+    return seed_rig(api.database, fleet)
+
+
+def brought(engineer, rig):
+    return engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": PAIRS}, params={"camera": "front"}).json()
+
+
+def test_a_given_calibration_is_scored_on_any_set_of_the_camera(api, engineer, rig):
+    made = brought(engineer, rig)
+    path, body = f"/vehicles/{rig.vehicle_id}/validations", {"kind": "pairs", "camera": "front", "set_id": made["id"]}
+    nothing = engineer.post(path, body)
+    assert (nothing.status_code, nothing.json()["code"]) == (404, "no_calibration")
+    asked = engineer.post(path, body | {"calibration": GIVEN})
+    assert asked.status_code == 202, asked.text
+    said = asked.json()
+    assert (said["job"]["kind"], said["state"], said["result"]) == ("score_pairs", "queued", None)
+    with api.database.writing() as session:
+        row = session.query(Validation).one()
+        assert session.query(Job).one().subject_id == row.id
+        assert row.asked["calibration"]["intrinsics"]["f_x"] == 400
+        row.state, row.result = "done", SCORE
+    read = engineer.get(f"/validations/{said['id']}").json()
+    assert (read["state"], read["result"]) == ("done", SCORE)
+    (listed,) = engineer.get(path).json()["items"]
+    assert (listed["result"]["mean_px"], listed["result"]["u"]) == (1.0, [])
+
+
+def test_single_pairs_of_marks_are_for_reviewers(api, fleet, engineer, rig):
+    made = brought(engineer, rig)
+    body = {"kind": "pairs", "camera": "front", "set_id": made["id"], "calibration": GIVEN}
+    said = engineer.post(f"/vehicles/{rig.vehicle_id}/validations", body).json()
+    with api.database.writing() as session:
+        session.query(Validation).one().result = SCORE
+        session.query(CorrespondenceSet).one().source = "annotations"
+    annotator = api.member(fleet, "annotator")
+    assert annotator.get(f"/validations/{said['id']}").json()["result"]["residual_u"] == []
+    assert engineer.get(f"/validations/{said['id']}").json()["result"]["residual_u"] == [0.5]
+    assert annotator.post(f"/vehicles/{rig.vehicle_id}/validations", body).status_code == 403
+
+
+def test_what_does_not_belong_together_is_refused(api, fleet, engineer, rig):
+    made, other = brought(engineer, rig), seed_rig(api.database, api.fleet())
+    recording, _ = seed_recording(api.database, rig, 3)
+    path = f"/vehicles/{rig.vehicle_id}/validations"
+    pairs = {"kind": "pairs", "camera": "front", "set_id": made["id"], "calibration": GIVEN}
+    lanes = {"kind": "lanes", "camera": "front", "recording_id": str(recording), "calibration": GIVEN}
+    assert engineer.post(path, lanes).json()["job"]["kind"] == "check_lanes"
+    assert engineer.post(path, lanes | {"kind": "edges"}).json()["job"]["kind"] == "check_edges"
+    for body, status, code in (
+        (pairs | {"camera": "rear"}, 422, "set_of_another_camera"),
+        (lanes | {"camera": "rear"}, 404, "unknown_camera"),
+        (lanes | {"kind": "pairs"}, 422, "invalid_request"),
+        (pairs | {"kind": "edges"}, 422, "invalid_request"),
+        (pairs | {"calibration": GIVEN | {"lens": LENS | {"parameters": {"f_x": 1}}}}, 422, "invalid_request"),
+    ):
+        answer = engineer.post(path, body)
+        assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
+    elsewhere = engineer.post(f"/vehicles/{other.vehicle_id}/validations", pairs)
+    assert elsewhere.status_code == 404
+
+
+def seed_results(api, rig, mounts):
+    """Recommended results, a day apart: (t_x in metres) each, stated to 5 mm and 0.05 degrees."""
+    names = ["rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z"]
+    std = dict(zip(names, [0.05] * 3 + [0.005] * 3, strict=True))
+    matrix = [[std[a] ** 2 if a == b else 0.0 for b in names] for a in names]
+    with api.database.writing() as session:
+        for day, t_x in enumerate(mounts):
+            made = datetime(2026, 3, 1, tzinfo=UTC) + timedelta(days=day)
+            owned = {"fleet_id": rig.fleet_id}
+            pairs = CorrespondenceSet(
+                **owned, vehicle_id=rig.vehicle_id, rig_id=rig.id, camera="front", source="import", created_at=made
+            )
+            pairs.content_hash, pairs.count, pairs.pairs = str(day), 0, {}
+            calibration = Calibration(
+                **owned, vehicle_id=rig.vehicle_id, rig_id=rig.id, request={}, content_hash=str(day), state="done"
+            )
+            calibration.remaining, calibration.publish = 0, "none"
+            session.add_all([pairs, calibration])
+            session.flush()
+            run = CalibrationRun(**owned, calibration_id=calibration.id, set_id=pairs.id, camera="front", fold=-1)
+            run.model, run.farm, run.slots, run.bundle, run.problem = "pinhole", "runs", 1, 1, {}
+            session.add(run)
+            session.flush()
+            result = Result(**owned, calibration_id=calibration.id, run_id=run.id, camera="front")
+            result.model, result.fold = "pinhole", -1
+            result.document = {
+                "model": "pinhole",
+                "status": "ok",
+                "intrinsics": {"model": "pinhole", **LENS["parameters"]},
+                "transform": LEVEL | {"translation_m": [t_x, -0.1, -0.2]},
+                "parameters": {**LENS["parameters"]},
+                "std": std,
+                "covariance": {"names": names, "units": [], "matrix": matrix},
+            }
+            session.add(result)
+            session.flush()
+            model = {"result_id": str(result.id)}
+            calibration.summary = {"cameras": {"front": {"recommended": "pinhole", "models": {"pinhole": model}}}}
+
+
+@pytest.mark.parametrize(
+    ("mounts", "said"),
+    [
+        ([0.0, 0.002, -0.003], "the mount stayed"),
+        ([0.0, 0.001, 0.060], "the mount moved (at 2026-03-03)"),
+        ([0.0, 0.013, 0.026, 0.039, 0.052], "no step stands out, but"),
+        ([0.0], "no drift shows"),
+    ],
+)
+def test_drift_compares_each_result_with_the_one_before_and_the_first(api, engineer, rig, mounts, said):
+    seed_results(api, rig, mounts)
+    drift = engineer.get(f"/vehicles/{rig.vehicle_id}/drift", params={"camera": "front"}).json()
+    assert said in drift["sentence"]
+    steps = drift["steps"]
+    assert [step["transform"]["translation_m"][0] for step in steps] == mounts
+    assert steps[0]["from_previous"] is None
+    for before, step in pairwise(steps):
+        moved = step["transform"]["translation_m"][0] - before["transform"]["translation_m"][0]
+        assert step["from_previous"]["translation_mm"] == pytest.approx(1e3 * abs(moved))
+        assert step["from_first"]["translation_mm"] == pytest.approx(
+            1e3 * abs(step["transform"]["translation_m"][0] - mounts[0])
+        )

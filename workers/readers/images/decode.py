@@ -1,0 +1,81 @@
+"""The child that decodes frames: ``python -m workers.readers.images.decode FILE OUT --frames JSON``.
+
+Writes frame number i as ``OUT/i.npy``, uint8, (height, width, 3) BGR or (height, width) grey.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from workers.readers.confine import confine
+from workers.readers.images.headers import read_image_header
+from workers.readers.isolation.isolate import isolate
+
+_REDUCED: Final = {
+    (False, 1): cv2.IMREAD_GRAYSCALE,
+    (False, 2): cv2.IMREAD_REDUCED_GRAYSCALE_2,
+    (False, 4): cv2.IMREAD_REDUCED_GRAYSCALE_4,
+    (False, 8): cv2.IMREAD_REDUCED_GRAYSCALE_8,
+    (True, 1): cv2.IMREAD_COLOR,
+    (True, 2): cv2.IMREAD_REDUCED_COLOR_2,
+    (True, 4): cv2.IMREAD_REDUCED_COLOR_4,
+    (True, 8): cv2.IMREAD_REDUCED_COLOR_8,
+}
+
+
+def reduced(width: int, widest: int) -> int:
+    """By which of 1, 2, 4, 8 an image is made smaller, so that it is about as wide as is needed."""
+    return next((factor for factor in (1, 2, 4, 8) if width / factor <= widest), 8)
+
+
+def decoded(data: bytes, *, colour: bool, widest: int) -> Any:
+    """The pixels of an encoded image, made smaller by 2, 4 or 8 if it is wider than ``widest``; None if damaged.
+
+    A JPEG is decoded at the smaller size, which takes a fraction of the time. What the file says of turning it is not
+    followed: calibrations are of the pixels as they lie in the file.
+    """
+    width = read_image_header(data, "the frame").width
+    flags = _REDUCED[colour, reduced(width, widest)] | cv2.IMREAD_IGNORE_ORIENTATION
+    return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Decode the frames; one that cannot be decoded has no file."""
+    parser = argparse.ArgumentParser(prog="python -m workers.readers.images.decode", description=__doc__)
+    parser.add_argument("source", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--frames", type=json.loads, required=True, help="JSON: [[offset, length], ...]")
+    parser.add_argument("--colour", action="store_true")
+    parser.add_argument("--widest", type=int, required=True)
+    parser.add_argument("--parent", type=int, help="pid of the starter; the child dies with it")
+    parser.add_argument("--limits", type=json.loads, default={}, help="JSON: memory_bytes, cpu_s, file_bytes")
+    arguments = parser.parse_args(argv)
+    limits: dict[str, int] = arguments.limits
+    confine(
+        parent=arguments.parent,
+        memory_bytes=limits.get("memory_bytes"),
+        cpu_s=limits.get("cpu_s"),
+        file_bytes=limits.get("file_bytes"),
+    )
+    cv2.setNumThreads(1)
+    if arguments.parent is not None:
+        isolate([arguments.source], [arguments.out])
+    with arguments.source.open("rb") as file:
+        for number, (offset, length) in enumerate(arguments.frames):
+            file.seek(offset)
+            pixels = decoded(file.read(length), colour=arguments.colour, widest=arguments.widest)
+            if pixels is not None:
+                np.save(arguments.out / f"{number}.npy", pixels)
+            print(json.dumps({"frame": number}), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,121 @@
+"""Validations: a calibration held against other pairs, or against a drive."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.calibrations import CorrespondenceSet
+from service.db.recordings import CameraFrame, Sensor
+from service.db.validations import Validation
+from service.jobs.claims import Claim, Lease
+from workers.readers.images.decoded_frames import decoded_frames
+from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.recording import ReadError
+from workers.tasks.context import Context
+from workers.tasks.loading import lidar_key, open_lidar
+from workers.validation.calibration import KnownCalibration
+from workers.validation.edge_check import EdgeCheck
+from workers.validation.lane_check import LaneCheck
+from workers.validation.pair_score import score_pairs as score
+
+# Frames of a recording that are looked at.
+_FRAMES: Final = 30
+
+
+def score_pairs(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Errors of a calibration on a set's pairs, without a fit."""
+    lease.report(0.0, "scoring pairs")
+    with context.database.reading() as session:
+        row = session.get_one(Validation, held.subject_id)
+        calibration = KnownCalibration.of(row.asked["calibration"])
+        columns = session.get_one(CorrespondenceSet, row.set_id).pairs
+    points = np.column_stack([columns[name] for name in "xyz"]).astype(np.float64)
+    marks = np.column_stack([columns[name] for name in "uv"]).astype(np.float64)
+    return _writing(held, score(calibration, points, marks))
+
+
+def check_lanes(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Lane markers of a drive against its frames."""
+    return _check(context, held, lease, LaneCheck, colour=True)
+
+
+def check_edges(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Depth edges of a drive against its frames."""
+    return _check(context, held, lease, EdgeCheck, colour=False)
+
+
+class _Drive(NamedTuple):
+    """Where a recording's sweeps and one camera's frames are."""
+
+    lidar_key: str
+    camera_key: str
+    frames: list[tuple[int, int, int]]
+
+
+def _check(
+    context: Context, held: Claim, lease: Lease, kind: type[LaneCheck | EdgeCheck], *, colour: bool
+) -> Callable[[Session], None]:
+    with context.database.reading() as session:
+        row = session.get_one(Validation, held.subject_id)
+        check = kind(KnownCalibration.of(row.asked["calibration"]))
+        drive = _drive(session, row, check.calibration)
+    began = time.process_time()
+    with context.scratch() as folder, open_lidar(context, drive.lidar_key, folder) as lidar:
+        camera = context.fetch(drive.camera_key, folder)
+        places = [(offset, length) for _, offset, length in drive.frames]
+        images = decoded_frames(camera, places, folder, colour=colour, widest=check.widest_px, must_stop=lease.check)
+        behind_ns = _seen_after_ns(lidar, check.calibration)
+        for number, ((stamp_ns, *_), image) in enumerate(zip(drive.frames, images, strict=True)):
+            lease.report(number / len(drive.frames), "looking at frames")
+            if image is not None:
+                check.add(lidar.sweep(lidar.nearest(stamp_ns - behind_ns)), image)
+    found = check.result()
+    return _writing(held, found | {"seconds_per_frame": (time.process_time() - began) / max(found["frames"], 1)})
+
+
+def _drive(session: Session, row: Validation, calibration: KnownCalibration) -> _Drive:
+    """The frames that are looked at, spread over the recording.
+
+    Raises:
+        ReadError: ``image_size_differs``.
+    """
+    camera = session.scalars(
+        select(Sensor).where(Sensor.recording_id == row.recording_id, Sensor.name == row.camera)
+    ).one()
+    frames = session.scalars(
+        select(CameraFrame).where(CameraFrame.sensor_id == camera.id).order_by(CameraFrame.index)
+    ).all()
+    wanted = [one for one in frames if (one.width, one.height) == calibration.image_size]
+    if not wanted:
+        width, height = calibration.image_size
+        raise ReadError(
+            "image_size_differs",
+            f"No frame of {row.camera} is {width} x {height} pixels large, as the calibration is.",
+            "Validate a calibration of this camera in this mode.",
+        )
+    chosen = np.unique(np.linspace(0, len(wanted) - 1, _FRAMES).round().astype(int))
+    assert row.recording_id is not None
+    places = [(one.stamp_ns, one.offset, one.length) for one in (wanted[place] for place in chosen)]
+    return _Drive(lidar_key(session, row.recording_id), camera.blob_key, places)
+
+
+def _seen_after_ns(lidar: LidarFile, calibration: KnownCalibration) -> int:
+    """How long after a sweep's stamp the LiDAR measures what the camera sees."""
+    if not len(lidar):
+        raise ReadError("no_sweeps", "The recording holds no sweeps.", "Validate with another recording.")
+    sweep = lidar.sweep(len(lidar) // 2)
+    seen = calibration.project(sweep.xyz.astype(np.float64))[1]
+    return int(np.median(sweep.offset_ns[seen])) if seen.any() else 0
+
+
+def _writing(held: Claim, result: dict[str, Any]) -> Callable[[Session], None]:
+    def write(session: Session) -> None:
+        session.get_one(Validation, held.subject_id).result = result
+
+    return write

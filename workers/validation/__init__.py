@@ -1,0 +1,1 @@
+"""A calibration held against data that it was not fitted to: other pairs, lane markers, edges."""

@@ -1,0 +1,72 @@
+"""The ground that a sweep shows: one plane below the sensor."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# Roads drain by 2-4 % across (AASHTO Green Book), and a plane holds over tens of metres.
+_THICK_M: Final = 0.1
+_FARTHEST_M: Final = 40.0
+_NEAREST_M: Final = 2.0
+# A LiDAR on a vehicle leans by less, and so do roads.
+_STEEPEST_COS: Final = float(np.cos(np.radians(15.0)))
+_DRAWS: Final = 200
+_SAMPLED: Final = 3000
+_REFITS: Final = 3
+_FEWEST: Final = 100
+
+
+class Plane(NamedTuple):
+    """Points x with normal . x + offset = 0, metres, LiDAR frame; the normal is of unit length and points up."""
+
+    normal: Floats
+    offset: float
+
+    def height(self, points: Floats) -> Floats:
+        """(N,) metres above the plane."""
+        return points @ self.normal + self.offset
+
+
+def ground_plane(points: Floats) -> Plane | None:
+    """The plane that most points below the sensor lie on (RANSAC, then least squares); None where there is none.
+
+    points: (N, 3), metres, LiDAR frame with z up. The draws are the same at every call.
+    """
+    flat = np.hypot(points[:, 0], points[:, 1])
+    low = points[(points[:, 2] < 0.0) & (flat > _NEAREST_M) & (flat < _FARTHEST_M)]
+    if len(low) < _FEWEST:
+        return None
+    random = np.random.default_rng(0)
+    few = low[:: max(1, len(low) // _SAMPLED)]
+    three = few[random.integers(0, len(few), (_DRAWS, 3))]
+    normals = np.cross(three[:, 1] - three[:, 0], three[:, 2] - three[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    normals = normals[length > 1e-6] / length[length > 1e-6, None]
+    normals *= np.sign(normals[:, 2])[:, None]
+    offsets = -np.einsum("ij,ij->i", normals, three[length > 1e-6, 0])
+    level = normals[:, 2] > _STEEPEST_COS
+    if not level.any():
+        return None
+    normals, offsets = normals[level], offsets[level]
+    inside = np.count_nonzero(np.abs(few @ normals.T + offsets) < _THICK_M, axis=0)
+    plane = Plane(normals[inside.argmax()], float(offsets[inside.argmax()]))
+    for _ in range(_REFITS):
+        on = low[np.abs(plane.height(low)) < _THICK_M]
+        if len(on) < _FEWEST:
+            return None
+        middle = on.mean(axis=0)
+        normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
+        normal = normal * np.sign(normal[2])
+        plane = Plane(normal, float(-middle @ normal))
+    return plane if plane.normal[2] > _STEEPEST_COS else None
+
+
+def is_on(plane: Plane, points: Floats) -> NDArray[np.bool_]:
+    """Which points lie on the ground, at most 40 m away."""
+    near = np.hypot(points[:, 0], points[:, 1]) < _FARTHEST_M
+    return near & (np.abs(plane.height(points)) < _THICK_M)

@@ -1,0 +1,69 @@
+"""Lane markers of a drive held against its frames: the score, its curves, and where it would be highest.
+
+The score is the share of the markers' points that lie on bright pixels; `chance` is the share of other ground points
+that do. The idea, markers of the lowest rings by their intensity drawn into frames of a drive, is the paper's.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import Sweep
+from workers.validation.bright_paint import bright_pixels
+from workers.validation.calibration import KnownCalibration
+from workers.validation.lane_markers import lane_markers
+from workers.validation.offsets import MOST_GROUPS, curve_offsets, find_peak, look_up, parts_of, total, turn_grid
+from workers.validation.road_verdict import Watched, judge
+
+Floats = NDArray[np.float64]
+_ONE_DEGREE: Final = np.radians([[0.0, 1.0, 0, 0, 0, 0], [0.0, -1.0, 0, 0, 0, 0]])
+
+
+class LaneCheck:
+    """Collects frames one by one; `result` says what they show together."""
+
+    widest_px: Final = 2048
+    """Frames that are wider are made smaller: paint is some pixels wide there at 30 m."""
+
+    def __init__(self, calibration: KnownCalibration) -> None:
+        self.calibration = calibration
+        self._turns = turn_grid()
+        along, self._curves = curve_offsets()
+        self._offsets = np.concatenate([self._turns, along, np.zeros((1, 6)), _ONE_DEGREE])
+        self._sums = np.zeros((len(self._offsets), MOST_GROUPS))
+        self._counts = np.zeros_like(self._sums)
+        self._plain = np.zeros((1, 1)), np.zeros((1, 1))
+        self._frames = self._markers = self._points = 0
+
+    def add(self, sweep: Sweep, image: NDArray[np.uint8]) -> None:
+        """A sweep and the frame (h, w, 3) BGR of its moment, possibly made smaller."""
+        self._frames += 1
+        found = lane_markers(sweep)
+        if found.ground is None or not found.total:
+            return
+        ground = np.concatenate([found.points, found.plain])
+        paint = bright_pixels(image, self.calibration, ground)[None].astype(np.float32)
+        # Markers take turns among the groups, so each group has some of every frame.
+        marked = parts_of(self.calibration, found.points, (found.marker + self._markers) % MOST_GROUPS)
+        self._markers += len(np.unique(marked.group))
+        self._points += len(marked.pixels)
+        scale = image.shape[1] / self.calibration.image_size[0]
+        look_up(paint, scale, *marked, self._offsets, self._sums, self._counts)
+        plain = parts_of(self.calibration, found.plain, np.zeros(len(found.plain), np.int64))
+        look_up(paint, scale, *plain, np.zeros((1, 6)), *self._plain)
+
+    def result(self) -> dict[str, Any]:
+        """As the document of a road score says."""
+        turns = slice(0, len(self._turns))
+        score = total(self._sums, self._counts)
+        peak = find_peak(self._turns, self._sums[turns], self._counts[turns])
+        place = len(self._turns)
+        for curve in self._curves:
+            curve["score"] = np.round(score[place : place + len(curve["at"])], 4).tolist()
+            place += len(curve["at"])
+        at_zero, at_one = float(score[place]), float(score[place + 1 : place + 3].max())
+        watched = Watched("lane markers", self._frames, self._markers, self._points, at_zero, at_one, peak)
+        return judge(watched) | {"chance": float(total(*self._plain)[0]), "curves": self._curves}

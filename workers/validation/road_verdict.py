@@ -1,0 +1,69 @@
+"""What a score over turns of the mount says of the calibration, in a verdict and a sentence."""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from workers.validation.offsets import Peak
+
+# Below this offset nobody is accused: rings and columns of the supported sensors are 0.1 to 0.4 degrees apart.
+FINE_DEG: Final = 0.15
+# Chi-square of two freedoms exceeds it once in a thousand times.
+_ONCE_IN_A_THOUSAND: Final = 13.816
+# The peak leads by so many deviations of its lead. With images turned around, where nothing fits, it leads by 0.6.
+_CLEAR: Final = 2.0
+# An offset that is known less well says nothing about a knock of a quarter of a degree.
+_VAGUE_DEG: Final = 0.25
+_FEWEST_PARTS: Final = 8
+
+
+class Watched(NamedTuple):
+    """What a check saw: `noun` of its parts, how many, the score at no offset and at one degree of yaw."""
+
+    noun: str
+    frames: int
+    parts: int
+    points: int
+    score: float
+    at_one_degree: float
+    peak: Peak | None
+
+
+def judge(watched: Watched) -> dict[str, Any]:
+    """Verdict, sentence, and the members of a road score that follow from them."""
+    peak, noun = watched.peak, watched.noun
+    found: dict[str, Any] = {
+        "frames": watched.frames,
+        "parts": watched.parts,
+        "points": watched.points,
+        "score": None,
+        "score_at_one_degree": None,
+    }
+    if peak is None or watched.parts < _FEWEST_PARTS:
+        said = f"{watched.frames} frames show {watched.parts} {noun}: too few to say anything."
+        return found | {"verdict": "unknown", "sentence": said}
+    found |= {"score": watched.score, "score_at_one_degree": watched.at_one_degree}
+    if peak.lead < _CLEAR:
+        said = f"No turn of the mount fits {watched.parts} {noun} clearly better than all others: they show nothing."
+        return found | {"verdict": "unknown", "sentence": said}
+    sigma = float(np.hypot(peak.sigma_pitch_deg, peak.sigma_yaw_deg))
+    found |= {
+        "yaw_deg": peak.yaw_deg,
+        "pitch_deg": peak.pitch_deg,
+        "sigma_yaw_deg": peak.sigma_yaw_deg,
+        "sigma_pitch_deg": peak.sigma_pitch_deg,
+    }
+    where = (
+        f"{watched.parts} {noun} in {watched.frames} frames fit best {abs(peak.yaw_deg):.2f} degrees of yaw "
+        f"(+-{peak.sigma_yaw_deg:.2f}) and {abs(peak.pitch_deg):.2f} of pitch (+-{peak.sigma_pitch_deg:.2f}) away"
+    )
+    if sigma > _VAGUE_DEG:
+        return found | {"verdict": "unknown", "sentence": f"{where}, which is too vague to judge the mount."}
+    chi2 = (peak.yaw_deg / max(peak.sigma_yaw_deg, 1e-6)) ** 2 + (
+        peak.pitch_deg / max(peak.sigma_pitch_deg, 1e-6)
+    ) ** 2
+    if chi2 > _ONCE_IN_A_THOUSAND and np.hypot(peak.yaw_deg, peak.pitch_deg) > FINE_DEG:
+        return found | {"verdict": "disagrees", "sentence": f"The camera has turned against the LiDAR: {where}."}
+    return found | {"verdict": "agrees", "sentence": f"The mount fits: {where}."}
