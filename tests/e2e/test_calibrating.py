@@ -43,7 +43,7 @@ def test_an_engineer_calibrates_and_publishes(sign_in: Callable[[str, str], Page
     track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 120))
     page = sign_in("Lea", "engineer")
     page.goto(f"{track.url}/recordings/{track.recording_id}?step=calibration")
-    page.get_by_label(re.compile("from import")).check()
+    page.get_by_label(re.compile("120 pairs from import")).check()
     page.get_by_role("checkbox", name=re.compile("kannala_brandt")).uncheck()
     page.get_by_role("checkbox", name=re.compile("pinhole")).uncheck()
     page.get_by_role("button", name="Calibrate").click()
