@@ -24,7 +24,7 @@ class Marker:
         """Go to the recording and follow its link."""
         self.page.goto(f"{self.track.url}/recordings/{self.track.recording_id}")
         self._responses.clear()
-        self.page.get_by_role("link", name="Mark", exact=True).click()
+        self.link().click()
         self.frame().wait_for()
         self.ready()
 
@@ -32,6 +32,10 @@ class Marker:
         """Every JSON text that the browser has got."""
         told = [one for one in self._responses if "application/json" in one.headers.get("content-type", "")]
         return [one.text() for one in told]
+
+    def link(self) -> Any:
+        """The link on the recording's page that leads to the track's own detection."""
+        return self.page.locator(f'a[href^="/detections/{self.track.detection_id}/mark"]')
 
     def leased(self) -> set[str]:
         """Every vertex that the person was given, those ahead included."""

@@ -109,7 +109,7 @@ def test_a_placed_mark_survives_reload_and_back(sign_in: SignIn, track: Track) -
     kai.reload()
     assert (kai.vertex, kai.shown()) == (vertex, 1)
     kai.page.go_back()
-    kai.page.get_by_role("link", name="Mark", exact=True).wait_for()
+    kai.link().wait_for()
     kai.page.go_forward()
     kai.frame().wait_for()
     kai.ready()

@@ -24,14 +24,14 @@ def warm_up() -> None:
 
 
 def _sweep(number: int) -> Sweep:
-    """A board on its tip, 6 m ahead of a 16-ring LiDAR and before a wall, a little higher each time."""
+    """A board on its tip, 6 m ahead of a 16-ring LiDAR and before a wall, carried to the left and up."""
     azimuth, elevation = np.meshgrid(np.radians(np.arange(-20.0, 20.0, 0.2)), np.radians(np.arange(-15.0, 16.0, 2.0)))
     rays = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
     )
     on_board = 6.0 * rays / rays[..., :1]
-    centre = 0.02 * number - 0.1
-    hit = np.abs(on_board[..., 1]) + np.abs(on_board[..., 2] - centre) < 0.6
+    left, up = 0.05 * number - 0.3, 0.02 * number - 0.1
+    hit = np.abs(on_board[..., 1] - left) + np.abs(on_board[..., 2] - up) < 0.6
     points = np.where(hit[..., None], on_board, 2.0 * on_board).reshape(-1, 3)
     ring = np.repeat(np.arange(16, dtype=np.uint16), azimuth.shape[1])
     return Sweep(

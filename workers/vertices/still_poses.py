@@ -31,6 +31,7 @@ _A_SWEEP: Final = 500  # points; clouds with fewer were cut out already and show
 _LOOKED_AT: Final = 16
 _BODY_M: Final = 0.5
 _FEET_M: Final = 0.3
+_STANDS_M: Final = 0.2  # who stands and holds a board trembles and sways by less
 _SWAYS: Final = 0.3  # a swaying body shows a tenth of itself at its edges
 
 
@@ -155,7 +156,8 @@ def _noticed(source: SweepSource, backdrop: Backdrop) -> bool:
         if middle is not None:
             places.append((sweep.stamp_ns, *middle))
     steps = count_steps(places)
-    return steps.jumps >= steps.walks  # nothing at all moves in a single pose
+    # Nothing moves in a single pose. Who walks slowly hardly moves from sweep to sweep, but does over the recording.
+    return steps.jumps >= steps.walks and steps.way_m < _STANDS_M
 
 
 def _largest(xyz: NDArray[np.float64]) -> tuple[float, float] | None:

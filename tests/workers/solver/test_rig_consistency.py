@@ -41,7 +41,8 @@ def test_deviations_between_cameras_are_those_of_repeated_walks():
 @pytest.mark.parametrize("request_", [{}, {"locked": {"rotation_x": 0.03}}, {"locked": {"t_x": 0.1, "f_x": 600.0}}])
 def test_the_covariance_is_the_derivative_of_the_composed_transform(request_):
     a, b = rig_of(3, **request_)
-    mounts = [known_mount(one) for one in (a, b)]
+    # Small ones: a derivative says nothing of the second order, which counts from a few degrees on.
+    mounts = [1e-4 * known_mount(one) for one in (a, b)]
     T, covariance = between_cameras(a.transform, mounts[0], b.transform, mounts[1])
     rng = np.random.default_rng(0)
     draws = []
