@@ -15,6 +15,7 @@ _MATRIX = "tag:yaml.org,2002:opencv-matrix"
 _DEEPEST = 32
 # Numbers to base 60 (1:1:1...) take the square of their length to read. No number that is read is longer.
 _LONGEST_PLAIN = 1000
+_RAISED = (yaml.YAMLError, RecursionError, ValueError, TypeError, LookupError, AttributeError, OverflowError)
 # Libyaml's is ten times faster.
 _Safe: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -43,8 +44,8 @@ def read_yaml(name: str, text: str) -> Mapping[str, Any]:
     try:
         _check_bounded(name, text)
         document = next(iter(yaml.load_all(text, Loader=_Loader)), None)
-    # A tag that does not fit its value (`!!bool x`) is answered by whatever its reading happens to raise.
-    except (yaml.YAMLError, RecursionError, ValueError, TypeError, LookupError, AttributeError, OverflowError) as error:
+    # Reading a value that its tag does not fit (`!!bool x`) raises what its way leads to.
+    except _RAISED as error:
         reason = str(getattr(error, "problem", None) or type(error).__name__)[:100]
         raise refused(f"{name} is no YAML: {reason}.", "Send the file as the other program wrote it.") from None
     if not isinstance(document, dict) or not all(isinstance(key, str) for key in document):
