@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from service.exports.transform import Floats, Transform
-from service.imports.found import LIDAR, Found, FoundCamera, Lens, camera_matrix, numbers, refused
+from service.imports.found import LIDAR, Found, FoundCamera, Lens, camera_matrix, image_size, numbers, refused
 
 Members = Mapping[str, list[float]]
-_LINE = re.compile(r"([A-Za-z0-9_]+):?[ \t]+([-+0-9.eE \t]+)")
+_LINE = re.compile(r"([A-Za-z0-9_]+):?[ \t]+([-+0-9.eE][-+0-9.eE \t]*)")
 _RAW, _PLAIN = re.compile(r"K_(\d\d)"), re.compile(r"P(\d)")
 _FIRST = "00"
 
@@ -116,12 +116,15 @@ def _projection_lens(P: Floats, size: tuple[int, int] | None) -> Lens | None:
 
 def _offset(P: Floats) -> Floats:
     """t of P = K [I | t]: where rectified camera 00 lies in this one."""
-    return np.linalg.solve(P[:, :3], P[:, 3]).astype(np.float64)
+    try:
+        return np.linalg.solve(P[:, :3], P[:, 3]).astype(np.float64)
+    except np.linalg.LinAlgError:
+        raise refused("A P has no focal length.", "Send KITTI's files as they are.") from None
 
 
 def _size(members: Members, kind: str, place: str) -> tuple[int, int] | None:
     size = members.get(f"{kind}_{place}")
-    return None if size is None or len(size) != 2 else (round(size[0]), round(size[1]))
+    return None if size is None or len(size) != 2 else image_size(f"The images of {place}", *map(round, size))
 
 
 def _of(members: Members, name: str, count: int) -> list[float]:

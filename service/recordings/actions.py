@@ -89,6 +89,11 @@ def _subjects(session: Session, recording_id: UUID) -> list[UUID]:
         recording_id,
         *session.scalars(select(Study.id).where(Study.recording_id == recording_id)),
         *session.scalars(select(Validation.id).where(Validation.recording_id == recording_id)),
+        *session.scalars(
+            select(Validation.id)
+            .join(CorrespondenceSet, CorrespondenceSet.id == Validation.set_id)
+            .where(CorrespondenceSet.recording_id == recording_id)
+        ),
         *session.scalars(select(Detection.id).where(Detection.recording_id == recording_id)),
         *calibrations,
         *session.scalars(runs),

@@ -34,7 +34,7 @@ _SHOWN_OF_RESULT = (
 def contents(material: Material) -> Json:
     """The report's numbers: metres in the LiDAR's frame, pixels, degrees; of N pairs in the order of their set."""
     document = material.chosen.document
-    errors = pair_errors(document, material.pairs)
+    errors = pair_errors(document, material.chosen.problem.points, material.chosen.problem.pixels)
     made, verdict = judged(material, errors)
     field = field_of(material, errors)
     return tidy(
@@ -98,7 +98,7 @@ def _models(material: Material) -> Json:
     made: Json = {}
     count = len(material.pairs["x"])
     for model in material.models:
-        errors = pair_errors(model.document, material.pairs)
+        errors = pair_errors(model.document, model.problem.points, model.problem.pixels)
         held = held_out_px(model.heldout, count)
         measured = np.where(np.isfinite(held), held, errors.distance_px)
         made[model.name] = {

@@ -60,7 +60,7 @@ def deviation_px(model: FittedModel, points: Floats) -> tuple[NDArray[np.bool_],
     One standard deviation, as a length over both axes, from the document's covariance; NaN where that is open.
     """
     problem, document = model.problem, model.document
-    plain = replace(problem, covariances=None, whitening=None, blocks=None, velocities=None)
+    plain = replace(problem, covariances=None, whitening=None, blocks=None, velocities=None, people=None)
     everywhere = replace(plain, points=points, pixels=np.zeros((len(points), 2)), weights=np.ones(len(points)))
     parameters = document["polished"]["parameters"]
     p = np.array([parameters[name] for name in problem.names])

@@ -33,10 +33,11 @@ class PairErrors(NamedTuple):
         return np.isfinite(self.projected[:, 0])
 
 
-def pair_errors(document: dict[str, Any], pairs: dict[str, Any]) -> PairErrors:
-    """The pairs (columns, metres in the LiDAR's frame, pixels) under a result's transform and lens."""
-    xyz = np.column_stack([pairs["x"], pairs["y"], pairs["z"]]).astype(np.float64)
-    marks = np.column_stack([pairs["u"], pairs["v"]]).astype(np.float64)
+def pair_errors(document: dict[str, Any], xyz: Floats, marks: Floats) -> PairErrors:
+    """The pairs (N, 3), metres in the LiDAR's frame, and (N, 2), pixels, under a result's transform and lens.
+
+    ``xyz`` are those that were fitted: of a rolling shutter, where the vertex was when its mark's row was read.
+    """
     lens = document["intrinsics"]
     in_camera = from_document(document["transform"]).apply(xyz)
     projected, violation = project(parse_model(lens["model"]), lens, in_camera)

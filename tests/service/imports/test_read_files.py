@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -212,6 +213,12 @@ def test_a_mount_in_millimetres_is_doubted_and_one_that_mirrors_refused():
         ("!!python/object/apply:os.system ['true']", "is no YAML"),
         ("a: &a [1]\nb: *a", "YAML aliases"),
         ("K_00: 1 2 3 4 5 6 7 8 9\n", "There is no D_00"),
+        ("a: !!bool x", "is no YAML"),
+        ("a: !!int ''", "is no YAML"),
+        ("a: !!timestamp x", "is no YAML"),
+        ("a: 1" + ":1" * 20_000, "has a value of 40001 letters"),
+        ("K_00: 5 0 3 0 5 2 0 0 1\nD_00: 0 0 0 0 0\nS_00: 0 0\n", "images of 00 are 0 x 0"),
+        (f"P0:{' 0' * 12}\nTr:{' 1 0 0 0' * 3}\n", "no focal length"),
     ],
 )
 def test_what_is_no_calibration_is_refused(text, says):
@@ -222,6 +229,17 @@ def test_a_bomb_of_aliases_ends_at_once():
     lines = ["a0: &a0 {x: 1, y: 2}"]
     lines += [f"a{n}: &a{n}\n  <<: [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12)]
     assert "YAML aliases" in refusal("\n".join(lines))
+
+
+def test_deep_nesting_is_refused_before_it_is_built():
+    # Libyaml's composer would overflow the stack, and with it end the process.
+    assert "nested more than" in refusal("a: " + "[" * 29_000 + "]" * 29_000)
+
+
+def test_a_line_of_blanks_takes_no_time():
+    began = time.process_time()
+    assert refusal("a" + " " * 50_000 + "x")
+    assert time.process_time() - began < 2.0
 
 
 def test_several_files_are_one_calibration_only_of_kitti():

@@ -72,6 +72,19 @@ def test_single_pairs_of_marks_are_for_reviewers(api, fleet, engineer, rig):
     assert annotator.post(f"/vehicles/{rig.vehicle_id}/validations", body).status_code == 403
 
 
+def test_a_deleted_recording_ends_the_scores_of_its_pairs(api, engineer, rig):
+    made = brought(engineer, rig)
+    recording, _ = seed_recording(api.database, rig, 3)
+    body = {"kind": "pairs", "camera": "front", "set_id": made["id"], "calibration": GIVEN}
+    with api.database.writing() as session:
+        session.query(CorrespondenceSet).one().recording_id = recording
+    said = engineer.post(f"/vehicles/{rig.vehicle_id}/validations", body).json()
+    assert engineer.delete(f"/recordings/{recording}").status_code == 204
+    assert engineer.get(f"/validations/{said['id']}").status_code == 404
+    with api.database.reading() as session:
+        assert session.query(Job).filter(Job.kind == "score_pairs").one().state == "cancelled"
+
+
 def test_what_does_not_belong_together_is_refused(api, fleet, engineer, rig):
     made, other = brought(engineer, rig), seed_rig(api.database, api.fleet())
     recording, _ = seed_recording(api.database, rig, 3)

@@ -1,11 +1,14 @@
 """Every number of a report, recomputed from pairs and stored documents with NumPy and OpenCV alone."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from tests.workers.reports.material import made, steady
 from workers.reports.contents import contents
+from workers.reports.page import page
 
 LENS = ("k1", "k2", "k3", "k4", "k5")
 
@@ -196,3 +199,31 @@ def test_the_rest_is_as_stored(report):
     prediction = report["result"]["prediction"]
     for told, stored in zip(prediction["points"], document["prediction"]["points"], strict=True):
         assert told["stated_px"] == pytest.approx(stored["stated_px"], rel=1e-5)
+
+
+def test_pairs_that_say_who_marked_them_have_a_report():
+    material = made()
+    people = np.eye(2)[np.arange(222) % 2]
+    problems = {
+        one.name: replace(one.problem, people=people, common_errors={"person_px": 0.3}) for one in material.models
+    }
+    models = [replace(one, problem=problems[one.name]) for one in material.models]
+    chosen = next(one for one in models if one.name == material.chosen.name)
+    document = contents(replace(material, models=models, chosen=chosen))
+    assert np.isfinite(steady(document["models"]["pinhole"]["ground"]["sigma_px"])).any()
+
+
+def test_pairs_of_a_rolling_shutter_are_where_they_were_fitted():
+    material = made()
+    late = material.chosen.problem.points + np.array([0.0, 0.01, 0.0])
+    chosen = replace(material.chosen, problem=replace(material.chosen.problem, points=late))
+    columns = contents(replace(material, chosen=chosen))["pairs"]
+    assert np.allclose(steady(columns["projected_u"]), projected(chosen.document, late)[:, 0], rtol=5.1e-6)
+
+
+def test_results_that_state_no_deviations_have_a_page():
+    material = made()
+    nothing = dict.fromkeys(("std", "interval95_half_width", "parameters", "covariance", "correlation", "sigma_px"))
+    document = {name: value for name, value in material.chosen.document.items() if name not in nothing}
+    chosen = replace(material.chosen, document=document)
+    assert '<th scope="row">' in page(contents(replace(material, chosen=chosen)))
