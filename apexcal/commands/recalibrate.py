@@ -13,7 +13,7 @@ from apexcal.embedded.folder import DEFAULT
 
 
 def recalibrate(
-    result: Annotated[str, typer.Argument(help="Id of a result; its report names it.")],
+    result: Annotated[str, typer.Argument(help="Id of a result; its report states it.")],
     leave_out: Annotated[str, typer.Option(help="Numbers of the pairs to leave out, from 0: 3,17,40.")],
     url: UrlOption = "",
     token: TokenOption = "",

@@ -60,7 +60,7 @@ class FrameTree:
             if known is not joint and known.parent != joint.parent:
                 raise unusable(
                     f"The frame {joint.child!r} has two parents, {known.parent!r} and {joint.parent!r}.",
-                    "Every frame has one parent. Remove the joint that is not meant.",
+                    "Every frame has one parent. Remove the wrong joint.",
                 )
             # Said again, the later one counts, as for tf2.
             self.put(joint)
@@ -80,7 +80,7 @@ class FrameTree:
             found.append(self._above[frame])
             frame = found[-1].parent
             if len(found) > len(self._above):
-                raise unusable(f"The frame {frame!r} hangs on itself.", "A tree has no circles.")
+                raise unusable(f"The frame {frame!r} is its own ancestor.", "Remove a joint of the circle.")
         return found
 
     def root(self, frame: str) -> str:
@@ -93,7 +93,7 @@ class FrameTree:
         up, down = self.above(start), self.above(end)
         if self.root(start) != self.root(end):
             raise unusable(
-                f"No joints lead from {start!r} to {end!r}: one hangs on {self.root(start)!r}, the other on "
+                f"No joints lead from {start!r} to {end!r}: their roots are {self.root(start)!r} and "
                 f"{self.root(end)!r}.",
                 "Add the joint between them, even if it is only roughly known.",
             )

@@ -45,7 +45,7 @@ def make_report(result_id: UUID, access: WriteAccess) -> JSONResponse:
         raise Problem(
             409,
             "not_a_fit_to_all_pairs",
-            "This result is of a fit that holds pairs out; only fits to all pairs have reports.",
+            "This result is from a fit that holds pairs out. Only fits to all pairs have reports.",
             "Ask for the report of the model's fit to all pairs: its fold is -1.",
         )
     return access.answer(report_view(*ask_report(access.session, result)), 202)

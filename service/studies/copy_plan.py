@@ -126,7 +126,7 @@ def _joint(tree: FrameTree, camera: str, lidar: str, others: Sequence[str], name
     down = tree.way(lidar, camera).down
     if not down:
         raise unusable(
-            f"In /tf_static the LiDAR's frame {lidar!r} hangs on the camera's, {camera!r}.",
+            f"In /tf_static the LiDAR's frame {lidar!r} lies below the camera's, {camera!r}.",
             "Only frames on the camera's side are moved. Record with the camera below the LiDAR or the vehicle.",
         )
     shared = {joint.child for other in others if other in tree.frames for joint in tree.above(other)}
@@ -137,7 +137,7 @@ def _joint(tree: FrameTree, camera: str, lidar: str, others: Sequence[str], name
         raise unusable(
             f"No frame between {lidar!r} and {camera!r} can be moved by itself"
             + (f" under the name {named!r}." if named else "."),
-            f"The frames there are {', '.join(joint.child for joint in down)}; other cameras hang on some of them.",
+            f"The frames there are {', '.join(joint.child for joint in down)}; some of them carry other cameras.",
         )
     return free[0]
 

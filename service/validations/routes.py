@@ -82,7 +82,7 @@ def _check_vehicle(vehicle: Vehicle, vehicle_id: UUID, noun: str) -> None:
             422,
             "data_of_another_vehicle",
             f"The {noun} belongs to another vehicle, whose sensors are mounted elsewhere.",
-            f"Ask at the vehicle of the {noun}.",
+            f"Ask for the validation at the vehicle of the {noun}.",
         )
 
 
