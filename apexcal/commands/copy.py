@@ -1,4 +1,4 @@
-"""``apexcal copy``: a recording's own bag with its published calibration put in."""
+"""``apexcal copy``: a copy of a recording's bag that carries the published calibration."""
 
 from __future__ import annotations
 

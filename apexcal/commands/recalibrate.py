@@ -20,7 +20,7 @@ def recalibrate(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Calibrate again as a result was calibrated, without some of its pairs. Its report shows which to drop."""
+    """Repeat a result's calibration without some of its pairs. Its report shows which to leave out."""
     numbers = _numbers(leave_out)
     with connected(url, token, data) as client, bar("Calibrating", not as_json) as progress:
         asked = client.calibrations.create_without(check_id(result, "result"), numbers)

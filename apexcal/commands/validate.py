@@ -1,4 +1,4 @@
-"""``apexcal validate``: holds a calibration against data that it was not fitted to."""
+"""``apexcal validate``: tests a calibration on data that it was not fitted to."""
 
 from __future__ import annotations
 

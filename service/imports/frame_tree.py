@@ -30,7 +30,7 @@ class Joint(NamedTuple):
 
 
 class Way(NamedTuple):
-    """From one frame to another: joints up from the first to what both hang on, and joints down to the second.
+    """From one frame to another: joints up from the first to the common ancestor, and down to the second.
 
     Both are in the order in which they are passed.
     """
@@ -84,7 +84,7 @@ class FrameTree:
         return found
 
     def root(self, frame: str) -> str:
-        """What a frame hangs on at last."""
+        """The root above a frame."""
         above = self.above(frame)
         return above[-1].parent if above else frame
 

@@ -36,7 +36,7 @@ _POLICY = (
 
 @router.post("/results/{result_id}/report", status_code=202, response_model=ReportView)
 def make_report(result_id: UUID, access: WriteAccess) -> JSONResponse:
-    """Make the result's report, anew where there is one; while one is being made, that one is answered. [reviewer]
+    """Make the result's report, or make it again. While one is being made, that one is answered. [reviewer]
 
     Only of a fit to all pairs. The one before stays readable until the new one is there.
     """

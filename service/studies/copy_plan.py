@@ -85,7 +85,7 @@ def _poses(
     frames: Mapping[str, str],
     joints: Mapping[str, str],
 ) -> list[Json]:
-    """The poses to put in, one for each camera; each is solved in the tree with those before it."""
+    """The poses to write, one for each camera; each is solved in the tree with those before it."""
     found: list[Json] = []
     for camera in cameras:
         T_camera_lidar = camera.T_camera_lidar._replace(to_frame=frames[camera.name], from_frame=lidar)
@@ -122,7 +122,7 @@ def _pose(
 
 
 def _joint(tree: FrameTree, camera: str, lidar: str, others: Sequence[str], named: str | None) -> Joint:
-    """The joint whose pose is replaced: no other calibrated camera may hang on it."""
+    """The joint whose pose is replaced: it must not carry another calibrated camera."""
     down = tree.way(lidar, camera).down
     if not down:
         raise unusable(

@@ -38,7 +38,7 @@ router = APIRouter(tags=["validations"])
     max_body_size=DOCUMENT,
 )
 def ask_validation(vehicle_id: UUID, wanted: ValidationRequest, access: WriteAccess) -> JSONResponse:
-    """Hold a calibration against pairs that it was not fitted to, or against a drive. [engineer]"""
+    """Test a calibration on pairs that it was not fitted to, or on a drive. [engineer]"""
     vehicle = access.find(Vehicle, vehicle_id, "engineer")
     if wanted.set_id is not None:
         _check_set(access, vehicle, wanted, wanted.set_id)

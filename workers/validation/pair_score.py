@@ -1,4 +1,4 @@
-"""A calibration held against pairs that it was not fitted to: errors, bias, and whether what it states holds.
+"""A calibration tested on pairs that it was not fitted to: errors, bias, and whether its deviations hold.
 
 Residuals of sound pairs are e = J d + n: d the calibration's own error, with the stated covariance C, n the noise of
 marks. The mount's apparent error is A e, where A is the least squares inverse of the mount's columns of J; its
