@@ -16,9 +16,7 @@ from apexcal.embedded.folder import DEFAULT
 
 
 def compare(
-    files: Annotated[
-        list[Path], typer.Argument(help="Calibration file of OpenCV or KITTI; KITTI's belong together.", exists=True)
-    ],
+    files: Annotated[list[Path], typer.Argument(help="Calibration file of OpenCV, or all of KITTI's.", exists=True)],
     of: Annotated[str, typer.Option(help="The camera's name in the files, if they hold several.")] = "",
     result: Annotated[str, typer.Option(help="Id of one result, instead of the current calibration.")] = "",
     image_size: Annotated[

@@ -1,4 +1,4 @@
-"""``apexcal copy``: a recording's own bag with its published calibration put in."""
+"""``apexcal copy``: a copy of a recording's bag that carries the published calibration."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from apexcal.embedded.folder import DEFAULT
 def copy(
     recording: Annotated[str, typer.Argument(help="Recording, by id or by name.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write; otherwise it is named by the service.")
+        Path | None, typer.Option("--output", "-o", help="File to write; otherwise the service names it.")
     ] = None,
     camera: Annotated[list[str] | None, typer.Option(help="Only this camera; may be given several times.")] = None,
     joint: Annotated[
         list[str] | None, typer.Option(help="CAMERA=FRAME: the frame of /tf_static whose pose is replaced.")
     ] = None,
-    keep: Annotated[bool, typer.Option("--keep", help="Keep the copy at the service, too.")] = False,
+    keep: Annotated[bool, typer.Option("--keep", help="Keep the copy on the service, too.")] = False,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,

@@ -161,7 +161,7 @@ def _poses(detection: DetectionView) -> str:
         return ""
     said = "As you said, these are" if counts.poses_stated else "These seem to be"
     return (
-        f"\n{said} {counts.poses} still poses: each gives one vertex at most, what stands still is left out, and no "
+        f"\n{said} {counts.poses} still poses. Each gives at most one vertex. What stands still is left out. No "
         "track is used."
     )
 
@@ -173,7 +173,7 @@ def _held(roll: RollFacts | None) -> str:
     way = "counter-clockwise" if roll.mean_deg > 0.0 else "clockwise"
     return (
         f"\nThe board was rolled by {abs(roll.mean_deg):.0f} degrees {way} as the LiDAR sees it "
-        f"(+- {roll.spread_deg:.0f} from vertex to vertex; at 0 both upper edges fall alike)."
+        f"(+- {roll.spread_deg:.0f} from vertex to vertex; at 0 both upper edges have the same slope)."
     )
 
 

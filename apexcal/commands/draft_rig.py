@@ -30,7 +30,7 @@ def draft_rig(
     camera: Annotated[
         list[str],
         typer.Option(
-            help="NAME=LINK=WIDTHxHEIGHT of a camera, LINK its optical frame; may be given several times.",
+            help="NAME=LINK=WIDTHxHEIGHT of a camera; LINK is its optical frame. May be given several times.",
             show_default=False,
         ),
     ],

@@ -13,14 +13,14 @@ from apexcal.embedded.folder import DEFAULT
 
 
 def recalibrate(
-    result: Annotated[str, typer.Argument(help="Id of a result; its report names it.")],
+    result: Annotated[str, typer.Argument(help="Id of a result; its report states it.")],
     leave_out: Annotated[str, typer.Option(help="Numbers of the pairs to leave out, from 0: 3,17,40.")],
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Calibrate again as a result was calibrated, without some of its pairs. Its report shows which to drop."""
+    """Repeat a result's calibration without some of its pairs. Its report shows which to leave out."""
     numbers = _numbers(leave_out)
     with connected(url, token, data) as client, bar("Calibrating", not as_json) as progress:
         asked = client.calibrations.create_without(check_id(result, "result"), numbers)

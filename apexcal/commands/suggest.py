@@ -51,7 +51,7 @@ def _what_was_found(facts: SuggestionFacts) -> str:
         return (
             f"{facts.poses} still {'pose' if facts.poses == 1 else 'poses'}: the board, or somebody with it, stands "
             f"elsewhere in {facts.sweeps_moving} of {facts.sweeps_read} sweeps, within {facts.area_m2:.0f} square "
-            f"metres. What stands still there is left out when vertices are looked for.{notes}"
+            f"metres. The detector leaves out what stands still there.{notes}"
         )
     return (
         f"Somebody walks in {facts.sweeps_moving} of {facts.sweeps_read} sweeps that were looked at, over "

@@ -1,4 +1,4 @@
-"""``apexcal validate``: holds a calibration against data that it was not fitted to."""
+"""``apexcal validate``: tests a calibration on data that it was not fitted to."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def validate(
     kind: Annotated[str, typer.Argument(help="pairs, lanes or edges.")],
     data_of: Annotated[
         str,
-        typer.Argument(metavar="DATA", help="For pairs a correspondence set's id, else a recording, by id or name."),
+        typer.Argument(metavar="DATA", help="Id of a correspondence set for pairs; otherwise a recording."),
     ],
     camera: Annotated[str, typer.Option(help="Camera, by its name in the rig.")],
-    result: Annotated[str, typer.Option(help="Id of a result; without it the camera's current calibration.")] = "",
+    result: Annotated[str, typer.Option(help="Id of a result; otherwise the camera's current calibration.")] = "",
     fleet: Annotated[str, typer.Option(help="Fleet, by id or name; needed where there are several.")] = "",
     url: UrlOption = "",
     token: TokenOption = "",

@@ -1,4 +1,4 @@
-"""Copies of a recording's own file with its calibration put in."""
+"""Copies of a recording's own file that carry its calibration."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class CopyRequest(Received):
 
 
 class PutPose(Document):
-    """``T_parent_child`` that is put in; ``is_new``: the recording did not state it."""
+    """``T_parent_child`` as written into the copy; ``is_new``: the recording did not state it."""
 
     parent: str
     child: str

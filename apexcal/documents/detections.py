@@ -48,7 +48,7 @@ class DetectionRequest(Received):
 class RollFacts(Document):
     """How the board was held: turned by ``mean_deg`` on average, with ``spread_deg`` from vertex to vertex.
 
-    Degrees, counter-clockwise as the LiDAR sees it. At 0 both upper edges fall alike.
+    Degrees, counter-clockwise as the LiDAR sees it. At 0 both upper edges have the same slope.
     """
 
     vertices: int

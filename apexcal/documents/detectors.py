@@ -33,9 +33,9 @@ class DetectorWords(NamedTuple):
 _NO_POINTS = "no point of the sweep lies in the region"
 # Reasons that every detector has for recordings of still poses.
 _STILL_POSES = {
-    "nothing_differs": "all that lies in the region stands at the same place in the other poses too: the board is "
-    "outside of the region, or was not moved",
-    "same_pose": "another sweep of the same still pose has the vertex, the mean of all of them",
+    "nothing_differs": "all points in the region are at the same place in the other poses too: the board is outside "
+    "of the region, or was not moved",
+    "same_pose": "another sweep of the same still pose carries the vertex: the mean of all sweeps of the pose",
 }
 
 DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
@@ -93,8 +93,8 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
         {
             "no_points": _NO_POINTS,
             "too_few_rings": "fewer than two rings meet anything in the region that could be the board",
-            "overtopped": "something stands above what looks like the board and before its plane: it is a body below "
-            "or behind the board, whose own part meets too few rings",
+            "overtopped": "something stands above what looks like the board and in front of its plane: it is a body "
+            "below or behind the board, and the board itself meets too few rings",
             "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top",
             "like_a_person": "on the few rings that meet it, what looks like the board is no wider than a person, "
             "and the sweeps before and after show no wider board there: walk closer",

@@ -1,4 +1,4 @@
-"""What requests and answers about validations look like: a calibration held against data it was not fitted to."""
+"""What requests and answers about validations look like: a calibration tested on data it was not fitted to."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class GivenCalibration(Received):
 
 
 class ValidationRequest(Received):
-    """Hold a camera's calibration against other data.
+    """Test a camera's calibration on other data.
 
     ``pairs`` takes ``set_id``, any correspondence set of this camera; ``lanes`` and ``edges`` take ``recording_id``,
     a drive. The calibration is ``result_id``, or ``calibration``, or else what the camera is given now.

@@ -105,7 +105,7 @@ class Calibrations:
         return self._http.get(at("results", result_id), ResultView)
 
     def make_report(self, result_id: UUID | str) -> ReportView:
-        """Ask for the report of a result, which must be a fit to all pairs; anew where there is one."""
+        """Ask for the report of a result, which must be a fit to all pairs. An existing report is replaced."""
         return self._http.post(at("results", result_id, "report"), ReportView)
 
     def report(self, result_id: UUID | str) -> bytes:

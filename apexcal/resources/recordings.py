@@ -169,7 +169,7 @@ class Recordings:
     def copy_calibrated(
         self, recording_id: UUID | str, *, cameras: Sequence[str] = (), joints: Mapping[str, str] | None = None
     ) -> CopyView:
-        """Copy the recording's bag with the published calibration put in; follow it with ``client.wait``.
+        """Copy the recording's bag and write the published calibration into it; follow with ``client.wait``.
 
         ``joints``: by camera, the frame whose pose is replaced.
         """

@@ -1,4 +1,4 @@
-"""Calibrations held against other pairs and drives, and how a camera's results drift."""
+"""Calibrations tested on other pairs and drives, and how a camera's results drift."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Validations:
         result_id: UUID | str | None = None,
         calibration: Mapping[str, Any] | None = None,
     ) -> ValidationView:
-        """Hold a calibration against other data: ``pairs`` of a set, ``lanes`` or ``edges`` of a recording.
+        """Test a calibration on other data: ``pairs`` of a set, ``lanes`` or ``edges`` of a recording.
 
         The calibration is a result's, or ``{"lens": ..., "transform": T_camera_lidar}``, or else the current one.
         """

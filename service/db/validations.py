@@ -1,4 +1,4 @@
-"""The table of validations: a calibration held against data that it was not fitted to."""
+"""The table of validations: a calibration tested on data that it was not fitted to."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def read_camera_info(name: str, document: Mapping[str, Any]) -> Found:
     notes: list[str] = []
     R = _data(_first(document, "rectification_matrix", "R", "r"))
     if R is not None and numbers(f"R of {name}", R) not in ([1, 0, 0, 0, 1, 0, 0, 0, 1], [0] * 9):
-        notes.append("The file rectifies (R is not the identity). K and D are of the images as recorded.")
+        notes.append("The file rectifies (R is not the identity). K and D are for the images as recorded.")
     return Found([FoundCamera(str(document.get("camera_name") or "camera")[:200], lens=lens)], notes=notes)
 
 

@@ -24,7 +24,7 @@ _ADVICE: Final[dict[ReadAs, str]] = {
     "inverted": "It fits if it is inverted: it seems to map camera points into the LiDAR's frame.",
     "body": "It fits if its camera frame is the body's (x forward, y left, z up) and not the optical one.",
     "inverted_body": "It fits if it is inverted and its camera frame is the body's (x forward), not the optical one.",
-    "none": "No reading of it (inverted, or with the camera's body frame) is within 30 degrees of the result.",
+    "none": "It is over 30 degrees from the result, also if it is inverted or given for the camera's body frame.",
 }
 
 

@@ -74,7 +74,7 @@ def _camera(tree: FrameTree, lidar: str, asked: DraftCamera, notes: list[str]) -
     }
     if joint is None:
         notes.append(
-            f"The LiDAR hangs on {asked.link}, so no joint on the camera's side is solved for. Results are "
+            f"The LiDAR is mounted on {asked.link}, so no joint on the camera's side is solved for. Results are "
             "T_camera_lidar."
         )
         return found

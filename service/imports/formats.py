@@ -31,7 +31,7 @@ def read_files(sent: CalibrationFiles) -> Read:
     if sent.format == "kitti" or (sent.format is None and any(map(is_kitti, sent.files.values()))):
         return Read("kitti", read_kitti(sent.files))
     if len(sent.files) > 1:
-        raise refused(f"There are {len(sent.files)} files.", "Send one; only KITTI's belong together.")
+        raise refused(f"There are {len(sent.files)} files.", "Send one; only KITTI's are sent together.")
     ((name, text),) = sent.files.items()
     if text.lstrip().startswith("<"):
         raise refused(f"{name} is XML.", f"Save it as YAML. {_KNOWN}")
@@ -54,4 +54,4 @@ def _read_one(name: str, text: str, wanted: ImportFormat | None) -> Read:
         return Read(kind, read_camera_info(name, document))
     if kind == "opencv":
         return Read(kind, read_opencv(name, document))
-    raise refused(f"{name} is no calibration file that is known here.", _KNOWN)
+    raise refused(f"{name} is not a known calibration file.", _KNOWN)

@@ -30,7 +30,7 @@ class Joint(NamedTuple):
 
 
 class Way(NamedTuple):
-    """From one frame to another: joints up from the first to what both hang on, and joints down to the second.
+    """From one frame to another: joints up from the first to the common ancestor, and down to the second.
 
     Both are in the order in which they are passed.
     """
@@ -60,7 +60,7 @@ class FrameTree:
             if known is not joint and known.parent != joint.parent:
                 raise unusable(
                     f"The frame {joint.child!r} has two parents, {known.parent!r} and {joint.parent!r}.",
-                    "Every frame has one parent. Remove the joint that is not meant.",
+                    "Every frame has one parent. Remove the wrong joint.",
                 )
             # Said again, the later one counts, as for tf2.
             self.put(joint)
@@ -80,11 +80,11 @@ class FrameTree:
             found.append(self._above[frame])
             frame = found[-1].parent
             if len(found) > len(self._above):
-                raise unusable(f"The frame {frame!r} hangs on itself.", "A tree has no circles.")
+                raise unusable(f"The frame {frame!r} is its own ancestor.", "Remove a joint of the circle.")
         return found
 
     def root(self, frame: str) -> str:
-        """What a frame hangs on at last."""
+        """The root above a frame."""
         above = self.above(frame)
         return above[-1].parent if above else frame
 
@@ -93,7 +93,7 @@ class FrameTree:
         up, down = self.above(start), self.above(end)
         if self.root(start) != self.root(end):
             raise unusable(
-                f"No joints lead from {start!r} to {end!r}: one hangs on {self.root(start)!r}, the other on "
+                f"No joints lead from {start!r} to {end!r}: their roots are {self.root(start)!r} and "
                 f"{self.root(end)!r}.",
                 "Add the joint between them, even if it is only roughly known.",
             )

@@ -29,7 +29,7 @@ def read_kalibr(name: str, document: Mapping[str, Any]) -> Found:
             continue
         model = str(one["camera_model"])[:40]
         if model != "pinhole":
-            notes.append(f"{key} is left out: Kalibr's camera model {model!r} has no equal here. {_HINT}")
+            notes.append(f"{key} is left out: Kalibr's camera model {model!r} is not supported. {_HINT}")
         else:
             topic = one.get("rostopic")
             cameras.append(FoundCamera(key[:200], topic and str(topic)[:300], _lens(f"{key} of {name}", one)))
@@ -37,10 +37,10 @@ def read_kalibr(name: str, document: Mapping[str, Any]) -> Found:
             T = np.array(numbers(f"T_cn_cnm1 of {key}", one["T_cn_cnm1"], 16)).reshape(4, 4)
             chained.append(Transform(key[:200], before, T[:3, :3], T[:3, 3]))
         if "T_cam_imu" in one:
-            notes.append(f"T_cam_imu of {key} is left out: it is no LiDAR's.")
+            notes.append(f"T_cam_imu of {key} is left out: it leads to the IMU, not to a LiDAR.")
         before = key[:200]
     if not cameras:
-        raise refused(f"{name} holds no camera that is known here. {' '.join(notes)}", _HINT)
+        raise refused(f"{name} holds no camera with a supported model. {' '.join(notes)}", _HINT)
     return Found(cameras, chained, notes)
 
 

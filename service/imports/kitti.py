@@ -77,7 +77,7 @@ def _mount(members: Members, place: str) -> Transform | None:
 
 
 def _rectified(members: Members, place: str) -> FoundCamera | None:
-    """A camera as rectified; None where P_rect is no camera matrix beside an offset (files that we wrote)."""
+    """A camera as rectified; None where P_rect is no camera matrix beside an offset (files of our own export)."""
     P = _of_matrix(members, f"P_rect_{place}", (3, 4))
     lens = _projection_lens(P, _size(members, "S_rect", place))
     if lens is None:

@@ -45,7 +45,7 @@ def read_opencv(name: str, document: Mapping[str, Any]) -> Found:
     )
     others = [one for one in document if one in _UNDIRECTED]
     if others:
-        notes.append(f"{', '.join(others)}: the file does not say which way it leads, so it was left out.")
+        notes.append(f"{', '.join(others)}: the file does not state its direction, so it was left out.")
     return Found([FoundCamera("camera", lens=lens, T_camera_lidar=_mount(name, document))], notes=notes)
 
 

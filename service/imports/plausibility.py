@@ -52,15 +52,15 @@ def known_lens(camera: str, lens: Lens, size: tuple[int, int] | None) -> KnownLe
     K = lens.K
     if min(K[0], K[4]) < LEAST_FOCAL_PX or K[3] != 0.0 or K[6:] != [0.0, 0.0, 1.0]:
         raise refused(
-            f"K of {camera} is no camera matrix: it is [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows, in pixels.",
-            "A file of a camera that was not calibrated has zeros there.",
+            f"K of {camera} is no camera matrix. It must be [f_x, s, c_x, 0, f_y, c_y, 0, 0, 1], by rows, in pixels.",
+            "It has zeros if the camera was not calibrated.",
         )
     if lens.size is None and size is None:
         raise refused(f"The file says no image size of {camera}.", "Give image_size (width, height).")
     if lens.size is not None and size is not None and lens.size != size:
         (width, height), (own_width, own_height) = size, lens.size
         raise refused(
-            f"The lens of {camera} is of {own_width} x {own_height} pixels, and the images have {width} x {height}.",
+            f"The lens of {camera} is for {own_width} x {own_height} pixels, but the images have {width} x {height}.",
             "Scale K, or calibrate at this size.",
         )
     return KnownLens(model, K, D, *(lens.size or size or (0, 0)))
@@ -74,7 +74,7 @@ def lens_doubts(lens: KnownLens) -> list[str]:
     if not (0.0 <= c_x <= width - 1 and 0.0 <= c_y <= height - 1):
         found.append(
             f"The principal point ({c_x:.0f}, {c_y:.0f}) lies outside of the image of {width} x {height} pixels: is "
-            "the lens of images of another size?"
+            "the lens for another image size?"
         )
     least, most = (share * width for share in _FOCAL_SHARES)
     if not (least <= f_x <= most and least <= f_y <= most):
@@ -120,7 +120,7 @@ def checked_mount(camera: str, T: Transform) -> Transform:
     """The transform with its rotation made exactly orthonormal. Raises :class:`Problem` where it is no rotation."""
     if np.abs(T.R @ T.R.T - np.eye(3)).max() > _ORTHONORMAL_TO or np.linalg.det(T.R) < 0.0:
         raise refused(
-            f"The rotation of {camera} is none: its rows are not orthonormal, or it mirrors.",
+            f"The rotation of {camera} is not a rotation: its rows are not orthonormal, or it mirrors.",
             "Send the transform without scale and without flipped axes.",
         )
     U, _, Vt = np.linalg.svd(T.R)

@@ -63,6 +63,6 @@ def draft_rig_of_recording(recording_id: UUID, body: DraftRequest, access: ReadA
             409,
             "no_static_transforms",
             f"The recording {recording.name!r} holds no /tf_static, or was read by an older version.",
-            "Send the vehicle's URDF, or read the recording again.",
+            "Send the vehicle's URDF, or upload the recording again.",
         )
     return draft(body, recorded_tree(transforms))

@@ -1,4 +1,4 @@
-"""YAML of strangers: plain values alone, without anchors, in bounded time."""
+"""Untrusted YAML: only plain values, without anchors, in bounded time."""
 
 from __future__ import annotations
 

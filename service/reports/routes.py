@@ -36,7 +36,7 @@ _POLICY = (
 
 @router.post("/results/{result_id}/report", status_code=202, response_model=ReportView)
 def make_report(result_id: UUID, access: WriteAccess) -> JSONResponse:
-    """Make the result's report, anew where there is one; while one is being made, that one is answered. [reviewer]
+    """Make the result's report, or make it again. While one is being made, that one is answered. [reviewer]
 
     Only of a fit to all pairs. The one before stays readable until the new one is there.
     """
@@ -45,7 +45,7 @@ def make_report(result_id: UUID, access: WriteAccess) -> JSONResponse:
         raise Problem(
             409,
             "not_a_fit_to_all_pairs",
-            "This result is of a fit that holds pairs out; only fits to all pairs have reports.",
+            "This result is from a fit that holds pairs out. Only fits to all pairs have reports.",
             "Ask for the report of the model's fit to all pairs: its fold is -1.",
         )
     return access.answer(report_view(*ask_report(access.session, result)), 202)

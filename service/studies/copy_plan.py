@@ -85,7 +85,7 @@ def _poses(
     frames: Mapping[str, str],
     joints: Mapping[str, str],
 ) -> list[Json]:
-    """The poses to put in, one for each camera; each is solved in the tree with those before it."""
+    """The poses to write, one for each camera; each is solved in the tree with those before it."""
     found: list[Json] = []
     for camera in cameras:
         T_camera_lidar = camera.T_camera_lidar._replace(to_frame=frames[camera.name], from_frame=lidar)
@@ -122,11 +122,11 @@ def _pose(
 
 
 def _joint(tree: FrameTree, camera: str, lidar: str, others: Sequence[str], named: str | None) -> Joint:
-    """The joint whose pose is replaced: no other calibrated camera may hang on it."""
+    """The joint whose pose is replaced: it must not carry another calibrated camera."""
     down = tree.way(lidar, camera).down
     if not down:
         raise unusable(
-            f"In /tf_static the LiDAR's frame {lidar!r} hangs on the camera's, {camera!r}.",
+            f"In /tf_static the LiDAR's frame {lidar!r} lies below the camera's, {camera!r}.",
             "Only frames on the camera's side are moved. Record with the camera below the LiDAR or the vehicle.",
         )
     shared = {joint.child for other in others if other in tree.frames for joint in tree.above(other)}
@@ -137,7 +137,7 @@ def _joint(tree: FrameTree, camera: str, lidar: str, others: Sequence[str], name
         raise unusable(
             f"No frame between {lidar!r} and {camera!r} can be moved by itself"
             + (f" under the name {named!r}." if named else "."),
-            f"The frames there are {', '.join(joint.child for joint in down)}; other cameras hang on some of them.",
+            f"The frames there are {', '.join(joint.child for joint in down)}; some of them carry other cameras.",
         )
     return free[0]
 

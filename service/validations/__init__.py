@@ -1,1 +1,1 @@
-"""Validations: calibrations held against other pairs and drives, and a camera's results over time."""
+"""Validations: calibrations tested on other pairs and drives, and a camera's results over time."""

@@ -80,20 +80,21 @@ def _apart(one: _Recommended, other: _Recommended) -> Json | None:
 def _sentence(camera: str, steps: list[DriftStep]) -> str:
     if len(steps) < 2:
         return (
-            f"{camera} has {len(steps) or 'no'} recommended result{'' if len(steps) == 1 else 's'}: no drift shows."
+            f"{camera} has {len(steps) or 'no'} recommended result{'' if len(steps) == 1 else 's'}: drift needs two."
         )
     jumps = [step for step in steps[1:] if _differs(step.from_previous)]
     last: Json | None = steps[-1].from_first  # pyright: ignore[reportAssignmentType] - stored as it is
     said = f"Over {len(steps)} results of {camera} "
     if last is None:
-        return said + "nothing can be said of drift: not all of them state deviations."
-    size = f"{last['rotation_deg']:.2f} degrees and {last['translation_mm']:.0f} mm, {last['sigmas']:.1f} times what"
+        return said + "drift cannot be judged: not all of them state standard deviations."
+    size = f"{last['rotation_deg']:.2f} degrees and {last['translation_mm']:.0f} mm"
+    size += f" ({last['sigmas']:.1f} standard deviations)"
     if jumps:
         when = ", ".join(f"{step.at:%Y-%m-%d}" for step in jumps)
-        return f"{said}the mount moved (at {when}); the last one differs from the first by {size} both state."
+        return f"{said}the mount moved (at {when}). The last one differs from the first by {size}."
     if last["differs"]:
-        return f"{said}no step stands out, but the last one differs from the first by {size} both state."
-    return f"{said}the mount stayed: the last one differs from the first by {size} both state."
+        return f"{said}no step is significant, but the last one differs from the first by {size}."
+    return f"{said}the mount did not move significantly: the last one differs from the first by {size}."
 
 
 def _differs(difference: object) -> bool:

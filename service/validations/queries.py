@@ -49,7 +49,7 @@ def validated(access: Access, vehicle: Vehicle, wanted: ValidationRequest) -> Va
             422,
             "result_of_another_vehicle",
             "The result belongs to another vehicle, whose sensors are mounted elsewhere.",
-            "Ask at the result's own vehicle.",
+            "Ask for the validation at the vehicle of the result.",
         )
     if result.camera != wanted.camera:
         raise Problem(

@@ -38,7 +38,7 @@ router = APIRouter(tags=["validations"])
     max_body_size=DOCUMENT,
 )
 def ask_validation(vehicle_id: UUID, wanted: ValidationRequest, access: WriteAccess) -> JSONResponse:
-    """Hold a calibration against pairs that it was not fitted to, or against a drive. [engineer]"""
+    """Test a calibration on pairs that it was not fitted to, or on a drive. [engineer]"""
     vehicle = access.find(Vehicle, vehicle_id, "engineer")
     if wanted.set_id is not None:
         _check_set(access, vehicle, wanted, wanted.set_id)
@@ -82,7 +82,7 @@ def _check_vehicle(vehicle: Vehicle, vehicle_id: UUID, noun: str) -> None:
             422,
             "data_of_another_vehicle",
             f"The {noun} belongs to another vehicle, whose sensors are mounted elsewhere.",
-            f"Ask at the vehicle of the {noun}.",
+            f"Ask for the validation at the vehicle of the {noun}.",
         )
 
 

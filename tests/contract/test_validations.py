@@ -47,7 +47,7 @@ def test_a_calibration_is_scored_on_pairs_that_it_never_saw(api, context):
     assert not score.model_extra
     errors = errors_of(points, marks)
     assert (score.mean_px, score.max_px) == (pytest.approx(errors.mean()), pytest.approx(errors.max()))
-    assert score.verdict == "unknown" and "states no deviations" in score.sentence
+    assert score.verdict == "unknown" and "states no standard deviations" in score.sentence
 
 
 SIZE = (640, 480)  # of the seeded rig's camera

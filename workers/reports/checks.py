@@ -85,7 +85,7 @@ def off_axis(found: Estimate, errors: PairErrors) -> Check:
             f"{largest:.1f} px, at {at:.0f} degrees from the axis. {told}. Compare the other models.",
             figures,
         )
-    return Check("off_axis", title, "passed", f"Errors follow no pattern of the lens: {told}.", figures)
+    return Check("off_axis", title, "passed", f"Errors follow no radial pattern: {told}.", figures)
 
 
 def rings_of(found: Estimate, errors: PairErrors, count: int = 4) -> list[dict[str, float]]:
@@ -147,7 +147,7 @@ def _time_check(
 ) -> Check:
     """One time among the tested unknowns; ``speed``: px/s of the marks; ``per``: of a row where it is one's."""
     if result is None or not np.isfinite(result.deviations[k]) or result.deviations[k] == 0.0:
-        return Check(name, title, "unknown", "The board's motion does not tell it from the mount.")
+        return Check(name, title, "unknown", "The board's motion does not distinguish it from an error of the mount.")
     value, deviation = float(result.values[k]), float(result.deviations[k])
     # Two-sided quantile of the normal distribution at one in thousand.
     certain = abs(value) > 3.29 * deviation
@@ -161,7 +161,7 @@ def _time_check(
 def _clock_words(value: float, deviation: float, failed: bool) -> str:
     offset = f"{1e3 * abs(value):.1f} ± {1e3 * deviation:.1f} ms"
     if not failed:
-        return f"The marks follow the board's motion: {offset} apart."
+        return f"The marks follow the board's motion: the clocks differ by {offset}."
     return (
         f"The marks lie where the board was {offset} {'later' if value > 0 else 'earlier'} than the pairs say: the "
         "offset between the clocks is wrong. Estimate it, and detect again."
@@ -171,8 +171,8 @@ def _clock_words(value: float, deviation: float, failed: bool) -> str:
 def _shutter_words(value: float, deviation: float, failed: bool) -> str:
     line = f"{1e6 * value:.0f} ± {1e6 * deviation:.0f} microseconds a row"
     if not failed:
-        return f"The rows of a frame show one moment: {line}."
-    return f"The rows of a frame show different moments, {line}: a rolling shutter. Walk slowly, or stand still."
+        return f"All rows of a frame show the same moment: {line}."
+    return f"The rows of a frame show different moments ({line}): a rolling shutter. Walk slowly, or stand still."
 
 
 def wrong_pairs(document: dict[str, Any]) -> Check:
@@ -186,7 +186,7 @@ def wrong_pairs(document: dict[str, Any]) -> Check:
     sentence = (
         f"{len(outliers)} of {pairs} pairs do not belong; they are {kept}."
         if outliers
-        else f"All {pairs} pairs belong together."
+        else f"None of the {pairs} pairs is an outlier."
     )
     verdict: Verdict = "failed" if many else "passed"
     return Check("wrong_pairs", "Wrong marks", verdict, sentence, figures, forbids=excluded == 0)
@@ -216,5 +216,5 @@ def halves(document: dict[str, Any]) -> Check:
     if not compared:
         return Check("halves", title, "unknown", "The pairs are too few for two fits.", figures)
     ratios = " and ".join(f"{one['ratio']:.2f}" for one in compared)
-    sentence = f"Two fits of halves differ by {ratios} times what is stated; 1 is expected."
+    sentence = f"Two fits of halves differ by {ratios} times the stated standard deviation; 1 is expected."
     return Check("halves", title, "passed", sentence, figures)

@@ -87,6 +87,6 @@ def coverage_check(
         "coverage",
         "Coverage",
         "failed",
-        f"{spans}: outside of that the lens is extrapolated, and errors there are unknown. Walk to the edges too.",
+        f"{spans}. Outside of that the lens is extrapolated, and errors are unknown. Walk to the image's edges, too.",
         figures,
     )

@@ -31,7 +31,7 @@ def verdict_of(document: dict[str, Any], objections: Sequence[str], checks: Sequ
     level: VerdictLevel = "unsound" if against else "doubtful" if doubts else "sound"
     words = {
         "unsound": f"Do not use it as it is: {_counted(len(against), 'reason speaks', 'reasons speak')} against it",
-        "doubtful": f"Look before you use it: {_counted(len(doubts), 'reason', 'reasons')} for doubt",
+        "doubtful": f"Check it before you use it: {_counted(len(doubts), 'reason', 'reasons')} for doubt",
         "sound": "Nothing speaks against it",
     }[level]
     return Verdict(level, f"{words}. {_precision(document)}", against, doubts)

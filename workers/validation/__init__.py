@@ -1,1 +1,1 @@
-"""A calibration held against data that it was not fitted to: other pairs, lane markers, edges."""
+"""A calibration tested on data that it was not fitted to: other pairs, lane markers, edges."""

@@ -1,4 +1,4 @@
-"""Depth edges of a drive held against its frames: the score, its curves, and where it would be highest.
+"""Depth edges of a drive compared with its frames: the score, its curves, and where it would be highest.
 
 The score is the mean image gradient across the edges over the gradients nearby. The idea is that of Levinson and
 Thrun (Automatic online calibration of cameras and lasers, 2013); edges between rings and against nothing are added,

@@ -1,4 +1,4 @@
-"""Lane markers of a drive held against its frames: the score, its curves, and where it would be highest.
+"""Lane markers of a drive compared with its frames: the score, its curves, and where it would be highest.
 
 The score is the share of the markers' points that lie on bright pixels; `chance` is the share of other ground points
 that do. The idea, markers of the lowest rings by their intensity drawn into frames of a drive, is the paper's.

@@ -1,4 +1,4 @@
-"""A calibration held against pairs that it was not fitted to: errors, bias, and whether what it states holds.
+"""A calibration tested on pairs that it was not fitted to: errors, bias, and whether its deviations hold.
 
 Residuals of sound pairs are e = J d + n: d the calibration's own error, with the stated covariance C, n the noise of
 marks. The mount's apparent error is A e, where A is the least squares inverse of the mount's columns of J; its
@@ -131,13 +131,13 @@ def _judged(found: dict[str, Any]) -> tuple[str, str]:
     pairs, noise, stated = found["pairs"], found["noise_px"], found["stated_noise_px"]
     errors = f"{pairs} pairs lie {found['mean_px']:.2f} px off on average, {found['median_px']:.2f} px in the median"
     if noise is None:
-        return "unknown", f"{errors}: fewer than {_FEWEST} sound pairs tell nothing of the calibration."
+        return "unknown", f"{errors}: fewer than {_FEWEST} sound pairs do not allow a verdict."
     bias = float(np.hypot(*found["bias_px"]))
     if found["sigmas"] is None:
-        return "unknown", f"{errors}, with a bias of {bias:.2f} px; the calibration states no deviations to hold."
+        return "unknown", f"{errors}, with a bias of {bias:.2f} px. The calibration states no standard deviations."
     moved = (
-        f"they look like a mount that is off by {found['turn_deg']:.2f} degrees and {found['shift_mm']:.0f} mm, "
-        f"{found['sigmas']:.1f} times what is stated"
+        f"a mount error of {found['turn_deg']:.2f} degrees and {found['shift_mm']:.0f} mm explains them best "
+        f"({found['sigmas']:.1f} standard deviations)"
     )
     shares = found["forbidden"] + found["wrong"]
     reasons: list[str] = []
@@ -146,7 +146,7 @@ def _judged(found: dict[str, Any]) -> tuple[str, str]:
     elif found["probability"] < _LEVEL and found["median_px"] > max(_UNEXPLAINED * 1.18 * stated, _FINE_PX):
         reasons.append(moved)
     if noise > max(_UNEXPLAINED * stated, _FINE_PX):
-        reasons.append(f"their noise is {noise:.2f} px per coordinate where {stated:.2f} is stated")
+        reasons.append(f"their noise is {noise:.2f} px per coordinate, and {stated:.2f} px is stated")
     if shares > 0.5 * pairs:
         reasons.append(f"{shares} of them have no projection or lie far from all others")
     if reasons:

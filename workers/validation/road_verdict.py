@@ -42,11 +42,11 @@ def judge(watched: Watched) -> dict[str, Any]:
         "score_at_one_degree": None,
     }
     if peak is None or watched.parts < _FEWEST_PARTS:
-        said = f"{watched.frames} frames show {watched.parts} {noun}: too few to say anything."
+        said = f"{watched.frames} frames show {watched.parts} {noun}: too few for a verdict."
         return found | {"verdict": "unknown", "sentence": said}
     found |= {"score": watched.score, "score_at_one_degree": watched.at_one_degree}
     if peak.lead < _CLEAR:
-        said = f"No turn of the mount fits {watched.parts} {noun} clearly better than all others: they show nothing."
+        said = f"No turn of the mount fits {watched.parts} {noun} clearly better than all others: no verdict."
         return found | {"verdict": "unknown", "sentence": said}
     sigma = float(np.hypot(peak.sigma_pitch_deg, peak.sigma_yaw_deg))
     found |= {
@@ -60,7 +60,7 @@ def judge(watched: Watched) -> dict[str, Any]:
         f"(+-{peak.sigma_yaw_deg:.2f}) and {abs(peak.pitch_deg):.2f} of pitch (+-{peak.sigma_pitch_deg:.2f}) away"
     )
     if sigma > _VAGUE_DEG:
-        return found | {"verdict": "unknown", "sentence": f"{where}, which is too vague to judge the mount."}
+        return found | {"verdict": "unknown", "sentence": f"{where}, which is too uncertain to judge the mount."}
     chi2 = (peak.yaw_deg / max(peak.sigma_yaw_deg, 1e-6)) ** 2 + (
         peak.pitch_deg / max(peak.sigma_pitch_deg, 1e-6)
     ) ** 2

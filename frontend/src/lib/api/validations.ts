@@ -1,4 +1,4 @@
-/** Calibrations held against other pairs and drives. */
+/** Calibrations tested on other pairs and drives. */
 
 import { read, type Read } from "./reads.ts";
 import { isUnderWay, type Validations } from "./types.ts";
