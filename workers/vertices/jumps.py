@@ -33,20 +33,17 @@ def count_steps(places: Sequence[tuple[int, float, float]]) -> Steps:
     Who walks goes on nearly as before; from pose to pose the next place has nothing to do with the one before.
     """
     walks = odd = 0
-    start = places[0] if places else None
-    way_m = 0.0
+    start, way_m = next(iter(places), (0, 0.0, 0.0)), 0.0
     for before, at, after in zip(places, places[1:], places[2:], strict=False):
         step_s = max(at[0] - before[0], after[0] - at[0]) * 1e-9
         step_m = max(math.dist(before[1:], at[1:]), math.dist(at[1:], after[1:]))
-        if step_m < _STAYS_M:
-            way_m = max(way_m, math.dist((start or before)[1:], after[1:]))
-            continue
         bend_m = math.hypot(*(after[k] - 2.0 * at[k] + before[k] for k in (1, 2)))
         too_far = step_m > _TREMBLE_M + _FASTEST_M_S * step_s
-        if step_s > APART_S or too_far or bend_m > _TREMBLE_M + _BRISKEST_M_S2 * step_s**2:
+        stays = step_m < _STAYS_M
+        if not stays and (step_s > APART_S or too_far or bend_m > _TREMBLE_M + _BRISKEST_M_S2 * step_s**2):
             odd += 1
             start = after
-        else:
-            walks += 1
-            way_m = max(way_m, math.dist((start or before)[1:], after[1:]))
+            continue
+        walks += not stays
+        way_m = max(way_m, math.dist(start[1:], after[1:]))
     return Steps(walks, odd, way_m)
