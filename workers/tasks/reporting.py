@@ -25,6 +25,7 @@ from service.jobs.claims import Claim, Lease, require_mine
 from service.storage.blobs import condemn, keep, reserve
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, FrameImage, Material, PersonMark
+from workers.solver.problem import FitProblem
 from workers.solver.stopping import Stop
 from workers.tasks.context import Context
 from workers.tasks.loading import require_room
@@ -120,11 +121,18 @@ def _models(session: Session, result: Result, pairs: Json, stop: Stop) -> list[F
         model: [one.document["heldout"] for one, _ in rows if one.model == model and one.document.get("heldout")]
         for model in {one.model for one, _ in rows}
     }
-    return [
-        FittedModel(one.model, one.document, read_run(run.problem, FULL, pairs, stop).problem, held[one.model])
-        for one, run in rows
-        if one.fold == FULL
-    ]
+    made: list[FittedModel] = []
+    for one, run in rows:
+        if one.fold == FULL:
+            problem = read_run(run.problem, FULL, pairs, stop).problem
+            made.append(FittedModel(one.model, _sized(one.document, problem), problem, held[one.model]))
+    return made
+
+
+def _sized(document: Json, problem: FitProblem) -> Json:
+    """The document with the image's size, which results of older versions do not state."""
+    size = {"image_size": list(problem.image_size)}
+    return document | {"intrinsics": size | document["intrinsics"]}
 
 
 def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
