@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 from uuid import UUID
 
 from sqlalchemy import func, select
@@ -61,12 +61,12 @@ def _recommended(session: Session, vehicle_id: UUID, camera: str, limit: int) ->
     of_results = select(
         Result.id, Result.calibration_id, Result.model, *(Result.document[name] for name in COMPARED)
     ).where(Result.id.in_(chosen))
-    known = {row[0]: row for row in session.execute(of_results)}
+    known: dict[UUID, Any] = {row[0]: row for row in session.execute(of_results)}
     found: list[_Recommended] = []
     for result_id, (at, spread) in chosen.items():
         if result_id in known:
             _, calibration_id, name, *parts = known[result_id]
-            document = dict(zip(COMPARED, parts, strict=True))
+            document: Json = dict(zip(COMPARED, parts, strict=True))
             found.append(_Recommended(result_id, calibration_id, name, document, at, spread))
     return found[::-1]
 

@@ -25,6 +25,9 @@ Verdict = Literal["passed", "failed", "unknown"]
 _CHANCE: Final = 1e-3
 # Two-sided quantile of the normal distribution at one in thousand.
 _CERTAIN: Final = 3.29
+# Twice the log likelihood ratio that independent errors exceed in one of thousand cases, by the number of components:
+# each is zero half of the time (Self and Liang 1987).
+_TOGETHER: Final = {1: 9.55, 2: 11.76}
 _MATTERS: Final = 0.5  # of the noise of a mark per coordinate
 # Radial patterns up to the seventh power of the distance from the centre: the lens models' own terms go that far.
 _POWERS: Final = (1, 2, 3, 4, 5, 6, 7)
@@ -60,6 +63,7 @@ def checks(material: Material, found: Estimate, errors: PairErrors) -> list[Chec
         together(document),
         halves(document),
         Check(*coverage_check(material, errors), forbids=False),
+        elsewhere(material.elsewhere),
     ]
 
 
@@ -218,10 +222,23 @@ def together(document: dict[str, Any]) -> Check:
     begins = ("Pairs of one group err together", "Pairs near in time err together")
     said = next((alarm for alarm in document.get("alarms", []) if alarm.startswith(begins)), None)
     figures = {name: shared[name] for name in ("evidence", "widening", "deviations")}
+    if said is None and shared["evidence"] > _TOGETHER.get(len(shared["deviations"]), np.inf):
+        sizes = " and ".join(_size(*one) for one in shared["deviations"].items() if one[1] > 0.0)
+        blocks = "group" if shared["by"] == "group" else "stretch of the walk"
+        said = (
+            f"Pairs of one {blocks} err together, by {sizes} from one to the next. The standard deviations count "
+            f"that; they are {shared['widening']:.2f} times those of independent errors."
+        )
     if said:
         # The stated deviations count them.
         return Check("shared_errors", title, "failed", said, figures, forbids=False)
     return Check("shared_errors", title, "passed", "Pairs of one pose, or near in time, err independently.", figures)
+
+
+def _size(name: str, deviation: float) -> str:
+    if name == "offset_m":
+        return f"{1e3 * deviation:.2g} mm"
+    return f"{deviation:.2g} {'px' if name == 'shift_px' else 'degrees'}"
 
 
 def halves(document: dict[str, Any]) -> Check:
@@ -236,3 +253,19 @@ def halves(document: dict[str, Any]) -> Check:
     ratios = " and ".join(f"{one['ratio']:.2f}" for one in compared)
     sentence = f"Two fits of halves differ by {ratios} times the stated standard deviation; 1 is expected."
     return Check("halves", title, "passed", sentence, figures)
+
+
+def elsewhere(validations: Sequence[dict[str, Any]]) -> Check:
+    """Whether validations on other data agree with the result."""
+    title = "Other recordings"
+    if not validations:
+        return Check("elsewhere", title, "unknown", "No validation tested the result on other data.")
+    verdicts = [one["verdict"] for one in validations]
+    figures = {verdict: verdicts.count(verdict) for verdict in ("agrees", "disagrees", "unknown")}
+    against = [one["sentence"] for one in validations if one["verdict"] == "disagrees"]
+    if against:
+        return Check("elsewhere", title, "failed", " ".join(against), figures)
+    said = f"{figures['agrees']} of {len(verdicts)} validations on other data agree with the result"
+    if figures["agrees"]:
+        return Check("elsewhere", title, "passed", f"{said}, none disagrees.", figures)
+    return Check("elsewhere", title, "unknown", "No validation on other data came to a verdict.", figures)

@@ -52,6 +52,7 @@ def contents(material: Material) -> Json:
             "coverage": field._asdict() | {"missing": missing(field)},
             "slots": _slots(material),
             "people": _people(material, errors),
+            "elsewhere": list(material.elsewhere),
             "request": material.request,
             "provenance": document.get("provenance"),
         }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.workers.reports.material import made
-from workers.reports.checks import Check, by_clock, clock, rolling_shutter
+from workers.reports.checks import Check, by_clock, clock, elsewhere, rolling_shutter, together
 from workers.reports.contents import contents, estimate_of
 
 SHOWN = {"line_time_us": 55.0, "std_us": 11.0, "limit": 2.82, "shown": True}
@@ -61,6 +61,30 @@ def test_late_clocks_are_found_with_their_offset():
     pixels = model.problem.pixels + 0.04 * by_clock(estimate_of(replace(model, problem=problem)))
     late = clock(estimate_of(replace(model, problem=replace(problem, pixels=pixels))))
     assert late.verdict == "failed" and abs(abs(late.figures["seconds"]) - 0.04) < 0.01
+
+
+def test_other_data_that_disagrees_forbids_the_use():
+    agrees = {"verdict": "agrees", "sentence": "It holds."}
+    against = {"verdict": "disagrees", "sentence": "The camera has turned."}
+    unknown = {"verdict": "unknown", "sentence": "Too few."}
+    assert elsewhere([]).verdict == elsewhere([unknown]).verdict == "unknown"
+    assert elsewhere([unknown, agrees]).verdict == "passed"
+    failed = elsewhere([agrees, against, unknown])
+    assert (failed.verdict, failed.sentence, failed.forbids) == ("failed", "The camera has turned.", True)
+    assert failed.figures == {"agrees": 1, "disagrees": 1, "unknown": 1}
+    judged = contents(replace(made(), elsewhere=[against]))["verdict"]
+    assert judged["level"] == "unsound" and "The camera has turned." in judged["against"]
+
+
+def test_poses_that_err_together_are_named_beyond_chance():
+    shared = {"blocks": 55, "by": "group", "deviations": {"offset_m": 0.005, "turn_deg": 0.0}, "widening": 1.08}
+    assert together({}).verdict == "unknown"
+    assert together({"shared_errors": shared | {"evidence": 11.0}}).verdict == "passed"
+    found = together({"shared_errors": shared | {"evidence": 12.0}})
+    assert (found.verdict, found.forbids) == ("failed", False)
+    assert "by 5 mm from one to the next" in found.sentence and "1.08 times" in found.sentence
+    alarm = "Pairs of one group err together, by 5 mm from group to group."
+    assert together({"shared_errors": shared | {"evidence": 6.0}, "alarms": [alarm]}).sentence == alarm
 
 
 def test_still_boards_say_nothing_of_clocks():
