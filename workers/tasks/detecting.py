@@ -12,6 +12,7 @@ import numpy as np
 from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.corners import TOP
 from apexcal.documents.states import UNENDED, WorkState
 from service.db.base import Json
 from service.db.clock import now
@@ -171,7 +172,9 @@ def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> di
     known: dict[int, list[Apex]] = defaultdict(list)
     if sweeps:
         asked = select(Apex).where(
-            Apex.recording_id == recording_id, Apex.sweep_index.between(min(sweeps), max(sweeps))
+            Apex.recording_id == recording_id,
+            Apex.corner == TOP,
+            Apex.sweep_index.between(min(sweeps), max(sweeps)),
         )
         for apex in session.scalars(asked):
             known[apex.sweep_index].append(apex)
