@@ -92,6 +92,30 @@ def test_a_result_of_an_older_version_has_a_report(api, context, made):
     assert '"image_size":[' in engineer.get(f"/results/{result}/report").text
 
 
+def test_a_report_shows_what_other_data_say(api, context, made):
+    engineer, result, _ = made
+    found = engineer.get(f"/results/{result}").json()
+    rig = engineer.get(f"/correspondence-sets/{found['set_id']}").json()["rig_id"]
+    turned = [pair | {"u": pair["u"] + 30.0} for pair in pairs_of_a_pinhole()]
+    sets = [found["set_id"]]
+    for pairs in (pairs_of_a_pinhole()[:60], turned):
+        brought = engineer.post(f"/rigs/{rig}/correspondence-sets", {"pairs": pairs}, params={"camera": "front"})
+        sets.append(brought.json()["id"])
+    for one in sets:
+        body = {"kind": "pairs", "camera": "front", "set_id": one, "result_id": result}
+        assert engineer.post(f"/vehicles/{found['vehicle_id']}/validations", body).status_code == 202
+    engineer.post(f"/results/{result}/report")
+    work(context)
+    text = engineer.get(f"/results/{result}/report").text
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
+    # The set that was fitted to is no other data. The newest is first.
+    assert [one["verdict"] for one in data["elsewhere"]] == ["disagrees", "agrees"]
+    assert all("u" not in one for one in data["elsewhere"])
+    check = next(one for one in data["checks"] if one["name"] == "elsewhere")
+    assert check["verdict"] == "failed" and check["sentence"] in data["verdict"]["against"]
+    assert data["verdict"]["level"] == "unsound"
+
+
 def test_reports_count_to_the_quota(api, context, made):
     engineer, result, fleet = made
     before = engineer.get(f"/fleets/{fleet}").json()["taken_bytes"]

@@ -176,7 +176,7 @@ def _elsewhere(session: Session, result: Result, pairs: CorrespondenceSet) -> li
     ).all()
     used = {row.recording_id or of_set for row, of_set, _ in rows}
     named = select(Recording.id, Recording.name).where(Recording.id.in_(used))
-    recordings: dict[UUID | None, str] = dict(session.execute(named).tuples().all())
+    recordings: dict[UUID | None, str] = {row.id: row.name for row in session.execute(named)}
     found: dict[tuple[str, UUID | None], Json] = {}
     for row, of_set, source in rows:
         is_fitted = row.set_id == pairs.id or (of_set is not None and of_set == pairs.recording_id)
