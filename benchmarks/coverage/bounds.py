@@ -43,4 +43,4 @@ def turn_bound(done: Calibration) -> float:
     turn: Floats = np.radians(done.errors.second_half_deg) * transform_of(here, found.held_at).R[:, 2]
     strength = float(turn @ np.linalg.solve(wider.covariance()[-3:, -3:], turn))
     freedom = float(found.spread.freedom or 1e6) - 3.0
-    return 1.0 - _noncentral_f(3.0, freedom, strength, _f_quantile(3.0, freedom, 1.0 - FALSE_ALARMS))
+    return 1.0 - float(_noncentral_f(3.0, freedom, strength, _f_quantile(3.0, freedom, 1.0 - FALSE_ALARMS)))

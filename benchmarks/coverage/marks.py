@@ -55,7 +55,7 @@ def columns(paired: Paired, errors: Errors, random: np.random.Generator) -> dict
     known |= dict(zip(SIGMAS, paired.sigmas.T.tolist(), strict=True))
     if len(errors.noises_px) > 1:
         known["sigma_px"] = np.hypot(noise, BIAS_PX).tolist()
-    if errors.pose_m:
+    if errors.pose_m or paired.is_still:
         known["group"] = paired.pose.tolist()
     # Pairs of a still board come from a file, which says no more than this.
     return {name: known[name] for name in _IMPORTED} if paired.is_still else known
