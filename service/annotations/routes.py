@@ -8,7 +8,17 @@ from uuid import UUID
 from fastapi import APIRouter, Query, Request, Response
 
 from apexcal.documents.base import Sought
-from apexcal.documents.marking import Answer, AnswerView, GivenMark, NextTask, OwnPairs, Progress, Tally, TaskView, Undo
+from apexcal.documents.marking import (
+    Answer,
+    AnswerView,
+    GivenMark,
+    NextTask,
+    OwnPairs,
+    Progress,
+    Tally,
+    TaskView,
+    Undo,
+)
 from apexcal.documents.roles import rank
 from service.annotations.answer_actions import answer_view, give, undo
 from service.annotations.disclosure_actions import answered_by_others, tell
@@ -93,8 +103,8 @@ def read_tally(detection_id: UUID, access: ReadAccess, camera: CameraQuery, requ
 
 @router.get("/detections/{detection_id}/own-pairs")
 def list_own_pairs(detection_id: UUID, access: ReadAccess, camera: CameraQuery) -> OwnPairs:
-    """One's own marks in one camera with the vertices that they are of. Nothing of others is told. [annotator]"""
-    detection = access.find(Detection, detection_id, "annotator")
+    """One's own marks in one camera with the vertices that they are of. Nothing of others is told."""
+    detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera)
     return OwnPairs(items=own_pairs(access.session, detection.id, sensor.id, access.person.id))
 

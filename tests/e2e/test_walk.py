@@ -1,10 +1,8 @@
 """A new vehicle from nothing to a published calibration, in a browser, by mouse and keys alone."""
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from playwright.sync_api import Locator, Page, expect
 
@@ -117,10 +115,10 @@ def calibrate(page: Page) -> None:
         page.get_by_role("checkbox", name=re.compile(other)).uncheck()
     page.get_by_role("button", name="Calibrate").click()
     expect(page.get_by_role("heading", level=1)).to_contain_text("Calibration of")
+    expect(page.get_by_role("button", name="Publish for the vehicle")).to_be_visible(timeout=90_000)
     row = page.get_by_role("row").filter(has_text="brown_conrady").first
-    expect(row).to_be_visible(timeout=90_000)
-    errors = re.findall(r"([\d.]+) / ([\d.]+)", row.inner_text())
-    assert max(float(rms) for _, rms in errors) < 5, errors
+    polished = re.findall(r"[\d.]+ / ([\d.]+)", row.inner_text())[1]
+    assert float(polished) < 3  # marks are half a pixel off, and vertices some millimetres
 
 
 def read_the_report(page: Page) -> None:

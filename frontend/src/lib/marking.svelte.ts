@@ -87,7 +87,8 @@ export class Marking {
       if (!this.waiting) await this.advance(null);
     });
     void this.count();
-    this.doubts.start(this.detectionId, this.camera).catch(() => undefined);
+    await this.doubts.start(this.detectionId, this.camera).catch(() => undefined);
+    if (this.task) this.doubts.learn(this.task);
   }
 
   /** Keeps the leases while their person is there, and follows the outbox. Returns the end of it. */

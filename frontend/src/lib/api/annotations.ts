@@ -38,5 +38,7 @@ export const tally = (id: string, camera: string): Promise<MarkingTally> =>
 /** The person's own marks with their vertices. Unlike `marks` it tells nothing of others. */
 export const ownPairs = (id: string, camera: string): Promise<OwnPairs> =>
   bodyOf(
-    client.GET("/v1/detections/{detection_id}/own-pairs", { params: { path: { detection_id: id }, query: { camera } } }),
+    client.GET("/v1/detections/{detection_id}/own-pairs", {
+      params: { path: { detection_id: id }, query: { camera } },
+    }),
   );

@@ -48,7 +48,14 @@ export function cameraOf(at: Float64Array, nominal: Mount, { width, height }: Si
     const pixel = { u: 0, v: 0 };
     const along = (row: readonly [number, number, number], by: number): number =>
       row[0] * place.x + row[1] * place.y + row[2] * place.z + by;
-    return project(along(r0, tx + UNIFORM * of(3)), along(r1, ty + UNIFORM * of(4)), along(r2, tz + UNIFORM * of(5)), pixel) ? pixel : null;
+    return project(
+      along(r0, tx + UNIFORM * of(3)),
+      along(r1, ty + UNIFORM * of(4)),
+      along(r2, tz + UNIFORM * of(5)),
+      pixel,
+    )
+      ? pixel
+      : null;
   };
 }
 

@@ -32,11 +32,9 @@ export class Doubts {
     const nominal = rig.cameras.find((one) => one.name === camera)?.nominal;
     this.nominal = nominal ? mountOf(nominal) : null;
     const before = (await annotations.ownPairs(detectionId, camera)).items;
-    const given = new Set(this.pairs.map((one) => one.vertexId));
-    this.pairs = [
-      ...before.flatMap((one) => (given.has(one.vertex_id) ? [] : [{ ...one, vertexId: one.vertex_id }])),
-      ...this.pairs,
-    ];
+    const given = this.pairs;
+    const isNew = (id: string): boolean => !given.some((one) => one.vertexId === id);
+    this.pairs = [...before.map((one) => ({ ...one, vertexId: one.vertex_id })).filter((one) => isNew(one.vertexId)), ...given];
     this.stale = true;
   }
 

@@ -56,7 +56,11 @@ export function expectationOf(pairs: readonly OwnPair[], nominal: Mount, size: S
       const slopes = seen && fit.slopes(place, seen);
       if (!slopes) return null;
       const [along, down] = slopes;
-      const spread = (a: Float64Array, b: Float64Array): number => dot(a, Float64Array.from(covariance, (row) => dot(row, b)));
+      const spread = (a: Float64Array, b: Float64Array): number =>
+        dot(
+          a,
+          Float64Array.from(covariance, (row) => dot(row, b)),
+        );
       const [uu, uv, vv] = [variance + spread(along, along), spread(along, down), variance + spread(down, down)];
       const [du, dv] = [mark.u - seen.u, mark.v - seen.v];
       const squares = (vv * du * du - 2 * uv * du * dv + uu * dv * dv) / (uu * vv - uv * uv);

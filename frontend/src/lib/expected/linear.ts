@@ -7,7 +7,9 @@ export const dot = (a: Float64Array, b: Float64Array): number => a.reduce((sum, 
 /** The inverse of a positive definite matrix by Gauss and Jordan; null if it is singular. */
 export function inverseOf(matrix: Rows): Float64Array[] | null {
   const size = matrix.length;
-  const work = matrix.map((row, i) => Float64Array.from({ length: 2 * size }, (_, j) => row[j] ?? (j - size === i ? 1 : 0)));
+  const work = matrix.map((row, i) =>
+    Float64Array.from({ length: 2 * size }, (_, j) => row[j] ?? (j - size === i ? 1 : 0)),
+  );
   for (let column = 0; column < size; column += 1) {
     const pivot = work[column] ?? new Float64Array();
     const head = pivot[column] ?? 0;
