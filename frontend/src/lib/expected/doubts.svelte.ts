@@ -34,7 +34,10 @@ export class Doubts {
     const before = (await annotations.ownPairs(detectionId, camera)).items;
     const given = this.pairs;
     const isNew = (id: string): boolean => !given.some((one) => one.vertexId === id);
-    this.pairs = [...before.map((one) => ({ ...one, vertexId: one.vertex_id })).filter((one) => isNew(one.vertexId)), ...given];
+    this.pairs = [
+      ...before.map((one) => ({ ...one, vertexId: one.vertex_id })).filter((one) => isNew(one.vertexId)),
+      ...given,
+    ];
     this.stale = true;
   }
 
