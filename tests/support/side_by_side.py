@@ -12,8 +12,8 @@ from xdist.scheduler.loadfile import LoadFileScheduling
 _TOGETHER = (("tests/faults/", "tests/operations/", "tests/integration/"), ("tests/apexcal/",), ("tests/e2e/",))
 
 # First who compiles the kernels of the solver, the detectors and the simulation, which others then find beside their
-# source: 40 s of a processor in a fresh clone, for each process that does not wait. Meanwhile who needs none. Then what
-# is long, so that what is short fills up the end.
+# source: 40 s of a processor in a fresh clone, for each process that does not wait. Meanwhile who needs none. Then
+# what is long, so that what is short fills up the end.
 _FIRST = (
     "tests/workers/tasks/test_warming.py",
     "tests/workers/simulation/test_lidar.py",
