@@ -33,7 +33,7 @@ class DetectorWords(NamedTuple):
 _NO_POINTS = "no point of the sweep lies in the region"
 # Reasons that every detector has for recordings of still poses.
 _STILL_POSES = {
-    "nothing_differs": "all points in the region are at the same place in the other poses too: the board is outside "
+    "nothing_differs": "all points in the region are at the same place in the other sweeps too: the board is outside "
     "of the region, or was not moved",
     "same_pose": "another sweep of the same still pose carries the vertex: the mean of all sweeps of the pose",
 }
