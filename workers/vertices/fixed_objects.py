@@ -28,6 +28,11 @@ class WithoutFixed:
     region: Region
     backdrop: Backdrop
 
+    @property
+    def fixed_left_out(self) -> bool:
+        """See `sweep_source.Area`."""
+        return True
+
     def inside(self, sweep: Sweep) -> Mask:
         """Which points (N,) of a sweep lie in the region and on nothing that stands still."""
         kept = self.region.mask(sweep.xyz)
