@@ -70,7 +70,7 @@ def _stretch(at: Floats, gain: Floats) -> tuple[float, Ends, float]:
     last = int(np.argmax(before - lowest))
     first = int(np.argmin(before[: last + 1]))
     # An end between two rays is anywhere between them.
-    gaps = np.diff(np.concatenate([[at[0] - 0.5], at, [at[-1] + 0.5]]))
+    gaps: Floats = np.diff(np.concatenate([[at[0] - 0.5], at, [at[-1] + 0.5]]))
     low = _kept(-before[: last + 1], gaps[: last + 1])
     high = _kept(before[first:], gaps[first:])
     total = float(before[last] - before[first])
