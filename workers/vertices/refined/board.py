@@ -100,8 +100,8 @@ def _with_rays(
         return None
     at = tuple(choose_rays(left, up, ratio, window.distance, ends).T)
     u = w[0] * np.cos(window.azimuth[at]) + w[1] * np.sin(window.azimuth[at]) + w[2] * window.slope[at]
-    column = np.arange(ratio.shape[1])
-    between = (column >= ends[:, :1]) & (column <= ends[:, 1:]) & (ends[:, :1] >= 0)
+    column: NDArray[np.int64] = np.arange(int(ratio.shape[1]))
+    between: NDArray[np.bool_] = (column >= ends[:, :1]) & (column <= ends[:, 1:]) & (ends[:, :1] >= 0)
     points = int(np.count_nonzero(between & (ratio > _ON_BOARD)))
     hits = np.nonzero(between & (ratio > _CONFIDENT))
     # Rings so far apart that a board holds fewer of them have met a body too.
@@ -194,7 +194,9 @@ def _against(
     above = plane.returned & (plane.up > side)
     upper = int(np.count_nonzero((inside | outside) & above)), int(np.count_nonzero(above))
     # A wall is met far beside the board too, not only at the ends of its stretches.
-    beside = _covered(*plane.hits, np.full(plane.hits.shape[1], np.median(plane.reach)), model, edges, corner)
+    left, up = plane.hits[0], plane.hits[1]
+    reach = np.full_like(left, float(np.median(plane.reach)))
+    beside = _covered(left, up, reach, model, edges, corner)
     return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper
 
 
