@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from html import escape
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -175,7 +176,7 @@ def _inline(svg: str, plot: Plot) -> str:
     svg = re.sub(r' id="[\w.]+_\d+"', "", svg)
     svg = re.sub(r"font-family: [^;\"]*; ?", "", svg)
     svg = re.sub(r">\s+<", "><", svg)
-    return svg.replace("<svg ", '<svg role="img" focusable="false" ', 1)
+    return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(plot.says)}" focusable="false" ', 1)
 
 
 def _short(found: re.Match[str]) -> str:
