@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from workers.readers.recording import Sweep
-from workers.validation.ground import Plane, ground_plane, is_on
+from workers.geometry.ground import Plane, ground_plane, is_on
 from workers.validation.local_excess import local_excess
 
 Floats = NDArray[np.float64]

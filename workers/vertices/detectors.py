@@ -11,6 +11,7 @@ from workers.vertices import ring_rules
 from workers.vertices.pose_detection import detect_poses
 from workers.vertices.refined.run import run as run_refined
 from workers.vertices.region import Region
+from workers.vertices.seam import find_cut, run_cut
 from workers.vertices.still_poses import find_poses
 from workers.vertices.sweep_source import OnSweep, Run, SweepSource
 from workers.vertices.vertex import Detections, Vertex
@@ -68,7 +69,10 @@ def detect_range(
     context: list[Vertex] = []
     refused: dict[int, str] = {}
     poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start))
-    if poses is None:
+    cut = find_cut(source, region) if poses is None else None
+    if cut is not None:
+        answers = run_cut(source, region, cut, RUNS[detector], resolved, wider, report)
+    elif poses is None:
         answers = RUNS[detector](source, region, resolved, wider, report)
     else:
         answers = detect_poses(source, region, poses, RUNS[detector], resolved, wider, report)

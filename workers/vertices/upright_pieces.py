@@ -38,7 +38,7 @@ def upright_pieces(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[Mask]:
     found: list[NDArray[np.int64]] = []
     for number in range(_SECTORS):
         window = open_window(sweep, inside, grid, (2 * number + 1) * math.pi / _SECTORS - math.pi, half)
-        found += _pieces(window, grid.step)
+        found += _pieces(window)
     found.sort(key=len, reverse=True)
     masks: list[Mask] = []
     for points in found:
@@ -50,9 +50,9 @@ def upright_pieces(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[Mask]:
     return masks
 
 
-def _pieces(window: Window, step: float) -> list[NDArray[np.int64]]:
+def _pieces(window: Window) -> list[NDArray[np.int64]]:
     """Numbers of the points of each piece."""
-    stretches = find_stretches(window.azimuth, window.distance, window.inside, _SIGMA_M, step)
+    stretches = find_stretches(window.azimuth, window.distance, window.inside, _SIGMA_M, window.steps)
     parent = list(range(len(stretches)))
 
     def root(i: int) -> int:

@@ -18,7 +18,7 @@ CLUTTER = 0.5  # density, per metre of depth, of returns near the board that are
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def find_stretches(
-    azimuth: Floats, distance: Floats, inside: NDArray[np.bool_], sigma: float, step: float
+    azimuth: Floats, distance: Floats, inside: NDArray[np.bool_], sigma: float, steps: Floats
 ) -> NDArray[np.float64]:
     """Runs of returns in the region whose distance does not jump.
 
@@ -37,7 +37,7 @@ def find_stretches(
             joined = False
             if is_point and last >= 0:
                 h = distance[r, c]
-                jump = 5.0 * sigma + 1.2 * h * step * (c - last)
+                jump = 5.0 * sigma + 1.2 * h * steps[r] * (c - last)
                 joined = c - last <= 3 and abs(h - distance[r, last]) <= jump
             if last >= 0 and not joined:
                 found[count, 0], found[count, 1], found[count, 2], found[count, 3] = r, first, last, n
