@@ -30,7 +30,9 @@ class DetectorWords(NamedTuple):
     reasons: Mapping[str, str]
 
 
-_UP = "{axis} of the direction of up in the LiDAR's frame; all three 0: as the rig states it, else as the ground tells"
+_UP = (
+    "{axis} of the direction of up in the LiDAR's frame; all three 0: as the rig states it, else as the ground tells"
+)
 _NO_POINTS = "no point of the sweep lies in the region"
 # Reasons that every detector has for recordings of still poses.
 _STILL_POSES = {

@@ -22,7 +22,8 @@ _STREETS_DEG: Final = 4.0
 _LEAST_SHARE: Final = 0.05
 _BELOW_M: Final = 0.5
 _MOST_BELOW: Final = 0.05  # of the points; no surface lies below the ground, but mirrors and dust give some
-_RING_SHARE: Final = 0.1
+_OTHER_RINGS: Final = 0.2
+_LOWEST_M: Final = 0.2  # no sensor is mounted nearer to the ground
 # In a hall floor and ceiling are about as large. Sensors are rarely upside down.
 _MUCH_MORE: Final = 3.0
 _FLIPPED: Final = np.diag([1.0, -1.0, -1.0])
@@ -69,12 +70,12 @@ def _corrected(normal: Floats) -> Floats:
 def _ground(xyz: Floats, ring: NDArray[np.int64], steepest_deg: float) -> tuple[Plane, int] | None:
     """The ground below a sensor whose z is about up, and how many points lie on it."""
     plane = ground_plane(xyz, steepest_deg)
-    if plane is None:
+    if plane is None or plane.offset < _LOWEST_M:
         return None
     on = is_on(plane, xyz)
     count = int(np.count_nonzero(on))
     below = float(np.mean(plane.height(xyz) < -_BELOW_M))
     # One ring is a cone, and can lie in a plane by itself whatever it meets.
-    rings = np.bincount(ring[on])
-    sure = count > _LEAST_SHARE * len(xyz) and below < _MOST_BELOW
-    return (plane, count) if sure and np.count_nonzero(rings > _RING_SHARE * count) >= 2 else None
+    others = count - int(np.bincount(ring[on]).max())
+    sure = count > _LEAST_SHARE * len(xyz) and below < _MOST_BELOW and others > _OTHER_RINGS * count
+    return (plane, count) if sure else None

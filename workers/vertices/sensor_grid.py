@@ -24,7 +24,7 @@ _STEP_RAD = (math.radians(0.03), math.radians(1.6))
 _DEFAULT_STEP_RAD = math.radians(0.2)
 _BLOCK_RAD = math.radians(10.0)  # so short that a motor's wavering does not blur the grid
 _ENOUGH = 5
-# A ring of its own step has this many returns beside each other; rings of 15 % returns at least still tell their step.
+# A ring tells its own step by this many gaps between returns, of which 15 % or more are a single step.
 _ENOUGH_STEPS, _LOW_QUANTILE = 30, 0.15
 _SAME_STEP = 0.25
 _GROUND_POINTS = 1000  # of each sweep
@@ -37,7 +37,8 @@ class SensorGrid:
     """The directions in which a sensor fires.
 
     Attributes:
-        elevation: (R,) radians, of each ring, 0 the lowest; interpolated for rings without a return.
+        elevation: (R,) radians, of each ring, 0 the lowest; interpolated for rings without a return, NaN below all
+            others.
         steps: (R,) radians between two firings of each ring.
         shift: (R,) radians, azimuth of each ring's grid against that of the others of its step, modulo the step.
         R_level_lidar: (3, 3) to axes whose z is up.
@@ -99,7 +100,7 @@ def _elevations(ring: NDArray[np.int64], elevation: NDArray[np.float64], count: 
     known = np.flatnonzero(np.isfinite(medians))
     if known.size < 2:
         return np.nan_to_num(medians)
-    filled: NDArray[np.float64] = np.interp(np.arange(count), known, medians[known])
+    filled: Floats = np.interp(np.arange(count), known, medians[known], left=np.nan)
     return filled
 
 

@@ -88,11 +88,12 @@ def _stacked(stretches: Floats, slope: Floats) -> list[tuple[int, int]]:
     for i, ring in enumerate(stretches[:, 0].astype(int).tolist()):
         by_ring.setdefault(ring, []).append(i)
     pairs: list[tuple[int, int]] = []
+    middle = slope.shape[1] // 2
     for ring, upper in by_ring.items():
         lower = by_ring.get(ring - 1, [])
         if not lower:
             continue
-        rise = abs(float(slope[ring, 0] - slope[ring - 1, 0]))
+        rise = abs(float(slope[ring, middle] - slope[ring - 1, middle]))
         one, other = stretches[upper], stretches[lower]
         away = np.abs(one[:, None, 6] - other[None, :, 6])
         gap = np.maximum(other[None, :, 4] - one[:, None, 5], one[:, None, 4] - other[None, :, 5])

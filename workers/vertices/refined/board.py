@@ -105,7 +105,7 @@ def _with_rays(
         if first >= 0
     )
     # Rings so far apart that a board holds fewer of them have met a body too.
-    apart = float(np.median(np.diff(window.slope[on_board, 0])) / np.median(u))
+    apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
     reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
     widest = float(np.max((1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]))
     plane = Plane(

@@ -59,6 +59,7 @@ def find_stretches(
 def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -> NDArray[np.int64]:
     """(K, 2) pairs (upper, lower) on neighbouring filled rings that could lie on one board, the largest first."""
     count = stretches.shape[0]
+    middle = slope.shape[1] // 2
     pairs = np.empty((count * 6 + 1, 2), np.int64)
     points = np.empty(count * 6 + 1)
     n = 0
@@ -73,7 +74,7 @@ def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -
                 break
             if ring - below > 3:
                 break
-            rise = stretches[i, 6] * (slope[int(ring), 0] - slope[int(below), 0])
+            rise = stretches[i, 6] * (slope[int(ring), middle] - slope[int(below), middle])
             gap = max(stretches[j, 4] - stretches[i, 5], stretches[i, 4] - stretches[j, 5])
             near = abs(stretches[i, 6] - stretches[j, 6]) <= 0.1 + 0.5 * rise
             if rise < 1.2 and gap <= 0.15 and near and stretches[i, 5] - stretches[i, 4] <= widest:

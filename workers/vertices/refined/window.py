@@ -29,7 +29,8 @@ class Window:
         steps: (R,) radians between two shots of each ring.
         ring: (R,) number of each row's ring in the sweep.
         azimuth: (R, C) radians from the middle.
-        slope: (R, C) tangent of the elevation; where a ring of wide steps has no shot in the window, azimuth is pi.
+        slope: (R, C) tangent of the elevation; azimuth is pi where no shot is known: beyond
+            the window, or on rings that never returned anything.
         distance: (R, C) horizontal metres, 0 where nothing came back.
         inside: (R, C) whether the return lies in the region.
         point: (R, C) index of the return in its sweep, -1 where there is none.
@@ -128,7 +129,7 @@ def _image(
     azimuth, slope = np.empty((rings, columns)), np.empty((rings, columns))
     for r in range(rings):
         for c in range(columns):
-            if abs(c - middle) * steps[r] <= half + 2.0 * steps[r]:
+            if abs(c - middle) * steps[r] <= half + 2.0 * steps[r] and not math.isnan(elevation[r]):
                 azimuth[r, c] = phase[r] + (c - middle) * steps[r]
                 slope[r, c] = math.tan(elevation[r])
             else:
