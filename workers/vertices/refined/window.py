@@ -68,12 +68,19 @@ def open_window(
     c, s = ahead[0] / flat, ahead[1] / flat
     R_window_lidar = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ level
     azimuth, slope, distance, within, point = image
-    levelled = _levelled(azimuth, slope, distance, R_window_lidar @ turn.T)
-    rows = (*levelled, within, point)
-    if level[2, 2] < 0.0:
-        rows = tuple(part[::-1, ::-1].copy() for part in rows)
-        steps, ring = steps[::-1].copy(), ring[::-1].copy()
-    return Window(R_window_lidar, steps, ring, *rows)
+    azimuth, slope, distance = _levelled(azimuth, slope, distance, R_window_lidar @ turn.T)
+    if level[2, 2] > 0.0:
+        return Window(R_window_lidar, steps, ring, azimuth, slope, distance, within, point)
+    return Window(
+        R_window_lidar,
+        steps[::-1].copy(),
+        ring[::-1].copy(),
+        azimuth[::-1, ::-1].copy(),
+        slope[::-1, ::-1].copy(),
+        distance[::-1, ::-1].copy(),
+        within[::-1, ::-1].copy(),
+        point[::-1, ::-1].copy(),
+    )
 
 
 def _levelled(azimuth: Floats, slope: Floats, distance: Floats, turn: Floats) -> tuple[Floats, Floats, Floats]:
