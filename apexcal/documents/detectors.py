@@ -30,6 +30,9 @@ class DetectorWords(NamedTuple):
     reasons: Mapping[str, str]
 
 
+_UP = (
+    "{axis} of the direction of up in the LiDAR's frame; all three 0: as the rig states it, else as the ground tells"
+)
 _NO_POINTS = "no point of the sweep lies in the region"
 # Reasons that every detector has for recordings of still poses.
 _STILL_POSES = {
@@ -80,6 +83,9 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
                 "how far outside the board's edges a beam still returns from it, in milliradians (half the width of "
                 "the beam, or less); -1: estimated from near sweeps",
             ),
+            "up_x": NumberOption(0.0, -1.0, 1.0, _UP.format(axis="x")),
+            "up_y": NumberOption(0.0, -1.0, 1.0, _UP.format(axis="y")),
+            "up_z": NumberOption(0.0, -1.0, 1.0, _UP.format(axis="z")),
             "track": NumberOption(
                 1, 0, 1, "1: the sweeps before and after tell the board's roll and outliers; 0: each for itself"
             ),

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.simulation.disturbances import Disturbances
+from workers.simulation.drawn import region_before
 from workers.simulation.flaws import Mount
 from workers.simulation.lidar import BOARD, SENSORS, Lidar, LidarModel, Walks
-from workers.simulation.scene import WALKER_REGION, scene_with
+from workers.simulation.scene import WALKER_REGION, Scene, scene_with
 from workers.simulation.walker import BOARD_EDGES_M, Walk
+from workers.simulation.walks import FIELD_X_M
 from workers.vertices.detectors import detect_range
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
@@ -78,8 +80,11 @@ def run(asked: tuple[Case, int, float]) -> list[Found]:
     """Simulate one walk of a case from a seed, so many seconds long, and run the case's detectors over it."""
     case, seed, seconds = asked
     walked = simulate(case, seed, seconds)
+    tilted = case.mount.roll_deg != 0.0 or case.mount.pitch_deg != 0.0
+    document = region_before(case.mount, Scene().ground_z, FIELD_X_M[1]) if tilted else WALKER_REGION
+    region = Region.from_document(document)
     return [
-        found(case.name, key, walked, Region.from_document(WALKER_REGION), detector, options)
+        found(case.name, key, walked, region, detector, options)
         for key, (detector, options) in case.detectors.items()
     ]
 

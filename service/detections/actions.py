@@ -7,14 +7,24 @@ from uuid import UUID
 from apexcal.documents.detections import DetectionRequest
 from apexcal.documents.detectors import resolve_options
 from apexcal.documents.states import WorkState
+from service.calibration_runs.transforms import read
 from service.db.detections import Detection
 from service.db.digests import content_hash
+from service.db.fleets import Rig
 from service.db.recordings import Recording
 
+_UP = ("up_x", "up_y", "up_z")
 
-def new_detection(recording: Recording, wanted: DetectionRequest, person_id: UUID) -> Detection:
-    """The row of a detection, all its options resolved. Raises DocumentError as ``resolve_options`` does."""
+
+def new_detection(recording: Recording, rig: Rig, wanted: DetectionRequest, person_id: UUID) -> Detection:
+    """The row of a detection, all its options resolved. Raises DocumentError as ``resolve_options`` does.
+
+    Up is as the request says, else as the rig's ``T_vehicle_lidar`` does: the vehicle's z.
+    """
     options = resolve_options(wanted.detector, wanted.options)
+    if rig.T_vehicle_lidar is not None and all(options.get(name) == 0.0 for name in _UP):
+        up = read(rig.T_vehicle_lidar)[0][2].round(6).tolist()
+        options |= dict(zip(_UP, up, strict=True))
     pairing = wanted.pairing.model_dump()
     content = {"region": wanted.region, "detector": wanted.detector, "options": options, "pairing": pairing}
     return Detection(

@@ -14,6 +14,7 @@ from apexcal.documents.detections import DetectionRequest, DetectionView, Qualit
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.detections import Detection, Vertex
+from service.db.fleets import Rig
 from service.db.recordings import Recording
 from service.detections.actions import new_detection
 from service.detections.jobs import queue_detection
@@ -41,7 +42,8 @@ def ask_detection(
 ) -> JSONResponse:
     """Find the board's vertices in a recording. [engineer]"""
     recording = ready_recording(access, recording_id, "engineer")
-    detection = new_detection(recording, wanted, access.person.id)
+    rig = access.session.get_one(Rig, recording.rig_id)
+    detection = new_detection(recording, rig, wanted, access.person.id)
     access.session.add(detection)
     access.session.flush()
     jobs = queue_detection(access.session, detection, request.app.state.settings.workers)

@@ -77,19 +77,24 @@ class Drawn:
         return walk, lidar
 
     def region(self) -> Mapping[str, Any]:
-        """Where the board is carried, off the ground, as a document in the sensor's frame.
+        """Where the board is carried, off the ground, as a document in the sensor's frame."""
+        return region_before(self.mount, self.scene.ground_z, self.far_m)
 
-        On a tilted sensor it is cut into cells, because a region's boxes are not tilted.
-        """
-        up = self.mount.rotation()[2]
-        boxes: list[Mapping[str, Any]] = []
-        for left, right in pairwise(np.arange(2.0, self.far_m + 2.0, 2.0).tolist()):
-            for low, high in pairwise(np.linspace(-6.2, 6.2, 5).tolist()):
-                ground = self.scene.ground_z - min(up[0] * x + up[1] * y for x in (left, right) for y in (low, high))
-                heights = sorted((ground + above) / up[2] for above in _HEIGHTS_M)
-                end = min(right, self.far_m + 0.3)
-                boxes.append({"box": {"min": [left, low, heights[0]], "max": [end, high, heights[1]]}})
-        return {"or": boxes}
+
+def region_before(mount: Mount, ground_z: float, far_m: float) -> Mapping[str, Any]:
+    """Where boards are carried up to a distance, off the ground, as a document in the sensor's frame.
+
+    On a tilted sensor it is cut into cells, because a region's boxes are not tilted.
+    """
+    up = mount.rotation()[2]
+    boxes: list[Mapping[str, Any]] = []
+    for left, right in pairwise(np.arange(2.0, far_m + 4.0, 4.0).tolist()):
+        for low, high in pairwise(np.linspace(-6.2, 6.2, 17).tolist()):
+            ground = ground_z - min(up[0] * x + up[1] * y for x in (left, right) for y in (low, high))
+            heights = sorted((ground + above) / up[2] for above in _HEIGHTS_M)
+            end = min(right, far_m + 0.3)
+            boxes.append({"box": {"min": [left, low, heights[0]], "max": [end, high, heights[1]]}})
+    return {"or": boxes}
 
 
 def draw(seed: int) -> Drawn:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from workers.geometry.ground import Plane, ground_plane, is_on
 from workers.readers.recording import Sweep
-from workers.validation.ground import Plane, ground_plane, is_on
 from workers.validation.local_excess import local_excess
 
 Floats = NDArray[np.float64]

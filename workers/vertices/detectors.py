@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from apexcal.documents.detectors import DetectorName, parse_detector, resolve_options
+from apexcal.documents.detectors import DetectorName, Options, parse_detector, resolve_options
 from workers.vertices import ring_rules
 from workers.vertices.fixed_objects import without_fixed
 from workers.vertices.pose_detection import detect_poses
 from workers.vertices.refined.run import run as run_refined
 from workers.vertices.region import Region
+from workers.vertices.seam import find_cut, run_cut
 from workers.vertices.still_poses import find_poses
 from workers.vertices.sweep_source import OnSweep, Run, SweepSource
-from workers.vertices.vertex import Detections, Vertex
+from workers.vertices.vertex import Detections, Rejection, Vertex
 
 RUNS: dict[DetectorName, Run] = {
     "strict": ring_rules.run_strict,
@@ -65,13 +66,21 @@ def detect_range(
         if on_sweep is not None:
             on_sweep(min(max(index, indices.start), indices.stop - 1))
 
+    def walk(
+        source: SweepSource, region: Region, options: Options, indices: range, on_sweep: OnSweep
+    ) -> Sequence[Vertex | Rejection]:
+        area = without_fixed(source, region, lambda: on_sweep(indices.start)) if detector == "refined" else region
+        return RUNS[detector](source, area, options, indices, on_sweep)
+
     vertices: list[Vertex] = []
     context: list[Vertex] = []
     refused: dict[int, str] = {}
     poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start))
-    if poses is None:
-        area = without_fixed(source, region, lambda: report(indices.start)) if detector == "refined" else region
-        answers = RUNS[detector](source, area, resolved, wider, report)
+    cut = find_cut(source, region) if poses is None else None
+    if cut is not None:
+        answers = run_cut(source, region, cut, walk, resolved, wider, report)
+    elif poses is None:
+        answers = walk(source, region, resolved, wider, report)
     else:
         answers = detect_poses(source, region, poses, RUNS[detector], resolved, wider, report)
     for index, found in zip(wider, answers, strict=True):

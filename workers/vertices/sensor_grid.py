@@ -1,4 +1,4 @@
-"""Where a spinning sensor looks: the elevation of each ring, the azimuth step, and how the rings are shifted.
+"""Where a spinning sensor looks: elevation and azimuth step of each ring, how the rings are shifted, and up.
 
 A normalised recording holds returns only. A ray without a return is known all the same, because the sensor fires at
 even steps: this module learns the steps from the returns of some sweeps.
@@ -9,18 +9,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
+from workers.vertices.gravity import find_up, level_rotation
 
+Floats = NDArray[np.float64]
 # Azimuth steps of the sensors there are lie between these; smaller ones are twin returns, larger ones are gaps.
 _STEP_RAD = (math.radians(0.03), math.radians(1.6))
 _DEFAULT_STEP_RAD = math.radians(0.2)
 _BLOCK_RAD = math.radians(10.0)  # so short that a motor's wavering does not blur the grid
 _ENOUGH = 5
+# A ring tells its own step by this many gaps between returns, of which 15 % or more are a single step.
+_ENOUGH_STEPS, _LOW_QUANTILE = 30, 0.15
+_SAME_STEP = 0.25
+_GROUND_POINTS = 1000  # of each sweep
 # No sensor has more rings; a number beyond is a damaged point's, and tables by ring stay small without it.
 MOST_RINGS = 256
 
@@ -30,24 +37,36 @@ class SensorGrid:
     """The directions in which a sensor fires.
 
     Attributes:
-        elevation: (R,) radians, of each ring, 0 the lowest; interpolated for rings without a return.
-        step: radians between two firings of one ring.
-        shift: (R,) radians, azimuth of each ring's grid against that of the others, modulo ``step``.
+        elevation: (R,) radians, of each ring, 0 the lowest; interpolated for rings without a return, NaN below all
+            others.
+        steps: (R,) radians between two firings of each ring.
+        shift: (R,) radians, azimuth of each ring's grid against that of the others of its step, modulo the step.
+        R_level_lidar: (3, 3) to axes whose z is up.
     """
 
-    elevation: NDArray[np.float64]
-    step: float
-    shift: NDArray[np.float64]
+    elevation: Floats
+    steps: Floats
+    shift: Floats
+    R_level_lidar: Floats
+
+    @property
+    def step(self) -> float:
+        """The finest of the steps, radians."""
+        return float(self.steps.min())
 
 
-def learn_grid(sweeps: Iterable[Sweep]) -> SensorGrid:
+def learn_grid(sweeps: Iterable[Sweep], up: Floats | None = None) -> SensorGrid:
     """The grid of a sensor from some of its sweeps; a default one from sweeps without points.
 
     Points of rings from ``MOST_RINGS`` on are ignored.
+
+    Args:
+        up: (3,) direction of up in the LiDAR frame as the rig states it; None: as the ground tells.
     """
     rings: list[NDArray[np.int64]] = []
-    azimuths: list[NDArray[np.float64]] = []
-    elevations: list[NDArray[np.float64]] = []
+    azimuths: list[Floats] = []
+    elevations: list[Floats] = []
+    some: list[tuple[Floats, NDArray[np.int64]]] = []
     for number, sweep in enumerate(sweeps):
         real = (sweep.ring < MOST_RINGS) & np.isfinite(sweep.xyz).all(axis=1)
         x, y, z = sweep.xyz[real].astype(np.float64).T
@@ -58,12 +77,20 @@ def learn_grid(sweeps: Iterable[Sweep]) -> SensorGrid:
         azimuths.append(azimuth[order] + number * 4.0 * math.pi)
         elevations.append(np.arctan2(z, np.hypot(x, y))[order])
         rings.append(ring[order])
+        few = order[:: max(1, order.size // _GROUND_POINTS)]
+        some.append((sweep.xyz[real][few].astype(np.float64), ring[few]))
     ring = np.concatenate([np.zeros(0, np.int64), *rings])
     azimuth = np.concatenate([np.zeros(0), *azimuths])
     count = int(ring.max(initial=0)) + 1
     elevation = _elevations(ring, np.concatenate([np.zeros(0), *elevations]), count)
-    step = _step(ring, azimuth)
-    return SensorGrid(elevation, step, _shifts(ring, azimuth, step, count))
+    steps = _steps(ring, azimuth, count)
+    shift = np.zeros(count)
+    for step in np.unique(steps):
+        alike = steps == step
+        shift[alike] = _shifts(ring[alike[ring]], azimuth[alike[ring]], float(step), count)[alike]
+    xyz = np.concatenate([np.zeros((0, 3)), *(part for part, _ in some)])
+    of = np.concatenate([np.zeros(0, np.int64), *(part for _, part in some)])
+    return SensorGrid(elevation, steps, shift, level_rotation(find_up(xyz, of, up)))
 
 
 def _elevations(ring: NDArray[np.int64], elevation: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -73,17 +100,36 @@ def _elevations(ring: NDArray[np.int64], elevation: NDArray[np.float64], count: 
     known = np.flatnonzero(np.isfinite(medians))
     if known.size < 2:
         return np.nan_to_num(medians)
-    filled: NDArray[np.float64] = np.interp(np.arange(count), known, medians[known])
+    filled: Floats = np.interp(np.arange(count), known, medians[known], left=np.nan)
     return filled
 
 
-def _step(ring: NDArray[np.int64], azimuth: NDArray[np.float64]) -> float:
-    apart = np.diff(azimuth)[np.diff(ring) == 0]
-    apart = apart[(apart > _STEP_RAD[0]) & (apart < _STEP_RAD[1])]
+def _steps(ring: NDArray[np.int64], azimuth: Floats, count: int) -> Floats:
+    """(R,) step of each ring: the usual one, or another where the ring's returns clearly tell it."""
+    apart = np.diff(azimuth)
+    beside = (np.diff(ring) == 0) & (apart > _STEP_RAD[0]) & (apart < _STEP_RAD[1])
+    apart, of = apart[beside], ring[1:][beside]
     if apart.size == 0:
-        return _DEFAULT_STEP_RAD
-    middle = float(np.median(apart))
-    return float(np.mean(apart[np.abs(apart - middle) < 0.25 * middle]))
+        return np.full(count, _DEFAULT_STEP_RAD)
+    usual = _mean_about(apart, float(np.median(apart)))
+    steps = np.full(count, usual)
+    ends = np.searchsorted(of, np.arange(count + 1))
+    low = np.array([_low(apart[a:b], usual) for a, b in pairwise(ends.tolist())])
+    # Rings of one step are put together, so that rings without returns can take their phase from others.
+    while (other := np.abs(low - usual) > _SAME_STEP * usual).any():
+        alike = np.abs(low - low[other][0]) <= _SAME_STEP * low[other][0]
+        steps[alike] = _mean_about(apart[alike[of]], float(low[other][0]))
+        low[alike] = usual
+    return steps
+
+
+def _low(apart: Floats, usual: float) -> float:
+    """The step of one ring: gaps where nothing came back are multiples of it."""
+    return float(np.quantile(apart, _LOW_QUANTILE)) if apart.size >= _ENOUGH_STEPS else usual
+
+
+def _mean_about(apart: Floats, middle: float) -> float:
+    return float(np.mean(apart[np.abs(apart - middle) < _SAME_STEP * middle]))
 
 
 def _shifts(ring: NDArray[np.int64], azimuth: NDArray[np.float64], step: float, count: int) -> NDArray[np.float64]:

@@ -38,7 +38,7 @@ def upright_pieces(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[Mask]:
     found: list[NDArray[np.int64]] = []
     for number in range(_SECTORS):
         window = open_window(sweep, inside, grid, (2 * number + 1) * math.pi / _SECTORS - math.pi, half)
-        found += _pieces(window, grid.step)
+        found += _pieces(window)
     found.sort(key=len, reverse=True)
     masks: list[Mask] = []
     for points in found:
@@ -50,9 +50,9 @@ def upright_pieces(sweep: Sweep, inside: Mask, grid: SensorGrid) -> list[Mask]:
     return masks
 
 
-def _pieces(window: Window, step: float) -> list[NDArray[np.int64]]:
+def _pieces(window: Window) -> list[NDArray[np.int64]]:
     """Numbers of the points of each piece."""
-    stretches = find_stretches(window.azimuth, window.distance, window.inside, _SIGMA_M, step)
+    stretches = find_stretches(window.azimuth, window.distance, window.inside, _SIGMA_M, window.steps)
     parent = list(range(len(stretches)))
 
     def root(i: int) -> int:
@@ -88,11 +88,12 @@ def _stacked(stretches: Floats, slope: Floats) -> list[tuple[int, int]]:
     for i, ring in enumerate(stretches[:, 0].astype(int).tolist()):
         by_ring.setdefault(ring, []).append(i)
     pairs: list[tuple[int, int]] = []
+    middle = slope.shape[1] // 2
     for ring, upper in by_ring.items():
         lower = by_ring.get(ring - 1, [])
         if not lower:
             continue
-        rise = abs(float(slope[ring, 0] - slope[ring - 1, 0]))
+        rise = abs(float(slope[ring, middle] - slope[ring - 1, middle]))
         one, other = stretches[upper], stretches[lower]
         away = np.abs(one[:, None, 6] - other[None, :, 6])
         gap = np.maximum(other[None, :, 4] - one[:, None, 5], one[:, None, 4] - other[None, :, 5])

@@ -39,6 +39,23 @@ def test_a_detection_is_stored_with_all_its_options_and_its_jobs(make_api):
     assert (listed["items"], listed["next"]) == ([found], None)
 
 
+def test_up_is_as_the_rig_states_it_unless_the_request_does(api, fleet, engineer):
+    mount = {
+        "from_frame": "lidar", "to_frame": "vehicle", "translation_m": [0.0, 0.0, 1.8],
+        "rotation": {"quaternion_xyzw": [1.0, 0.0, 0.0, 0.0]},
+    }  # fmt: skip
+    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet, T_vehicle_lidar=mount), 1000)
+
+    def up(**body):
+        answer = engineer.post(f"/recordings/{recording}/detections", {"region": REGION, **body})
+        assert answer.status_code == 202
+        return [answer.json()["options"].get(name) for name in ("up_x", "up_y", "up_z")]
+
+    assert up() == [0.0, 0.0, -1.0]
+    assert up(options={"up_y": 0.5, "up_z": 0.8}) == [0.0, 0.5, 0.8]
+    assert up(detector="tolerant") == [None, None, None]
+
+
 def test_the_same_request_sent_again_makes_one_detection(api, fleet, engineer):
     recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
     headers = {"Idempotency-Key": "once"}

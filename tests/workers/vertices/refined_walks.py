@@ -30,19 +30,19 @@ class Recorded:
 
 
 @cache
-def walk(seed, seconds, *, sensor="vlp16", rings=None, noise_m=0.008, plan="field", disturbances=None):
+def walk(seed, seconds, *, sensor="vlp16", rings=None, noise_m=0.008, plan="field", disturbances=None, mount=None):
     spoiled = disturbances or Disturbances()
     scene = scene_with(spoiled.poles, seed)
     way = walker(seed, seconds, plan=plan, disturbances=spoiled)
     model = with_rings(SENSORS[sensor], rings) if rings else SENSORS[sensor]
-    lidar = Lidar(model, scene, way, sector_deg=55, noise_m=noise_m, seed=seed, disturbances=spoiled)
+    lidar = Lidar(model, scene, way, sector_deg=55, noise_m=noise_m, seed=seed, disturbances=spoiled, mount=mount)
     sweeps, apexes, moments, counts, corners = [], [], [], [], []
     for index in range(round(seconds * 10)):
         start_s = 0.1 * index
         sweep, surface = lidar.labelled_sweep(index, start_s, START_NS + round(start_s * 1e9))
         looked_s = start_s
         for _ in range(4):
-            apex = way.poses(np.array([looked_s])).apex[0]
+            apex = lidar.seen(way.poses(np.array([looked_s])).apex)[0]
             looked_s = start_s + float(lidar.scan_seconds(np.arctan2(apex[1], apex[0])))
         sweeps.append(sweep)
         apexes.append(apex)

@@ -32,6 +32,7 @@ def test_the_grids_of_the_rings_lie_as_the_lasers_fire():
 def test_a_sweep_without_points_has_a_grid_too():
     grid = learn_grid([sweep([])])
     assert (grid.elevation.tolist(), grid.shift.tolist()) == ([0.0], [0.0])
+    assert (grid.R_level_lidar == np.eye(3)).all()
     assert np.degrees(grid.step) == pytest.approx(0.2)
 
 
@@ -50,3 +51,60 @@ def test_a_ring_that_no_sensor_has_takes_no_memory():
     assert grid.elevation.size == int(seen.ring.max()) + 1
     window = open_window(damaged, np.ones(len(ring), np.bool_), grid, float(np.arctan2(*seen.xyz[7, 1::-1])), 0.2)
     assert window.distance.shape[0] == grid.elevation.size and 7 not in window.point
+
+
+def test_rings_that_fire_half_as_often_have_their_own_step_and_no_false_misses():
+    recorded = walk(3, 0.5, sensor="mixed128")
+    grid = learn_grid(recorded.sweeps)
+    every = np.array(SENSORS["mixed128"].every)[: grid.steps.size]
+    filled = np.bincount(np.concatenate([s.ring for s in recorded.sweeps]), minlength=grid.steps.size) > 200
+    np.testing.assert_allclose(np.degrees(grid.steps)[filled], 0.1 * every[filled], atol=1e-4)
+    seen = recorded.sweeps[0]
+    window = open_window(seen, np.ones(len(seen.ring), np.bool_), grid, 0.0, 0.3)
+    full = (window.distance > 0.0).sum(axis=1) / (window.azimuth < np.pi).sum(axis=1)
+    # The lowest rings meet the ground everywhere: no ray of theirs is missed.
+    assert (full[5:20] > 0.97).all()
+
+
+def test_sparse_returns_do_not_widen_a_rings_step():
+    recorded = walk(3, 0.5, sensor="os1-64")
+    random = np.random.default_rng(2)
+    few = [thinned(s, (s.ring > 20) | (random.random(len(s.ring)) < 0.4)) for s in recorded.sweeps]
+    grid = learn_grid(few)
+    np.testing.assert_allclose(np.degrees(grid.steps), SENSORS["os1-64"].step_deg, atol=1e-4)
+
+
+def thinned(seen, kept):
+    return replace(
+        seen,
+        xyz=seen.xyz[kept],
+        intensity=seen.intensity[kept],
+        ring=seen.ring[kept],
+        offset_ns=seen.offset_ns[kept],
+    )
+
+
+def test_rings_below_all_that_ever_returned_anything_have_no_rays():
+    """Their elevation is not known; taken for that of the next ring, they contradicted every board."""
+    recorded = walk(3, 0.5)
+    cut = [thinned(s, s.ring >= 4) for s in recorded.sweeps]
+    grid = learn_grid(cut)
+    assert np.isnan(grid.elevation[:4]).all() and np.isfinite(grid.elevation[4:]).all()
+    window = open_window(cut[0], np.ones(len(cut[0].ring), np.bool_), grid, 0.0, 0.2)
+    assert (window.azimuth[:4] == np.pi).all() and (window.azimuth[4:] < 1.0).all()
+
+
+def test_two_returns_of_a_shot_are_one_ray():
+    recorded = walk(3, 0.5)
+    first = recorded.sweeps[0]
+    twice = replace(
+        first,
+        xyz=np.concatenate([first.xyz, 1.2 * first.xyz[::3]]),
+        intensity=np.concatenate([first.intensity, first.intensity[::3]]),
+        ring=np.concatenate([first.ring, first.ring[::3]]),
+        offset_ns=np.concatenate([first.offset_ns, first.offset_ns[::3]]),
+    )
+    alone, both = learn_grid([first]), learn_grid([twice])
+    assert both.step == pytest.approx(alone.step, rel=1e-6)
+    windows = [open_window(s, np.ones(len(s.ring), np.bool_), alone, 0.0, 0.2) for s in (first, twice)]
+    np.testing.assert_array_equal(windows[0].distance, windows[1].distance)

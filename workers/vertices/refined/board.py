@@ -46,7 +46,7 @@ _ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
 def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> list[Window]:
     """A window around every group of points that lie in the region."""
     return [
-        open_window(sweep, inside, grid, centre, half + 5.0 * grid.step)
+        open_window(sweep, inside, grid, centre, half + 5.0 * float(grid.steps.max()))
         for centre, half in clusters(sweep.xyz[inside])
     ]
 
@@ -56,7 +56,7 @@ def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list
     found: list[tuple[float, Window, Floats, Floats, tuple[int, int, int]]] = []
     prior = np.array([*model.yaw, *model.tilt])
     for window in windows:
-        stretches = find_stretches(window.azimuth, window.distance, window.inside, model.sigma, model.grid.step)
+        stretches = find_stretches(window.azimuth, window.distance, window.inside, model.sigma, window.steps)
         pairs = pair_stretches(stretches, window.slope, _WIDEST_M, _PAIRS)
         ring, column = np.nonzero(window.inside)
         azimuth, slope, distance = (part[ring, column] for part in (window.azimuth, window.slope, window.distance))
@@ -85,7 +85,7 @@ def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list
 
 def _at_most(plane: Plane, model: BoardModel) -> float:
     """Metres that the board takes at most on a ring, with the gaps to the next rays; a pole or an arm takes less."""
-    return plane.width + (model.grid.step + 2.0 * model.growth) * float(np.median(plane.reach))
+    return plane.width + (float(model.grid.steps.max()) + 2.0 * model.growth) * float(np.median(plane.reach))
 
 
 def _with_rays(
@@ -105,11 +105,11 @@ def _with_rays(
     points = int(np.count_nonzero(between & (ratio > _ON_BOARD)))
     hits = np.nonzero(between & (ratio > _CONFIDENT))
     # Rings so far apart that a board holds fewer of them have met a body too.
-    apart = float(np.median(np.diff(window.slope[on_board, 0])) / np.median(u))
+    apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
     reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
-    columns = 1 + int(np.max(ends[on_board, 1] - ends[on_board, 0]))
+    widest = float(np.max((1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]))
     plane = Plane(
-        centre=window.centre,
+        R_window_lidar=window.R_window_lidar,
         w=w,
         spread=spread,
         score=score,
@@ -119,9 +119,9 @@ def _with_rays(
         ratio=ratio[at],
         hits=np.stack([left[hits], up[hits]]),
         rings=int(on_board.size),
-        top_ring=int(on_board[-1]),
+        top_ring=int(window.ring[on_board[-1]]),
         points=points,
-        width=(columns * model.grid.step - 2.0 * model.growth) * float(np.median(reach)),
+        width=(widest - 2.0 * model.growth) * float(np.median(reach)),
         returned=window.distance[at] > 0.0,
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
@@ -154,7 +154,9 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     covariance[[0, 1], [0, 1]] += EDGE_M**2 + BEAM_M**2
     xyz, errors = _to_angles(plane, mean, covariance)
     errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
-    errors[1, 1] += 2.0 * model.growth_sigma**2  # both edges move out, so the apex rises by the square root of two
+    # Both edges move out, so the apex rises by the square root of two.
+    rises = _rising(plane, xyz)
+    errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     told = np.full((2, ROLLS.size), -math.inf)
     for _, swapped, _, likely, rolls in found:
         told[int(swapped)] = np.interp(
@@ -295,16 +297,31 @@ def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, 
     n = w / norm
     e_left = np.array([-n[1], n[0], 0.0]) / math.hypot(n[0], n[1])
     e_up = np.cross(n, e_left)
-    x, y, z = (n / norm + mean[0] * e_left + mean[1] * e_up).tolist()
+    apex = n / norm + mean[0] * e_left + mean[1] * e_up
+    flat, reach = math.hypot(apex[0], apex[1]), float(np.linalg.norm(apex))
+    xyz = plane.R_window_lidar.T @ apex
+    jacobian = _sphere(xyz) @ plane.R_window_lidar.T @ np.array([e_left, e_up]).T
+    errors = jacobian @ covariance[:2, :2] @ jacobian.T
+    ray = apex / flat
+    errors[2, 2] += float(ray @ plane.spread @ ray) * flat**4 * (reach / flat) ** 2
+    return xyz, errors
+
+
+def _sphere(xyz: Floats) -> Floats:
+    """(3, 3) derivatives of azimuth, elevation and range by x, y, z."""
+    x, y, z = xyz.tolist()
     flat, reach = math.hypot(x, y), math.sqrt(x * x + y * y + z * z)
     azimuth = np.array([-y, x, 0.0]) / flat**2
     elevation = np.array([-x * z / flat, -y * z / flat, flat]) / reach**2
-    jacobian = np.array([azimuth, elevation, np.array([x, y, z]) / reach]) @ np.array([e_left, e_up]).T
-    errors = jacobian @ covariance[:2, :2] @ jacobian.T
-    ray = np.array([x, y, z]) / flat
-    errors[2, 2] += float(ray @ plane.spread @ ray) * flat**4 * (reach / flat) ** 2
-    c, s = math.cos(plane.centre), math.sin(plane.centre)
-    return np.array([x * c - y * s, x * s + y * c, z]), errors
+    return np.array([azimuth, elevation, xyz / reach])
+
+
+def _rising(plane: Plane, xyz: Floats) -> Floats:
+    """(3,) what azimuth, elevation and range change by where the apex rises by a radian of its distance."""
+    x, y, z = (plane.R_window_lidar @ xyz).tolist()
+    flat = math.hypot(x, y)
+    up: Floats = np.array([-x * z / flat, -y * z / flat, flat])
+    return _sphere(xyz) @ plane.R_window_lidar.T @ up
 
 
 def find_boards(

@@ -93,7 +93,7 @@ class Plane:
     """A plane w . X = 1 in a window's frame, and the rays that show where the board in this plane ends.
 
     Attributes:
-        centre: radians, azimuth of the frame's x'.
+        R_window_lidar: (3, 3) from the LiDAR frame to the window's.
         w: (3,) 1/m, normal of the plane over its distance.
         spread: (3, 3) covariance of w.
         score: log likelihood of the points in it, against clutter.
@@ -109,7 +109,7 @@ class Plane:
         telling: whether so many rings meet the board that a leg or a head hardly lies in its plane by chance.
     """
 
-    centre: float
+    R_window_lidar: Floats
     w: Floats
     spread: Floats
     score: float

@@ -28,7 +28,7 @@ def corners_of(fix: Fix, most: float) -> Corners | None:
     own = np.average(spreads, axis=0, weights=weights) + (apart.T * weights) @ apart
     joint = own + np.average(floors, axis=0, weights=weights)
     stated = to_xyz(fix.covariance[None], fix.xyz[None])[0]
-    turn = _turn(fix.plane.centre)
+    turn = fix.plane.R_window_lidar.T
     shared = _not_negative(turn.T @ stated @ turn - joint[:3, :3])
     joint += np.kron(np.ones((_COUNT, _COUNT)), shared)
     xyz = place.reshape(_COUNT, 3) @ turn.T
@@ -88,12 +88,6 @@ def _frame(w: Floats) -> tuple[Floats, Floats, Floats]:
     n = w / norm
     e_left = np.array([-n[1], n[0], 0.0]) / math.hypot(n[0], n[1])
     return n / norm, e_left, np.cross(n, e_left)
-
-
-def _turn(azimuth: float) -> Floats:
-    """From the window's frame into the LiDAR's."""
-    c, s = math.cos(azimuth), math.sin(azimuth)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _not_negative(symmetric: Floats) -> Floats:

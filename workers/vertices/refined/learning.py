@@ -44,7 +44,9 @@ _GROWTH_RAD = (-0.25e-3, 10.0e-3)
 
 def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[[], None]) -> BoardModel:
     """The model of a recording; defaults where its near sweeps tell nothing."""
-    grid = learn_grid(source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
+    up = np.array([options["up_x"], options["up_y"], options["up_z"]])
+    some = (source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
+    grid = learn_grid(some, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
     model = _given(BoardModel(grid, sigma=_FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
     near: list[tuple[int, int, Window]] = []
@@ -75,7 +77,8 @@ def _spread(count: int, most: int) -> list[int]:
 
 def _place(plane: Plane) -> tuple[float, float]:
     """Where the plane stands, x and y in metres."""
-    return math.cos(plane.centre) / float(plane.w[0]), math.sin(plane.centre) / float(plane.w[0])
+    x, y = (plane.R_window_lidar[0, :2] / plane.w[0]).tolist()
+    return x, y
 
 
 def _given(model: BoardModel, edges: tuple[float, float], growth_mrad: float) -> BoardModel:

@@ -18,7 +18,7 @@ CLUTTER = 0.5  # density, per metre of depth, of returns near the board that are
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def find_stretches(
-    azimuth: Floats, distance: Floats, inside: NDArray[np.bool_], sigma: float, step: float
+    azimuth: Floats, distance: Floats, inside: NDArray[np.bool_], sigma: float, steps: Floats
 ) -> NDArray[np.float64]:
     """Runs of returns in the region whose distance does not jump.
 
@@ -37,7 +37,7 @@ def find_stretches(
             joined = False
             if is_point and last >= 0:
                 h = distance[r, c]
-                jump = 5.0 * sigma + 1.2 * h * step * (c - last)
+                jump = 5.0 * sigma + 1.2 * h * steps[r] * (c - last)
                 joined = c - last <= 3 and abs(h - distance[r, last]) <= jump
             if last >= 0 and not joined:
                 found[count, 0], found[count, 1], found[count, 2], found[count, 3] = r, first, last, n
@@ -59,6 +59,7 @@ def find_stretches(
 def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -> NDArray[np.int64]:
     """(K, 2) pairs (upper, lower) on neighbouring filled rings that could lie on one board, the largest first."""
     count = stretches.shape[0]
+    middle = slope.shape[1] // 2
     pairs = np.empty((count * 6 + 1, 2), np.int64)
     points = np.empty(count * 6 + 1)
     n = 0
@@ -73,7 +74,7 @@ def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -
                 break
             if ring - below > 3:
                 break
-            rise = stretches[i, 6] * (slope[int(ring), 0] - slope[int(below), 0])
+            rise = stretches[i, 6] * (slope[int(ring), middle] - slope[int(below), middle])
             gap = max(stretches[j, 4] - stretches[i, 5], stretches[i, 4] - stretches[j, 5])
             near = abs(stretches[i, 6] - stretches[j, 6]) <= 0.1 + 0.5 * rise
             if rise < 1.2 and gap <= 0.15 and near and stretches[i, 5] - stretches[i, 4] <= widest:

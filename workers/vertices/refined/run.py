@@ -15,14 +15,15 @@ from workers.vertices.refined.board_model import BoardModel, Fix, Sighting
 from workers.vertices.refined.corners import corners_of
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
-from workers.vertices.refined.track import REACH, Seen, confirmed, off_path, roll_prior, trustworthy
+from workers.vertices.refined.track import Seen, confirmed, off_path, reach_of, roll_prior, trustworthy
 from workers.vertices.refined.upright import clearly_a_board
 from workers.vertices.sweep_source import Area, OnSweep, SweepSource
 from workers.vertices.vertex import Covariance, Rejection, Vertex
 
 # A sweep has some ten planes that could be a board; in 200 sweeps without one, none may pass: log(2000) = 7.6.
-# Five points of a shoulder and a leg can lie like a board; six hardly ever do.
-_LEAST_SUPPORT, _LEAST_POINTS = 8.0, 6
+# Five points of a shoulder and a leg can lie like a board; six hardly ever do. On the path of the sweeps before and
+# after four are enough: a far board has no more before a sensor that turns fast.
+_LEAST_SUPPORT, _LEAST_POINTS, _ON_PATH_POINTS = 8.0, 6, 4
 _LEAN = 2.5  # standard deviations: a plane through a head or legs and the board leans farther
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0
 _RIVAL = 12.0
@@ -44,7 +45,7 @@ def run(
 ) -> Sequence[Vertex | Rejection]:
     """See :func:`workers.vertices.detectors.detect_range`."""
     model = learn(source, area, options, lambda: on_sweep(indices.start))
-    reach = REACH if options["track"] and not model.poses else 0
+    reach = reach_of(source) if options["track"] and not model.poses else 0
     wider = range(max(0, indices.start - reach), min(len(source), indices.stop + reach))
     found_in: dict[int, _Findings] = {}
     for index in wider:
@@ -97,15 +98,17 @@ def _settle(
     ]
     paths = [off_path(seen, others) for seen in own.candidates]
     beside = [far or 0.0 for far in paths]
+    least = [_LEAST_POINTS if far is None or far >= _OFF_PATH else _ON_PATH_POINTS for far in paths]
     chosen = next(
-        (k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix, model)), 0
+        (k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix, model, least[k])),
+        0,
     )
     seen = own.candidates[chosen]
     flags = own.flags[chosen]
     fix = seen.fix
     if others:
         fix = locate(fix.plane, replace(model, roll=roll_prior(seen, others, model))) or fix
-    if not _is_board(fix, model):
+    if not _is_board(fix, model, least[chosen]):
         return Rejection("not_a_board")
     if fix.plane.like_a_person and paths[chosen] is None and not confirmed(seen, others):
         return Rejection("like_a_person")
@@ -118,10 +121,10 @@ def _settle(
     return _vertex(index, seen.time_ns, fix, flags, options)
 
 
-def _is_board(fix: Fix, model: BoardModel) -> bool:
+def _is_board(fix: Fix, model: BoardModel, least_points: int) -> bool:
     w, (mean, spread) = fix.plane.w, model.tilt
     upright = fix.plane.telling or abs(-w[2] / w[0] - mean) < _LEAN * spread
-    enough = fix.support >= _LEAST_SUPPORT and fix.plane.points >= _LEAST_POINTS
+    enough = fix.support >= _LEAST_SUPPORT and fix.plane.points >= least_points
     return upright and enough and fix.explained
 
 

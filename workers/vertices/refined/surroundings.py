@@ -26,8 +26,8 @@ def apex_time(sweep: Sweep, sighting: Sighting, fix: Fix) -> int:
     point = np.concatenate([window.point[run] for run in runs])
     azimuth = np.concatenate([window.azimuth[run] for run in runs])[point >= 0]
     offset = sweep.offset_ns[point[point >= 0]].astype(np.float64)
-    towards = math.atan2(fix.xyz[1], fix.xyz[0]) - window.centre
-    towards = math.atan2(math.sin(towards), math.cos(towards))
+    apex = window.R_window_lidar @ fix.xyz
+    towards = math.atan2(apex[1], apex[0])
     away = azimuth - azimuth.mean()
     spread = float(away @ away)
     rate = float(away @ offset) / spread if spread > 0.0 else 0.0
@@ -69,7 +69,6 @@ def _around_apex(sighting: Sighting, fix: Fix) -> tuple[Floats, Floats, Floats]:
     window, w = sighting.window, sighting.plane.w
     inverse = w[0] * np.cos(window.azimuth) + w[1] * np.sin(window.azimuth) + w[2] * window.slope
     distance = 1.0 / np.maximum(inverse, 1e-3)
-    apex = math.atan2(fix.xyz[1], fix.xyz[0]) - window.centre
-    apex = math.atan2(math.sin(apex), math.cos(apex))
-    left = distance * np.sin(window.azimuth - apex)
-    return window.distance - distance, left, distance * window.slope - fix.xyz[2]
+    apex = window.R_window_lidar @ fix.xyz
+    left = distance * np.sin(window.azimuth - math.atan2(apex[1], apex[0]))
+    return window.distance - distance, left, distance * window.slope - apex[2]

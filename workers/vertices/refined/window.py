@@ -20,19 +20,25 @@ _TWO_PI = 2.0 * math.pi
 class Window:
     """The rays of a sweep around one azimuth.
 
-    The window's own frame has x' along the azimuth ``centre`` (horizontal), y' left, z' up; its rays are
-    (cos azimuth, sin azimuth, slope) times the horizontal distance.
+    The window's own frame has x' horizontal towards the middle, y' left, z' up; its rays are
+    (cos azimuth, sin azimuth, slope) times the horizontal distance. Rows go up and columns to the left, also where
+    the sensor is upside down.
 
     Attributes:
-        centre: radians, azimuth of the middle in the LiDAR frame.
+        R_window_lidar: (3, 3) from the LiDAR frame to the window's.
+        steps: (R,) radians between two shots of each ring.
+        ring: (R,) number of each row's ring in the sweep.
         azimuth: (R, C) radians from the middle.
-        slope: (R, C) tangent of the elevation.
+        slope: (R, C) tangent of the elevation; azimuth is pi where no shot is known: beyond
+            the window, or on rings that never returned anything.
         distance: (R, C) horizontal metres, 0 where nothing came back.
         inside: (R, C) whether the return lies in the region.
         point: (R, C) index of the return in its sweep, -1 where there is none.
     """
 
-    centre: float
+    R_window_lidar: Floats
+    steps: Floats
+    ring: NDArray[np.int64]
     azimuth: Floats
     slope: Floats
     distance: Floats
@@ -48,35 +54,69 @@ def open_window(
     Args:
         inside: (N,) which points lie in the region.
     """
-    elevation, shift = _for_rings(sweep, grid)
+    elevation, shift, steps = _for_rings(sweep, grid)
     half = min(half_width, math.radians(80.0))
-    image = _image(
-        sweep.xyz, sweep.ring, inside, elevation, shift, grid.step, math.cos(centre), math.sin(centre), half
+    c, s = math.cos(centre), math.sin(centre)
+    image = _image(sweep.xyz, sweep.ring, inside, elevation, shift, steps, c, s, half)
+    ring = np.arange(elevation.size)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    level = grid.R_level_lidar
+    if level[2, 2] == 1.0:
+        return Window(turn, steps, ring, *image)
+    ahead = level @ turn[0]
+    flat = math.hypot(ahead[0], ahead[1])
+    c, s = ahead[0] / flat, ahead[1] / flat
+    R_window_lidar = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ level
+    azimuth, slope, distance, within, point = image
+    azimuth, slope, distance = _levelled(azimuth, slope, distance, R_window_lidar @ turn.T)
+    if level[2, 2] > 0.0:
+        return Window(R_window_lidar, steps, ring, azimuth, slope, distance, within, point)
+    return Window(
+        R_window_lidar,
+        steps[::-1].copy(),
+        ring[::-1].copy(),
+        azimuth[::-1, ::-1].copy(),
+        slope[::-1, ::-1].copy(),
+        distance[::-1, ::-1].copy(),
+        within[::-1, ::-1].copy(),
+        point[::-1, ::-1].copy(),
     )
-    return Window(centre, *image)
 
 
-def _for_rings(sweep: Sweep, grid: SensorGrid) -> tuple[Floats, Floats]:
-    """Elevations and shifts, also of rings that the sweep has and the sweeps that taught the grid had not."""
+def _levelled(azimuth: Floats, slope: Floats, distance: Floats, turn: Floats) -> tuple[Floats, Floats, Floats]:
+    """Azimuth, slope and horizontal distance in the axes to which ``turn`` (3, 3) leads."""
+    none = azimuth == math.pi
+    rays = np.stack([np.cos(azimuth), np.sin(azimuth), slope], axis=-1) @ turn.T
+    flat = np.hypot(rays[..., 0], rays[..., 1])
+    turned = np.where(none, math.pi, np.arctan2(rays[..., 1], rays[..., 0]))
+    return turned, np.where(none, 0.0, rays[..., 2] / flat), distance * flat
+
+
+def _for_rings(sweep: Sweep, grid: SensorGrid) -> tuple[Floats, Floats, Floats]:
+    """Elevations, shifts and steps, also of rings that the sweep has and the sweeps that taught the grid had not."""
     further = (sweep.ring >= grid.elevation.size) & (sweep.ring < MOST_RINGS)
     if not further.any():
-        return grid.elevation, grid.shift
+        return grid.elevation, grid.shift, grid.steps
     more = int(sweep.ring[further].max()) + 1 - grid.elevation.size
     above = sweep.xyz[further].astype(np.float64)
     highest = float(np.median(np.arctan2(above[:, 2], np.hypot(above[:, 0], above[:, 1]))))
     steps = np.arange(1, more + 1, dtype=np.float64) / more
     rising = grid.elevation[-1] + (highest - grid.elevation[-1]) * steps
-    return np.concatenate([grid.elevation, rising]), np.concatenate([grid.shift, np.zeros(more)])
+    return (
+        np.concatenate([grid.elevation, rising]),
+        np.concatenate([grid.shift, np.zeros(more)]),
+        np.concatenate([grid.steps, np.full(more, grid.steps[-1])]),
+    )
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def _image(
     xyz: NDArray[np.float32], ring: NDArray[np.uint16], inside: NDArray[np.bool_], elevation: Floats, shift: Floats,
-    step: float, c0: float, s0: float, half: float,
+    steps: Floats, c0: float, s0: float, half: float,
 ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.int64]]:  # fmt: skip
     rings = elevation.size
     reach = math.tan(half)
-    rate = _TWO_PI / step
+    rate = _TWO_PI / steps
     kept = np.empty(ring.size, np.int64)
     angle = np.empty(ring.size)
     count = 0
@@ -88,23 +128,26 @@ def _image(
             a = math.atan2(across, along)
             kept[count], angle[count] = i, a
             count += 1
-            cosine[ring[i]] += math.cos(rate * a)
-            sine[ring[i]] += math.sin(rate * a)
-    phase = _ring_phases(cosine, sine, shift, step)
-    middle = math.ceil(half / step) + 1
+            cosine[ring[i]] += math.cos(rate[ring[i]] * a)
+            sine[ring[i]] += math.sin(rate[ring[i]] * a)
+    phase = _ring_phases(cosine, sine, shift, steps)
+    middle = math.ceil(half / steps.min()) + 1
     columns = 2 * middle + 1
     azimuth, slope = np.empty((rings, columns)), np.empty((rings, columns))
     for r in range(rings):
         for c in range(columns):
-            azimuth[r, c] = phase[r] + (c - middle) * step
-            slope[r, c] = math.tan(elevation[r])
+            if abs(c - middle) * steps[r] <= half + 2.0 * steps[r] and not math.isnan(elevation[r]):
+                azimuth[r, c] = phase[r] + (c - middle) * steps[r]
+                slope[r, c] = math.tan(elevation[r])
+            else:
+                azimuth[r, c], slope[r, c] = math.pi, 0.0
     distance = np.zeros((rings, columns))
     within = np.zeros((rings, columns), np.bool_)
     point = np.full((rings, columns), -1, np.int64)
     for j in range(count):
         i = kept[j]
         r = np.int64(ring[i])
-        c = math.floor((angle[j] - phase[r]) / step + 0.5) + middle
+        c = math.floor((angle[j] - phase[r]) / steps[r] + 0.5) + middle
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
         h = math.sqrt(x * x + y * y)
         if 0 <= c < columns and h > 0.0 and (point[r, c] < 0 or h < distance[r, c]):
@@ -114,18 +157,21 @@ def _image(
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def _ring_phases(cosine: Floats, sine: Floats, shift: Floats, step: float) -> Floats:
-    """Azimuth of each ring's grid modulo the step: its own where it has returns, else from those of the others."""
-    rate = _TWO_PI / step
-    c, s = 0.0, 0.0
-    for r in range(shift.size):
-        c += cosine[r] * math.cos(rate * shift[r]) + sine[r] * math.sin(rate * shift[r])
-        s += sine[r] * math.cos(rate * shift[r]) - cosine[r] * math.sin(rate * shift[r])
-    base = math.atan2(s, c) / rate
+def _ring_phases(cosine: Floats, sine: Floats, shift: Floats, steps: Floats) -> Floats:
+    """Azimuth of each ring's grid modulo its step: its own where it has returns, else from others of that step."""
     phase = np.empty(shift.size)
+    base, based_on = 0.0, 0.0
     for r in range(shift.size):
+        rate = _TWO_PI / steps[r]
         if cosine[r] != 0.0 or sine[r] != 0.0:
             phase[r] = math.atan2(sine[r], cosine[r]) / rate
-        else:
-            phase[r] = base + shift[r]
+            continue
+        if based_on != steps[r]:
+            c, s = 0.0, 0.0
+            for q in range(shift.size):
+                if steps[q] == steps[r]:
+                    c += cosine[q] * math.cos(rate * shift[q]) + sine[q] * math.sin(rate * shift[q])
+                    s += sine[q] * math.cos(rate * shift[q]) - cosine[q] * math.sin(rate * shift[q])
+            base, based_on = math.atan2(s, c) / rate, steps[r]
+        phase[r] = base + shift[r]
     return phase

@@ -13,8 +13,7 @@ Floats = NDArray[np.float64]
 _THICK_M: Final = 0.1
 _FARTHEST_M: Final = 40.0
 _NEAREST_M: Final = 2.0
-# A LiDAR on a vehicle leans by less, and so do roads.
-_STEEPEST_COS: Final = float(np.cos(np.radians(15.0)))
+STEEPEST_DEG: Final = 15.0  # a LiDAR on a vehicle leans by less, and so do roads
 _DRAWS: Final = 200
 _SAMPLED: Final = 3000
 _REFITS: Final = 3
@@ -32,11 +31,14 @@ class Plane(NamedTuple):
         return points @ self.normal + self.offset
 
 
-def ground_plane(points: Floats) -> Plane | None:
+def ground_plane(points: Floats, steepest_deg: float = STEEPEST_DEG) -> Plane | None:
     """The plane that most points below the sensor lie on (RANSAC, then least squares); None where there is none.
 
-    points: (N, 3), metres, LiDAR frame with z up. The draws are the same at every call.
+    Args:
+        points: (N, 3), metres, LiDAR frame with z up. The draws are the same at every call.
+        steepest_deg: between the plane's normal and z.
     """
+    steepest = float(np.cos(np.radians(steepest_deg)))
     flat = np.hypot(points[:, 0], points[:, 1])
     low = points[(points[:, 2] < 0.0) & (flat > _NEAREST_M) & (flat < _FARTHEST_M)]
     if len(low) < _FEWEST:
@@ -49,7 +51,7 @@ def ground_plane(points: Floats) -> Plane | None:
     normals = normals[length > 1e-6] / length[length > 1e-6, None]
     normals *= np.sign(normals[:, 2])[:, None]
     offsets = -np.einsum("ij,ij->i", normals, three[length > 1e-6, 0])
-    level = normals[:, 2] > _STEEPEST_COS
+    level = normals[:, 2] > steepest
     if not level.any():
         return None
     normals, offsets = normals[level], offsets[level]
@@ -63,7 +65,7 @@ def ground_plane(points: Floats) -> Plane | None:
         normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
         normal = normal * np.sign(normal[2])
         plane = Plane(normal, float(-middle @ normal))
-    return plane if plane.normal[2] > _STEEPEST_COS else None
+    return plane if plane.normal[2] > steepest else None
 
 
 def is_on(plane: Plane, points: Floats) -> NDArray[np.bool_]:

@@ -1,0 +1,77 @@
+"""Up, as the ground tells or the rig states; boards before sensors that are tilted or upside down."""
+
+import numpy as np
+import pytest
+
+from tests.workers.vertices.refined_walks import SIZE, errors, walk
+from workers.simulation.drawn import region_before
+from workers.simulation.flaws import Mount
+from workers.vertices.detectors import detect_range
+from workers.vertices.gravity import find_up, level_rotation
+from workers.vertices.region import Region
+from workers.vertices.sensor_grid import learn_grid
+
+
+def degrees_off(up, mount):
+    return np.degrees(np.arccos(np.clip(up @ mount.rotation()[2], -1.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    "mount", [Mount(roll_deg=20.0), Mount(roll_deg=-12.0, pitch_deg=15.0), Mount(roll_deg=180.0), Mount(170.0, 8.0)]
+)
+def test_the_ground_tells_up(mount):
+    up = learn_grid(walk(3, 0.5, mount=mount).sweeps).R_level_lidar[2]
+    assert degrees_off(up, mount) < 0.5
+
+
+def test_a_slope_of_streets_changes_nothing():
+    for mount in (Mount(), Mount(roll_deg=2.0, pitch_deg=-2.0)):
+        assert (learn_grid(walk(3, 0.5, mount=mount).sweeps).R_level_lidar == np.eye(3)).all()
+
+
+def test_without_ground_up_is_z_or_what_is_stated():
+    nothing = np.zeros((0, 3)), np.zeros(0, np.int64)
+    assert find_up(*nothing).tolist() == [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(find_up(*nothing, np.array([0.0, 2.0, -2.0])), [0.0, 0.5**0.5, -(0.5**0.5)])
+
+
+def test_a_ceiling_is_no_ground():
+    random = np.random.default_rng(1)
+    flat = random.uniform(-12.0, 12.0, (3000, 2))
+    xyz = np.column_stack([flat, np.where(random.random(3000) < 0.4, -1.2, 1.6)])
+    ring = random.integers(0, 16, 3000)
+    assert find_up(xyz, ring)[2] == 1.0
+    # A sensor under a ceiling that sees the floor too: only the rig can tell.
+    assert find_up(xyz, ring, np.array([0.0, 0.0, -1.0]))[2] == pytest.approx(-1.0)
+
+
+def test_the_ground_corrects_what_is_stated_but_not_by_more_than_a_mount_leans():
+    mount = Mount(roll_deg=20.0)
+    sweep = walk(3, 0.5, mount=mount).sweeps[0]
+    xyz, ring = sweep.xyz.astype(np.float64), sweep.ring.astype(np.int64)
+    assert degrees_off(find_up(xyz, ring, Mount(roll_deg=12.0).rotation()[2]), mount) < 0.5
+    stated = Mount(roll_deg=-20.0).rotation()[2]
+    np.testing.assert_allclose(find_up(xyz, ring, stated), stated)
+
+
+def test_level_axes_are_a_rotation():
+    for up in ([0.0, 0.0, -1.0], [0.3, -0.4, 0.5], [1.0, 0.0, 0.0]):
+        turn = level_rotation(np.array(up) / np.linalg.norm(up))
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("mount", [Mount(roll_deg=180.0), Mount(roll_deg=20.0)], ids=["upside down", "rolled"])
+def test_boards_before_a_sensor_that_does_not_stand_upright(mount):
+    """Before, the lowest corner was taken for the apex where the sensor hangs upside down."""
+    recorded = walk(25, 7.0, mount=mount)
+    region = Region.from_document(region_before(mount, -1.85, 32.0))
+    found = detect_range(recorded.source, region, "refined", SIZE, indices=recorded.all)
+    visible = np.count_nonzero(recorded.rings >= 2)
+    wrong, scaled = errors(recorded, found.vertices)
+    assert len(found.vertices) > 0.9 * visible
+    assert np.sqrt(np.mean(np.sum(wrong[:, :2] ** 2, axis=1))) < 0.09
+    assert np.mean(np.abs(scaled) < 2) > 0.9
+    for vertex in found.vertices:
+        assert abs(vertex.time_ns - recorded.moment_ns[vertex.sweep_index]) < 1_000_000
+        assert vertex.roll is not None and abs(np.degrees(vertex.roll[0])) < 20.0
