@@ -9,6 +9,7 @@ from uuid import UUID
 from pydantic import Field, FiniteFloat
 
 from apexcal.documents.base import Received, Sent
+from apexcal.documents.corners import TOP, CornerName
 from apexcal.documents.detections import VertexSummary
 
 VerdictName = Literal["confirmed", "rejected", "unsure"]
@@ -159,3 +160,4 @@ class GivenMark(Sent):
     mark: MarkView | None
     reviewed: bool
     told_at: datetime | None
+    corner: CornerName = TOP
