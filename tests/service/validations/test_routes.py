@@ -13,6 +13,7 @@ from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
 pytestmark = pytest.mark.usefixtures("broker")
 
 PAIRS = [{"x": 9.0, "y": 0.1 * i, "z": 0.2, "u": 300.0 + i, "v": 200.0, "group": i // 4} for i in range(12)]
+NO_FOCUS = {"f_x": 0, "f_y": 400, "c_x": 320, "c_y": 240}
 LENS = {"model": "pinhole", "parameters": {"f_x": 400, "f_y": 400, "c_x": 320, "c_y": 240}, "image_size": [640, 480]}
 GIVEN = {"lens": LENS, "transform": LEVEL}
 SCORE = {"verdict": "agrees", "sentence": "It holds.", "pairs": 1, "forbidden": 0, "wrong": 0, "mean_px": 1.0}
@@ -99,6 +100,7 @@ def test_what_does_not_belong_together_is_refused(api, fleet, engineer, rig):
         (lanes | {"kind": "pairs"}, 422, "invalid_request"),
         (pairs | {"kind": "edges"}, 422, "invalid_request"),
         (pairs | {"calibration": GIVEN | {"lens": LENS | {"parameters": {"f_x": 1}}}}, 422, "invalid_request"),
+        (pairs | {"calibration": GIVEN | {"lens": LENS | {"parameters": NO_FOCUS}}}, 422, "invalid_request"),
     ):
         answer = engineer.post(path, body)
         assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
