@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import or_, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
@@ -51,13 +51,15 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     """
     wanted = session.get_one(Recording, detection.recording_id).marks_per_vertex
     opinions = opinions_of(session, detection.id, camera.id)
-    vertices = session.execute(
+    everything = session.execute(
         select(Vertex, VertexFrame)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id)
-        .where(or_(Vertex.corner.in_(marked_corners(detection)), Vertex.id.in_(opinions)))
         .order_by(Vertex.time_ns, Vertex.sweep_index, Vertex.corner.desc(), Vertex.x, Vertex.y, Vertex.z)
     ).all()
+    # What was marked counts also if its corner is no longer asked for.
+    asked = marked_corners(detection)
+    vertices = [(one, frame) for one, frame in everything if one.corner in asked or one.id in opinions]
     apart_px = _apart_px(session, detection, camera)
     consensus = {vertex.id: agree(opinions.get(vertex.id, []), apart_px) for vertex, _ in vertices}
     rows = [
