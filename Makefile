@@ -35,6 +35,11 @@ test-long: setup frontend  ## all tests, with new draws
 # Three at a time, because they wait for a third of their time; in the order of tests/support/side_by_side.py.
 # SIDE_BY_SIDE= runs them one after the other.
 SIDE_BY_SIDE ?= -n 3 --dist loadfile
+# One thread for linear algebra, as in every worker: idle threads of several processes would keep spinning. And the
+# tests' modules, which pytest rewrites, are kept compiled whatever the caller's environment says.
+test test-long: export OPENBLAS_NUM_THREADS = 1
+test test-long: export OMP_NUM_THREADS = 1
+test test-long: export PYTHONDONTWRITEBYTECODE =
 
 bench-detection: setup  ## accuracy of the detectors on simulated walks, and throughput; SHORT=1 for a short form, ONLY=drawn,streets for parts
 	$(BIN)/python -m benchmarks.detection

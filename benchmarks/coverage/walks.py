@@ -15,7 +15,7 @@ from workers.simulation.rig import START_NS, Rig
 from workers.simulation.scene import WALKER_REGION
 from workers.simulation.settings import Settings
 from workers.simulation.walker import BOARD_EDGES_M, Poses
-from workers.solver.clock_offset import estimate_offset
+from workers.solver.clock_offset import OffsetEstimate, estimate_offset
 from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import pair_interpolated
 from workers.vertices.region import Region
@@ -97,15 +97,12 @@ def pair(walked: Walked, model: ModelName, wrong_ms: float = 0.0, finer: int = 1
 
     ``finer``: so many pixels for each of the simulated camera's, along each axis.
     """
-    mounted = walked.rig.cameras[0]
     camera = _finer(make_camera(model, walked.rig.settings.seed), finer)
-    about = _pair(walked, camera, round(_CLOCK_MS * 1e6))
+    about = pair_at(walked, camera, round(_CLOCK_MS * 1e6))
     random = np.random.default_rng([walked.rig.settings.seed, 31])
     seen = camera.project(walked.poses(about.taken_ns).apex)
-    marks = seen + random.normal(0.0, 1.0, seen.shape)
-    request = {"model": model, "image_size": list(camera.image_size), "nominal": about.nominal, "mark_sigma_px": 1.0}
-    offset = estimate_offset(Track.of(walked.vertices), mounted.stamps_ns[about.frames], marks, request)
-    return _pair(walked, camera, offset.offset_ns + round(1e6 * wrong_ms))
+    offset = offset_of(about, seen + random.normal(0.0, 1.0, seen.shape))
+    return pair_at(walked, camera, offset.offset_ns + round(1e6 * wrong_ms))
 
 
 def _finer(camera: Camera, times: int) -> Camera:
@@ -117,7 +114,16 @@ def _finer(camera: Camera, times: int) -> Camera:
     return replace(camera, intrinsics=lens, image_size=(width * times, height * times))
 
 
-def _pair(walked: Walked, camera: Camera, offset_ns: int) -> Paired:
+def offset_of(paired: Paired, marks: Floats) -> OffsetEstimate:
+    """The clocks' offset that marks (N, 2) of the pairs' frames tell."""
+    camera = paired.camera
+    request = {"model": camera.model, "image_size": list(camera.image_size), "nominal": paired.nominal}
+    stamps = paired.walked.rig.cameras[0].stamps_ns[paired.frames]
+    return estimate_offset(Track.of(paired.walked.vertices), stamps, marks, request | {"mark_sigma_px": 1.0})
+
+
+def pair_at(walked: Walked, camera: Camera, offset_ns: int) -> Paired:
+    """The pairs of a camera at an offset of its clock."""
     mounted = walked.rig.cameras[0]
     moved = pair_interpolated(walked.vertices, mounted.stamps_ns, offset_ns=offset_ns, max_gap_ns=_MAX_GAP_NS)
     paired = np.flatnonzero(moved.index >= 0)

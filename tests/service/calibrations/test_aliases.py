@@ -2,33 +2,10 @@
 
 from __future__ import annotations
 
-import pytest
-
 from tests.service.calibrations.given import camera_address, publish, same_moment, withdraw
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
-from tests.service.detections.seeding import seed_rig
 
 ON_BOUNDS = FOUND | {"at_bounds": ["f_x"]}
-
-
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
-
-
-@pytest.fixture
-def reviewer(api, fleet):
-    return api.member(fleet, "reviewer", "Rea")
-
-
-@pytest.fixture
-def viewer(api, fleet):
-    return api.member(fleet, "viewer")
 
 
 def move(actor, rig, to, alias="canary", reason="Two cars try it.", **more):

@@ -10,7 +10,6 @@ from service.db.calibrations import Publication, Result
 from service.db.fleets import Rig
 from tests.service.calibrations.given import another_rig, history, publish, put_pairs
 from tests.service.calibrations.test_results import DOCUMENT, FOUND, current_address, seed_results
-from tests.service.detections.seeding import seed_rig
 
 # As the solver names them (workers/solver/uncertainty.py).
 STD = {
@@ -18,16 +17,6 @@ STD = {
 }  # fmt: skip
 
 COVARIANCE = {"names": list(STD), "matrix": np.diag(np.square(list(STD.values()))).tolist()}
-
-
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
 
 
 @pytest.fixture

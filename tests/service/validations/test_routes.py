@@ -1,10 +1,14 @@
 """Validations and drift over HTTP, on both databases."""
 
+import re
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
 import pytest
+from sqlalchemy import event, select
 
+from apexcal.documents.validations import SINGLE_PAIRS
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.jobs import Job
 from service.db.validations import Validation
@@ -21,19 +25,17 @@ SCORE |= {"rms_px": 1.0, "median_px": 1.0, "max_px": 1.0, "u": [1.0], "v": [2.0]
 SCORE |= {"residual_v": [None], "is_wrong": [False]}
 
 
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
+@contextmanager
+def sql(database):
+    """The statements that reach the database meanwhile."""
+    sent = []
 
+    def note(connection, cursor, statement, *_):
+        sent.append(statement)
 
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
+    event.listen(database.engine, "before_cursor_execute", note)
+    yield sent
+    event.remove(database.engine, "before_cursor_execute", note)
 
 
 def brought(engineer, rig):
@@ -53,11 +55,14 @@ def test_a_given_calibration_is_scored_on_any_set_of_the_camera(api, engineer, r
         row = session.query(Validation).one()
         assert session.query(Job).one().subject_id == row.id
         assert row.asked["calibration"]["intrinsics"]["f_x"] == 400
-        row.state, row.result = "done", SCORE
+        row.state, row.result = "done", {name: value for name, value in SCORE.items() if name not in SINGLE_PAIRS}
+        row.single_pairs = {name: SCORE[name] for name in SINGLE_PAIRS}
     read = engineer.get(f"/validations/{said['id']}").json()
     assert (read["state"], read["result"]) == ("done", SCORE)
-    (listed,) = engineer.get(path).json()["items"]
+    with sql(api.database) as sent:
+        (listed,) = engineer.get(path).json()["items"]
     assert (listed["result"]["mean_px"], listed["result"]["u"]) == (1.0, [])
+    assert not any("single_pairs" in one or "asked" in one for one in sent)
 
 
 def test_single_pairs_of_marks_are_for_reviewers(api, fleet, engineer, rig):
@@ -146,6 +151,28 @@ def seed_results(api, rig, mounts):
             session.flush()
             model = {"result_id": str(result.id)}
             calibration.summary = {"cameras": {"front": {"recommended": "pinhole", "models": {"pinhole": model}}}}
+
+
+def test_a_result_of_an_older_version_is_validated_at_the_size_that_was_fitted(api, engineer, rig):
+    seed_results(api, rig, [0.0])
+    with api.database.writing() as session:
+        session.query(CalibrationRun).one().problem = {"image_size": [640, 480]}
+        (result,) = session.scalars(select(Result.id))
+    body = {"kind": "pairs", "camera": "front", "set_id": brought(engineer, rig)["id"], "result_id": str(result)}
+    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/validations", body)
+    assert asked.status_code == 202, asked.text
+    with api.database.reading() as session:
+        assert session.query(Validation).one().asked["calibration"]["intrinsics"]["image_size"] == [640, 480]
+
+
+def test_drift_reads_no_whole_documents(api, engineer, rig):
+    seed_results(api, rig, [0.0, 0.001, 0.060])
+    with sql(api.database) as sent:
+        engineer.get(f"/vehicles/{rig.vehicle_id}/drift", params={"camera": "front"})
+    of_results = [one for one in sent if "result.document" in one]
+    # One statement for all results, and of each only what is compared.
+    assert len(of_results) == 1
+    assert "result.document" not in re.sub(r"JSON_EXTRACT\(result\.document|result\.document ->", "", of_results[0])
 
 
 @pytest.mark.parametrize(
