@@ -6,8 +6,21 @@ to the left and to the right as the LiDAR sees the board (z up). ``bottom`` is t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import dist, hypot, radians
 from typing import Final, Literal, get_args
 
 CornerName = Literal["top", "left", "right", "bottom"]
 CORNERS: Final[tuple[CornerName, ...]] = get_args(CornerName)
 TOP: Final[CornerName] = "top"
+
+# Two detections that put a corner of one sweep this near to each other mean the same one: in metres, or as an angle
+# that the LiDAR sees, whichever is larger, for far away the rings are farther apart than that.
+_SAME_M: Final = 0.10
+_SAME_RAD: Final = radians(0.3)
+
+
+def how_far(known: Sequence[float], found: Sequence[float]) -> float | None:
+    """Metres between two places of a corner in one sweep (LiDAR frame); None if they are two different ones."""
+    away = dist(known, found)
+    return away if away <= max(_SAME_M, _SAME_RAD * hypot(*found)) else None

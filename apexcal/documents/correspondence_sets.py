@@ -9,6 +9,7 @@ from uuid import UUID
 from pydantic import Field
 
 from apexcal.documents.base import Document, Received, Sent
+from apexcal.documents.corners import CornerName
 
 
 class BuildRequest(Received):
@@ -43,7 +44,10 @@ class SetView(Sent):
 
 
 class PairView(Document):
-    """A pair: a vertex (metres, LiDAR frame), its mark (pixels), and what else is known of them."""
+    """A pair: a vertex (metres, LiDAR frame), its mark (pixels), and what else is known of them.
+
+    Without ``corner`` it is of the board's tip.
+    """
 
     x: float
     y: float
@@ -65,6 +69,7 @@ class PairView(Document):
     sigma_px: float | None = None
     marked_by: list[int] | None = None
     sigma_clock_ms: float | None = None
+    corner: CornerName | None = None
 
 
 class SetWithPairs(SetView):

@@ -46,6 +46,12 @@ class DetectionRequest(Received):
     pairing: Pairing = Pairing()
 
 
+class DetectionEdit(Received):
+    """Ask for marks of these corners of the board; ``top`` alone is the default."""
+
+    marked_corners: Annotated[list[CornerName], Field(min_length=1, max_length=4)]
+
+
 class RollFacts(Document):
     """How the board was held: turned by ``mean_deg`` on average, with ``spread_deg`` from vertex to vertex.
 
@@ -81,7 +87,10 @@ class DetectionCounts(Document):
 
 
 class DetectionView(Sent):
-    """A detection. ``counts`` grows while it runs. When it is done, ``counts`` also has the paired vertices."""
+    """A detection. ``counts`` grows while it runs. When it is done, ``counts`` also has the paired vertices.
+
+    ``marked_corners`` are the board's corners that people are to mark.
+    """
 
     id: UUID
     fleet_id: UUID
@@ -96,6 +105,7 @@ class DetectionView(Sent):
     job: JobView | None
     created_at: datetime
     finished_at: datetime | None
+    marked_corners: list[CornerName] = [TOP]
 
 
 class CornerView(Sent):

@@ -9,6 +9,7 @@ from uuid import UUID
 from pydantic import Field, FiniteFloat
 
 from apexcal.documents.base import Received, Sent
+from apexcal.documents.corners import TOP, CornerName
 from apexcal.documents.detections import Moved, VertexSummary
 
 VerdictName = Literal["confirmed", "rejected", "unsure"]
@@ -178,3 +179,4 @@ class GivenMark(Sent):
     mark: MarkView | None
     reviewed: bool
     told_at: datetime | None
+    corner: CornerName = TOP

@@ -12,6 +12,8 @@ MARK_SIGMA: Final = "sigma_px"
 # Whose marks a pair stands on: numbers of people, from 0, without names. The clock's: of the offset that was assumed.
 MARKED_BY: Final = "marked_by"
 CLOCK_SIGMA: Final = "sigma_clock_ms"
+# Which corner of the board a pair is of; all are of the tip where the column is missing.
+CORNER: Final = "corner"
 
 
 def states_errors(pairs: Mapping[str, Any]) -> bool:

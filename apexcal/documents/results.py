@@ -10,6 +10,7 @@ from typing import Any, Literal
 from uuid import UUID
 
 from apexcal.documents.base import Document
+from apexcal.documents.corners import CornerName
 from apexcal.documents.transforms import SolvedTransform
 
 Status = Literal["ok", "unfinished", "not_converged", "not_determined", "not_explained"]
@@ -49,12 +50,13 @@ class FittedPairs(Errors):
 
 
 class OutlierPair(Document):
-    """What the set knows of a pair: its moment, sweep, frame or pose, and the mark."""
+    """What the set knows of a pair: its moment, sweep, frame or pose, corner (if not the tip's), and the mark."""
 
     stamp_ns: int | None = None
     sweep_index: int | None = None
     frame_index: int | None = None
     group: int | float | str | None = None
+    corner: CornerName | None = None
     u: float | None = None
     v: float | None = None
 

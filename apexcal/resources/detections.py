@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
+from apexcal.documents.corners import CornerName
 from apexcal.documents.detections import DetectionView, VertexView
 from apexcal.documents.detectors import PairingMode
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
@@ -55,6 +56,11 @@ class Detections:
     def offsets(self, recording_id: UUID | str) -> Iterator[OffsetView]:
         """The clock offsets that were estimated of a recording, newest first."""
         return self._http.items(at("recordings", recording_id, "clock-offsets"), OffsetView)
+
+    def ask_corners(self, detection_id: UUID | str, corners: Sequence[CornerName]) -> DetectionView:
+        """Have these corners of the board marked, of a finished detection that knows the board's size."""
+        body = {"marked_corners": list(corners)}
+        return self._http.patch(at("detections", detection_id), DetectionView, body)
 
     def create(
         self,

@@ -57,7 +57,8 @@ def give(session: Session, task: MarkingTask, found: PairedFrame, said: Answer) 
     row.verdict = verdict
     if mark is not None:
         row.u, row.v = mark.u, mark.v
-        write_mark(session, task.person_id, found.camera, found.frame, mark.u, mark.v, reviewed=row.reviewed)
+        at = {"corner": found.vertex.corner, "reviewed": row.reviewed}
+        write_mark(session, task.person_id, found.camera, found.frame, mark.u, mark.v, **at)
     apex = session.get_one(Apex, found.vertex.apex_id)
     write_verdict(session, task.person_id, apex, verdict, reviewed=row.reviewed)
     task.answered_at = now()  # pyright: ignore[reportAttributeAccessIssue] - the database's own clock
@@ -81,7 +82,7 @@ def undo(session: Session, task: MarkingTask, found: PairedFrame, said: Undo, le
     _check_patience(session, task, found)
     row = _new(session, task, found, said.id, last.version + 1)
     row.u, row.v = last.u, last.v
-    mark = find_mark(session, task.person_id, found.camera.id, last.frame_index)
+    mark = find_mark(session, task.person_id, found.camera.id, last.frame_index, found.vertex.corner)
     if mark is not None:
         take_back(session, mark)
     _restore_verdict(session, task, found)

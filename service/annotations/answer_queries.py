@@ -78,6 +78,7 @@ def _is_complete() -> ColumnElement[bool]:
             _mark.person_id == _verdict.person_id,
             _mark.sensor_id == VertexFrame.sensor_id,
             _mark.frame_index == VertexFrame.frame_index,
+            _mark.corner == Vertex.corner,
         )
         .correlate_except(_mark)
     )
@@ -105,6 +106,7 @@ def answers_of(detection_id: UUID, sensor_id: UUID, *columns: Any) -> Select[*tu
                 Mark.person_id == Verdict.person_id,
                 Mark.sensor_id == VertexFrame.sensor_id,
                 Mark.frame_index == VertexFrame.frame_index,
+                Mark.corner == Vertex.corner,
             ),
         )
         .where(Vertex.detection_id == detection_id, or_(Verdict.verdict != "confirmed", Mark.id.is_not(None)))

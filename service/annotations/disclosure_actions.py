@@ -33,11 +33,12 @@ def was_told(session: Session, person_id: UUID, apex_id: UUID) -> bool:
     return bool(session.scalar(select(told)))
 
 
-def was_told_of_frame(session: Session, person_id: UUID, sensor_id: UUID, frame_index: int) -> bool:
-    """Whether the person knows something of others' answers on any vertex that is paired with this frame."""
+def was_told_of_frame(session: Session, person_id: UUID, sensor_id: UUID, frame_index: int, corner: str) -> bool:
+    """Whether the person knows something of others' answers on any vertex of a corner paired with this frame."""
     told = exists().where(
         Disclosure.person_id == person_id,
         Vertex.apex_id == Disclosure.apex_id,
+        Vertex.corner == corner,
         VertexFrame.vertex_id == Vertex.id,
         VertexFrame.sensor_id == sensor_id,
         VertexFrame.frame_index == frame_index,

@@ -7,6 +7,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.corners import TOP
 from service.annotations.task_actions import reopen
 from service.db.annotations import AnnotationRevision, Mark, Verdict
 from service.db.base import Json
@@ -31,10 +32,15 @@ def check_inside(u: float, v: float, frame: CameraFrame) -> None:
     )
 
 
-def find_mark(session: Session, person_id: UUID, sensor_id: UUID, frame_index: int) -> Mark | None:
-    """A person's mark in a frame."""
+def find_mark(session: Session, person_id: UUID, sensor_id: UUID, frame_index: int, corner: str = TOP) -> Mark | None:
+    """A person's mark of a corner in a frame."""
     return session.scalar(
-        select(Mark).where(Mark.person_id == person_id, Mark.sensor_id == sensor_id, Mark.frame_index == frame_index)
+        select(Mark).where(
+            Mark.person_id == person_id,
+            Mark.sensor_id == sensor_id,
+            Mark.frame_index == frame_index,
+            Mark.corner == corner,
+        )
     )
 
 
@@ -51,9 +57,10 @@ def write_mark(
     u: float,
     v: float,
     *,
+    corner: str = TOP,
     reviewed: bool = False,
 ) -> Mark:
-    """Set a person's mark in a frame. Saying the same again changes nothing.
+    """Set a person's mark of a corner in a frame. Saying the same again changes nothing.
 
     ``reviewed``: something of others' answers had been told to the person before.
 
@@ -61,7 +68,7 @@ def write_mark(
         Problem: ``mark_outside_image``.
     """
     check_inside(u, v, frame)
-    mark = find_mark(session, person_id, camera.id, frame.index)
+    mark = find_mark(session, person_id, camera.id, frame.index, corner)
     if mark is None:
         mark = Mark(
             recording_id=camera.recording_id,
@@ -70,6 +77,7 @@ def write_mark(
             frame_index=frame.index,
             u=u,
             v=v,
+            corner=corner,
             reviewed=reviewed,
             version=1,
         )
@@ -81,6 +89,8 @@ def write_mark(
         mark.version, mark.updated_at = mark.version + 1, utc_now()
     session.flush()
     value = {"sensor_id": camera.id.hex, "frame_index": frame.index, "u": u, "v": v}
+    if corner != TOP:
+        value["corner"] = corner
     _keep_revision(session, "mark", mark, value)
     return mark
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Path, Query, Request
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
+from apexcal.documents.corners import TOP, CornerName
 from apexcal.documents.marking import MarkView, Pixel
 from apexcal.documents.roles import Role
 from service.annotations.answer_actions import MOST_ANSWERS
@@ -16,6 +17,7 @@ from service.annotations.disclosure_actions import was_told_of_frame
 from service.annotations.mark_actions import find_mark, write_mark
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.db.annotations import Answer, Mark
+from service.db.detections import Apex
 from service.db.recordings import CameraFrame, Recording, Sensor
 from service.detections.queries import find_camera
 from service.http.etags import Conditional, Conditions, version_etag
@@ -25,15 +27,21 @@ router = APIRouter(tags=["annotations"])
 
 MARK = "/recordings/{recording_id}/cameras/{camera}/frames/{index}/mark"
 FrameIndex = Annotated[int, Path(ge=0, le=2**31 - 1)]
+Corner = Annotated[CornerName, Query(description="the board's corner that is marked")]
 
 
 @router.get(MARK)
 def read_mark(
-    recording_id: UUID, camera: Sought, index: FrameIndex, access: ReadAccess, conditions: Conditional
+    recording_id: UUID,
+    camera: Sought,
+    index: FrameIndex,
+    access: ReadAccess,
+    conditions: Conditional,
+    corner: Corner = TOP,
 ) -> MarkView:
-    """Your own mark in a frame."""
+    """Your own mark of a corner in a frame."""
     sensor, frame = _frame(access, recording_id, camera, index, "viewer")
-    mark = find_mark(access.session, access.person.id, sensor.id, frame.index)
+    mark = find_mark(access.session, access.person.id, sensor.id, frame.index, corner)
     if mark is None:
         raise Problem(404, "not_marked", "You have not marked this frame.", "PUT the mark with If-None-Match: *.")
     return _answer(mark, conditions)
@@ -48,6 +56,7 @@ def put_mark(
     access: WriteAccess,
     conditions: Conditional,
     request: Request,
+    corner: Corner = TOP,
 ) -> MarkView:
     """Set your own mark: the first with If-None-Match: *, a correction with If-Match. [annotator]
 
@@ -55,12 +64,13 @@ def put_mark(
     """
     sensor, frame = _frame(access, recording_id, camera, index, "annotator")
     session, me = access.session, access.person.id
-    mark = find_mark(session, me, sensor.id, frame.index)
+    mark = find_mark(session, me, sensor.id, frame.index, corner)
     _check_edit(mark, pixel, conditions, request)
     if mark is None or (mark.u, mark.v) != (pixel.u, pixel.v):
-        _check_no_answer(access, sensor, frame, mark)
-    reviewed = was_told_of_frame(session, me, sensor.id, frame.index)
-    return _answer(write_mark(session, me, sensor, frame, pixel.u, pixel.v, reviewed=reviewed), conditions)
+        _check_no_answer(access, sensor, frame, corner, mark)
+    reviewed = was_told_of_frame(session, me, sensor.id, frame.index, corner)
+    written = write_mark(session, me, sensor, frame, pixel.u, pixel.v, corner=corner, reviewed=reviewed)
+    return _answer(written, conditions)
 
 
 def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Role) -> tuple[Sensor, CameraFrame]:
@@ -77,10 +87,14 @@ def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Ro
     return sensor, frame
 
 
-def _check_no_answer(access: Access, camera: Sensor, frame: CameraFrame, mark: Mark | None) -> None:
+def _check_no_answer(
+    access: Access, camera: Sensor, frame: CameraFrame, corner: CornerName, mark: Mark | None
+) -> None:
     rows = access.session.scalars(
         select(Answer)
+        .join(Apex, Apex.id == Answer.apex_id)
         .where(
+            Apex.corner == corner,
             Answer.person_id == access.person.id,
             Answer.sensor_id == camera.id,
             Answer.frame_index == frame.index,

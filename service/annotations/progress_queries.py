@@ -16,19 +16,21 @@ from service.db.annotations import Disclosure, Mark, Verdict
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.people import Person
 from service.db.recordings import Recording, Sensor
+from service.detections.views import marked_corners
 
 # More do not determine a camera any better.
 _MOST_PAIRS = 200
 
 
-def count_vertices(session: Session, detection_id: UUID, camera_id: UUID) -> int:
-    """Vertices of a detection that have a frame of the camera."""
+def count_vertices(session: Session, detection: Detection, camera_id: UUID) -> int:
+    """Vertices of a detection, of all corners that are to be marked, that have a frame of the camera."""
     return (
         session.scalar(
             select(func.count())
             .select_from(Vertex)
             .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
-            .where(Vertex.detection_id == detection_id, VertexFrame.sensor_id == camera_id)
+            .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera_id)
+            .where(Vertex.corner.in_(marked_corners(detection)))
         )
         or 0
     )
@@ -38,9 +40,12 @@ def progress(session: Session, detection: Detection, camera: Sensor, person_id: 
     """Progress of the marking in one camera, as ``person_id`` sees it."""
     wanted = session.get_one(Recording, detection.recording_id).marks_per_vertex
     own = func.sum(case((Verdict.person_id == person_id, 1), else_=0))
-    per_vertex = session.execute(answers_of(detection.id, camera.id, func.count(), own).group_by(Vertex.id)).all()
+    answers = answers_of(detection.id, camera.id, func.count(), own)
+    per_vertex = session.execute(
+        answers.where(Vertex.corner.in_(marked_corners(detection))).group_by(Vertex.id)
+    ).all()
     return Progress(
-        vertices=count_vertices(session, detection.id, camera.id),
+        vertices=count_vertices(session, detection, camera.id),
         marks_wanted=wanted,
         answered=len(per_vertex),
         mine=sum(int(mine) for _, mine in per_vertex),
@@ -121,7 +126,7 @@ def visible_answers(
     )
     statement = answers_of(
         *(detection_id, camera_id, Verdict, Vertex.id, VertexFrame.frame_index, Mark, Person.name),
-        *(is_reviewed(), told_at),
+        *(is_reviewed(), told_at, Vertex.corner),
     )
     statement = statement.join(Person, Person.id == Verdict.person_id)
     if everyone:

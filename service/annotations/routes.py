@@ -133,8 +133,9 @@ def list_marks(
             mark=mark_view(mark) if verdict.verdict == "confirmed" else None,
             reviewed=reviewed,
             told_at=told_at,
+            corner=corner,
         )
-        for verdict, vertex_id, frame_index, mark, name, reviewed, told_at in rows
+        for verdict, vertex_id, frame_index, mark, name, reviewed, told_at, corner in rows
     ]
     others = {row[0].apex_id for row, item in zip(rows, items, strict=True) if not item.own}
     tell(access, request.app.state.database, sensor, others, "marks")

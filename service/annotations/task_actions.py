@@ -17,6 +17,7 @@ from service.db.annotations import MarkingFrontier, MarkingTask
 from service.db.clock import now
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
+from service.detections.views import marked_corners
 
 # Those ahead run out a little earlier, one after the other: whoever holds several gets them in the same order again.
 _APART_S = 0.5
@@ -56,13 +57,14 @@ def next_tasks(
         .order_by(MarkingTask.leased_until.desc())
         .limit(1 + ahead)
     ).all()
-    wanted = recording.marks_per_vertex
+    wanted, corners = recording.marks_per_vertex, marked_corners(detection)
     passed = [one for one in (skip, *(row.id for row in held)) if one is not None]
     tasks: list[MarkingTask] = []
     for place in range(1 + ahead):
         vertex_id = held[place].vertex_id if place < len(held) else None
         if vertex_id is None:
-            vertex_id = Seeker(session, recording.id, detection.id, camera.id, person_id, wanted, passed).seek()
+            whose = (session, recording.id, detection.id, camera.id, person_id)
+            vertex_id = Seeker(*whose, wanted, corners, passed).seek()
         if vertex_id is None:
             break
         tasks.append(_lease(session, detection.id, vertex_id, camera.id, person_id, lease_s - _APART_S * place))

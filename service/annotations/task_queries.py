@@ -33,6 +33,7 @@ class Seeker:
     camera_id: UUID
     person_id: UUID
     marks_wanted: int
+    corners: Sequence[str]
     # Tasks of theirs that they hold, or have just given back.
     passed: Sequence[UUID]
 
@@ -93,7 +94,8 @@ class Seeker:
             MarkingTask.sensor_id == self.camera_id,
             MarkingTask.person_id == self.person_id,
         )
-        new = self._open(leases).where(~had).order_by(Vertex.rank).limit(1)
+        # The corners of a sweep have its rank, so they come one after the other: top, right, left, bottom.
+        new = self._open(leases).where(~had).order_by(Vertex.rank, Vertex.corner.desc()).limit(1)
         # The next ones first: the database knows that they are few, and looks each up.
         near = new.where(Vertex.rank >= first, Vertex.rank < first + _NEAR)
         far = new.where(Vertex.rank >= first + _NEAR)
@@ -113,7 +115,9 @@ class Seeker:
         seen = self._open(leases).join(MarkingTask, own).where(*which)
         if self.passed:
             seen = seen.where(MarkingTask.id.not_in(self.passed))
-        found = self.session.execute(seen.order_by(MarkingTask.leased_until, Vertex.rank).limit(1)).first()
+        found = self.session.execute(
+            seen.order_by(MarkingTask.leased_until, Vertex.rank, Vertex.corner.desc()).limit(1)
+        ).first()
         return found.id if found else None
 
     def _open(self, leases: Mapping[UUID, int]) -> Select[Any, Any]:
@@ -124,6 +128,7 @@ class Seeker:
             .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == self.camera_id))
             .where(
                 Vertex.detection_id == self.detection_id,
+                Vertex.corner.in_(self.corners),
                 ~has_answered(self.person_id),
                 taken_by_others(self.person_id, leases) < self.marks_wanted,
             )

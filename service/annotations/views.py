@@ -93,7 +93,9 @@ def last_answer(session: Session, person_id: UUID, apex_id: UUID, sensor_id: UUI
 def own_answer(session: Session, person_id: UUID, found: PairedFrame) -> Own:
     """What a person says of a vertex, and where they marked it; also the mark of an answer that they took back."""
     last = last_answer(session, person_id, found.vertex.apex_id, found.camera.id)
-    mark: Mark | Answer | None = find_mark(session, person_id, found.camera.id, found.frame.index)
+    mark: Mark | Answer | None = find_mark(
+        session, person_id, found.camera.id, found.frame.index, found.vertex.corner
+    )
     if mark is None and last is not None and last.frame_index == found.frame.index:
         mark = last
     # Without a version: an answer from before versions, or the verdict of an answer in another camera.

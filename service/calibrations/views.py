@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import CalibrationView, ProgressView, RunView
+from apexcal.documents.pairs import CORNER
 from apexcal.documents.states import UNENDED
 from service.db.base import Json
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
@@ -136,6 +137,6 @@ def _without_pairs(document: Json) -> Json:
 
 
 def _origin(pairs: CorrespondenceSet, index: int) -> Json:
-    """What a set knows of one of its pairs: its stamp, sweep, camera frame or pose, and the mark."""
-    known = ("stamp_ns", "sweep_index", "frame_index", "group", "u", "v")
+    """What a set knows of one of its pairs: its stamp, sweep, camera frame or pose, corner, and the mark."""
+    known = ("stamp_ns", "sweep_index", "frame_index", "group", CORNER, "u", "v")
     return {name: pairs.pairs[name][index] for name in known if name in pairs.pairs}

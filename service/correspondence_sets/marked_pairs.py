@@ -11,7 +11,8 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.pairs import CLOCK_SIGMA, MARKED_BY, SIGMAS
+from apexcal.documents.corners import TOP
+from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, MARKED_BY, SIGMAS
 from service.annotations.consensus import Consensus, Opinion, Outcome, agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
 from service.correspondence_sets.pair_files import Columns
@@ -19,6 +20,7 @@ from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.fleets import RigCamera
 from service.db.recordings import Recording, Sensor
 from service.db.studies import Study
+from service.detections.views import marked_corners
 from service.http.problems import Problem
 
 # A walker's board moves by a millimetre in this time.
@@ -41,19 +43,23 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
     many independent ones), spread_px (of these), flagged (as many rejections as confirmations), reviewed (how many
     answers were given after something of others' was told; where there are such), marked_by (the people's numbers,
     from 0), sigma_clock_ms (of the clocks' offset, if it was estimated), and sigma_azimuth_rad, sigma_elevation_rad,
-    sigma_range_m where all vertices state a covariance.
+    sigma_range_m where all vertices state a covariance. Where pairs are of other corners than the tip: corner, and
+    group, because the corners of one sweep err together.
 
     Raises:
         Problem: 409 ``nothing_marked``.
     """
     wanted = session.get_one(Recording, detection.recording_id).marks_per_vertex
     opinions = opinions_of(session, detection.id, camera.id)
-    vertices = session.execute(
+    everything = session.execute(
         select(Vertex, VertexFrame)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id)
-        .order_by(Vertex.time_ns, Vertex.sweep_index, Vertex.x, Vertex.y, Vertex.z)
+        .order_by(Vertex.time_ns, Vertex.sweep_index, Vertex.corner.desc(), Vertex.x, Vertex.y, Vertex.z)
     ).all()
+    # What was marked counts also if its corner is no longer asked for.
+    asked = marked_corners(detection)
+    vertices = [(one, frame) for one, frame in everything if one.corner in asked or one.id in opinions]
     apart_px = _apart_px(session, detection, camera)
     consensus = {vertex.id: agree(opinions.get(vertex.id, []), apart_px) for vertex, _ in vertices}
     rows = [
@@ -74,6 +80,10 @@ def build(session: Session, detection: Detection, camera: Sensor, *, exclude_fla
         common.remove("reviewed")
     columns = {name: [row[name] for row in rows] for name in common}
     columns[MARKED_BY] = _numbered(columns[MARKED_BY])
+    if set(columns[CORNER]) == {TOP}:
+        del columns[CORNER]
+    if len(set(columns["sweep_index"])) < len(rows):
+        columns["group"] = columns["sweep_index"]
     clock_ms = _clock_sigma_ms(session, detection, camera)
     if clock_ms is not None:
         columns[CLOCK_SIGMA] = [clock_ms] * len(rows)
@@ -162,6 +172,7 @@ def _row(vertex: Vertex, frame: VertexFrame, agreed: Consensus) -> dict[str, Any
         "spread_px": agreed.spread_px,
         "flagged": agreed.outcome is Outcome.TIED,
         "reviewed": agreed.reviewed,
+        CORNER: vertex.corner,
         **_sigmas(at.covariance),
     }
 

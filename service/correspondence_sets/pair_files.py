@@ -9,13 +9,14 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
-from apexcal.documents.pairs import MARK_SIGMA, REQUIRED, SIGMAS
+from apexcal.documents.corners import CORNERS
+from apexcal.documents.pairs import CORNER, MARK_SIGMA, REQUIRED, SIGMAS
 from service.correspondence_sets.json_elements import NoDocumentError, elements_of
 from service.db.fleets import RigCamera
 from service.http.problems import Problem
 
 _LEAST_MARK_SIGMA_PX = 0.01
-_OPTIONAL = ("stamp_ns", "group", *SIGMAS, MARK_SIGMA)
+_OPTIONAL = ("stamp_ns", "group", *SIGMAS, MARK_SIGMA, CORNER)
 Columns = dict[str, list[Any]]
 
 MAX_PAIRS = 100_000
@@ -26,7 +27,8 @@ _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 _HINT = (
     "A CSV file has a header with x,y,z (metres, LiDAR frame), u,v (pixels; (0, 0) is the centre of the top-left "
     "one) and perhaps stamp_ns (integer nanoseconds), group, the vertex's standard deviations sigma_azimuth_rad, "
-    "sigma_elevation_rad, sigma_range_m, and the mark's sigma_px; JSON has the same names in each of its pairs."
+    "sigma_elevation_rad, sigma_range_m, the mark's sigma_px, and the board's corner (top, left, right, bottom). "
+    "JSON has the same names in each of its pairs."
 )
 
 
@@ -179,8 +181,14 @@ def _mark_sigma(value: Any) -> float:
     return number
 
 
+def _corner(value: Any) -> str:
+    if value not in CORNERS:
+        raise ValueError(f"is no corner of the board; it has {', '.join(CORNERS)}")
+    return str(value)
+
+
 _READ: dict[str, Callable[[Any], Any]] = (
-    {"stamp_ns": _stamp, "group": _group} | dict.fromkeys(SIGMAS, _sigma) | {MARK_SIGMA: _mark_sigma}
+    {"stamp_ns": _stamp, "group": _group, CORNER: _corner} | dict.fromkeys(SIGMAS, _sigma) | {MARK_SIGMA: _mark_sigma}
 )
 
 

@@ -14,7 +14,10 @@ from service.db.base import Base, Corner, Created, Digest, Json, Name, Nanosecon
 
 
 class Detection(Base):
-    """One run of a detector inside a region. ``remaining`` counts the shards that have not ended."""
+    """One run of a detector inside a region. ``remaining`` counts the shards that have not ended.
+
+    ``marked_corners`` are the board's corners that people are to mark; null for the tip alone.
+    """
 
     __tablename__ = "detection"
 
@@ -30,6 +33,7 @@ class Detection(Base):
     remaining: Mapped[int] = mapped_column(default=1)
     counts: Mapped[Json] = mapped_column(default=dict)
     problem: Mapped[Json | None]
+    marked_corners: Mapped[list[Any] | None]
     created_by: Mapped[UUID | None] = refers_to("person.id")
     created_at: Mapped[Created]
     finished_at: Mapped[datetime | None]

@@ -10,15 +10,16 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
-from apexcal.documents.detections import DetectionRequest, DetectionView, Quality, VertexView
+from apexcal.documents.detections import DetectionEdit, DetectionRequest, DetectionView, Quality, VertexView
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.detections import Detection, Vertex
 from service.db.fleets import Rig
 from service.db.recordings import Recording
 from service.detections.actions import new_detection
+from service.detections.corner_actions import ask_corners
 from service.detections.jobs import queue_detection
-from service.detections.queries import find_camera, ready_recording, vertices_of
+from service.detections.queries import done_detection, find_camera, ready_recording, vertices_of
 from service.detections.views import detection_view, vertex_views
 from service.http.bodies import DOCUMENT
 from service.http.pages import LongPaging, Page, Paging, fetch
@@ -64,6 +65,15 @@ def list_detections(recording_id: UUID, access: ReadAccess, window: Paging) -> P
 def read_detection(detection_id: UUID, access: ReadAccess) -> DetectionView:
     """A detection: its state, and when it is done what it counted."""
     detection = access.find(Detection, detection_id)
+    return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
+
+
+@router.patch("/detections/{detection_id}")
+def edit_detection(detection_id: UUID, wanted: DetectionEdit, access: WriteAccess) -> DetectionView:
+    """Say which corners of the board people are to mark. Marks that there are stay. [engineer]"""
+    detection = done_detection(access, detection_id, "engineer")
+    ask_corners(access.session, detection, wanted.marked_corners)
+    hint(access.session, detection.fleet_id, "detection", detection.id)
     return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
 
 

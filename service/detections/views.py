@@ -9,6 +9,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.base import stored
+from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.detections import DetectionView, FrameOfVertex, Moved, VertexView
 from apexcal.documents.states import WorkState
 from service.db.detections import Detection, Vertex, VertexFrame
@@ -33,7 +34,13 @@ def detection_view(row: Detection, job: Job | None) -> DetectionView:
         job=job_view(job) if job else None,
         created_at=row.created_at,
         finished_at=row.finished_at,
+        marked_corners=marked_corners(row),
     )
+
+
+def marked_corners(row: Detection) -> list[CornerName]:
+    """The board's corners that people are to mark, in the order of `CORNERS`."""
+    return [name for name in CORNERS if name in (row.marked_corners or [TOP])]
 
 
 def vertex_views(

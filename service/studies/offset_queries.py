@@ -6,6 +6,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import parse_model
+from apexcal.documents.corners import TOP
 from apexcal.documents.schedules import PRESETS
 from service.annotations.consensus import agree, far_apart_px
 from service.annotations.progress_queries import opinions_of
@@ -25,7 +26,7 @@ _MARK_US = 2500.0
 def what_is_known(session: Session, recording: Recording, detection: Detection, camera: Sensor, model: str) -> Json:
     """The camera as its rig describes it, and every mark that people agree on with its frame's own stamp.
 
-    Which vertex a frame was paired with does not matter: the estimate looks up where the board was.
+    Which vertex a frame was paired with does not matter: the estimate looks up where the board's tip was.
 
     Raises:
         Problem: 409 ``nothing_marked``, 422 ``work_too_long``.
@@ -39,7 +40,7 @@ def what_is_known(session: Session, recording: Recording, detection: Detection, 
             CameraFrame,
             (CameraFrame.sensor_id == VertexFrame.sensor_id) & (CameraFrame.index == VertexFrame.frame_index),
         )
-        .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id)
+        .where(Vertex.detection_id == detection.id, Vertex.corner == TOP, VertexFrame.sensor_id == camera.id)
         .order_by(CameraFrame.stamp_ns, Vertex.id)
     )
     of_rig = rig_camera(session, session.get_one(Rig, recording.rig_id), camera.name)

@@ -21,7 +21,7 @@ from workers.solver.estimate import Estimate, estimate
 Json = dict[str, Any]
 LAYOUT = 1
 # Columns of a pair that a report repeats, where the set has them.
-_KNOWN = ("x", "y", "z", "u", "v", "stamp_ns", "group", "sweep_index", "frame_index", "marks", "spread_px")
+_KNOWN = ("x", "y", "z", "u", "v", "stamp_ns", "group", "sweep_index", "frame_index", "marks", "spread_px", "corner")
 _SHOWN_OF_RESULT = (
     *("model", "status", "message", "search", "loss", "weights", "pairs", "free_parameters", "iterations", "stopped"),
     *("polished", "ga", "baseline", "linear_baseline", "kept", "parameters", "intrinsics", "transform", "at_bounds"),

@@ -20,7 +20,7 @@ for (const [name, numbers] of Object.entries(data.plots)) {
   });
 }
 
-const SHOWN = ["x", "y", "z", "u", "v", "error_px", "heldout_px", "range_m", "angle_deg", "seconds", "frame_index", "group"];
+const SHOWN = ["x", "y", "z", "u", "v", "error_px", "heldout_px", "range_m", "angle_deg", "seconds", "frame_index", "group", "corner"];
 const columns = SHOWN.filter((name) => name in pairs);
 const table = document.getElementById("pair-table");
 const rows = [];

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.pairs import CORNER
 from workers.geometry.models import ModelName
 from workers.geometry.projection import project, unproject
 from workers.geometry.transforms import RigidTransform
@@ -60,9 +61,9 @@ class Agreement:
 
 
 def vertex_keys(pairs: Mapping[str, Sequence[Any]], of_one_detection: bool) -> list[Hashable]:
-    """What tells each pair's vertex: in one detection the sweep and the moment, else the moment and the point."""
+    """What tells each pair's vertex: in one detection sweep, moment and corner, else the moment and the point."""
     count = len(pairs["x"])
-    names = ("stamp_ns", "sweep_index") if of_one_detection else ("stamp_ns", "x", "y", "z")
+    names = ("stamp_ns", "sweep_index", CORNER) if of_one_detection else ("stamp_ns", "x", "y", "z")
     return list(zip(*(pairs.get(name, [None] * count) for name in names), strict=True))
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import dist, hypot, radians, sqrt
+from math import sqrt
 from uuid import UUID
 
 import numpy as np
 from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
-from apexcal.documents.corners import TOP
+from apexcal.documents.corners import TOP, how_far
 from apexcal.documents.states import UNENDED, WorkState
 from service.db.base import Json
 from service.db.clock import now
@@ -32,10 +32,6 @@ from workers.vertices.tracks import MARGIN_SWEEPS
 from workers.vertices.vertex import Detections
 from workers.vertices.vertex import Vertex as Found
 
-# Two runs that put a vertex of one sweep this near each other mean the same corner of the board: in metres, or as an
-# angle seen from the LiDAR, whichever is larger, for far away the rings are farther apart than that.
-_SAME_APEX_M = 0.10
-_SAME_APEX_RAD = radians(0.3)
 _REPORT_EVERY = 50
 
 
@@ -182,9 +178,8 @@ def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> di
 
 
 def _same(apexes: list[Apex], vertex: Found) -> Apex | None:
-    near = [(dist((apex.x, apex.y, apex.z), vertex.xyz), apex) for apex in apexes]
-    distance, apex = min(near, key=lambda pair: pair[0], default=(np.inf, None))
-    return apex if distance <= max(_SAME_APEX_M, _SAME_APEX_RAD * hypot(*vertex.xyz)) else None
+    near = [(away, apex) for apex in apexes if (away := how_far((apex.x, apex.y, apex.z), vertex.xyz)) is not None]
+    return min(near, key=lambda pair: pair[0])[1] if near else None
 
 
 def _vertex_row(detection_id: UUID, apex_id: UUID, vertex: Found) -> Vertex:

@@ -10,6 +10,8 @@ from uuid import UUID
 from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.corners import TOP
+from apexcal.documents.pairs import CORNER
 from apexcal.documents.states import WorkState
 from apexcal.documents.validations import SINGLE_PAIRS
 from service.calibration_runs.objection_queries import objections
@@ -146,9 +148,10 @@ def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
     known = ("stamp_ns", "sweep_index", "frame_index")
     if pairs.detection_id is None or not all(name in columns for name in known):
         return []
-    number = {moment: i for i, moment in enumerate(zip(*(columns[name] for name in known), strict=True))}
+    corners = columns.get(CORNER, [TOP] * len(columns["x"]))
+    number = {of: i for i, of in enumerate(zip(*(columns[name] for name in known), corners, strict=True))}
     rows = session.execute(
-        select(Vertex.time_ns, Vertex.sweep_index, VertexFrame.frame_index, Person.name, Mark.u, Mark.v)
+        select(Vertex.time_ns, Vertex.sweep_index, VertexFrame.frame_index, Mark.corner, Person.name, Mark.u, Mark.v)
         .select_from(Vertex)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .join(Sensor, and_(Sensor.id == VertexFrame.sensor_id, Sensor.name == pairs.camera))
@@ -156,9 +159,10 @@ def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
         .join(Verdict, and_(Verdict.apex_id == Vertex.apex_id, Verdict.person_id == Mark.person_id))
         .join(Person, Person.id == Mark.person_id)
         .where(Vertex.detection_id == pairs.detection_id, Verdict.verdict == "confirmed")
+        .where(Mark.corner == Vertex.corner)
         .order_by(Vertex.time_ns, Person.name)
     )
-    found = [(number.get((time, sweep, frame)), name, u, v) for time, sweep, frame, name, u, v in rows]
+    found = [(number.get(tuple(of)), name, u, v) for *of, name, u, v in rows]
     return [PersonMark(pair, name, float(u), float(v)) for pair, name, u, v in found if pair is not None]
 
 

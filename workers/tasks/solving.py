@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.pairs import CLOCK_SIGMA, held_together
+from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, held_together
 from apexcal.documents.states import UNENDED, WorkState
 from service.calibration_runs.actions import count_down, end_run, start_finish, start_iteration
 from service.db.base import Json
@@ -129,7 +129,8 @@ def _problem(request: Json, pairs: Json, chosen: NDArray[np.int64] | None) -> Fi
 def _velocities(pairs: Json) -> NDArray[np.float64] | None:
     if "stamp_ns" not in pairs:
         return None
-    return velocities_of(np.column_stack([pairs["x"], pairs["y"], pairs["z"]]), pairs["stamp_ns"])
+    points = np.column_stack([pairs["x"], pairs["y"], pairs["z"]])
+    return velocities_of(points, pairs["stamp_ns"], pairs.get(CORNER))
 
 
 def _state(schedule: Json | None, problem: FitProblem) -> State:

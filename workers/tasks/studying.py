@@ -11,6 +11,7 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.corners import TOP
 from service.db.base import Json
 from service.db.detections import Detection, Vertex
 from service.db.studies import Study
@@ -98,9 +99,10 @@ def _asked(context: Context, held: Claim) -> tuple[Json, str]:
 
 
 def _vertices(session: Session, detection_id: UUID | None) -> list[Found]:
-    """A detection's vertices as its detector gave them, in the order of their times."""
+    """A detection's vertices (tips) as its detector gave them, in the order of their times."""
     detector = session.get_one(Detection, detection_id).detector
-    rows = session.scalars(select(Vertex).where(Vertex.detection_id == detection_id).order_by(Vertex.time_ns))
+    tips = select(Vertex).where(Vertex.detection_id == detection_id, Vertex.corner == TOP)
+    rows = session.scalars(tips.order_by(Vertex.time_ns))
     return [
         Found(
             xyz=(row.x, row.y, row.z),

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Detection, Vertex } from "./api/types.ts";
 import { ticks } from "./axes.ts";
-import { ellipsoid, judgedSweeps, kindsOf, nextOf, runsOf, sigmasMm } from "./judging.ts";
+import { board, ellipsoid, judgedSweeps, kindsOf, nextOf, runsOf, sigmasMm } from "./judging.ts";
 
 const vertex = (sweep_index: number, flags: string[] = []): Vertex =>
   ({
@@ -105,4 +105,21 @@ test("ticks are round and inside", () => {
   assert.deepEqual(ticks(0, 30, 6), [0, 5, 10, 15, 20, 25, 30]);
   assert.deepEqual(ticks(-0.31, 0.52, 5), [-0.2, 0, 0.2, 0.4]);
   assert.deepEqual(ticks(3, 3, 4), [3]);
+});
+
+test("the board is drawn between the corners that are known", () => {
+  const tip = vertex(0);
+  assert.equal(board(tip, "red"), null);
+  const corner = (name: string, y: number, z: number): object => ({ corner: name, x: 6, y, z, covariance: [] });
+  const crossed = 18;
+  const edge = 6;
+  const whole = {
+    ...tip,
+    corners: [corner("left", -1.6, 0.3), corner("right", -2.4, 0.3), corner("bottom", -2, -0.1)],
+  };
+  assert.equal(board(whole as unknown as Vertex, "red")?.ends.length, 3 * crossed + 4 * edge);
+  const half = { ...tip, corners: [corner("left", -1.6, 0.3), corner("bottom", -2, -0.1)] };
+  const lines = board(half as unknown as Vertex, "red")?.ends ?? [];
+  assert.equal(lines.length, 2 * crossed + 2 * edge);
+  assert.deepEqual(lines.slice(-edge), [6, -1.6, 0.3, 6, -2, 0.7]);
 });

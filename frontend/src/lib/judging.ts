@@ -82,6 +82,12 @@ export function nextOf(judged: readonly Judged[], { verdict, reason }: Omit<Kind
 
 type Vector = [number, number, number];
 
+interface Place {
+  x: number;
+  y: number;
+  z: number;
+}
+
 /** The axes of a vertex's errors, in metres: the columns of a root of its covariance over x, y, z. */
 function rootOf({ x, y, z, covariance }: Vertex): Vector[] | null {
   if (!covariance) return null;
@@ -137,7 +143,7 @@ export function ellipsoid(vertex: Vertex, sigmas: number, colour: string): Lines
 }
 
 /** A cross of 10 cm at a vertex. */
-export function cross({ x, y, z }: { x: number; y: number; z: number }, colour: string): Lines {
+export function cross({ x, y, z }: Place, colour: string): Lines {
   const half = 0.05;
   return {
     ends: [x - half, y, z, x + half, y, z, x, y - half, z, x, y + half, z, x, y, z - half, x, y, z + half],
@@ -145,11 +151,25 @@ export function cross({ x, y, z }: { x: number; y: number; z: number }, colour: 
   };
 }
 
+/** A cross at each of the board's other corners, and the board's edges between those that are known. */
+export function board(vertex: Vertex, colour: string): Lines | null {
+  const corners = vertex.corners ?? [];
+  if (corners.length === 0) return null;
+  const known = new Map<string, Place>([["top", vertex], ...corners.map((one): [string, Place] => [one.corner, one])]);
+  const around = ["top", "right", "bottom", "left", "top"].map((name) => known.get(name));
+  const ends = corners.flatMap((one) => [...cross(one, colour).ends]);
+  for (const [place, from] of around.slice(0, -1).entries()) {
+    const to = around[place + 1];
+    if (from && to) ends.push(from.x, from.y, from.z, to.x, to.y, to.z);
+  }
+  return { ends, colour };
+}
+
 /** What is shown about a vertex: a board and its holder, metres to each side. */
 const AROUND_M = 1.2;
 
 /** The space about a vertex. */
-export function closeTo({ x, y, z }: { x: number; y: number; z: number }): Extent {
+export function closeTo({ x, y, z }: Place): Extent {
   return { min: [x - AROUND_M, y - AROUND_M, z - AROUND_M], max: [x + AROUND_M, y + AROUND_M, z + AROUND_M / 3] };
 }
 

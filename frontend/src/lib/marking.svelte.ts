@@ -8,6 +8,7 @@ import { ApiProblem, asProblem, randomKey } from "./api/http.ts";
 import * as people from "./api/people.ts";
 import type { MarkingProgress, MarkingTask, Me, VerdictName } from "./api/types.ts";
 import { cache } from "./cache.svelte.ts";
+import { cornerWords } from "./corners.ts";
 import { keepDraft, shownMark } from "./drafts.ts";
 import { Doubts } from "./expected/doubts.svelte.ts";
 import type { KeptAnswer } from "./answers_kept.ts";
@@ -120,7 +121,7 @@ export class Marking {
     if (!task || !this.takes(at)) return;
     const mark = verdict === "confirmed" ? this.mark : null;
     if (verdict === "confirmed" && !mark) {
-      this.advice = "Click the board's top vertex first, or press R where this is no vertex.";
+      this.advice = `Click the board's ${cornerWords(task.vertex.corner)} first, or press R where this is no vertex.`;
       return;
     }
     if (mark && this.doubts.asks(task, mark)) return;

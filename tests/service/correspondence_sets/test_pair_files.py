@@ -44,6 +44,15 @@ def test_a_vertexs_deviations_are_taken_where_all_are_given():
     assert "line 2, column sigma_range_m: '0' is not above 0" in refusal(f"{HEADER},sigma_range_m\n1,2,3,4,5,0\n")
 
 
+def test_a_pair_may_say_its_corner():
+    columns = read_csv(f"{HEADER},corner\n1,2,3,4,5,top\n1,2,3,4,5,bottom\n")
+    assert columns["corner"] == ["top", "bottom"]
+    rows = [dict(zip((*"xyzuv", "corner"), (1, 2, 3, 4, 5, name), strict=True)) for name in ("left", "right")]
+    assert read_json(json.dumps({"pairs": rows}).encode())["corner"] == ["left", "right"]
+    assert "no corner of the board; it has top, left, right, bottom" in refusal(f"{HEADER},corner\n1,2,3,4,5,Top\n")
+    assert "member corner" in json_refusal({"pairs": [rows[0] | {"corner": ["top"]}]})
+
+
 def test_the_column_group_wins_over_pose():
     assert read_csv("pose,x,y,z,u,v,group\n1,1,2,3,4,5,9\n")["group"] == [9]
 

@@ -1,6 +1,7 @@
 /** Regions of interest, detection runs and their vertices, and the offset between the clocks. */
 
 import { bodyOf, client, once } from "./http.ts";
+import type { Corner } from "../corners.ts";
 import { read, readAll, type Read } from "./reads.ts";
 import {
   isUnderWay,
@@ -80,6 +81,10 @@ export const detection = (detection_id: string): Read<Detection> =>
 
 export const cancelDetection = (detection_id: string): Promise<unknown> =>
   client.POST("/v1/detections/{detection_id}/cancel", { params: { path: { detection_id } } });
+
+/** Says which corners of the board people are to mark. */
+export const askCorners = (detection_id: string, marked_corners: Corner[]): Promise<unknown> =>
+  client.PATCH("/v1/detections/{detection_id}", { params: { path: { detection_id } }, body: { marked_corners } });
 
 /** A detection's vertices with their frames; those that have one of `camera` where it is given. */
 export const vertices = (detection_id: string, camera?: string): Read<Vertex[]> =>

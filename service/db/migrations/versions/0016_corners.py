@@ -1,4 +1,4 @@
-"""All corners of the board: of vertices, their frames, marks, and those that people are to mark.
+"""All corners of the board: of vertices, their frames and marks, and those that people are to mark.
 
 Revision ID: 0016
 Revises: 0015
@@ -17,7 +17,7 @@ _LISTS = (
     ("vertex", "corners"),
     ("vertex", "corner_covariance"),
     ("vertex_frame", "corners"),
-    ("recording", "marked_corners"),
+    ("detection", "marked_corners"),
 )
 _ONE_MARK = ("person_id", "sensor_id", "frame_index")
 

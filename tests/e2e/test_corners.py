@@ -1,0 +1,68 @@
+"""Marking several corners of the board in one frame."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.e2e.conftest import Track
+from tests.e2e.marking import Marker
+from workers.simulation.walker import BOARD_EDGES_M
+
+SignIn = Callable[[str, str], Page]
+
+
+@pytest.fixture
+def sized(track: Track) -> Iterator[Track]:
+    """The track with a detection that was told the board's size."""
+    region = track.owner.detections.get(track.detection_id).region
+    size = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
+    asked = track.owner.detections.create(track.recording_id, region, options=size)
+    found = track.owner.wait(asked, timeout_s=120)
+    yield replace(track, detection_id=str(found.id))
+
+
+def test_two_corners_of_a_frame_are_marked_one_after_the_other(sign_in: SignIn, sized: Track) -> None:
+    ida = Marker(sign_in("Ida", "engineer"), sized)
+    page = ida.page
+    page.goto(f"{sized.url}/recordings/{sized.recording_id}?step=marking")
+    panel = page.locator("section.panel", has=ida.link())
+    left = panel.get_by_label("left corner")
+    expect(panel.get_by_label("top vertex")).to_be_checked()
+    expect(panel.get_by_label("top vertex")).to_be_disabled()
+    with page.expect_response("**/v1/detections/*") as asked:
+        left.click()
+    assert asked.value.ok, asked.value.json()
+    expect(left).to_be_checked()
+
+    ida.link().click()
+    ida.frame().wait_for()
+    ida.ready()
+    said = page.locator(".asked")
+    seen: list[tuple[str, str]] = []
+    clicked: dict[str, tuple[float, float]] = {}
+    for turn in range(4):
+        corner = said.get_attribute("data-corner") or ""
+        expect(said).to_have_text(
+            {"top": "Mark the board's top vertex", "left": "Mark the board's left corner"}[corner]
+        )
+        expect(said.locator("circle.filled")).to_have_count(1)
+        frame = page.get_by_role("application").get_attribute("aria-label") or ""
+        assert ("top vertex" if corner == "top" else "left corner") in frame
+        seen.append((frame.partition(":")[0], corner))
+        clicked[ida.vertex] = ida.click(0.3 + 0.08 * turn, 0.4)
+        ida.save()
+    assert [corner for _, corner in seen] == ["top", "left", "top", "left"]
+    assert seen[0][0] == seen[1][0] != seen[2][0] == seen[3][0]
+    stored = ida.own_marks()
+    assert stored.keys() == clicked.keys()
+    for vertex, pixel in clicked.items():
+        assert (stored[vertex]["mark"]["u"], stored[vertex]["mark"]["v"]) == pytest.approx(pixel, abs=0.51)
+    ida.undo()
+    assert said.get_attribute("data-corner") == "left"
+
+    built = sized.owner.correspondence_sets.build(sized.detection_id, "front")
+    pairs = sized.owner.correspondence_sets.get(built.id).pairs
+    assert [one.corner for one in pairs].count("left") == 1
+    assert len({one.group for one in pairs}) == 2
