@@ -54,6 +54,11 @@ class Given(NamedTuple):
         """The camera's name."""
         return self.move.camera
 
+    @property
+    def clock_offset_ns(self) -> int | None:
+        """Its camera's clock minus the LiDAR's, as its pairs were made; None if that is not known."""
+        return None if self.pairing is None else self.pairing.get("offset_ns", 0)
+
 
 class _Withdrawn(NamedTuple):
     """A camera whose publication was withdrawn, or its alias removed. ``number``: of the last one withdrawn."""
