@@ -12,11 +12,30 @@ MARK_SIGMA: Final = "sigma_px"
 # Whose marks a pair stands on: numbers of people, from 0, without names. The clock's: of the offset that was assumed.
 MARKED_BY: Final = "marked_by"
 CLOCK_SIGMA: Final = "sigma_clock_ms"
+# How far to look from a pair for others that tell its velocity: in nanoseconds, and in pairs on either side. Five are
+# as many as sweeps of 10 Hz in that time.
+REACH_NS: Final = 500_000_000
+NEIGHBOURS: Final = 5
+_MOMENT_NS: Final = 1_500_000  # nearer together, two stamps are of one moment
 
 
 def states_errors(pairs: Mapping[str, Any]) -> bool:
     """Whether all pairs of these columns state their vertices' deviations, or their marks'."""
     return all(name in pairs for name in SIGMAS) or MARK_SIGMA in pairs
+
+
+def tells_motion(stamps_ns: Sequence[int]) -> bool:
+    """Whether half of the pairs have another near in time, so that it follows how the apex moved.
+
+    Near is half a second: in that a walker at 1.2 m/s hardly turns. Of each pair the five before and after it count.
+    """
+    times = sorted(stamps_ns)
+    known = 0
+    for place, at in enumerate(times):
+        others = (*range(place - 1, place - 1 - NEIGHBOURS, -1), *range(place + 1, place + 1 + NEIGHBOURS))
+        gaps = (abs(times[one] - at) for one in others if 0 <= one < len(times))
+        known += any(_MOMENT_NS <= gap <= REACH_NS for gap in gaps)
+    return 2 * known >= len(times) > 0
 
 
 def held_together(pairs: Mapping[str, Any]) -> Sequence[Any]:

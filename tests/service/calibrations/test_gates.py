@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from sqlalchemy import select, update
 
 from service.db.calibrations import Publication, Result
 from service.db.fleets import Rig
 from tests.service.calibrations.given import another_rig, history, publish, put_pairs
 from tests.service.calibrations.test_results import DOCUMENT, FOUND, current_address, seed_results
-from tests.service.detections.seeding import seed_rig
 
 # As the solver names them (workers/solver/uncertainty.py).
 STD = {
@@ -18,21 +16,6 @@ STD = {
 }  # fmt: skip
 
 COVARIANCE = {"names": list(STD), "matrix": np.diag(np.square(list(STD.values()))).tolist()}
-
-
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
-
-
-@pytest.fixture
-def admin(api, fleet):
-    return api.member(fleet, "admin")
 
 
 def state(admin, kind, id, gate):

@@ -14,25 +14,9 @@ from service.db.calibrations import Calibration, CorrespondenceSet, Publication,
 from service.db.clock import utc_now
 from service.db.fleets import Rig
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
-from tests.service.detections.seeding import seed_rig
 
 ON_BOUNDS = FOUND | {"at_bounds": ["f_x", "k1"]}
 EDGE = "pinhole lies on the edge of its bounds (f_x, k1): widen them, or lock what is known."
-
-
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
-
-
-@pytest.fixture
-def reviewer(api, fleet):
-    return api.member(fleet, "reviewer", "Rea")
 
 
 def history(actor, rig, **query):

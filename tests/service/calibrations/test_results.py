@@ -40,11 +40,6 @@ FOUND = {
 
 
 @pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
 def rig(api, fleet):
     return seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
 

@@ -21,26 +21,6 @@ from tests.service.detections.seeding import seed_rig
 from tests.support.people import Actor
 
 
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
-
-
-@pytest.fixture
-def reviewer(api, fleet):
-    return api.member(fleet, "reviewer")
-
-
-@pytest.fixture
-def viewer(api, fleet):
-    return api.member(fleet, "viewer")
-
-
 def address(rig):
     return f"/vehicles/{rig.vehicle_id}/calibration"
 

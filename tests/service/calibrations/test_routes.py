@@ -14,16 +14,6 @@ pytestmark = pytest.mark.usefixtures("broker")
 
 
 @pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
-
-
-@pytest.fixture
 def rig(api, fleet):
     return seed_rig(api.database, fleet, bounds={"f_x": [300.0, 900.0], "k5": [-0.1, 0.1], "fx": [0.0, 1.0]})
 

@@ -6,23 +6,7 @@ import pytest
 
 from tests.service.calibrations.given import another_rig, publish
 from tests.service.calibrations.test_results import current_address
-from tests.service.detections.seeding import seed_rig
 from tests.support.uploads import RIG
-
-
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
-
-
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
 
 
 def state(engineer, rig, **serials):

@@ -13,11 +13,6 @@ from tests.service.detections.seeding import LEVEL, seed_rig
 
 
 @pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
 def rig(api, fleet):
     rig = seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
     with api.database.writing() as session:
@@ -27,11 +22,6 @@ def rig(api, fleet):
         rear.image_width, rear.image_height = 640, 480
         session.add(rear)
     return rig
-
-
-@pytest.fixture
-def reviewer(api, fleet):
-    return api.member(fleet, "reviewer")
 
 
 def address(rig):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from uuid import UUID
 
-import pytest
 from sqlalchemy import delete, select, update
 
 from service.calibrations import publication_routes
@@ -13,27 +12,7 @@ from service.db.calibrations import Calibration, Publication, Result
 from service.db.fleets import Rig, RigCamera
 from tests.service.calibrations.given import history, publish, same_moment, withdraw
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
-from tests.service.detections.seeding import LEVEL, seed_rig
-
-
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
-
-
-@pytest.fixture
-def reviewer(api, fleet):
-    return api.member(fleet, "reviewer", "Rea")
-
-
-@pytest.fixture
-def viewer(api, fleet):
-    return api.member(fleet, "viewer")
+from tests.service.detections.seeding import LEVEL
 
 
 def addresses(rig):

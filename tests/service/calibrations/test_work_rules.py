@@ -14,16 +14,6 @@ pytestmark = pytest.mark.usefixtures("broker")
 
 
 @pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
-
-
-@pytest.fixture
 def ask(engineer, fleet):
     made = new_vehicle(engineer, fleet, "car")
     answer = engineer.post(

@@ -55,11 +55,9 @@ class FramePose:
 def point_cloud(stamp_ns: int, frame_id: str, size: int) -> bytes:
     """What stands before the ``size`` bytes of points, which are laid out as POINT_DTYPE and end the message."""
     pose = block(1, named_doubles((0.0, 0.0, 0.0))) + block(2, named_doubles(_NO_TURN))
-    fields = POINT_DTYPE.fields
-    assert fields is not None and POINT_DTYPE.names is not None
     columns = [
-        text(1, name) + fixed32(2, fields[name][1]) + integer(3, _NUMERIC_TYPES[fields[name][0].str])
-        for name in POINT_DTYPE.names
+        text(1, name) + fixed32(2, offset) + integer(3, _NUMERIC_TYPES[kind.str])
+        for name, (kind, offset, *_) in (POINT_DTYPE.fields or {}).items()
     ]
     return b"".join(
         [

@@ -37,6 +37,13 @@ class ViewedCamera:
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Self:
         """From plain data, as the worker plans it."""
-        raw = Lens(**data["raw"]) if data["raw"] else None
-        paths = {name: Path(data[name]) for name in ("file", "table", "map")}
-        return cls(**{**data, **paths, "raw": raw, "pinhole": Lens(**data["pinhole"])})
+        return cls(
+            name=data["name"],
+            frame_id=data["frame_id"],
+            file=Path(data["file"]),
+            table=Path(data["table"]),
+            map=Path(data["map"]),
+            clock_offset_ns=int(data["clock_offset_ns"]),
+            raw=Lens(**data["raw"]) if data["raw"] else None,
+            pinhole=Lens(**data["pinhole"]),
+        )

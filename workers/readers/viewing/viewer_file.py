@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from workers.readers.images.decode import decoded
 from workers.readers.mcap_writing.chunked_file import ChunkedFile
@@ -74,7 +75,8 @@ class _Camera:
         self._file: BinaryIO = stack.enter_context(camera.file.open("rb"))
         # Fixed-point coordinates of 1/32 px, which cv2.remap makes of others anew for every frame.
         at = np.load(camera.map)
-        self._maps = cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2)
+        maps: Any = cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2)
+        self._maps: tuple[NDArray[np.int16], NDArray[np.uint16]] = maps
 
     def stamp_ns(self, index: int) -> int:
         """A frame's time by the LiDAR's clock."""
@@ -93,7 +95,8 @@ class _Camera:
         pixels = decoded(data, colour=True, widest=width)
         if pixels is None:
             return None
-        made = cv2.remap(pixels, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        whole, parts = self._maps
+        made = cv2.remap(pixels, whole, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         return cv2.imencode(".jpg", made)[1].tobytes()
 
 
