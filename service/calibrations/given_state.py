@@ -1,24 +1,28 @@
-"""What decides a vehicle's calibration and who may see it, read for many requests by one statement.
-
-The statement looks rows up by indexes. A request waits for a statement that begins after it came, so no answer is
-older than the request. While one runs, further requests gather for the next. Nothing is kept between two statements,
-so the next one sees every change, whoever made it.
-"""
+"""What decides a vehicle's calibration and who may see it, read for many requests by one statement of look-ups."""
 
 from __future__ import annotations
 
-import asyncio
 import json
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from hashlib import sha256
 from typing import Any, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import ARRAY, Connection, Select, String, Uuid, and_, bindparam, column, func, select, type_coerce
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy import (
+    ARRAY,
+    Connection,
+    Dialect,
+    Select,
+    String,
+    Uuid,
+    and_,
+    bindparam,
+    column,
+    func,
+    select,
+    type_coerce,
+)
 
 from apexcal.documents.publications import CURRENT
 from service.auth.secrets import secret_hash
@@ -27,11 +31,6 @@ from service.db.calibrations import NEWNESS, Calibration, Publication, Result
 from service.db.clock import utc_now
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.db.people import ApiToken, Membership, Person
-from service.db.session import Database
-
-# Statements under way at once: one is read while the next is sent.
-_AT_ONCE = 2
-_MOST = 64
 
 
 class Look(NamedTuple):
@@ -125,8 +124,12 @@ _STATEMENTS = {
 }
 
 
-def read_states(connection: Connection, alias: str, looks: Sequence[Look]) -> list[Seen]:
-    """What is there now for each look, all of one alias, in their order."""
+def read_states(connection: Connection, alias: str, looks: Sequence[Look], cursor: Any = None) -> list[Seen]:
+    """What is there now for each look, all of one alias, in their order.
+
+    ``cursor``: of PostgreSQL's driver, for who reads often: SQLAlchemy takes three times as long. Raises the driver's
+    errors.
+    """
     dialect = connection.dialect.name
     hashes = [secret_hash(look.secret) for look in looks]
     given: dict[str, Any] = {} if alias == CURRENT else {"alias": alias}
@@ -135,13 +138,45 @@ def read_states(connection: Connection, alias: str, looks: Sequence[Look]) -> li
         given["questions"] = json.dumps(list(pairs))
     else:
         given |= {"hashes": hashes, "vehicles": [look.vehicle_id for look in looks]}
-    found: list[list[tuple[Any, ...]]] = [[] for _ in looks]
-    for row in connection.execute(_STATEMENTS[dialect, alias == CURRENT], given):
+    if cursor is None:
+        rows: Iterable[Sequence[Any]] = connection.execute(_STATEMENTS[dialect, alias == CURRENT], given)
+    else:
+        spoken = _Spoken.of(connection.dialect, alias == CURRENT)
+        rows = map(spoken.as_read, cursor.execute(spoken.text, {**spoken.values, **given}, prepare=True))
+    found: list[list[Sequence[Any]]] = [[] for _ in looks]
+    for row in rows:
         found[row[0]].append(tuple(row))
     return [_seen(rows) for rows in found]
 
 
-def _seen(rows: Sequence[tuple[Any, ...]]) -> Seen:
+class _Spoken(NamedTuple):
+    """A statement as the driver takes it: its text, its constant values, and what its types make of a row."""
+
+    text: str
+    values: Mapping[str, Any]
+    processors: tuple[tuple[int, Callable[[Any], Any]], ...]
+
+    @staticmethod
+    @lru_cache(maxsize=4)
+    def of(dialect: Dialect, is_current: bool) -> _Spoken:
+        """The statement in this dialect."""
+        statement = _STATEMENTS[dialect.name, is_current]
+        compiled = statement.compile(dialect=dialect)
+        made = (
+            (i, c.type.dialect_impl(dialect).result_processor(dialect, None))
+            for i, c in enumerate(statement.selected_columns)
+        )
+        return _Spoken(str(compiled), compiled.params, tuple((i, one) for i, one in made if one))
+
+    def as_read(self, row: Sequence[Any]) -> list[Any]:
+        """The row as SQLAlchemy would give it."""
+        read = list(row)
+        for place, process in self.processors:
+            read[place] = process(read[place])
+        return read
+
+
+def _seen(rows: Sequence[Sequence[Any]]) -> Seen:
     _, token_id, only_fleet, expires_at, is_owner, role, vehicle_id, fleet_id, *_ = rows[0]
     is_known = token_id is not None and not (expires_at is not None and expires_at <= utc_now())
     may_see = is_known and only_fleet in (None, fleet_id) and (is_owner or role is not None)
@@ -150,108 +185,3 @@ def _seen(rows: Sequence[tuple[Any, ...]]) -> Seen:
     # Sorted here, because the statement has no ORDER BY.
     state = sorted(repr(row[_WHO:]) for row in rows)
     return Seen(is_known, may_see, fleet_id, sha256("\n".join(state).encode()).hexdigest())
-
-
-class StateReader:
-    """Gathers requests and reads for them. It belongs to one event loop."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
-        self._pool = ThreadPoolExecutor(_AT_ONCE, "given-state")
-        self._kept: list[_Kept] = []
-        self._waiting: list[tuple[Look, asyncio.Future[Seen]]] = []
-        self._under_way = 0
-
-    async def read(self, look: Look) -> Seen:
-        """What is there now. Raises what the database raises."""
-        found: asyncio.Future[Seen] = asyncio.get_running_loop().create_future()
-        self._waiting.append((look, found))
-        self._go_on()
-        return await found
-
-    def close(self) -> None:
-        """End the threads and give their connections back."""
-        self._pool.shutdown(cancel_futures=True)
-        self._give_back()
-
-    def _give_back(self) -> None:
-        while True:
-            try:
-                kept = self._kept.pop()
-            except IndexError:  # the other thread may have taken the last one
-                return
-            kept.stack.close()
-
-    def _go_on(self) -> None:
-        if not self._waiting or self._under_way == _AT_ONCE:
-            return
-        batch, self._waiting = self._waiting[:_MOST], self._waiting[_MOST:]
-        self._under_way += 1
-        reading = asyncio.get_running_loop().run_in_executor(self._pool, self._read, [look for look, _ in batch])
-        reading.add_done_callback(lambda done: self._answer([future for _, future in batch], done))
-
-    def _answer(self, waiting: Sequence[asyncio.Future[Seen]], done: asyncio.Future[list[Seen]]) -> None:
-        self._under_way -= 1
-        self._go_on()
-        error = None if done.cancelled() else done.exception()
-        for place, future in enumerate(waiting):
-            if future.done():  # its client has left
-                continue
-            if done.cancelled():
-                future.cancel()
-            elif error:
-                future.set_exception(error)
-            else:
-                future.set_result(done.result()[place])
-
-    def _read(self, looks: Sequence[Look]) -> list[Seen]:
-        try:
-            return self._read_once(looks)
-        except DBAPIError as error:
-            # The kept connection may have ended; a fresh one shows what is wrong.
-            if not error.connection_invalidated:
-                raise
-            self._give_back()
-            return self._read_once(looks)
-
-    def _read_once(self, looks: Sequence[Look]) -> list[Seen]:
-        by_alias: dict[str, list[int]] = defaultdict(list)
-        for place, look in enumerate(looks):
-            by_alias[look.alias].append(place)
-        found: dict[int, Seen] = {}
-        with self._connection() as connection:
-            for alias, places in by_alias.items():
-                states = read_states(connection, alias, [looks[place] for place in places])
-                found.update(zip(places, states, strict=True))
-        return [found[place] for place in range(len(looks))]
-
-    @contextmanager
-    def _connection(self) -> Iterator[Connection]:
-        """A connection that stays open: taking one from the pool costs as much as the statement. An error ends it."""
-        try:
-            kept = self._kept.pop()
-        except IndexError:
-            kept = _Kept.open(self._database)
-        try:
-            yield kept.connection
-        except BaseException:
-            kept.stack.close()
-            raise
-        self._kept.append(kept)
-
-
-class _Kept(NamedTuple):
-    connection: Connection
-    stack: ExitStack
-
-    @staticmethod
-    def open(database: Database) -> _Kept:
-        stack = ExitStack()
-        connection = stack.enter_context(database.alone())
-        if connection.dialect.name == "postgresql":
-            # Otherwise it plans at each execution, in ten times the time of the execution: it expects ten rows of an
-            # array whose length it does not know, and that seems dearer than the one row that there mostly is.
-            connection.exec_driver_sql("SET plan_cache_mode = force_generic_plan")
-            # It holds for no other statement: the connection is closed instead of returning to the pool.
-            connection.detach()
-        return _Kept(connection, stack)

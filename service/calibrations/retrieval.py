@@ -14,9 +14,10 @@ from sqlalchemy.orm import Session
 
 from service.auth.access import Identity, identify
 from service.auth.secrets import TOKEN_PREFIX
-from service.calibrations.given_state import Look, Seen, StateReader, read_states
+from service.calibrations.given_state import Look, Seen, read_states
 from service.calibrations.given_views import cameras_of, given_documents
 from service.calibrations.kept_answers import KeptAnswers
+from service.calibrations.state_reader import StateReader
 from service.db.fleets import Vehicle
 from service.db.session import Database
 from service.exports.answers import exported

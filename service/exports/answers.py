@@ -27,15 +27,15 @@ async def _wanted(
 ) -> str | None:
     if format is not None:
         return None if format == "json" else format
-    return _of_accept(request.headers.get("accept", ""))
+    return format_of_accept(request)
 
 
 WantedFormat = Annotated[str | None, Depends(_wanted)]
 
 
-def _of_accept(header: str) -> str | None:
-    """The first that the header names by its own type; None, which is JSON, for all else."""
-    for one in header.split(","):
+def format_of_accept(request: Request) -> str | None:
+    """The first that `Accept` names by its own type; None, which is JSON, for all else."""
+    for one in request.headers.get("accept", "").split(","):
         named = one.partition(";")[0].strip().lower()
         if named.startswith(_TYPE):
             return named.removeprefix(_TYPE).partition("+")[0]

@@ -10,8 +10,9 @@ import pytest
 from sqlalchemy import delete, update
 
 from service.auth.secrets import new_secret, secret_hash
-from service.calibrations.given_state import Look, StateReader
+from service.calibrations.given_state import Look, read_states
 from service.calibrations.kept_answers import KeptAnswers
+from service.calibrations.state_reader import StateReader
 from service.db.calibrations import Calibration, Result
 from service.db.clock import utc_now
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
@@ -133,6 +134,28 @@ def test_a_connection_that_the_server_ended_is_replaced(api, postgres, rig, revi
         )
     assert viewer.get(address(rig)).status_code == 200
     assert states._read([Look("", rig.vehicle_id, "current")])[0].fleet_id == rig.fleet_id
+    states.close()
+
+
+def test_the_usual_question_has_the_answer_of_the_same_with_a_query(api, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    usual, asked = viewer.get(address(rig)), viewer.get(address(rig), params={"alias": "current"})
+    assert usual.content == asked.content and usual.headers["etag"] == asked.headers["etag"]
+    assert viewer.get("/vehicles/nobody/calibration").status_code == 422
+    file = viewer.get(address(rig), headers={"Accept": "application/vnd.apexcal.opencv+zip"})
+    assert file.headers["etag"] != usual.headers["etag"] and file.headers["content-type"] != "application/json"
+
+
+def test_the_drivers_rows_are_those_of_sqlalchemy(api, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    with api.database.writing() as session:
+        session.execute(update(ApiToken).values(expires_at=_later()))
+    looks = [Look(token, rig.vehicle_id, "current") for token in (viewer.token, "apx_nobody")]
+    states = StateReader(api.database)
+    with states._connection() as kept:
+        assert read_states(kept.connection, "current", looks, kept.cursor) == read_states(
+            kept.connection, "current", looks
+        )
     states.close()
 
 
