@@ -9,6 +9,7 @@ from uuid import UUID
 from pydantic import Field, model_validator
 
 from apexcal.documents.base import Document, Received, Sent, Stored
+from apexcal.documents.corners import TOP, CornerName
 from apexcal.documents.detectors import FLAGS, PairingMode, Quality
 from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.region_fields import KeptRegion, Region
@@ -97,6 +98,16 @@ class DetectionView(Sent):
     finished_at: datetime | None
 
 
+class CornerView(Sent):
+    """Another corner of the board than the tip: metres in the LiDAR frame, covariance as in ``VertexView``."""
+
+    corner: CornerName
+    x: float
+    y: float
+    z: float
+    covariance: Covariance
+
+
 class Moved(Sent):
     """A vertex at another moment: metres in the LiDAR frame, covariance as in ``VertexView``."""
 
@@ -109,12 +120,14 @@ class Moved(Sent):
 class FrameOfVertex(Sent):
     """The camera frame that a vertex is paired with. ``gap_ns`` is frame time minus vertex time.
 
-    If the pairing interpolates, ``moved`` is where the vertex was at the frame's time.
+    If the pairing interpolates, ``moved`` is where the vertex was at the frame's time, and ``corners`` where the
+    board's other corners were.
     """
 
     index: int
     gap_ns: int
     moved: Moved | None = None
+    corners: list[CornerView] = []
 
 
 class Flag(Sent):
@@ -132,7 +145,7 @@ class Flag(Sent):
 class VertexSummary(Sent):
     """A vertex in metres in the LiDAR frame, and what its detector says that one should look at.
 
-    ``quality`` is null if the detector states none.
+    ``quality`` is null if the detector states none. ``corner``: which of the board's corners it is.
     """
 
     id: UUID
@@ -145,13 +158,19 @@ class VertexSummary(Sent):
     points: int
     quality: Quality | None
     flags: list[Flag]
+    corner: CornerName = TOP
 
 
 class VertexView(VertexSummary):
     """A vertex with its covariance and its frame in each camera that has one.
 
     ``covariance`` is 3 x 3 over azimuth (rad), elevation (rad) and range (m), null if the detector states none.
+    ``corners`` are the board's other corners at the same moment, if the detector knows the board's size.
+    They err together: ``joint_covariance``, if it was asked for, is that of the vertex and of all of them, three rows
+    each in this order.
     """
 
     covariance: Covariance | None
     frames: dict[str, FrameOfVertex]
+    corners: list[CornerView] = []
+    joint_covariance: Covariance | None = None

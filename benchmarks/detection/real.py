@@ -118,11 +118,11 @@ def run(source: Listed, region: Region, options: Mapping[str, float], top: list[
 
 
 def _chi(vertex: Vertex, top: Floats) -> float:
-    difference = _angles(np.array(vertex.xyz)) - _angles(top)
+    difference = angles(np.array(vertex.xyz)) - angles(top)
     return float(difference @ np.linalg.solve(np.array(vertex.covariance), difference)) / 3.0
 
 
-def _angles(xyz: Floats) -> Floats:
+def angles(xyz: Floats) -> Floats:
     x, y, z = xyz.tolist()
     flat = float(np.hypot(x, y))
     return np.array([np.arctan2(y, x), np.arctan2(z, flat), np.hypot(flat, z)])

@@ -8,18 +8,19 @@ from uuid import UUID
 from sqlalchemy import Index, String, UniqueConstraint, false
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.db.base import Base, Created, Json, RowId, Version, belongs_to, partial_index
+from service.db.base import Base, Corner, Created, Json, RowId, Version, belongs_to, partial_index
 
 
 class Mark(Base):
-    """Where a person sees the vertex in one frame of one camera. (0, 0) is the centre of the top-left pixel.
+    """Where a person sees a corner of the board in one frame of one camera.
 
-    ``reviewed``: it was placed here after something of others' answers had been told to the person.
+    (0, 0) is the centre of the top-left pixel. ``reviewed``: it was placed here after something of others' answers
+    had been told to the person.
     """
 
     __tablename__ = "mark"
     __table_args__ = (
-        UniqueConstraint("person_id", "sensor_id", "frame_index"),
+        UniqueConstraint("person_id", "sensor_id", "frame_index", "corner"),
         Index("ix_mark_sensor_id_frame_index", "sensor_id", "frame_index"),
     )
 
@@ -31,6 +32,7 @@ class Mark(Base):
     u: Mapped[float]
     v: Mapped[float]
     covariance: Mapped[Json | None]
+    corner: Mapped[Corner]
     reviewed: Mapped[bool] = mapped_column(insert_default=False, server_default=false())
     version: Mapped[Version]
     created_at: Mapped[Created]

@@ -26,6 +26,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import DeclarativeBase, mapped_column
 from sqlalchemy.types import TypeDecorator
 
+from apexcal.documents.corners import TOP
 from service.db.clock import Instant, now
 from service.db.ids import new_id
 
@@ -36,6 +37,8 @@ RowId = Annotated[UUID, mapped_column(Uuid, primary_key=True, insert_default=new
 Nanoseconds = Annotated[int, mapped_column(BigInteger)]
 Bytes = Annotated[int, mapped_column(BigInteger)]
 Name = Annotated[str, mapped_column(String(200))]
+# A corner of the board. Whatever does not say which means the tip.
+Corner = Annotated[str, mapped_column(String(10), insert_default=TOP, server_default=TOP)]
 Digest = Annotated[str, mapped_column(String(64))]
 # The database's clock: rows that several hosts write are compared by it.
 Created = Annotated[datetime, mapped_column(Instant, insert_default=now())]

@@ -10,7 +10,7 @@ from sqlalchemy import Index, String, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from apexcal.documents.states import WorkState
-from service.db.base import Base, Created, Digest, Json, Name, Nanoseconds, RowId, belongs_to, refers_to
+from service.db.base import Base, Corner, Created, Digest, Json, Name, Nanoseconds, RowId, belongs_to, refers_to
 
 
 class Detection(Base):
@@ -36,7 +36,10 @@ class Detection(Base):
 
 
 class Apex(Base):
-    """A board's vertex in one sweep, whichever detection runs found it. Verdicts belong to it."""
+    """A board's vertex in one sweep, whichever detection runs found it. Verdicts belong to it.
+
+    ``corner``: which of the board's corners it is.
+    """
 
     __tablename__ = "apex"
     __table_args__ = (Index("ix_apex_recording_id_sweep_index", "recording_id", "sweep_index"),)
@@ -47,6 +50,7 @@ class Apex(Base):
     x: Mapped[float]
     y: Mapped[float]
     z: Mapped[float]
+    corner: Mapped[Corner]
 
 
 class Vertex(Base):
@@ -55,6 +59,10 @@ class Vertex(Base):
     ``rank`` orders the marking: any first part of the order covers the whole recording evenly. ``covariance`` is
     3 x 3 over azimuth (rad), elevation (rad) and range (m), where the detector states one; ``flags`` are names of
     what the person who confirms should look at.
+
+    ``corners`` are the board's other corners as ``CornerView`` shows them, where the detector states them.
+    ``corner_covariance`` is the lower triangle, by rows, of the covariance of the tip and all of them. A corner that
+    people are to mark has a row of its own, with the tip's sweep, time and rank (``corner_actions.py``).
     """
 
     __tablename__ = "vertex"
@@ -77,13 +85,16 @@ class Vertex(Base):
     quality: Mapped[str | None] = mapped_column(String(20))
     flags: Mapped[list[Any]] = mapped_column(default=list)
     covariance: Mapped[list[Any] | None]
+    corner: Mapped[Corner]
+    corners: Mapped[list[Any] | None]
+    corner_covariance: Mapped[list[Any] | None]
 
 
 class VertexFrame(Base):
     """The camera frame that a vertex is paired with. ``gap_ns`` is frame time minus vertex time.
 
     Where the pairing interpolates, x, y, z and covariance are the vertex's, moved along its track to the frame's
-    time, and the gap is zero.
+    time, and the gap is zero; ``corners`` are the board's other corners, moved with it.
     """
 
     __tablename__ = "vertex_frame"
@@ -96,3 +107,4 @@ class VertexFrame(Base):
     y: Mapped[float | None]
     z: Mapped[float | None]
     covariance: Mapped[list[Any] | None]
+    corners: Mapped[list[Any] | None]

@@ -61,6 +61,8 @@ class BlobHold(Base):
 class Recording(Base):
     """A recording in one of the states uploading, queued, ingesting, ready, failed.
 
+    ``marked_corners`` are the board's corners that people are to mark; null for the tip alone.
+
     ``reading`` is what its owner knows of the file and the file does not say. ``taken_bytes`` is what it takes of its
     fleet's quota: what was announced or has come of its file, and its sensors' files. ``expires_at`` ends an upload
     that nobody goes on with.
@@ -85,6 +87,7 @@ class Recording(Base):
     size: Mapped[Bytes] = mapped_column(default=0)
     sha256: Mapped[str | None] = mapped_column(String(64))
     marks_per_vertex: Mapped[int] = mapped_column(default=1)
+    marked_corners: Mapped[list[Any] | None]
     reading: Mapped[Json] = mapped_column(default=dict)
     facts: Mapped[Json | None]
     warnings: Mapped[list[Any]] = mapped_column(default=list)

@@ -7,6 +7,7 @@ from uuid import UUID
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.corners import TOP
 from apexcal.documents.roles import Role
 from apexcal.documents.states import UNENDED, RecordingState, WorkState
 from service.auth.access import Access
@@ -74,9 +75,11 @@ def find_camera(session: Session, recording_id: UUID, name: str) -> Sensor:
     )
 
 
-def vertices_of(detection: Detection, camera: Sensor | None, quality: str | None = None) -> Select[Vertex]:
-    """A detection's vertices; with a camera only those that have a frame of it, with a quality only those."""
-    vertices = select(Vertex).where(Vertex.detection_id == detection.id)
+def vertices_of(
+    detection: Detection, camera: Sensor | None, quality: str | None = None, corner: str = TOP
+) -> Select[Vertex]:
+    """A detection's vertices of one corner; with a camera those that have a frame of it."""
+    vertices = select(Vertex).where(Vertex.detection_id == detection.id, Vertex.corner == corner)
     if quality is not None:
         vertices = vertices.where(Vertex.quality == quality)
     if camera is None:

@@ -27,6 +27,7 @@ from service.jobs.queue import cancel
 router = APIRouter(tags=["detections"])
 
 Camera = Annotated[Sought | None, Query(description="a camera's name in the rig")]
+Joint = Annotated[bool, Query(description="with the covariance that the corners of each vertex share")]
 
 
 @router.post(
@@ -75,10 +76,15 @@ def cancel_detection(detection_id: UUID, access: WriteAccess) -> DetectionView:
 
 @router.get("/detections/{detection_id}/vertices")
 def list_vertices(
-    detection_id: UUID, access: ReadAccess, window: LongPaging, camera: Camera = None, quality: Quality | None = None
+    detection_id: UUID,
+    access: ReadAccess,
+    window: LongPaging,
+    camera: Camera = None,
+    quality: Quality | None = None,
+    joint: Joint = False,
 ) -> Page[VertexView]:
     """A detection's vertices in the order of marking; with `camera` those that have a frame of it."""
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera) if camera is not None else None
     rows, following = fetch(access.session, vertices_of(detection, sensor, quality), Vertex.rank, window)
-    return Page(items=vertex_views(access.session, rows, sensor), next=following)
+    return Page(items=vertex_views(access.session, rows, sensor, joint=joint), next=following)

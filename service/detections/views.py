@@ -36,8 +36,10 @@ def detection_view(row: Detection, job: Job | None) -> DetectionView:
     )
 
 
-def vertex_views(session: Session, vertices: Sequence[Vertex], camera: Sensor | None) -> list[VertexView]:
-    """Vertices with their frames: in one camera, or in all of them."""
+def vertex_views(
+    session: Session, vertices: Sequence[Vertex], camera: Sensor | None, *, joint: bool = False
+) -> list[VertexView]:
+    """Vertices with their frames: in one camera, or in all of them. ``joint``: with what their corners share."""
     frames = (
         select(VertexFrame, Sensor.name)
         .join(Sensor, Sensor.id == VertexFrame.sensor_id)
@@ -48,7 +50,9 @@ def vertex_views(session: Session, vertices: Sequence[Vertex], camera: Sensor | 
     of_vertex: dict[UUID, dict[str, FrameOfVertex]] = {vertex.id: {} for vertex in vertices}
     for frame, name in session.execute(frames):
         moved = Moved.model_validate(frame) if frame.x is not None else None
-        of_vertex[frame.vertex_id][name] = FrameOfVertex(index=frame.frame_index, gap_ns=frame.gap_ns, moved=moved)
+        of_vertex[frame.vertex_id][name] = FrameOfVertex(
+            index=frame.frame_index, gap_ns=frame.gap_ns, moved=moved, corners=stored(frame.corners or [])
+        )
     return [
         VertexView(
             id=vertex.id,
@@ -63,6 +67,16 @@ def vertex_views(session: Session, vertices: Sequence[Vertex], camera: Sensor | 
             flags=vertex.flags,
             covariance=vertex.covariance,
             frames=of_vertex[vertex.id],
+            corner=vertex.corner,  # pyright: ignore[reportArgumentType] - the column holds only corners
+            corners=stored(vertex.corners or []),
+            joint_covariance=_whole(vertex.corner_covariance) if joint else None,
         )
         for vertex in vertices
     ]
+
+
+def _whole(lower: list[list[float]] | None) -> list[list[float]] | None:
+    """A symmetric matrix of the rows of its lower triangle."""
+    if lower is None:
+        return None
+    return [[lower[max(i, j)][min(i, j)] for j in range(len(lower))] for i in range(len(lower))]

@@ -12,6 +12,7 @@ import numpy as np
 from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.corners import TOP
 from apexcal.documents.states import UNENDED, WorkState
 from service.db.base import Json
 from service.db.clock import now
@@ -19,6 +20,7 @@ from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.ids import new_id
 from service.db.recordings import CameraFrame, Recording, Sensor
 from service.jobs.claims import Claim, Lease
+from workers.tasks import corner_columns
 from workers.tasks.context import Context
 from workers.tasks.loading import lidar_key, open_lidar, said_still
 from workers.vertices.detectors import detect_range
@@ -41,13 +43,15 @@ _REPORT_EVERY = 50
 class Pair:
     """A vertex's frame in one camera: ``gap_ns`` is frame time minus vertex time.
 
-    ``xyz`` and ``covariance`` (3 x 3 over azimuth, elevation, range) where the vertex was moved to the frame's time.
+    ``xyz`` and ``covariance`` (3 x 3 over azimuth, elevation, range) where the vertex was moved to the frame's time,
+    and the board's other ``corners`` with it.
     """
 
     frame_index: int
     gap_ns: int
     xyz: tuple[float, float, float] | None = None
     covariance: list[list[float]] | None = None
+    corners: list[Json] | None = None
 
 
 Pairs = dict[UUID, list[Pair | None]]
@@ -115,14 +119,19 @@ def _pair(found: Detections, stamps: np.ndarray, pairing: Json) -> list[Pair | N
     if pairing["mode"] == "nearest" or found.poses is not None:
         return nearest
     track = pair_interpolated(found.vertices, stamps, context=found.context, **near)
-    rows = zip(track.index.tolist(), track.xyz.tolist(), track.covariance.tolist(), strict=True)
-    along = [Pair(frame, 0, tuple(xyz), covariance) if frame >= 0 else None for frame, xyz, covariance in rows]
+    rows = zip(found.vertices, track.index.tolist(), track.xyz, track.covariance, strict=True)
+    along = [_moved(vertex, frame, xyz, spread) if frame >= 0 else None for vertex, frame, xyz, spread in rows]
     if pairing["mode"] == "interpolate":
         return along
     # The ring rules state no covariances: a moved vertex beside one that stayed would state what the other does not.
     tracked = on_track(found.vertices, found.context).tolist()
     moves = [yes and vertex.covariance is not None for yes, vertex in zip(tracked, found.vertices, strict=True)]
     return [moved if yes else stayed for yes, moved, stayed in zip(moves, along, nearest, strict=True)]
+
+
+def _moved(vertex: Found, frame: int, xyz: np.ndarray, covariance: np.ndarray) -> Pair:
+    x, y, z = xyz.tolist()
+    return Pair(frame, 0, (x, y, z), covariance.tolist(), corner_columns.of_frame(vertex, xyz, covariance))
 
 
 def _write_vertices(session: Session, asked: Detection, found: Detections, pairs: Pairs) -> None:
@@ -155,6 +164,7 @@ def _frame_row(vertex_id: UUID, sensor_id: UUID, pair: Pair) -> VertexFrame:
         y=y,
         z=z,
         covariance=pair.covariance,
+        corners=pair.corners,
     )
 
 
@@ -162,7 +172,9 @@ def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> di
     known: dict[int, list[Apex]] = defaultdict(list)
     if sweeps:
         asked = select(Apex).where(
-            Apex.recording_id == recording_id, Apex.sweep_index.between(min(sweeps), max(sweeps))
+            Apex.recording_id == recording_id,
+            Apex.corner == TOP,
+            Apex.sweep_index.between(min(sweeps), max(sweeps)),
         )
         for apex in session.scalars(asked):
             known[apex.sweep_index].append(apex)
@@ -192,6 +204,7 @@ def _vertex_row(detection_id: UUID, apex_id: UUID, vertex: Found) -> Vertex:
         quality=vertex.quality,
         flags=list(vertex.flags),
         covariance=[list(line) for line in vertex.covariance] if vertex.covariance else None,
+        **corner_columns.of_vertex(vertex.corners),
     )
 
 

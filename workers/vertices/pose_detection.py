@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from workers.geometry.spherical import to_spherical, to_xyz
+from workers.vertices.corners import of_mean
 from workers.vertices.region import Region
 from workers.vertices.still_poses import Foreground, StillPoses
 from workers.vertices.sweep_source import OnSweep, Run, SweepSource
@@ -102,7 +103,14 @@ def _mean(home: Vertex, seen: Sequence[Vertex]) -> Vertex:
         covariance = (aa, ae, ar), (ea, ee, er), (ra, re, rr)
     flags = tuple(sorted({flag for vertex in seen for flag in vertex.flags}))
     points = sum(vertex.points_used for vertex in seen)
-    return replace(home, xyz=(x, y, z), points_used=points, covariance=covariance, flags=flags)
+    return replace(
+        home,
+        xyz=(x, y, z),
+        points_used=points,
+        covariance=covariance,
+        flags=flags,
+        corners=of_mean(seen, _less),
+    )
 
 
 def _less(stated: Floats, values: Floats) -> Floats:

@@ -2,12 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from apexcal.documents.corners import CornerName
 from apexcal.documents.detectors import Quality
 
+Floats = NDArray[np.float64]
+Xyz = tuple[float, float, float]
 Covariance = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Corners:
+    """The board's corners besides its apex, at the moment of the apex.
+
+    Attributes:
+        names: which they are.
+        xyz: metres, LiDAR frame.
+        covariance: of the apex and of each of them, over (azimuth rad, elevation rad, range m) each: a symmetric
+            matrix of 3 (1 + corners) rows.
+    """
+
+    names: tuple[CornerName, ...]
+    xyz: tuple[Xyz, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def of(cls, names: Sequence[CornerName], xyz: ArrayLike, covariance: ArrayLike) -> Self:
+        """From arrays of these shapes."""
+        joint = np.asarray(covariance, np.float64)
+        joint = 0.5 * (joint + joint.T)
+        places = [(x, y, z) for x, y, z in np.asarray(xyz, np.float64).tolist()]
+        return cls(tuple(names), tuple(places), tuple(tuple(line) for line in joint.tolist()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +58,10 @@ class Vertex:
         flags: names in :data:`apexcal.documents.detectors.FLAGS`, for the person who confirms.
         roll: radians by which the board is turned, counter-clockwise as the sensor sees it, and its standard
             deviation; at 0 both upper edges fall alike. None where the detector states none.
+        corners: those that the detector knows well enough; None where it knows none, or not the board's size.
     """
 
-    xyz: tuple[float, float, float]
+    xyz: Xyz
     time_ns: int
     ring: int
     sweep_index: int
@@ -39,6 +71,7 @@ class Vertex:
     quality: Quality | None = None
     flags: tuple[str, ...] = ()
     roll: tuple[float, float] | None = None
+    corners: Corners | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,7 +113,7 @@ def test_vertices_come_in_pages_with_their_frames(api, fleet):
             break
         after = f"&after={page['next']}"
     assert [item["id"] for item in pages] == [str(one) for one in seed.vertices]
-    assert pages[3]["frames"] == {"front": {"index": 3, "gap_ns": 3, "moved": None}}
+    assert pages[3]["frames"] == {"front": {"index": 3, "gap_ns": 3, "moved": None, "corners": []}}
     assert (pages[3]["x"], pages[3]["ring"], pages[3]["points"]) == (8.0, 7, 2)
     assert (pages[3]["quality"], pages[3]["flags"], pages[3]["covariance"]) == (None, [], None)
     assert viewer.get(f"/detections/{seed.detection_id}/vertices").json()["items"] == pages
@@ -139,7 +139,7 @@ def test_vertices_say_how_sure_they_are_and_what_to_look_at(api, fleet):
     assert (fine["id"], fine["quality"], fine["covariance"]) == (str(seed.vertices[1]), "fine", covariance)
     assert [flag["name"] for flag in fine["flags"]] == ["head_above"] and "board" in fine["flags"][0]["sentence"]
     moved = {"x": 6.5, "y": 0.2, "z": 0.5, "covariance": covariance}
-    assert fine["frames"] == {"front": {"index": 1, "gap_ns": 0, "moved": moved}}
+    assert fine["frames"] == {"front": {"index": 1, "gap_ns": 0, "moved": moved, "corners": []}}
     assert viewer.get(path, params={"quality": "usable"}).json()["items"] == []
     assert viewer.get(path, params={"quality": "good"}).status_code == 422
 

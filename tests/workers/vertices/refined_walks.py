@@ -17,9 +17,13 @@ START_NS = 1_780_000_000_000_000_000
 
 
 class Recorded:
-    """Sweeps of a walk, the apex when each looked at it (S, 3), when that was, and how many rings met the board."""
+    """Sweeps of a walk, the apex when each looked at it (S, 3), when that was, and how many rings met the board.
 
-    def __init__(self, sweeps, apex, moment_ns, rings):
+    ``corners`` (S, 4, 3): top, left, right and bottom at that moment.
+    """
+
+    def __init__(self, sweeps, apex, moment_ns, rings, corners=None):
+        self.corners = corners
         self.sweeps, self.apex, self.moment_ns, self.rings = sweeps, apex, moment_ns, rings
         self.source = Listed(sweeps)
         self.all = range(len(sweeps))
@@ -29,10 +33,10 @@ class Recorded:
 def walk(seed, seconds, *, sensor="vlp16", rings=None, noise_m=0.008, plan="field", disturbances=None):
     spoiled = disturbances or Disturbances()
     scene = scene_with(spoiled.poles, seed)
-    way = Walk(seed, seconds, scene.ground_z, plan=plan, disturbances=spoiled)
+    way = walker(seed, seconds, plan=plan, disturbances=spoiled)
     model = with_rings(SENSORS[sensor], rings) if rings else SENSORS[sensor]
     lidar = Lidar(model, scene, way, sector_deg=55, noise_m=noise_m, seed=seed, disturbances=spoiled)
-    sweeps, apexes, moments, counts = [], [], [], []
+    sweeps, apexes, moments, counts, corners = [], [], [], [], []
     for index in range(round(seconds * 10)):
         start_s = 0.1 * index
         sweep, surface = lidar.labelled_sweep(index, start_s, START_NS + round(start_s * 1e9))
@@ -42,9 +46,24 @@ def walk(seed, seconds, *, sensor="vlp16", rings=None, noise_m=0.008, plan="fiel
             looked_s = start_s + float(lidar.scan_seconds(np.arctan2(apex[1], apex[0])))
         sweeps.append(sweep)
         apexes.append(apex)
+        corners.append(corners_at(way, looked_s))
         moments.append(START_NS + round(looked_s * 1e9))
         counts.append(np.unique(sweep.ring[surface == BOARD]).size)
-    return Recorded(sweeps, np.array(apexes), np.array(moments), np.array(counts))
+    return Recorded(sweeps, np.array(apexes), np.array(moments), np.array(counts), np.array(corners))
+
+
+def walker(seed, seconds, *, plan="field", disturbances=None):
+    """The person of the walk of this seed."""
+    spoiled = disturbances or Disturbances()
+    return Walk(seed, seconds, scene_with(spoiled.poles, seed).ground_z, plan=plan, disturbances=spoiled)
+
+
+def corners_at(way, second):
+    """(4, 3) top, left, right and bottom corner at a moment."""
+    poses = way.poses(np.array([second]))
+    left = poses.board_m[0] * poses.edge_left[0]
+    right = poses.board_m[1] * poses.edge_right[0]
+    return poses.apex[0] + np.array([0.0 * left, left, right, left + right])
 
 
 def angles(xyz):

@@ -19,6 +19,7 @@ from workers.vertices.refined.board_model import (
     Floats,
     Plane,
     Sighting,
+    Way,
     hang,
 )
 from workers.vertices.refined.clusters import clusters
@@ -166,8 +167,12 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
     fall = float(sum(x * corner[3] for x, (_, _, corner, *_) in zip(weight, found, strict=True)))
     sigma = math.sqrt(own[0, 0] + own[1, 1])
+    ways = tuple(
+        Way(float(x), _edges(model, swapped), corner[1:4], _matrix(corner))
+        for x, (_, swapped, corner, *_) in zip(weight, found, strict=True)
+    )
     return Fix(
-        plane, xyz, errors, sigma, float(mean[2]), roll_sigma, fall, against, upper, best, expected, total, told
+        plane, xyz, errors, sigma, float(mean[2]), roll_sigma, fall, against, upper, best, expected, total, told, ways
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,6 +138,18 @@ class Sighting:
     ends: NDArray[np.int64]
 
 
+class Way(NamedTuple):
+    """A way to hold the board: its share of the posterior, and in it (left, up, fall) of the apex.
+
+    edges: metres, to the lower left and to the lower right. mean (3,), covariance (3, 3): metres, metres, radians.
+    """
+
+    weight: float
+    edges: tuple[float, float]
+    mean: Floats
+    covariance: Floats
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Fix:
     """The apex as a plane's rays determine it.
@@ -156,6 +169,7 @@ class Fix:
         told: (2, G) log likelihood of the rays at each of `ROLLS`, for the first edge to the lower left and for the
             second there; minus infinity far from the likeliest rolls, and in a way to hold the board that was left
             out because the other is so much likelier.
+        ways: the posterior by the way to hold the board, without errors that all sweeps share.
     """
 
     plane: Plane
@@ -171,6 +185,7 @@ class Fix:
     expected: float
     evidence: float
     told: Floats
+    ways: tuple[Way, ...]
 
     @property
     def explained(self) -> bool:

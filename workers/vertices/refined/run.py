@@ -12,6 +12,7 @@ from apexcal.documents.detectors import Options, Quality
 from workers.readers.recording import Sweep
 from workers.vertices.refined.board import find_boards, locate
 from workers.vertices.refined.board_model import BoardModel, Fix, Sighting
+from workers.vertices.refined.corners import corners_of
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
 from workers.vertices.refined.track import REACH, Seen, confirmed, off_path, roll_prior, trustworthy
@@ -108,7 +109,7 @@ def _settle(
         return Rejection("off_the_track")
     if beside[chosen] >= _OFF_PATH:
         flags = (*flags, "track_jump")
-    return _vertex(index, seen.time_ns, fix, flags)
+    return _vertex(index, seen.time_ns, fix, flags, options)
 
 
 def _is_board(fix: Fix, model: BoardModel) -> bool:
@@ -118,12 +119,13 @@ def _is_board(fix: Fix, model: BoardModel) -> bool:
     return upright and enough and fix.explained
 
 
-def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...]) -> Vertex:
+def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...], options: Options) -> Vertex:
     x, y, z = fix.xyz.tolist()
     (aa, ae, ar), (ea, ee, er), (ra, re, rr) = fix.covariance.tolist()
     covariance: Covariance = ((aa, ae, ar), (ea, ee, er), (ra, re, rr))
     fine = fix.sigma_azimuth <= _FINE_AZIMUTH and fix.sigma_elevation <= _FINE_ELEVATION
     quality: Quality = "fine" if fine else "usable"
+    size_known = options["board_width_m"] > 0.0 and options["board_height_m"] > 0.0
     return Vertex(
         xyz=(x, y, z),
         time_ns=time_ns,
@@ -135,4 +137,5 @@ def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...]) -> Verte
         quality=quality,
         flags=flags,
         roll=(fix.fall - math.radians(45.0), fix.roll_sigma),
+        corners=corners_of(fix, math.radians(options["max_sigma_deg"])) if size_known else None,
     )

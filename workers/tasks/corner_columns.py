@@ -1,0 +1,39 @@
+"""The board's other corners as the columns of vertices and of their frames hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from apexcal.documents.corners import CornerName
+from service.db.base import Json
+from workers.vertices.corners import Floats, moved
+from workers.vertices.vertex import Corners, Vertex
+
+_DIGITS = 9  # nothing is known better
+
+
+def of_vertex(corners: Corners | None) -> Json:
+    """Columns of a vertex; none where its detector states no corners."""
+    if corners is None:
+        return {}
+    joint = np.array(corners.covariance)
+    blocks = [joint[first : first + 3, first : first + 3] for first in range(3, len(joint), 3)]
+    lower = [[_short(value) for value in line[: place + 1]] for place, line in enumerate(corners.covariance)]
+    stated = [_corner(*one) for one in zip(corners.names, corners.xyz, blocks, strict=True)]
+    return {"corners": stated, "corner_covariance": lower}
+
+
+def of_frame(vertex: Vertex, xyz: Floats, covariance: Floats) -> list[Json] | None:
+    """The column of a vertex's frame: its corners, moved with the vertex to ``xyz`` (3,), covariance (3, 3)."""
+    return [_corner(*one) for one in moved(vertex, xyz, covariance)] or None
+
+
+def _corner(name: CornerName, xyz: ArrayLike, covariance: ArrayLike) -> Json:
+    x, y, z = np.asarray(xyz, np.float64).tolist()
+    lines = [[_short(value) for value in line] for line in np.asarray(covariance, np.float64).tolist()]
+    return {"corner": name, "x": x, "y": y, "z": z, "covariance": lines}
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
