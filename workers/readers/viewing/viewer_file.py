@@ -10,7 +10,7 @@ import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, cast
 
 import cv2
 import numpy as np
@@ -35,6 +35,7 @@ from workers.readers.viewing.viewed_camera import ViewedCamera
 FILE_NAME: Final = "recording.mcap"
 _SCHEMAS: Final = ("PointCloud", "CompressedImage", "CameraCalibration", "FrameTransforms")
 _LIDAR: Final = -1
+_Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
 # As of normalised LiDAR files (mcap_files.py): frames are compressed already, and points lose a third.
 _LEVEL: Final = -1
 
@@ -75,8 +76,7 @@ class _Camera:
         self._file: BinaryIO = stack.enter_context(camera.file.open("rb"))
         # Fixed-point coordinates of 1/32 px, which cv2.remap makes of others anew for every frame.
         at = np.load(camera.map)
-        maps: Any = cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2)
-        self._maps: tuple[NDArray[np.int16], NDArray[np.uint16]] = maps
+        self._maps = cast("_Maps", cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2))
 
     def stamp_ns(self, index: int) -> int:
         """A frame's time by the LiDAR's clock."""
