@@ -172,7 +172,8 @@ def test_a_rig_of_the_recordings_tree_its_serials_and_gates(sign_in: SignIn, tra
     panel.get_by_label("LiDAR", exact=True).fill("L-77")
     panel.get_by_label("Mean error of held-out pairs").fill("0.8")
     look(page, "serials and gate")
-    panel.get_by_role("button", name="Save the serial numbers").click()
+    with page.expect_response(re.compile(r"/rigs$")):  # the page reads the rig's new version
+        panel.get_by_role("button", name="Save the serial numbers").click()
     expect(panel.get_by_role("button", name="Save the serial numbers")).to_be_disabled()
     panel.get_by_role("button", name="State the gate").click()
     expect(panel.get_by_role("button", name="As it was")).to_have_count(0)
