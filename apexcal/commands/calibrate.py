@@ -88,6 +88,15 @@ def calibrate(
     outliers: Annotated[
         OutlierRule | None, typer.Option(help="Whether outliers stay in the polish. Otherwise keep.")
     ] = None,
+    line_time_us: Annotated[
+        float | None,
+        typer.Option(
+            help="Rolling shutter: microseconds from an image row to the next below it. Otherwise 0, all at once.",
+            min=-1000.0,
+            max=1000.0,
+            metavar="US",
+        ),
+    ] = None,
     folds: FoldsOption = None,
     seed: Annotated[int | None, typer.Option(help="Seed. Otherwise from the request's content.", min=0)] = None,
     farm: Annotated[
@@ -128,6 +137,7 @@ def calibrate(
         "loss": loss,
         "weights": weights,
         "outliers": outliers,
+        "line_time_us": line_time_us,
         "folds": folds,
         "seed": seed,
         "farm": farm,

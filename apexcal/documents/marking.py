@@ -9,7 +9,7 @@ from uuid import UUID
 from pydantic import Field, FiniteFloat
 
 from apexcal.documents.base import Received, Sent
-from apexcal.documents.detections import VertexSummary
+from apexcal.documents.detections import Moved, VertexSummary
 
 VerdictName = Literal["confirmed", "rejected", "unsure"]
 Version = Annotated[int, Field(ge=0, le=2**31 - 1)]
@@ -83,6 +83,7 @@ class Own(Sent):
 class TaskView(Sent):
     """A vertex and its frame, leased to the person ``person_id`` until ``leased_until``.
 
+    ``moved``: where the vertex was at the frame's time, if the pairing moved it along its track.
     ``ahead``: those that come after it, where they were asked for.
     """
 
@@ -93,6 +94,7 @@ class TaskView(Sent):
     camera: str
     frame: TaskFrame
     gap_ns: int
+    moved: Moved | None = None
     predicted: Pixel | None
     own: Own
     ahead: list[TaskView] = Field(default_factory=list["TaskView"])
@@ -142,6 +144,23 @@ class AnswerView(Sent):
     verdict: VerdictName
     mark: Pixel | None
     reviewed: bool
+
+
+class OwnPair(Sent):
+    """A vertex that the asker confirmed, in metres in the LiDAR frame at the frame's time, and their mark of it."""
+
+    vertex_id: UUID
+    x: float
+    y: float
+    z: float
+    u: float
+    v: float
+
+
+class OwnPairs(Sent):
+    """The newest ones, the oldest of them first."""
+
+    items: list[OwnPair]
 
 
 class GivenMark(Sent):

@@ -9,12 +9,15 @@ from uuid import UUID
 from pydantic import Field, model_validator
 
 from apexcal.documents.base import Document, Magnitude, Name, Received, Sent, Stored
+from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
 from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.results import Intrinsics, SolvedTransform
 from apexcal.documents.states import WorkState
 from apexcal.documents.transforms import Transform
 
+# The columns of a score of pairs that have a row for each pair.
+SINGLE_PAIRS = ("u", "v", "residual_u", "residual_v", "is_wrong")
 ValidationKind = Literal["pairs", "lanes", "edges"]
 Verdict = Literal["agrees", "disagrees", "unknown"]
 
@@ -33,6 +36,10 @@ class GivenLens(Received):
         strange = sorted(set(self.parameters) - set(known))
         if missing or strange:
             raise ValueError(f"the parameters of {self.model} are {', '.join(known)}; f_x, f_y, c_x, c_y are needed")
+        for name in ("f_x", "f_y"):
+            if self.parameters[name] < LEAST_FOCAL_PX:
+                given = self.parameters[name]
+                raise ValueError(f"{name} is {given:g}; no camera has a focal length below {LEAST_FOCAL_PX:g} px")
         return self
 
 

@@ -71,7 +71,8 @@ class Calibrations:
 
         ``request`` holds what the API takes besides: ``preset``, ``schedule``, ``search``, ``rotation_range_deg``,
         ``bounds_preset``, ``intrinsics_from``, ``intrinsics`` (a lens by camera), ``intrinsics_as``, ``bounds``,
-        ``locked``, ``priors``, ``loss``, ``outliers``, ``weights``, ``seed``, ``folds``, ``farm``, ``publish``.
+        ``locked``, ``priors``, ``loss``, ``outliers``, ``weights``, ``common_errors``, ``line_time_us``, ``seed``,
+        ``folds``, ``farm``, ``publish``.
         """
         body = {"correspondence_set_ids": [str(one) for one in correspondence_set_ids], **request}
         if models is not None:

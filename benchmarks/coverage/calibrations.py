@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.camera_models import ModelName
 from benchmarks.coverage.marks import Errors, columns
+from benchmarks.coverage.poses import still
 from benchmarks.coverage.walks import Paired, Walked, pair
 from service.calibration_runs.camera_summary import camera_summary
 from service.calibrations.cameras import CameraPairs
@@ -54,24 +55,33 @@ class Calibration:
     problems: dict[str, FitProblem]
 
 
+@dataclass(frozen=True)
+class Seen:
+    """A camera and what it sees: the true lens, how much finer its pixels are, and a walk or poses."""
+
+    lens: ModelName
+    finer: int = 1
+    still: bool = False
+
+
 class Bench:
     """A walk seen through each lens, and the ends of the searches on it."""
 
     def __init__(self, walked: Walked) -> None:
         self._walked = walked
-        self._paired: dict[ModelName, Paired] = {}
-        self._searched: dict[tuple[ModelName, str], State] = {}
+        self._paired: dict[Seen, Paired] = {}
+        self._searched: dict[tuple[ModelName, bool, tuple[int, int], str], State] = {}
 
-    def calibrate(self, lens: ModelName, errors: Errors, request: Request, draw: int) -> Calibration:
+    def calibrate(self, seen: Seen, errors: Errors, request: Request, draw: int) -> Calibration:
         """Marks of this draw, calibrated by all models as the request asks."""
-        paired = self._pairs(lens)
+        paired = self.pairs(seen)
         random = np.random.default_rng([self._walked.rig.settings.seed, 41, draw])
         return self.fit(paired, errors, columns(paired, errors, random), request)
 
     def fit(self, paired: Paired, errors: Errors, known: Json, request: Request) -> Calibration:
         """These pairs, calibrated as the request asks."""
-        plan, lens = _plan(paired, known, request), paired.camera.model
-        states = self._states(lens, paired, {fit.model for fit in plan.fits})
+        plan = _plan(paired, known, request)
+        states = self._states(paired, {fit.model for fit in plan.fits})
         results: list[Result] = []
         problems: dict[str, FitProblem] = {}
         for fit in plan.fits:
@@ -86,18 +96,21 @@ class Bench:
         full = {result.model: result.document for result in results if result.fold == FULL}
         return Calibration(paired, errors, summary, full, known, problems)
 
-    def _pairs(self, lens: ModelName) -> Paired:
-        if lens not in self._paired:
-            self._paired[lens] = pair(self._walked, lens)
-        return self._paired[lens]
+    def pairs(self, seen: Seen) -> Paired:
+        """The walk's pairs of that camera."""
+        if seen not in self._paired:
+            paired = pair(self._walked, seen.lens, finer=seen.finer)
+            self._paired[seen] = still(paired) if seen.still else paired
+        return self._paired[seen]
 
-    def _states(self, lens: ModelName, paired: Paired, models: Collection[str]) -> dict[str, State]:
+    def _states(self, paired: Paired, models: Collection[str]) -> dict[str, State]:
+        of = (paired.camera.model, paired.is_still, paired.camera.image_size)
         clean = columns(paired, Errors(), np.random.default_rng(self._walked.rig.settings.seed))
         for fit in _plan(paired, clean, {}).fits:
-            if fit.model in models and (lens, fit.model) not in self._searched:
+            if fit.model in models and (*of, fit.model) not in self._searched:
                 problem = read_run(fit.problem | {"fold": FULL}, FULL, clean).problem
-                self._searched[lens, fit.model] = replace(run_schedule(problem)[0], first_slot_parameters=())
-        return {model: self._searched[lens, model] for model in models}
+                self._searched[*of, fit.model] = replace(run_schedule(problem)[0], first_slot_parameters=())
+        return {model: self._searched[*of, model] for model in models}
 
 
 def _held_out(given: RunInput, state: State) -> Json:
@@ -119,5 +132,7 @@ def _held_out(given: RunInput, state: State) -> Json:
 def _plan(paired: Paired, known: Json, request: Request) -> CalibrationPlan:
     width, height = paired.camera.image_size
     camera = RigCamera(name=FRONT, image_width=width, image_height=height, nominal=paired.nominal, bounds={})
-    pairs = CorrespondenceSet(pairs=known, count=len(known["x"]), notes=[], source="annotations")
+    pairs = CorrespondenceSet(
+        pairs=known, count=len(known["x"]), notes=[], source="import" if paired.is_still else "annotations"
+    )
     return plan_request(CalibrationTemplate.model_validate(request), [CameraPairs(camera, pairs)])

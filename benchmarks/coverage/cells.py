@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from apexcal.documents.calibrations import CalibrationTemplate
-from apexcal.documents.camera_models import MODELS, ModelName
+from apexcal.documents.camera_models import MODELS
+from benchmarks.coverage.calibrations import Seen
 from benchmarks.coverage.marks import Errors
 from workers.simulation.rig import Rig
 
@@ -23,17 +24,19 @@ _PRIOR_M: Final = 0.02
 _ELEVATION_DEG: Final = 0.03
 _LINE_TIME_US: Final = 30.0
 _POSE_M: Final = 0.01
+_POSE_DEG: Final = 1.5
 _TURN_DEG: Final = 0.08
-COVERED: Final = ("prior_t", "weights", "common_vertex", "four_a_pose", "rolling_shutter")
+_AUTOMOTIVE: Final = 2
+"""Twice the simulated camera's 960 x 600 pixels along each axis: 1920 x 1200, as usual in cars."""
 SHARED: Final = ("four_a_pose", "second_half")
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A name, the true lens, what is wrong, and what the request says."""
+    """A name, the camera, what is wrong, and what the request says."""
 
     name: str
-    lens: ModelName
+    seen: Seen
     errors: Errors
     request: dict[str, Any]
 
@@ -48,19 +51,23 @@ def cells(rig: Rig, draw: int) -> Iterator[Cell]:
     for share in BLUNDERS:
         for rule, request in RULES.items():
             name = f"{'clean' if share == 0.0 else f'{share:.0%}'} {rule}"
-            yield from (Cell(name, lens, Errors(blunders=share), request) for lens in MODELS)
+            yield from (Cell(name, Seen(lens), Errors(blunders=share), request) for lens in MODELS)
     lens = MODELS[draw % len(MODELS)]
+    seen = Seen(lens)
     random = np.random.default_rng([rig.settings.seed, 43])
     offset = rig.camera.T_camera_lidar.t + random.normal(0.0, _PRIOR_M, 3)
     priors = {f"t_{axis}": {"mean": float(mean), "sigma": _PRIOR_M} for axis, mean in zip("xyz", offset, strict=True)}
-    yield Cell("prior_t", lens, Errors(), {"priors": priors})
-    yield Cell("weights", lens, Errors(noises_px=(0.5, 2.0)), {})
+    yield Cell("prior_t", seen, Errors(), {"priors": priors})
+    yield Cell("weights", seen, Errors(noises_px=(0.5, 2.0)), {})
     elevation = Errors(elevation_deg=float(random.normal(0.0, _ELEVATION_DEG)))
-    yield Cell("common_vertex", lens, elevation, _stated("common_errors", {"elevation_deg": _ELEVATION_DEG}))
-    yield Cell("four_a_pose", lens, Errors(pose_m=_POSE_M), {})
+    yield Cell("common_vertex", seen, elevation, _stated("common_errors", {"elevation_deg": _ELEVATION_DEG}))
+    yield Cell("four_a_pose", seen, Errors(pose_m=_POSE_M), {})
     shutter = Errors(line_time_us=_LINE_TIME_US)
-    yield Cell("rolling_shutter", lens, shutter, _stated("line_time_us", _LINE_TIME_US))
-    yield Cell("second_half", lens, Errors(second_half_deg=_TURN_DEG), {})
+    yield Cell("rolling_shutter", seen, shutter, _stated("line_time_us", _LINE_TIME_US))
+    turned = Errors(second_half_deg=_TURN_DEG)
+    yield Cell("second_half", Seen(lens, finer=_AUTOMOTIVE), turned, {})
+    yield Cell("second_half_960", seen, turned, {})
+    yield Cell("six_poses", Seen(lens, still=True), Errors(pose_m=_POSE_M, pose_deg=_POSE_DEG), {})
 
 
 def _stated(name: str, value: Any) -> dict[str, Any]:

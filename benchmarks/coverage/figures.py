@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections import defaultdict
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,32 +13,49 @@ from benchmarks.coverage.cells import RULES, SHARED, Cell
 from benchmarks.coverage.scores import Score
 
 Scored = tuple[Cell, Score]
+SIX_POSES: Final = "six_poses"
+_DEALS: Final = 200
 
 
 def summary(scored: Sequence[Scored]) -> dict[str, Any]:
     """The figures over all cells; None where there was nothing to take one from."""
     of_cell: dict[str, list[Score]] = defaultdict(list)
     for cell, one in scored:
-        of_cell[f"{cell.name}, {cell.lens}" if cell.name.split()[-1] in RULES else cell.name].append(one)
-    covered = {name: _coverage(found) for name, found in of_cell.items() if name != "second_half"}
+        of_cell[f"{cell.name}, {cell.seen.lens}" if cell.name.split()[-1] in RULES else cell.name].append(one)
     _print(of_cell)
+    # Where the mount turned there is no truth; six poses have a goal of their own.
+    held = {name: found for name, found in of_cell.items() if not name.startswith(("second_half", SIX_POSES))}
+    covered = {name: coverage(found) for name, found in held.items()}
     sound = [one for cell, one in scored if cell.sound]
-    shared = [one for cell, one in scored if cell.name in SHARED]
     ratios = [one.halves for one in sound if one.halves is not None]
+    judged = [one for cell, one in scored if not cell.name.startswith("second_half") and cell.name != SIX_POSES]
     return {
         "worst_coverage95": _rounded(min(covered.values(), default=None)),
         "best_coverage95": _rounded(max(covered.values(), default=None)),
+        **_by_chance(held),
         "coverage95": _rounded(float(np.mean(list(covered.values()))) if covered else None),
+        **{f"coverage95_{name}": _rounded(part) for name, part in _parts([s for f in held.values() for s in f])},
         "sound_accused": _share([one.status != "ok" for one in sound]),
-        "right_model": _share([one.right for cell, one in scored if cell.name != "second_half"]),
+        "right_model": _share([one.right for one in judged]),
         "halves_ratio_median": _rounded(float(np.median(ratios)) if ratios else None),
-        "shared_error_named": _share([one.doubted for one in shared]),
+        "shared_error_named": _named(of_cell, SHARED),
+        **{f"{name}_named": _named(of_cell, (name,)) for name in (*SHARED, "second_half_960", SIX_POSES)},
+        **{f"{name}_bound": _bound(of_cell[name]) for name in ("second_half", "second_half_960")},
+        "six_poses_coverage95": _rounded(coverage(of_cell[SIX_POSES])) if of_cell[SIX_POSES] else None,
         "sound_doubted": _share([one.doubted for one in sound]),
     }
 
 
-def _coverage(found: Sequence[Score]) -> float:
-    return min(_part(found, "rotation"), _part(found, "t_"), float(np.mean([one.pixels_held for one in found])))
+def coverage(found: Sequence[Score]) -> float:
+    """The least share of intervals that hold: of rotation, of translation, of pixels over the marked field."""
+    return min(part for _, part in _parts(found))
+
+
+def _parts(found: Sequence[Score]) -> list[tuple[str, float]]:
+    if not found:
+        return [(name, 0.0) for name in ("rotation", "t", "pixels")]
+    pixels = float(np.mean([one.pixels_held for one in found]))
+    return [("rotation", _part(found, "rotation")), ("t", _part(found, "t_")), ("pixels", pixels)]
 
 
 def _part(found: Sequence[Score], begin: str) -> float:
@@ -47,11 +64,36 @@ def _part(found: Sequence[Score], begin: str) -> float:
     )
 
 
-def _print(of_cell: dict[str, list[Score]]) -> None:
+def _by_chance(of_cell: Mapping[str, Sequence[Score]]) -> dict[str, float | None]:
+    """The worst and best coverage to expect if the cells did not differ: medians where each recording's calibrations
+    are dealt to the cells by chance.
+    """
+    if not of_cell or len({len(found) for found in of_cell.values()}) != 1:
+        return {"worst_by_chance": None, "best_by_chance": None}
+    random = np.random.default_rng(0)
+    recordings = [list(one) for one in zip(*of_cell.values(), strict=True)]
+    ends: list[tuple[float, float]] = []
+    for _ in range(_DEALS):
+        dealt = [[one[place] for place in random.permutation(len(one))] for one in recordings]
+        covered = [coverage(cell) for cell in zip(*dealt, strict=True)]
+        ends.append((min(covered), max(covered)))
+    worst, best = np.median(np.array(ends), axis=0).tolist()
+    return {"worst_by_chance": _rounded(worst), "best_by_chance": _rounded(best)}
+
+
+def _named(of_cell: Mapping[str, Sequence[Score]], names: Sequence[str]) -> float | None:
+    return _share([one.doubted for name in names for one in of_cell[name]])
+
+
+def _bound(found: Sequence[Score]) -> float | None:
+    return _rounded(float(np.mean([one.bound for one in found]))) if found else None
+
+
+def _print(of_cell: Mapping[str, Sequence[Score]]) -> None:
     columns = ("rotation", "t", "pixels", "true lens", "right", "ok", "doubted", "deg", "mm", "px")
     print(f"{'cell':32}{'runs':>5}" + "".join(f"{name:>10}" for name in columns), file=sys.stderr)
     for name, found in of_cell.items():
-        shares = [_part(found, "rotation"), _part(found, "t_"), float(np.mean([one.pixels_held for one in found]))]
+        shares = [part for _, part in _parts(found)]
         right, ok, doubt = (np.mean([getattr(one, key) for one in found]) for key in ("right", "sound", "doubted"))
         errors = [
             float(np.median([getattr(one, key) for one in found])) for key in ("error_deg", "error_mm", "field_px")

@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 PEOPLE: Final = 3
 BIAS_PX: Final = 0.3
 NOISE_PX: Final = 1.0
+_IMPORTED: Final = ("x", "y", "z", "u", "v", "group")
 
 
 @dataclass(frozen=True)
@@ -24,15 +25,16 @@ class Errors:
     """What is wrong with a recording besides the vertices' and marks' own noise.
 
     ``blunders``: share of marks on another corner of the board. ``noises_px``: of the people, stated by each mark
-    where there are several. ``elevation_deg``: of all vertices. ``pose_m``: of every four neighbours, as of a still
-    board. ``second_half_deg``: turn of the mount about the vertical in the second half. ``line_time_us``: of a
-    rolling shutter.
+    where there are several. ``elevation_deg``: of all vertices. ``pose_m``, ``pose_deg``: offset and turn of each
+    pose of a still board, the same for its pairs. ``second_half_deg``: turn of the mount about the vertical in the
+    second half. ``line_time_us``: of a rolling shutter.
     """
 
     blunders: float = 0.0
     noises_px: tuple[float, ...] = (NOISE_PX,)
     elevation_deg: float = 0.0
     pose_m: float = 0.0
+    pose_deg: float = 0.0
     second_half_deg: float = 0.0
     line_time_us: float = 0.0
 
@@ -53,19 +55,20 @@ def columns(paired: Paired, errors: Errors, random: np.random.Generator) -> dict
     known |= dict(zip(SIGMAS, paired.sigmas.T.tolist(), strict=True))
     if len(errors.noises_px) > 1:
         known["sigma_px"] = np.hypot(noise, BIAS_PX).tolist()
-    if errors.pose_m:
-        known["group"] = (np.arange(count) // 4).tolist()
-    return known
+    if errors.pose_m or paired.is_still:
+        known["group"] = paired.pose.tolist()
+    # Pairs of a still board come from a file, which says no more than this.
+    return {name: known[name] for name in _IMPORTED} if paired.is_still else known
 
 
 def _marked(paired: Paired, errors: Errors, random: np.random.Generator) -> Floats:
     """(N, 2) where the corners that people take for the apex really are."""
     camera, taken = paired.camera, paired.taken_ns
-    pixels = camera.project(_turned(paired, errors, paired.walked.poses(taken).apex))
+    pixels = camera.project(_turned(paired, errors, paired.places(taken)))
     for _ in range(2 if errors.line_time_us else 0):  # the row is where the apex was when the row was read
         rows = np.clip(pixels[:, 1], 0.0, camera.image_size[1] - 1.0) - 0.5 * camera.image_size[1]
         read = taken + np.round(rows * errors.line_time_us * 1e3).astype(np.int64)
-        pixels = camera.project(paired.walked.poses(read).apex)
+        pixels = camera.project(paired.places(read))
     wrong = np.flatnonzero(random.uniform(size=len(taken)) < errors.blunders)
     if wrong.size:
         corners = _other_corners(paired.walked.poses(taken[wrong]), random)
@@ -93,7 +96,11 @@ def _turned(paired: Paired, errors: Errors, apex: Floats) -> Floats:
 def _moved(paired: Paired, errors: Errors, random: np.random.Generator) -> Floats:
     """(N, 3) what vertices are off besides their detector's errors, metres."""
     moved = np.radians(errors.elevation_deg) * axes(paired.xyz)[:, :, 1]
+    poses = int(paired.pose.max()) + 1
     if errors.pose_m:
-        pose = np.arange(len(paired.xyz)) // 4
-        moved = moved + random.normal(0.0, errors.pose_m, (int(pose.max()) + 1, 3))[pose]
+        moved = moved + random.normal(0.0, errors.pose_m, (poses, 3))[paired.pose]
+    if errors.pose_deg:
+        middle = np.stack([paired.xyz[paired.pose == pose].mean(axis=0) for pose in range(poses)])
+        turns = np.radians(random.normal(0.0, errors.pose_deg, (poses, 3)))
+        moved = moved + np.cross(turns[paired.pose], paired.xyz - middle[paired.pose])
     return moved

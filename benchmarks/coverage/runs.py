@@ -15,4 +15,4 @@ def recording(seed: int, chosen: Sequence[str], draw: int) -> list[tuple[Cell, S
     walked = walk(seed + draw)
     bench = Bench(walked)
     taken = [cell for cell in cells(walked.rig, draw) if not chosen or any(name in cell.name for name in chosen)]
-    return [(cell, score(bench.calibrate(cell.lens, cell.errors, cell.request, draw))) for cell in taken]
+    return [(cell, score(bench.calibrate(cell.seen, cell.errors, cell.request, draw))) for cell in taken]

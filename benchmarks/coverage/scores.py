@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.coverage.bounds import turn_bound
 from benchmarks.coverage.calibrations import Calibration
 from service.db.base import Json
 from workers.geometry.models import INTRINSICS, parse_model
@@ -21,11 +22,17 @@ MOUNT: Final = ("rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z")
 _NEAR_PX: Final = 0.5
 _WITHIN: Final = 2.8
 _STEP: Final = 1e-3
+_EVERY: Final = 3  # of the marks; no multiple of a board's corners
+_SHARED: Final = ("Pairs of one group err together", "Pairs near in time err together")
+"""How the alarms of errors that pairs share begin."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """One calibration: intervals that hold, of mount and of pixels over the marked field; what was said."""
+    """One calibration: intervals that hold, of mount and of pixels over the marked field; what was said.
+
+    ``doubted``: whether an alarm says that pairs err together, or halves differ. ``bound``: see `turn_bound`.
+    """
 
     held: dict[str, bool]
     pixels_held: float
@@ -38,6 +45,7 @@ class Score:
     error_deg: float
     error_mm: float
     field_px: float
+    bound: float | None = None
 
     @property
     def sound(self) -> bool:
@@ -48,8 +56,9 @@ class Score:
 def score(done: Calibration) -> Score:
     """The recommended result against the truth. Where none is recommended, nothing holds."""
     lens, name = done.paired.camera.model, done.summary["recommended"]
+    bound = turn_bound(done) if done.errors.second_half_deg else None
     if name is None:
-        return Score({}, 0.0, _share(_mount_held(done, lens)), None, False, "none", None, False, 0.0, 0.0, 0.0)
+        return Score({}, 0.0, _share(_mount_held(done, lens)), None, False, "none", None, False, 0.0, 0.0, 0.0, bound)
     document = done.results[name]
     held = _mount_held(done, name)
     error = _mount_error(done, document)
@@ -66,10 +75,11 @@ def score(done: Calibration) -> Score:
         name == lens or (near and within),
         document["status"],
         halves[0]["ratio"] if halves else None,
-        bool(document.get("stated_too_small")) or bool((document.get("shared_errors") or {}).get("counted")),
+        bool(document.get("stated_too_small")) or any(one.startswith(_SHARED) for one in document["alarms"]),
         float(np.linalg.norm([error[key] for key in MOUNT[:3]])),
         1e3 * float(np.linalg.norm([error[key] for key in MOUNT[3:]])),
         field_px,
+        bound,
     )
 
 
@@ -95,7 +105,7 @@ def _share(held: dict[str, bool]) -> float:
 
 def _field(done: Calibration, name: str) -> tuple[float, float]:
     """Mean distance from the true projection over the marked field, px; the share of intervals there that hold."""
-    points = done.paired.walked.poses(done.paired.taken_ns).apex[::4]
+    points = done.paired.places(done.paired.taken_ns)[::_EVERY]
     truly = done.paired.camera.project(points)
     here = _project(done.results[name], points)
     document, spread = done.results[name], done.summary["models"][name]["between_models"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from workers.geometry.models import ModelName
 from workers.geometry.transforms import to_document
-from workers.simulation.camera import FRONT, IMAGE_SIZE, Camera, make_camera, nominal_mount
+from workers.simulation.camera import FRONT, Camera, make_camera, nominal_mount
 from workers.simulation.rig import START_NS, Rig
 from workers.simulation.scene import WALKER_REGION
 from workers.simulation.settings import Settings
 from workers.simulation.walker import BOARD_EDGES_M, Poses
-from workers.solver.clock_offset import estimate_offset
+from workers.solver.clock_offset import OffsetEstimate, estimate_offset
 from workers.vertices.detectors import detect_range
 from workers.vertices.pairing import pair_interpolated
 from workers.vertices.region import Region
@@ -28,6 +28,8 @@ Integers = NDArray[np.int64]
 
 SECONDS: Final = 60.0
 PAIRS: Final = 222
+CORNERS: Final = 4  # of the board: the apex, those beside it, and the one below
+_A_POSE: Final = 4
 _CLOCK_MS: Final = 30.0
 _MAX_GAP_NS: Final = 50_000_000
 _BOARD: Final = {"board_width_m": BOARD_EDGES_M[0], "board_height_m": BOARD_EDGES_M[1]}
@@ -51,6 +53,7 @@ class Paired:
 
     ``xyz`` metres, ``sigmas`` (N, 3) of azimuth, elevation (rad) and range (m), ``taken_ns`` when the frames were
     truly taken by the LiDAR's clock, ``stamps_ns`` of the vertices, ``sweeps`` and ``frames`` their numbers.
+    ``corner``: which of the board's is marked, 0 the apex. ``pose``: pairs of one number share a pose's errors.
     """
 
     walked: Walked
@@ -62,6 +65,22 @@ class Paired:
     stamps_ns: Integers
     sweeps: Integers
     frames: Integers
+    corner: Integers
+    pose: Integers
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the board stood still in each pose, and all its corners are marked."""
+        return bool(np.any(self.corner))
+
+    def places(self, times_ns: Integers) -> Floats:
+        """(N, 3) where the marked corners truly are at these moments, metres, LiDAR frame."""
+        poses = self.walked.poses(times_ns)
+        left, right = (
+            edge * way for edge, way in zip(poses.board_m, (poses.edge_left, poses.edge_right), strict=True)
+        )
+        beside = np.stack([np.zeros_like(left), left, right, left + right])
+        return poses.apex + beside[self.corner, np.arange(len(self.corner))]
 
 
 def walk(seed: int) -> Walked:
@@ -73,20 +92,38 @@ def walk(seed: int) -> Walked:
     return Walked(rig, found.vertices)
 
 
-def pair(walked: Walked, model: ModelName, wrong_ms: float = 0.0) -> Paired:
-    """The pairs of a camera with that lens, at the offset that marks of 1 px tell, or so much more."""
-    mounted = walked.rig.cameras[0]
-    camera = make_camera(model, walked.rig.settings.seed)
-    about = _pair(walked, camera, round(_CLOCK_MS * 1e6))
+def pair(walked: Walked, model: ModelName, wrong_ms: float = 0.0, finer: int = 1) -> Paired:
+    """The pairs of a camera with that lens, at the offset that marks of 1 px tell, or so much more.
+
+    ``finer``: so many pixels for each of the simulated camera's, along each axis.
+    """
+    camera = _finer(make_camera(model, walked.rig.settings.seed), finer)
+    about = pair_at(walked, camera, round(_CLOCK_MS * 1e6))
     random = np.random.default_rng([walked.rig.settings.seed, 31])
     seen = camera.project(walked.poses(about.taken_ns).apex)
-    marks = seen + random.normal(0.0, 1.0, seen.shape)
-    request = {"model": model, "image_size": list(IMAGE_SIZE), "nominal": about.nominal, "mark_sigma_px": 1.0}
-    offset = estimate_offset(Track.of(walked.vertices), mounted.stamps_ns[about.frames], marks, request)
-    return _pair(walked, camera, offset.offset_ns + round(1e6 * wrong_ms))
+    offset = offset_of(about, seen + random.normal(0.0, 1.0, seen.shape))
+    return pair_at(walked, camera, offset.offset_ns + round(1e6 * wrong_ms))
 
 
-def _pair(walked: Walked, camera: Camera, offset_ns: int) -> Paired:
+def _finer(camera: Camera, times: int) -> Camera:
+    lens = dict(camera.intrinsics)
+    lens |= {name: lens[name] * times for name in ("f_x", "f_y")}
+    # The centre of the top-left pixel is at (0, 0).
+    lens |= {name: (lens[name] + 0.5) * times - 0.5 for name in ("c_x", "c_y")}
+    width, height = camera.image_size
+    return replace(camera, intrinsics=lens, image_size=(width * times, height * times))
+
+
+def offset_of(paired: Paired, marks: Floats) -> OffsetEstimate:
+    """The clocks' offset that marks (N, 2) of the pairs' frames tell."""
+    camera = paired.camera
+    request = {"model": camera.model, "image_size": list(camera.image_size), "nominal": paired.nominal}
+    stamps = paired.walked.rig.cameras[0].stamps_ns[paired.frames]
+    return estimate_offset(Track.of(paired.walked.vertices), stamps, marks, request | {"mark_sigma_px": 1.0})
+
+
+def pair_at(walked: Walked, camera: Camera, offset_ns: int) -> Paired:
+    """The pairs of a camera at an offset of its clock."""
     mounted = walked.rig.cameras[0]
     moved = pair_interpolated(walked.vertices, mounted.stamps_ns, offset_ns=offset_ns, max_gap_ns=_MAX_GAP_NS)
     paired = np.flatnonzero(moved.index >= 0)
@@ -107,4 +144,6 @@ def _pair(walked: Walked, camera: Camera, offset_ns: int) -> Paired:
         np.array([walked.vertices[index].time_ns for index in usable], np.int64),
         np.array([walked.vertices[index].sweep_index for index in usable], np.int64),
         frames,
+        np.zeros(len(frames), np.int64),
+        np.arange(len(frames)) // _A_POSE,
     )

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -21,6 +19,8 @@ from workers.reports.material import FittedModel, Material
 from workers.reports.pair_errors import pair_errors
 from workers.reports.verdict import Verdict
 from workers.simulation.camera import FRONT
+from workers.validation.calibration import KnownCalibration
+from workers.validation.pair_score import score_pairs
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class Judged:
     """A calibration, its verdict, and the checks that failed."""
 
     done: Calibration
-    model: str
+    fitted: FittedModel
     verdict: Verdict
     failed: frozenset[str]
 
@@ -42,23 +42,16 @@ def judge(bench: Bench, paired: Paired, known: dict[str, Any], request: dict[str
     fitted = FittedModel(model, done.results[model], done.problems[model])
     against = own_objections(FRONT, done.summary, model, None, ended_well=True)
     material = Material(fitted, [fitted], known, objections=against)
-    checks, verdict = judged(material, pair_errors(fitted.document, known))
-    return Judged(done, model, verdict, frozenset(one.name for one in checks if one.verdict == "failed"))
+    checks, verdict = judged(material, pair_errors(fitted.document, fitted.problem.points, fitted.problem.pixels))
+    return Judged(done, fitted, verdict, frozenset(one.name for one in checks if one.verdict == "failed"))
 
 
-def agrees_elsewhere(found: Judged, others: dict[str, Any], turn: Floats, shift: Floats) -> bool | None:
-    """Whether the result agrees with other pairs, if its mount moved by a turn (rad) and a shift (m) before these.
-
-    None where nothing scores a calibration on other pairs.
-    """
-    if find_spec("workers.validation") is None:
-        return None
-    document = dict(found.done.results[found.model])
+def agrees_elsewhere(found: Judged, others: dict[str, Any], turn: Floats, shift: Floats) -> bool:
+    """Whether the result agrees with other pairs, if its mount moved by a turn (rad) and a shift (m) before these."""
+    document = dict(found.fitted.document)
     mount = from_document(document["transform"])
     R = rotation_from_vector(turn)
     moved = RigidTransform(mount.to_frame, mount.from_frame, R @ mount.R, mount.t + shift)
     document["transform"] = to_document(moved)
-    calibration = import_module("workers.validation.calibration").KnownCalibration.of(document)
     points, marks = (np.column_stack([others[name] for name in names]) for names in ("xyz", "uv"))
-    score = import_module("workers.validation.pair_score").score_pairs(calibration, points, marks)
-    return score["verdict"] == "agrees"
+    return score_pairs(KnownCalibration.of(document), points, marks)["verdict"] == "agrees"

@@ -9,12 +9,13 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from workers.geometry.transforms import to_document
 from workers.readers.recording import Sweep
@@ -30,6 +31,8 @@ from workers.validation.lane_check import LaneCheck
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 KNOCK_DEG = 0.25
 FRAMES = 30
+# Sound mounts, and as many knocks in even directions, that are judged on one drive.
+MOUNTS = 5
 # What a good calibration with a known lens leaves of the mount's turn (SPEC: 0.02 degrees).
 LEFT_DEG = 0.02
 SIZE = (640, 400)
@@ -39,16 +42,39 @@ SENSORS_USED = ("os1-64", "hdl64", "os1-128", "alpha-prime")
 
 def figures(drives: int = 20, frames: int = FRAMES) -> dict[str, Any]:
     """The keys of `make bench-trust` that are of the road; lanes are of the real road where it is, else simulated."""
-    lane = lane_figures()
-    knocks = [_knocks(seed, frames) for seed in range(drives)]
-    return lane | {
-        "knock_found": float(np.mean([found for one in knocks for found in one["found"]])),
-        "knock_false": float(np.mean([false for one in knocks for false in one["false"]])),
-        "knock_drives": drives,
-        "knock_unknown": float(np.mean([one["unknown"] for one in knocks])),
-        "knock_ms_per_frame": 1e3 * float(np.median([one["seconds"] for one in knocks])),
-        "empty_unknown": float(np.mean([_empty(seed, frames // 3) for seed in range(max(drives // 4, 1))])),
+    return lane_figures() | summary([on_drive(seed, frames) for seed in range(drives)])
+
+
+class OnDrive(NamedTuple):
+    """Verdicts on one drive: of sound mounts, of knocked ones, and on the same road without anything beside it."""
+
+    sound: list[str]
+    knocked: list[str]
+    empty: str
+    ms_per_frame: float
+
+
+def on_drive(seed: int, frames: int = FRAMES) -> OnDrive:
+    """Simulate a drive and judge mounts on it."""
+    return _knocks(seed, frames)._replace(empty=_empty(seed, max(frames // 3, 1)))
+
+
+def summary(driven: Sequence[OnDrive]) -> dict[str, Any]:
+    """The figures over all drives; null where there are none."""
+    sound = [verdict for one in driven for verdict in one.sound]
+    knocked = [verdict for one in driven for verdict in one.knocked]
+    return {
+        "knock_found": _share(knocked, "disagrees"),
+        "knock_false": _share(sound, "disagrees"),
+        "knock_unknown": _share(sound, "unknown"),
+        "knock_drives": len(driven),
+        "knock_ms_per_frame": round(float(np.median([one.ms_per_frame for one in driven])), 1) if driven else None,
+        "empty_unknown": _share([one.empty for one in driven], "unknown"),
     }
+
+
+def _share(verdicts: Sequence[str], wanted: str) -> float | None:
+    return round(verdicts.count(wanted) / len(verdicts), 3) if verdicts else None
 
 
 def lane_figures() -> dict[str, Any]:
@@ -81,22 +107,23 @@ def _camera(seed: int) -> Camera:
     return Camera("pinhole", lens, SIZE, mount)
 
 
-def _known(camera: Camera, turn_deg: tuple[float, ...] = (0.0, 0.0, 0.0)) -> KnownCalibration:
+def _known(camera: Camera, turn_deg: ArrayLike = (0.0, 0.0, 0.0)) -> KnownCalibration:
     transform = to_document(camera.T_camera_lidar)
     known = KnownCalibration.of({"intrinsics": camera.intrinsics_document(), "transform": transform})
-    return known.moved(np.array(turn_deg), np.zeros(3))
+    return known.moved(np.asarray(turn_deg, np.float64), np.zeros(3))
 
 
-def _knocks(seed: int, frames: int) -> dict[str, Any]:
-    """Verdicts on one drive: under what a good calibration leaves, and under two knocks beside it."""
+def _knocks(seed: int, frames: int) -> OnDrive:
+    """Verdicts under what good calibrations leave, and under knocks in all directions beside it."""
     random = np.random.default_rng([seed, 32])
     camera = _camera(seed)
     sensor = SENSORS[SENSORS_USED[seed % len(SENSORS_USED)]]
-    angle = random.uniform(0.0, 2.0 * np.pi)
-    knocks = [KNOCK_DEG * np.array([np.sin(a), np.cos(a), 0.0]) for a in (angle, angle + np.pi / 2)]
-    turns = [random.normal(0.0, LEFT_DEG, 3) + turn for turn in ([0.0, 0.0, 0.0], *knocks)]
-    checks = [EdgeCheck(_known(camera, tuple(turn))) for turn in turns]
-    began, spent = 0.0, 0.0
+    angles = random.uniform(0.0, 2.0 * np.pi) + 2.0 * np.pi * np.arange(MOUNTS) / MOUNTS
+    knocks = KNOCK_DEG * np.column_stack([np.sin(angles), np.cos(angles), np.zeros(MOUNTS)])
+    left = random.normal(0.0, LEFT_DEG, (2 * MOUNTS, 3))
+    turns = left + np.concatenate([np.zeros((MOUNTS, 3)), knocks])
+    checks = [EdgeCheck(_known(camera, turn)) for turn in turns]
+    spent = 0.0
     for sweep, image in record(draw_road(seed), draw_drive(seed), sensor, camera, seed, frames):
         grey = image[..., 1].copy()
         began = time.process_time()
@@ -108,21 +135,17 @@ def _knocks(seed: int, frames: int) -> dict[str, Any]:
     for turn, one in zip(turns, results, strict=True):
         line = {"seed": seed, "sensor": sensor.name, "turn": np.round(turn, 3).tolist()}
         print(json.dumps(line | {name: one.get(name) for name in _SHOWN}), file=sys.stderr, flush=True)
-    return {
-        "found": [verdict == "disagrees" for verdict in verdicts[1:]],
-        "false": [verdicts[0] == "disagrees"],
-        "unknown": verdicts[0] == "unknown",
-        "seconds": spent / (len(checks) * frames),
-    }
+    return OnDrive(verdicts[:MOUNTS], verdicts[MOUNTS:], "", 1e3 * spent / (len(checks) * frames))
 
 
-def _empty(seed: int, frames: int) -> bool:
+def _empty(seed: int, frames: int) -> str:
     camera = _camera(seed)
     check = EdgeCheck(_known(camera))
     road = draw_road(seed, is_empty=True, is_painted=seed % 2 == 0)
     for sweep, image in record(road, draw_drive(seed), SENSORS["os1-64"], camera, seed, frames):
         check.add(sweep, image[..., 1].copy())
-    return check.result()["verdict"] == "unknown"
+    verdict: str = check.result()["verdict"]
+    return verdict
 
 
 def _published() -> KnownCalibration:

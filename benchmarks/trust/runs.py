@@ -16,6 +16,7 @@ class Told(NamedTuple):
     is_asked: bool
     level: str | None
     against: list[str]
+    bound: float | None = None
 
 
 def recording(seed: int, draw: int) -> list[Told]:
@@ -27,6 +28,7 @@ def recording(seed: int, draw: int) -> list[Told]:
             cell.is_asked,
             cell.judged.verdict.level if cell.judged else None,
             cell.judged.verdict.against if cell.judged else [],
+            cell.bound,
         )
         for cell in cells(walk(seed + draw), draw)
     ]

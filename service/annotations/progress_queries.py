@@ -9,13 +9,16 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, and_, case, func, or_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.marking import PersonAnswers, Progress, Tally
+from apexcal.documents.marking import OwnPair, PersonAnswers, Progress, Tally
 from service.annotations.answer_queries import answers_of, has_answered, taken_by_others
 from service.annotations.consensus import Opinion
 from service.db.annotations import Disclosure, Mark, Verdict
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.people import Person
 from service.db.recordings import Recording, Sensor
+
+# More do not determine a camera any better.
+_MOST_PAIRS = 200
 
 
 def count_vertices(session: Session, detection_id: UUID, camera_id: UUID) -> int:
@@ -68,6 +71,21 @@ def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
         reviewed=sum(int(row[3]) for row in answers),
         people=[PersonAnswers(name=name, answers=people[person]) for person, name in names],
     )
+
+
+def own_pairs(session: Session, detection_id: UUID, camera_id: UUID, person_id: UUID) -> list[OwnPair]:
+    """A person's newest marks with the vertices that they confirmed by them, the oldest first."""
+    statement = (
+        answers_of(detection_id, camera_id, Vertex, VertexFrame, Mark)
+        .where(Verdict.person_id == person_id, Verdict.verdict == "confirmed")
+        .order_by(Mark.updated_at.desc(), Mark.id)
+        .limit(_MOST_PAIRS)
+    )
+    return [
+        OwnPair(vertex_id=vertex.id, x=at.x, y=at.y, z=at.z, u=mark.u, v=mark.v)
+        for vertex, frame, mark in reversed(session.execute(statement).all())
+        for at in (frame if frame.x is not None else vertex,)
+    ]
 
 
 def opinions_of(session: Session, detection_id: UUID, camera_id: UUID) -> dict[UUID, list[Opinion]]:

@@ -8,11 +8,21 @@ from uuid import UUID
 from fastapi import APIRouter, Query, Request, Response
 
 from apexcal.documents.base import Sought
-from apexcal.documents.marking import Answer, AnswerView, GivenMark, NextTask, Progress, Tally, TaskView, Undo
+from apexcal.documents.marking import (
+    Answer,
+    AnswerView,
+    GivenMark,
+    NextTask,
+    OwnPairs,
+    Progress,
+    Tally,
+    TaskView,
+    Undo,
+)
 from apexcal.documents.roles import rank
 from service.annotations.answer_actions import answer_view, give, undo
 from service.annotations.disclosure_actions import answered_by_others, tell
-from service.annotations.progress_queries import progress, tally, visible_answers
+from service.annotations.progress_queries import own_pairs, progress, tally, visible_answers
 from service.annotations.task_actions import lock_recording, next_tasks
 from service.annotations.views import PairedFrame, find_frame, find_task, mark_view, task_view
 from service.auth.access import Access, ReadAccess, WriteAccess
@@ -89,6 +99,14 @@ def read_tally(detection_id: UUID, access: ReadAccess, camera: CameraQuery, requ
     others = answered_by_others(access.session, detection.id, sensor.id, access.person.id)
     tell(access, request.app.state.database, sensor, others, "tally")
     return found
+
+
+@router.get("/detections/{detection_id}/own-pairs")
+def list_own_pairs(detection_id: UUID, access: ReadAccess, camera: CameraQuery) -> OwnPairs:
+    """One's own marks in one camera with the vertices that they are of. Nothing of others is told."""
+    detection = access.find(Detection, detection_id)
+    sensor = find_camera(access.session, detection.recording_id, camera)
+    return OwnPairs(items=own_pairs(access.session, detection.id, sensor.id, access.person.id))
 
 
 @router.get("/detections/{detection_id}/marks")

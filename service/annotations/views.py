@@ -9,7 +9,7 @@ from uuid import UUID
 from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.detections import VertexSummary
+from apexcal.documents.detections import Moved, VertexSummary
 from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskView
 from service.annotations.mark_actions import find_mark, find_verdict
 from service.auth.access import Access
@@ -20,12 +20,12 @@ from service.http.problems import not_found
 
 
 class PairedFrame(NamedTuple):
-    """A vertex together with its frame in one camera; ``gap_ns`` is frame time minus vertex time."""
+    """A vertex together with its frame in one camera, and how they are paired."""
 
     vertex: Vertex
     camera: Sensor
     frame: CameraFrame
-    gap_ns: int
+    pairing: VertexFrame
 
 
 def find_task(access: Access, task_id: UUID) -> tuple[MarkingTask, Detection]:
@@ -39,7 +39,7 @@ def find_task(access: Access, task_id: UUID) -> tuple[MarkingTask, Detection]:
 def find_frame(session: Session, vertex_id: UUID, sensor_id: UUID) -> PairedFrame:
     """The frame that a vertex is paired with in a camera."""
     row = session.execute(
-        select(Vertex, Sensor, CameraFrame, VertexFrame.gap_ns)
+        select(Vertex, Sensor, CameraFrame, VertexFrame)
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .join(Sensor, Sensor.id == VertexFrame.sensor_id)
         .join(
@@ -59,7 +59,7 @@ def mark_view(mark: Mark | None) -> MarkView | None:
 def task_view(session: Session, task: MarkingTask) -> TaskView:
     """A task with all that is needed to judge it, and nothing of what others said."""
     found = find_frame(session, task.vertex_id, task.sensor_id)
-    vertex, camera, frame, gap_ns = found
+    vertex, camera, frame, pairing = found
     return TaskView(
         task_id=task.id,
         person_id=task.person_id,
@@ -73,7 +73,8 @@ def task_view(session: Session, task: MarkingTask) -> TaskView:
             height=frame.height,
             url=f"/v1/recordings/{camera.recording_id}/cameras/{quote(camera.name, safe='')}/frames/{frame.index}",
         ),
-        gap_ns=gap_ns,
+        gap_ns=pairing.gap_ns,
+        moved=Moved.model_validate(pairing) if pairing.x is not None else None,
         predicted=None,
         own=own_answer(session, task.person_id, found),
     )

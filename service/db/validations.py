@@ -14,7 +14,9 @@ from service.db.base import Base, Created, Json, Name, RowId, belongs_to, refers
 class Validation(Base):
     """One question and its answer. ``kind`` is ``pairs``, ``lanes`` or ``edges``.
 
-    ``asked`` holds the calibration as it was when it was asked, so a validation outlives its result.
+    ``asked`` holds the calibration as it was when it was asked, so a validation outlives its result. ``single_pairs``
+    are the columns of the answer that have a row for each pair; those of older versions are in ``result``. Lists read
+    neither.
     """
 
     __tablename__ = "validation"
@@ -28,9 +30,10 @@ class Validation(Base):
     result_id: Mapped[UUID | None] = refers_to("result.id")
     kind: Mapped[str] = mapped_column(String(20))
     camera: Mapped[Name]
-    asked: Mapped[Json] = mapped_column(default=dict)
+    asked: Mapped[Json] = mapped_column(default=dict, deferred=True)
     state: Mapped[str] = mapped_column(String(20), default=WorkState.QUEUED)
     result: Mapped[Json | None]
+    single_pairs: Mapped[Json | None] = mapped_column(deferred=True)
     problem: Mapped[Json | None]
     job_id: Mapped[int | None] = mapped_column(BigInteger, index=True)
     created_at: Mapped[Created]

@@ -21,6 +21,8 @@ from service.http.etags import Conditional, content_etag
 from service.http.problems import Problem, not_found
 from service.reports.jobs import ask_report
 from service.reports.views import report_view
+from service.settings import Settings
+from service.storage.quota import require_quota
 from service.storage.store import Store
 
 router = APIRouter(tags=["calibrations"])
@@ -32,13 +34,16 @@ _POLICY = (
     "form-action 'none'; frame-ancestors 'none'; sandbox allow-scripts allow-downloads allow-popups "
     "allow-popups-to-escape-sandbox"
 )
+# What a report of 1,000 pairs may have (decision 0054).
+_MOST_BYTES = 3_000_000
 
 
 @router.post("/results/{result_id}/report", status_code=202, response_model=ReportView)
-def make_report(result_id: UUID, access: WriteAccess) -> JSONResponse:
+def make_report(result_id: UUID, access: WriteAccess, request: Request) -> JSONResponse:
     """Make the result's report, or make it again. While one is being made, that one is answered. [reviewer]
 
-    Only of a fit to all pairs. The one before stays readable until the new one is there.
+    Only of a fit to all pairs. The one before stays readable until the new one is there. Reports count to the fleet's
+    quota.
     """
     result = access.find(Result, result_id, "reviewer", lock=True)
     if result.fold != FULL:
@@ -48,6 +53,10 @@ def make_report(result_id: UUID, access: WriteAccess) -> JSONResponse:
             "This result is from a fit that holds pairs out. Only fits to all pairs have reports.",
             "Ask for the report of the model's fit to all pairs: its fold is -1.",
         )
+    kept = access.session.scalar(select(Report.size).where(Report.result_id == result.id))
+    if not kept:
+        settings: Settings = request.app.state.settings
+        require_quota(access.session, result.fleet_id, _MOST_BYTES, settings.fleet_quota_bytes)
     return access.answer(report_view(*ask_report(access.session, result)), 202)
 
 

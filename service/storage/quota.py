@@ -1,4 +1,4 @@
-"""What a fleet's recordings take of its quota: a sum over the recordings' own rows, so that it cannot drift.
+"""What a fleet's recordings and reports take of its quota: a sum over their own rows, so that it cannot drift.
 
 A recording takes what was announced or has come of its file, and the files of its sensors. Whoever lets it take more
 locks the fleet's row until the commit, so that many at once do not exceed the quota together.
@@ -17,6 +17,7 @@ from apexcal.documents.states import RecordingState
 from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
+from service.db.reports import Report
 from service.db.session import Database
 from service.db.studies import CalibratedCopy, Study
 
@@ -32,7 +33,7 @@ class Use(NamedTuple):
 
 
 class QuotaExceededError(Exception):
-    """The fleet's recordings would take more than they may."""
+    """The fleet's recordings and reports would take more than they may."""
 
     code = "fleet_quota_exceeded"
 
@@ -40,8 +41,8 @@ class QuotaExceededError(Exception):
         self.use = use
         self.asked = asked
         self.message = (
-            f"The fleet's recordings take {spoken(use.taken)} of the {spoken(use.allowed)} that they may, and this "
-            f"would take {spoken(asked)} more."
+            f"The fleet's recordings and reports take {spoken(use.taken)} of the {spoken(use.allowed)} that they "
+            f"may, and this would take {spoken(asked)} more."
         )
         self.hint = (
             "Delete recordings and unfinished uploads of the fleet that nobody needs, or ask whoever runs the "
@@ -58,13 +59,12 @@ class QuotaExceededError(Exception):
 def uses(session: Session, fleets: Iterable[Fleet], default: int) -> dict[UUID, Use]:
     """What these fleets take and may take; ``default`` where a fleet has no quota of its own."""
     allowed = {fleet.id: fleet.quota_bytes for fleet in fleets}
-    summed = (
-        select(Recording.fleet_id, func.sum(Recording.taken_bytes))
-        .where(Recording.fleet_id.in_(allowed))
-        .group_by(Recording.fleet_id)
-    )
-    taken = {id: int(total or 0) for id, total in session.execute(summed)}
-    return {id: Use(taken.get(id, 0), default if quota is None else quota) for id, quota in allowed.items()}
+    taken = dict.fromkeys(allowed, 0)
+    for owner, size in ((Recording.fleet_id, Recording.taken_bytes), (Report.fleet_id, Report.size)):
+        summed = select(owner, func.sum(size)).where(owner.in_(allowed)).group_by(owner)
+        for id, total in session.execute(summed):
+            taken[id] += int(total or 0)
+    return {id: Use(taken[id], default if quota is None else quota) for id, quota in allowed.items()}
 
 
 def take(session: Session, recording: Recording, size: int, default: int) -> None:
@@ -75,12 +75,17 @@ def take(session: Session, recording: Recording, size: int, default: int) -> Non
     more = size - (recording.taken_bytes or 0)
     if more <= 0:
         return
-    fleet = session.scalars(select(Fleet).where(Fleet.id == recording.fleet_id).with_for_update(key_share=True)).one()
+    require_quota(session, recording.fleet_id, more, default)
+    recording.taken_bytes = size
+
+
+def require_quota(session: Session, fleet_id: UUID, more: int, default: int) -> None:
+    """Lock the fleet's row. Raises :class:`QuotaExceededError` where the fleet has no room for so many more bytes."""
+    fleet = session.scalars(select(Fleet).where(Fleet.id == fleet_id).with_for_update(key_share=True)).one()
     session.flush()
     use = uses(session, [fleet], default)[fleet.id]
     if use.taken + more > use.allowed:
         raise QuotaExceededError(use, more)
-    recording.taken_bytes = size
 
 
 def counted(session: Session, recording: Recording, *, besides: int | None) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 from uuid import UUID
 
 from sqlalchemy import func, select
@@ -14,11 +14,17 @@ from apexcal.documents.validations import Drift, DriftStep
 from service.db.base import Json
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 
+# What is compared of a result; its document also has the errors of all its pairs.
+COMPARED: Final = ("intrinsics", "transform", "std", "covariance", "field")
+
 
 class _Recommended(NamedTuple):
     """A recommended result; ``at`` is when its pairs were brought."""
 
-    result: Result
+    id: UUID
+    calibration_id: UUID
+    model: str
+    document: Json
     at: datetime
     spread: Json | None
 
@@ -46,25 +52,34 @@ def _recommended(session: Session, vehicle_id: UUID, camera: str, limit: int) ->
         .order_by(func.max(pairs_at).desc(), Calibration.id.desc())
         .limit(limit)
     )
-    found: list[_Recommended] = []
+    chosen: dict[UUID, tuple[datetime, Json | None]] = {}
     for summary, at in session.execute(statement):
         of_camera: Json = (summary or {}).get("cameras", {}).get(camera) or {}
         model: Json | None = of_camera.get("models", {}).get(of_camera.get("recommended"))
-        result = session.get(Result, UUID(model["result_id"])) if model else None
-        if model and result is not None:
-            found.append(_Recommended(result, at, model.get("between_models")))
+        if model:
+            chosen[UUID(model["result_id"])] = at, model.get("between_models")
+    of_results = select(
+        Result.id, Result.calibration_id, Result.model, *(Result.document[name] for name in COMPARED)
+    ).where(Result.id.in_(chosen))
+    known: dict[UUID, Any] = {row[0]: row for row in session.execute(of_results)}
+    found: list[_Recommended] = []
+    for result_id, (at, spread) in chosen.items():
+        if result_id in known:
+            _, calibration_id, name, *parts = known[result_id]
+            document: Json = dict(zip(COMPARED, parts, strict=True))
+            found.append(_Recommended(result_id, calibration_id, name, document, at, spread))
     return found[::-1]
 
 
 def _step(found: list[_Recommended], place: int) -> DriftStep:
     own = found[place]
     return DriftStep(
-        result_id=own.result.id,
-        calibration_id=own.result.calibration_id,
-        model=own.result.model,
+        result_id=own.id,
+        calibration_id=own.calibration_id,
+        model=own.model,
         at=own.at,
-        intrinsics=own.result.document["intrinsics"],
-        transform=own.result.document["transform"],
+        intrinsics=own.document["intrinsics"],
+        transform=own.document["transform"],
         from_previous=_apart(own, found[place - 1]) if place else None,  # pyright: ignore[reportArgumentType]
         from_first=_apart(own, found[0]) if place else None,  # pyright: ignore[reportArgumentType]
     )
@@ -74,7 +89,7 @@ def _apart(one: _Recommended, other: _Recommended) -> Json | None:
     # Imported here: it needs NumPy, which takes a twentieth of the service's start.
     from service.calibration_runs.result_comparison import compared
 
-    return compared(one.result.document, other.result.document, one.spread, other.spread)
+    return compared(one.document, other.document, one.spread, other.spread)
 
 
 def _sentence(camera: str, steps: list[DriftStep]) -> str:

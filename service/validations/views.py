@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from apexcal.documents.validations import ValidationView
+from apexcal.documents.validations import SINGLE_PAIRS, ValidationView
 from service.db.jobs import Job
 from service.db.validations import Validation
 from service.job_status.views import job_view
-
-# What tells single marks.
-_OF_MARKS = ("u", "v", "residual_u", "residual_v", "is_wrong")
 
 
 def validation_view(row: Validation, job: Job | None, *, with_pairs: bool) -> ValidationView:
     """A validation with its job; with or without what it says of single pairs."""
     result = row.result
-    if result is not None and row.kind == "pairs" and not with_pairs:
-        result = result | {name: [] for name in _OF_MARKS}
+    if result is not None and row.kind == "pairs":
+        # Older versions kept the columns in the result.
+        none = {name: [] for name in SINGLE_PAIRS}
+        result = (none | result | (row.single_pairs or {})) if with_pairs else result | none
     return ValidationView(
         id=row.id,
         vehicle_id=row.vehicle_id,

@@ -273,14 +273,14 @@ def test_a_preset_means_what_it_says_where_nothing_else_is_given(embedded, simul
     rig = json.loads(apexcal("rig", simulated / "rig.json", "--fleet", "Presets", "--vehicle", "Car", *here).stdout)
     (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
     wanted = ("--model", "pinhole", "--folds", 0, "--preset", "paper", "--loss", "saturating", "--weights", "equal")
-    wanted = (*wanted, "--rotation-range-deg", 12.5)
+    wanted = (*wanted, "--rotation-range-deg", 12.5, "--line-time-us", 7.5)
     calibrated = apexcal(
         "calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"], *wanted, *here
     )
     request = json.loads(calibrated.stdout)["request"]
     assert (request["preset"], request["search"], request["bounds_preset"]) == ("paper", "euler", "paper-table-1")
     assert (request["loss"], request["weights"], request["outliers"]) == ("saturating", "equal", "keep")
-    assert request["rotation_range_deg"] == 12.5
+    assert (request["rotation_range_deg"], request["line_time_us"]) == (12.5, 7.5)
 
 
 def test_a_refused_rig_leaves_nothing_behind_and_every_field_is_said(embedded, owner, simulated, tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.coverage.calibrations import Bench
+from benchmarks.coverage.calibrations import Bench, Seen
 from benchmarks.coverage.figures import summary
 from benchmarks.coverage.marks import Errors, columns
 from benchmarks.coverage.runs import recording
@@ -33,7 +33,7 @@ def test_what_is_published_holds_in_the_short_form():
 @pytest.mark.slow
 def test_wrong_truth_holds_nothing(walked):
     """The scores are of this camera. For a camera 20 cm beside it no interval of the mount holds."""
-    done = Bench(walked).calibrate("pinhole", Errors(), {"models": ["pinhole"]}, 0)
+    done = Bench(walked).calibrate(Seen("pinhole"), Errors(), {"models": ["pinhole"]}, 0)
     assert np.mean(list(score(done).held.values())) > 0.6
     camera = done.paired.camera
     moved = replace(camera, T_camera_lidar=replace(camera.T_camera_lidar, t=camera.T_camera_lidar.t + 0.2))

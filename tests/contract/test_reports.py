@@ -2,12 +2,14 @@
 
 import json
 import re
+from uuid import UUID
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import delete, select, update
 
 from apexcal.documents.reports import ReportView
 from service.db.calibrations import CorrespondenceSet, Result
+from service.db.fleets import Fleet
 from service.db.models import Blob, Report
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.service.detections.seeding import seed_rig
@@ -75,6 +77,60 @@ def test_a_report_is_made_kept_and_replaced(api, context, made):
         kept = session.scalars(select(Report.blob_key)).one()
     assert sorted(states.values()) == ["condemned", "stored"] and states[kept] == "stored"
     assert api.member(fleet, "viewer").get(f"/results/{result}/report").status_code == 200
+
+
+def test_a_result_of_an_older_version_has_a_report(api, context, made):
+    engineer, result, _ = made
+    with api.database.writing() as session:
+        row = session.get_one(Result, UUID(result))
+        lens = {name: value for name, value in row.document["intrinsics"].items() if name != "image_size"}
+        row.document = row.document | {"intrinsics": lens}
+    asked = engineer.post(f"/results/{result}/report").json()
+    work(context)
+    ended = engineer.get(f"/reports/{asked['id']}").json()
+    assert (ended["state"], ended["problem"]) == ("done", None)
+    assert '"image_size":[' in engineer.get(f"/results/{result}/report").text
+
+
+def test_a_report_shows_what_other_data_say(api, context, made):
+    engineer, result, _ = made
+    found = engineer.get(f"/results/{result}").json()
+    rig = engineer.get(f"/correspondence-sets/{found['set_id']}").json()["rig_id"]
+    turned = [pair | {"u": pair["u"] + 30.0} for pair in pairs_of_a_pinhole()]
+    sets = [found["set_id"]]
+    for pairs in (pairs_of_a_pinhole()[:60], turned):
+        brought = engineer.post(f"/rigs/{rig}/correspondence-sets", {"pairs": pairs}, params={"camera": "front"})
+        sets.append(brought.json()["id"])
+    for one in sets:
+        body = {"kind": "pairs", "camera": "front", "set_id": one, "result_id": result}
+        assert engineer.post(f"/vehicles/{found['vehicle_id']}/validations", body).status_code == 202
+    engineer.post(f"/results/{result}/report")
+    work(context)
+    text = engineer.get(f"/results/{result}/report").text
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
+    # The set that was fitted to is no other data. The newest is first.
+    assert [one["verdict"] for one in data["elsewhere"]] == ["disagrees", "agrees"]
+    assert all("u" not in one for one in data["elsewhere"])
+    check = next(one for one in data["checks"] if one["name"] == "elsewhere")
+    assert check["verdict"] == "failed" and check["sentence"] in data["verdict"]["against"]
+    assert data["verdict"]["level"] == "unsound"
+
+
+def test_reports_count_to_the_quota(api, context, made):
+    engineer, result, fleet = made
+    before = engineer.get(f"/fleets/{fleet}").json()["taken_bytes"]
+    engineer.post(f"/results/{result}/report")
+    work(context)
+    size = len(engineer.get(f"/results/{result}/report").content)
+    assert engineer.get(f"/fleets/{fleet}").json()["taken_bytes"] == before + size
+    with api.database.writing() as session:
+        session.execute(update(Fleet).values(quota_bytes=size))
+    # What is there may be made again; a first report needs room.
+    assert engineer.post(f"/results/{result}/report").status_code == 202
+    with api.database.writing() as session:
+        session.execute(delete(Report))
+    refused = engineer.post(f"/results/{result}/report")
+    assert (refused.status_code, refused.json()["code"]) == (403, "fleet_quota_exceeded")
 
 
 def test_of_marks_only_reviewers_see_it_and_only_of_a_whole_fit(api, context, made):

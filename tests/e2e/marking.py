@@ -46,11 +46,15 @@ class Marker:
     @property
     def vertex(self) -> str:
         """The vertex that is shown."""
-        return self.page.locator(".stage").get_attribute("data-vertex") or ""
+        return self.page.locator(".work > .stage").get_attribute("data-vertex") or ""
+
+    def view(self) -> Any:
+        """Where the frame is shown and marked."""
+        return self.page.get_by_role("application", name="Camera frame")
 
     def frame(self) -> Any:
         """The camera frame's element."""
-        return self.page.get_by_role("application").locator("img")
+        return self.view().locator("img")
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
         """What lies at page position (x, y), by the image element alone: p / scale - 0.5 (SPEC.md)."""
@@ -60,7 +64,7 @@ class Marker:
 
     def click(self, across: float, down: float) -> tuple[float, float]:
         """Click at a fraction of the viewport, and return the pixel that lies there."""
-        box = self.page.get_by_role("application").bounding_box()
+        box = self.view().bounding_box()
         assert box is not None
         x, y = math.floor(box["x"] + across * box["width"]), math.floor(box["y"] + down * box["height"])
         self.page.mouse.click(x, y)
@@ -74,7 +78,7 @@ class Marker:
 
     def shown(self) -> int:
         """How many marks lie on the shown frame."""
-        return self.page.get_by_role("application").locator("svg g.ink").count()
+        return self.view().locator("svg g.ink").count()
 
     def save(self, key: str = "Enter") -> dict[str, Any]:
         """Press a key that answers; wait for the answer and for the next task. Returns the answer's body."""

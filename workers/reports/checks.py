@@ -6,7 +6,7 @@ finds is larger than half of a mark's noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.reports.coverage import coverage_check
-from workers.reports.further_unknowns import Tested, tested
+from workers.reports.further_unknowns import tested
 from workers.reports.material import Material
 from workers.reports.pair_errors import PairErrors
 from workers.solver.estimate import Estimate
@@ -23,6 +23,11 @@ from workers.solver.residuals import by_point, predict
 Floats = NDArray[np.float64]
 Verdict = Literal["passed", "failed", "unknown"]
 _CHANCE: Final = 1e-3
+# Two-sided quantile of the normal distribution at one in thousand.
+_CERTAIN: Final = 3.29
+# Twice the log likelihood ratio that independent errors exceed in one of thousand cases, by the number of components:
+# each is zero half of the time (Self and Liang 1987).
+_TOGETHER: Final = {1: 9.55, 2: 11.76}
 _MATTERS: Final = 0.5  # of the noise of a mark per coordinate
 # Radial patterns up to the seventh power of the distance from the centre: the lens models' own terms go that far.
 _POWERS: Final = (1, 2, 3, 4, 5, 6, 7)
@@ -49,13 +54,16 @@ class Check:
 def checks(material: Material, found: Estimate, errors: PairErrors) -> list[Check]:
     """All checks of the reported result. ``found``: its estimate without outliers; ``errors``: its pairs' errors."""
     document = material.chosen.document
+    clocks = clock(found)
     return [
         off_axis(found, errors),
-        *times(found),
+        clocks,
+        rolling_shutter(document, found, clocks),
         wrong_pairs(document),
         together(document),
         halves(document),
         Check(*coverage_check(material, errors), forbids=False),
+        elsewhere(material.elsewhere),
     ]
 
 
@@ -117,62 +125,76 @@ def _radial(found: Estimate) -> Floats:
     return unit[:, :, None] * np.stack([share**power for power in _POWERS], axis=1)[:, None, :]
 
 
-def times(found: Estimate) -> list[Check]:
-    """Whether the marks lie where the board was at another moment: the clocks' offset, and a rolling shutter."""
-    clock, shutter = "Clocks of camera and LiDAR", "Rolling shutter"
+def clock(found: Estimate) -> Check:
+    """Whether the marks lie where the board was at another moment: the clocks' offset."""
+    title = "Clocks of camera and LiDAR"
     problem = found.holding
     if problem.velocities is None:
-        why = "The pairs do not say how the board moved."
-        return [Check("clock", clock, "unknown", why), Check("rolling_shutter", shutter, "unknown", why)]
-    pixels, violation = predict(problem, found.held_at)
-    moved = np.einsum("nij,nj->ni", by_point(problem, found.held_at), problem.velocities)
-    moved[violation > 0.0] = 0.0
-    height = problem.image_size[1]
-    row = np.where(violation > 0.0, 0.0, (pixels[:, 1] - 0.5 * (height - 1)) / height)
-    alone = tested(found, moved[:, :, None])
-    both = tested(found, np.stack([moved, moved * row[:, None]], axis=2))
-    used = problem.weights > 0.0
-    speed = float(np.median(np.hypot(*moved[used].T)))
-    return [
-        _time_check("clock", clock, _clock_words, alone, 0, speed, found, 1.0),
-        _time_check("rolling_shutter", shutter, _shutter_words, both, 1, speed, found, 1.0 / height),
-    ]
-
-
-Words = Callable[[float, float, bool], str]
-
-
-def _time_check(
-    name: str, title: str, words: Words, result: Tested | None, k: int, speed: float, found: Estimate, per: float
-) -> Check:
-    """One time among the tested unknowns; ``speed``: px/s of the marks; ``per``: of a row where it is one's."""
-    if result is None or not np.isfinite(result.deviations[k]) or result.deviations[k] == 0.0:
-        return Check(name, title, "unknown", "The board's motion does not distinguish it from an error of the mount.")
-    value, deviation = float(result.values[k]), float(result.deviations[k])
-    # Two-sided quantile of the normal distribution at one in thousand.
-    certain = abs(value) > 3.29 * deviation
-    # A shutter's time is over the whole image: half of it is what marks differ by.
-    effect = abs(value) * speed * (1.0 if per == 1.0 else 0.5)
-    failed = certain and effect > _MATTERS * found.spread.sigma_px
-    figures = {"seconds": value * per, "deviation_seconds": deviation * per, "speed_px_s": speed}
-    return Check(name, title, "failed" if failed else "passed", words(value * per, deviation * per, failed), figures)
-
-
-def _clock_words(value: float, deviation: float, failed: bool) -> str:
+        return Check("clock", title, "unknown", "The pairs do not say how the board moved.")
+    moved = by_clock(found)
+    result = tested(found, moved[:, :, None])
+    if result is None or not np.isfinite(result.deviations[0]) or result.deviations[0] == 0.0:
+        return Check(
+            "clock", title, "unknown", "The board's motion does not distinguish it from an error of the mount."
+        )
+    value, deviation = float(result.values[0]), float(result.deviations[0])
+    speed = _speed(found, moved)
+    failed = abs(value) > _CERTAIN * deviation and abs(value) * speed > _MATTERS * found.spread.sigma_px
     offset = f"{1e3 * abs(value):.1f} ± {1e3 * deviation:.1f} ms"
-    if not failed:
-        return f"The marks follow the board's motion: the clocks differ by {offset}."
-    return (
+    sentence = (
         f"The marks lie where the board was {offset} {'later' if value > 0 else 'earlier'} than the pairs say: the "
         "offset between the clocks is wrong. Estimate it, and detect again."
+        if failed
+        else f"The marks follow the board's motion: the clocks differ by {offset}."
     )
+    figures = {"seconds": value, "deviation_seconds": deviation, "speed_px_s": speed}
+    return Check("clock", title, "failed" if failed else "passed", sentence, figures)
 
 
-def _shutter_words(value: float, deviation: float, failed: bool) -> str:
-    line = f"{1e6 * value:.0f} ± {1e6 * deviation:.0f} microseconds a row"
-    if not failed:
-        return f"All rows of a frame show the same moment: {line}."
-    return f"The rows of a frame show different moments ({line}): a rolling shutter. Walk slowly, or stand still."
+def by_clock(found: Estimate) -> Floats:
+    """(N, 2) how fast each pair's projection moves, px/s; zero where there is none."""
+    problem = found.holding
+    assert problem.velocities is not None
+    _, violation = predict(problem, found.held_at)
+    moved = np.einsum("nij,nj->ni", by_point(problem, found.held_at), problem.velocities)
+    return np.where((violation > 0.0)[:, None], 0.0, moved)
+
+
+def _speed(found: Estimate, moved: Floats) -> float:
+    return float(np.median(np.hypot(*moved[found.holding.weights > 0.0].T)))
+
+
+def rolling_shutter(document: dict[str, Any], found: Estimate, clocks: Check) -> Check:
+    """Whether the result says that the camera reads its rows one after the other, which the solver tests.
+
+    It forbids the use where marks at the image's upper and lower edge are off by more than half of their noise. If
+    the clocks are off and explain the residuals better, nothing is said of the rows.
+    """
+    title, shown = "Rolling shutter", document.get("rolling_shutter")
+    if not shown:
+        return Check("rolling_shutter", title, "unknown", "The result does not say how the rows are read.")
+    line_us, std_us = shown["line_time_us"], shown["std_us"]
+    line = f"{line_us:.0f} ± {std_us:.0f} microseconds a row"
+    figures = {"line_time_us": line_us, "std_us": std_us, "limit": shown["limit"]}
+    if not shown["shown"]:
+        sentence = f"All rows of a frame show the same moment: {line}."
+        return Check("rolling_shutter", title, "passed", sentence, figures)
+    if clocks.verdict == "failed" and _deviations(clocks.figures, "seconds") >= abs(line_us) / max(std_us, 1e-9):
+        sentence = f"The clocks' offset explains the residuals better than rows that are read in turn ({line})."
+        return Check("rolling_shutter", title, "unknown", sentence, figures)
+    begins = "Residuals along the board's motion grow"
+    said = next((alarm for alarm in document.get("alarms", []) if alarm.startswith(begins)), None)
+    sentence = said or f"The rows of a frame show different moments ({line}): a rolling shutter."
+    matters = False
+    if found.holding.velocities is not None:
+        half_s = 0.5e-6 * abs(line_us) * found.holding.image_size[1]
+        figures["speed_px_s"] = _speed(found, by_clock(found))
+        matters = half_s * figures["speed_px_s"] > _MATTERS * found.spread.sigma_px
+    return Check("rolling_shutter", title, "failed", sentence, figures, forbids=matters)
+
+
+def _deviations(figures: dict[str, Any], name: str) -> float:
+    return abs(figures[name]) / max(figures[f"deviation_{name}"], 1e-12)
 
 
 def wrong_pairs(document: dict[str, Any]) -> Check:
@@ -200,10 +222,23 @@ def together(document: dict[str, Any]) -> Check:
     begins = ("Pairs of one group err together", "Pairs near in time err together")
     said = next((alarm for alarm in document.get("alarms", []) if alarm.startswith(begins)), None)
     figures = {name: shared[name] for name in ("evidence", "widening", "deviations")}
+    if said is None and shared["evidence"] > _TOGETHER.get(len(shared["deviations"]), np.inf):
+        sizes = " and ".join(_size(*one) for one in shared["deviations"].items() if one[1] > 0.0)
+        blocks = "group" if shared["by"] == "group" else "stretch of the walk"
+        said = (
+            f"Pairs of one {blocks} err together, by {sizes} from one to the next. The standard deviations count "
+            f"that; they are {shared['widening']:.2f} times those of independent errors."
+        )
     if said:
         # The stated deviations count them.
         return Check("shared_errors", title, "failed", said, figures, forbids=False)
     return Check("shared_errors", title, "passed", "Pairs of one pose, or near in time, err independently.", figures)
+
+
+def _size(name: str, deviation: float) -> str:
+    if name == "offset_m":
+        return f"{1e3 * deviation:.2g} mm"
+    return f"{deviation:.2g} {'px' if name == 'shift_px' else 'degrees'}"
 
 
 def halves(document: dict[str, Any]) -> Check:
@@ -218,3 +253,19 @@ def halves(document: dict[str, Any]) -> Check:
     ratios = " and ".join(f"{one['ratio']:.2f}" for one in compared)
     sentence = f"Two fits of halves differ by {ratios} times the stated standard deviation; 1 is expected."
     return Check("halves", title, "passed", sentence, figures)
+
+
+def elsewhere(validations: Sequence[dict[str, Any]]) -> Check:
+    """Whether validations on other data agree with the result."""
+    title = "Other recordings"
+    if not validations:
+        return Check("elsewhere", title, "unknown", "No validation tested the result on other data.")
+    verdicts = [one["verdict"] for one in validations]
+    figures = {verdict: verdicts.count(verdict) for verdict in ("agrees", "disagrees", "unknown")}
+    against = [one["sentence"] for one in validations if one["verdict"] == "disagrees"]
+    if against:
+        return Check("elsewhere", title, "failed", " ".join(against), figures)
+    said = f"{figures['agrees']} of {len(verdicts)} validations on other data agree with the result"
+    if figures["agrees"]:
+        return Check("elsewhere", title, "passed", f"{said}, none disagrees.", figures)
+    return Check("elsewhere", title, "unknown", "No validation on other data came to a verdict.", figures)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from workers.reports.checks import Check, checks
 from workers.reports.coverage import field_of, missing
 from workers.reports.maps import ground_map, image_map
-from workers.reports.material import Material
+from workers.reports.material import FittedModel, Material
 from workers.reports.pair_errors import PairErrors, held_out_px, pair_errors
 from workers.reports.rounding import rounded, tidy
 from workers.reports.verdict import Verdict, verdict_of
-from workers.solver.estimate import estimate
+from workers.solver.estimate import Estimate, estimate
 
 Json = dict[str, Any]
 LAYOUT = 1
@@ -52,6 +52,7 @@ def contents(material: Material) -> Json:
             "coverage": field._asdict() | {"missing": missing(field)},
             "slots": _slots(material),
             "people": _people(material, errors),
+            "elsewhere": list(material.elsewhere),
             "request": material.request,
             "provenance": document.get("provenance"),
         }
@@ -60,13 +61,14 @@ def contents(material: Material) -> Json:
 
 def judged(material: Material, errors: PairErrors) -> tuple[list[Check], Verdict]:
     """The checks of the reported result, and the verdict that follows. ``errors``: those of its pairs."""
-    document = material.chosen.document
-    # Wrong marks have a check of their own; the others look at the pairs that belong.
-    problem = replace(material.chosen.problem, outliers="exclude")
-    parameters = document["polished"]["parameters"]
-    found = estimate(problem, np.array([parameters[name] for name in problem.names]))
-    made = checks(material, found, errors)
-    return made, verdict_of(document, material.objections, made)
+    made = checks(material, estimate_of(material.chosen), errors)
+    return made, verdict_of(material.chosen.document, material.objections, made)
+
+
+def estimate_of(model: FittedModel) -> Estimate:
+    """The fit's estimate again. Wrong marks have a check of their own; the others look at the pairs that belong."""
+    problem, parameters = replace(model.problem, outliers="exclude"), model.document["polished"]["parameters"]
+    return estimate(problem, np.array([parameters[name] for name in problem.names]))
 
 
 def _pairs(material: Material, errors: PairErrors) -> Json:

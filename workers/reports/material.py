@@ -47,8 +47,9 @@ class Material:
 
     ``chosen`` is the reported model, ``models`` are all of its camera. ``pairs``: columns of equal lengths.
     ``objections``: what speaks against publishing the result. ``slots``: iteration, slot and loss of each slot.
-    ``marks``: by person, where the pairs are made of marks. ``frames``: by number of the pair. ``names`` are those of
-    vehicle, rig and camera; ``ids`` of the rows.
+    ``marks``: by person, where the pairs are made of marks. ``frames``: by number of the pair. ``elsewhere``: what
+    validations found on other data, the newest first, without single pairs. ``names`` are those of vehicle, rig and
+    camera; ``ids`` of the rows.
     """
 
     chosen: FittedModel
@@ -60,6 +61,7 @@ class Material:
     slots: Sequence[tuple[int, int, float]] = ()
     marks: Sequence[PersonMark] = ()
     frames: Mapping[int, FrameImage] = field(default_factory=dict[int, FrameImage])
+    elsewhere: Sequence[Json] = ()
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     ids: Mapping[str, str] = field(default_factory=dict[str, str])
     request: Json = field(default_factory=dict[str, Any])

@@ -52,6 +52,7 @@ def sections_of(document: Json) -> list[Section]:
     found = [Section("residuals", "Residuals", _residuals(document))]
     if document["people"]:
         found.append(Section("people", "By person", [_of_person(*one) for one in enumerate(document["people"])]))
+    found.append(Section("elsewhere", "Other recordings", _curves(document)))
     found += [Section(f"maps-{name}", f"Error maps of {name}", _maps(name)) for name in document["models"]]
     if document["slots"]["loss_px"]:
         found.append(Section("search", "Convergence of the search", [_SLOTS]))
@@ -145,6 +146,29 @@ def _of_person(number: int, person: Json) -> Plot:
         points=f"{at}/pair",
         is_equal=True,
     )
+
+
+def _curves(document: Json) -> list[Plot]:
+    """The scores of drives over yaw and pitch of the mount."""
+    return [
+        Plot(
+            f"curve-{number}-{curve['offset']}",
+            f"{one['kind']} of {one['data']}, {curve['offset']}",
+            "turn of the mount, degrees",
+            _SCORES[one["kind"]],
+            f"The score over {curve['offset']} of the mount. A sharp peak at zero is evidence, a flat curve shows "
+            "nothing.",
+            x=f"elsewhere/{number}/curves/{place}/at",
+            y=f"elsewhere/{number}/curves/{place}/score",
+            points="",
+        )
+        for number, one in enumerate(document["elsewhere"])
+        for place, curve in enumerate(one.get("curves") or [])
+        if curve["offset"] in ("yaw", "pitch")
+    ]
+
+
+_SCORES: Final = {"lanes": "share on bright pixels, 1", "edges": "relative gradient, 1"}
 
 
 def _maps(model: str) -> list[Plot]:

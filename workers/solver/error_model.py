@@ -7,6 +7,7 @@ pairs share (`common_errors`); the priors' errors e_p have the covariance P^-1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,6 +20,8 @@ from workers.solver.variance_components import Components, Linearised
 
 Floats = NDArray[np.float64]
 Used = NDArray[np.bool_]
+Arm = tuple[Floats, Used | None]
+"""An estimate's Q (F, F), with its sign in a difference, and the pairs (N,) that it is from; None: all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,18 +70,16 @@ class ErrorModel:
         )
         return replace(self, fit=fit, scale=np.concatenate([self.scale, scale]), moved=np.zeros(0))
 
-    def parts(self) -> list[Floats]:
-        """(F, F) each: how the covariance grows with sigma^2 and with the variance of each shared component."""
-        Q = self.inverse() / self.noise
-        J = self.fit.jacobian.reshape(-1, len(self.scale))
-        filled = [J.T @ J]
-        if self.shared is not None:
-            filled += [self._of_component(None, k) for k in range(len(self.variances))]
-        return [self._in_units(Q @ one @ Q) for one in filled]
+    def parts(self, *halves: Used) -> list[Floats]:
+        """(F, F) each: how the covariance grows with sigma^2 and with the variance of each shared component.
+
+        Of the estimate from all pairs, or of the difference of the estimates from two disjoint `halves` of them.
+        """
+        return [self._in_units(part) for part in self._parts(self._arms(halves))]
 
     def covariance(self) -> Floats:
         """(F, F) of the estimate from all pairs: rad, m, px."""
-        found = self._of_arms((self.inverse(), None))
+        found = self._of_arms(self._arms(()))
         return found + np.outer(self.moved, self.moved) if self.moved.size else found
 
     def freedoms(self) -> Floats:
@@ -91,28 +92,44 @@ class ErrorModel:
         with np.errstate(divide="ignore"):
             return 2.0 * np.diag(self.covariance()) ** 2 / unsure
 
+    def freedom_of(self, shares: Floats) -> float:
+        """Degrees of freedom of a stated mean square of 1 that grows by shares (1 + K,) with the variances."""
+        unsure = float(shares @ self.unsure @ shares)
+        return 2.0 / unsure if unsure > 0.0 else np.inf
+
     def difference(self, first: Used, second: Used) -> Floats:
         """(F, F) of the difference of the estimates from the first and the second pairs, which are disjoint."""
-        return self._of_arms((self.inverse(first), first), (-self.inverse(second), second))
+        return self._of_arms(self._arms((first, second)))
 
     def of_pairs(self) -> ErrorModel:
         """The same without what all pairs share."""
         return replace(self, common=self.common[:, :, :0], estimated=0, moved=np.zeros(0))
 
-    def _of_arms(self, *arms: tuple[Floats, Used | None]) -> Floats:
-        size = len(self.scale)
-        total, by_common = np.zeros((size, size)), np.zeros((size, self.common.shape[2]))
+    def _arms(self, halves: Sequence[Used]) -> list[Arm]:
+        if not halves:
+            return [(self.inverse(), None)]
+        first, second = halves
+        return [(self.inverse(first), first), (-self.inverse(second), second)]
+
+    def _of_arms(self, arms: Sequence[Arm]) -> Floats:
+        by_common = np.zeros((len(self.scale), self.common.shape[2]))
         for inverse, rows in arms:
-            J = self._rows(rows).reshape(-1, size)
-            middle = J.T @ J / self.noise
-            if self.shared is not None:
-                for k, variance in enumerate(self.variances.tolist()):
-                    middle = middle + variance / self.noise**2 * self._of_component(rows, k)
-            total += inverse @ middle @ inverse
             by_common += self._by_common(inverse, rows)
+        variances = [self.noise, *self.variances.tolist()]
+        total = np.sum([v * part for v, part in zip(variances, self._parts(arms), strict=True)], axis=0)
         by_prior = np.sum([inverse for inverse, _ in arms], axis=0)
         total += by_prior @ self.fit.prior @ by_prior + by_common @ by_common.T
         return self._in_units(total)
+
+    def _parts(self, arms: Sequence[Arm]) -> list[Floats]:
+        size = len(self.scale)
+        parts = np.zeros((1 + len(self.variances), size, size))
+        for inverse, rows in arms:
+            Q, J = inverse / self.noise, self._rows(rows).reshape(-1, size)
+            parts[0] += Q @ (J.T @ J) @ Q
+            for k in range(len(self.variances)):
+                parts[1 + k] += Q @ self._of_component(rows, k) @ Q
+        return list(parts)
 
     def _by_common(self, inverse: Floats, used: Used | None) -> Floats:
         return inverse @ np.einsum("ncf,ncm->fm", self._rows(used), self.common) / self.noise

@@ -38,9 +38,9 @@ class Estimate:
     outliers have weight 0 where the problem excludes them. holding: the problem of the pairs that hold the
     parameters, without outliers. kept: the fit of `holding` if outliers moved the other one; how far they moved it
     counts as a deviation. spread: the covariance and the noise of these marks, with what pairs share. errors: what
-    the covariance is made of; plain: that without what blocks share; shared: what blocks share. All three are None
-    if the pairs leave a direction open or show no noise, and `shared` also if there are no blocks. bias: of the
-    people who marked, if the problem states its deviation.
+    the covariance is made of; plain: that without what blocks share; wider: that with it, whether it counts or not;
+    shared: what blocks share. They are None if the pairs leave a direction open or show no noise, and `wider` and
+    `shared` also if there are no blocks. bias: of the people who marked, if the problem states its deviation.
     weak: standard deviations of the weak priors that hold distortion terms, by name.
     """
 
@@ -53,6 +53,7 @@ class Estimate:
     kept: Fit | None = None
     errors: ErrorModel | None = None
     plain: ErrorModel | None = None
+    wider: ErrorModel | None = None
     shared: SharedErrors | None = None
     bias: Bias | None = None
     weak: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -175,7 +176,8 @@ def _with_shared_errors(found: Estimate) -> Estimate:
             std=np.sqrt(np.diag(covariance)) * unit,
             freedoms=errors.freedoms(),
         )
-    return replace(found, spread=spread, errors=errors, plain=plain, shared=shared and shared[0], bias=bias)
+    named, wider = shared if shared is not None else (None, None)
+    return replace(found, spread=spread, errors=errors, plain=plain, wider=wider, shared=named, bias=bias)
 
 
 def _moved(problem: FitProblem, to: Floats, begin: Floats) -> Floats:

@@ -41,6 +41,9 @@ def other_optima(problem: FitProblem, polished: Fit, starts: Iterable[tuple[floa
     for start in starts:
         fit = polish(problem, start)
         cost = cost_of(here, fit.parameters, polished.scale_px)
+        # A descent that ran out of steps has not reached its optimum, which may be this one.
+        if not fit.outcome.converged:
+            continue
         if cost > _NEARLY_AS_DEEP**2 * polished.cost or not _apart(problem, J, sigma, fit, polished):
             continue
         if all(_apart(problem, J, sigma, fit, other) for _, other in places):

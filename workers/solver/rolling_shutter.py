@@ -20,6 +20,7 @@ from workers.solver.errors import SolveError
 from workers.solver.estimate import Estimate
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import by_point
+from workers.solver.shared_errors import shared_errors
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
@@ -77,7 +78,10 @@ def at_their_rows(problem: FitProblem) -> FitProblem:
 
 
 def line_time_of(found: Estimate) -> LineTime | None:
-    """What the residuals show. None if the pairs do not say how the apex moved, or do not determine the fit."""
+    """What the residuals show. None if the pairs do not say how the apex moved, or do not determine the fit.
+
+    What stretches of a walk share is estimated beside the line time, because they would absorb it otherwise.
+    """
     if found.errors is None or found.holding.velocities is None:
         return None
     problem, p = whitened(found.holding, found.held_at), found.held_at
@@ -87,6 +91,10 @@ def line_time_of(found: Estimate) -> LineTime | None:
     if not np.any(column[problem.weights > 0.0]):
         return None
     wider = found.errors.with_columns(column)
+    if found.plain is not None and problem.blocks is not None and problem.blocks.kind != "group":
+        wider = found.plain.with_columns(column)
+        shared = shared_errors(problem, p, wider)
+        wider = shared[1] if shared is not None and shared[0].counted else wider
     variance, freedom = float(wider.covariance()[-1, -1]), float(wider.freedoms()[-1])
     limit = float(_student_quantile(min(max(freedom, 1.0), 1e6), 1.0 - 0.5 * _FALSE_ALARMS))
     return LineTime(float(wider.step()[-1]), float(np.sqrt(variance)), limit)

@@ -107,9 +107,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "residuals_px": distances(problem, p).tolist(),
         "at_bounds": at_bounds(problem, p),
         **spread.to_document(),
-        "alarms": alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded)
-        + found.moved_alarms()
-        + said,
+        "alarms": alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
         "shared_errors": found.shared and found.shared.to_document(),
         "common_errors": problem.common_errors,
         "person_bias": found.bias and found.bias._asdict(),

@@ -10,6 +10,7 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.validations import SINGLE_PAIRS
 from service.db.calibrations import CorrespondenceSet
 from service.db.recordings import CameraFrame, Sensor
 from service.db.validations import Validation
@@ -37,7 +38,8 @@ def score_pairs(context: Context, held: Claim, lease: Lease) -> Callable[[Sessio
         columns = session.get_one(CorrespondenceSet, row.set_id).pairs
     points = np.column_stack([columns[name] for name in "xyz"]).astype(np.float64)
     marks = np.column_stack([columns[name] for name in "uv"]).astype(np.float64)
-    return _writing(held, score(calibration, points, marks))
+    found = score(calibration, points, marks)
+    return _writing(held, found, {name: found.pop(name) for name in SINGLE_PAIRS})
 
 
 def check_lanes(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
@@ -114,8 +116,11 @@ def _seen_after_ns(lidar: LidarFile, calibration: KnownCalibration) -> int:
     return int(np.median(sweep.offset_ns[seen])) if seen.any() else 0
 
 
-def _writing(held: Claim, result: dict[str, Any]) -> Callable[[Session], None]:
+def _writing(
+    held: Claim, result: dict[str, Any], single_pairs: dict[str, Any] | None = None
+) -> Callable[[Session], None]:
     def write(session: Session) -> None:
-        session.get_one(Validation, held.subject_id).result = result
+        row = session.get_one(Validation, held.subject_id)
+        row.result, row.single_pairs = result, single_pairs
 
     return write

@@ -133,7 +133,9 @@ def total(sums: Floats, counts: Floats) -> Floats:
 def find_peak(offsets: Floats, sums: Floats, counts: Floats) -> Peak | None:
     """The peak over a grid of turns; None where fewer than three groups have anything.
 
-    Deviations are those of the jackknife that leaves out a group at a time (Efron and Stein 1981).
+    Deviations are those of the jackknife that leaves out a group at a time (Efron and Stein 1981), around the highest
+    score of all groups. The jackknife holds for estimates that move smoothly with the data; a highest score that
+    jumps to another bump does not. Whether another bump is as high is what ``lead`` says.
     """
     there = counts.sum(axis=0) > 0
     if np.count_nonzero(there) < 3:
@@ -142,11 +144,12 @@ def find_peak(offsets: Floats, sums: Floats, counts: Floats) -> Peak | None:
     turns = np.degrees(offsets[:, :2])
     whole_sum, whole_count = sums.sum(axis=1), counts.sum(axis=1)
     score = whole_sum / np.maximum(whole_count, 1.0)
-    far = np.hypot(*(turns - turns[score.argmax()]).T) > _APART_DEG
+    best = int(score.argmax())
+    far = np.hypot(*(turns - turns[best]).T) > _APART_DEG
     without = (whole_sum[:, None] - sums) / np.maximum(whole_count[:, None] - counts, 1.0)
-    sigma_pitch, sigma_yaw, _ = _jackknife(np.array([_summit(turns, column) for column in without.T]))
+    sigma_pitch, sigma_yaw, _ = _jackknife(np.array([_summit(turns, column, best) for column in without.T]))
     leads = without[~far].max(axis=0) - without[far].max(axis=0)
-    pitch, yaw, height = _summit(turns, score)
+    pitch, yaw, height = _summit(turns, score, best)
     return Peak(
         pitch_deg=float(pitch),
         yaw_deg=float(yaw),
@@ -163,9 +166,8 @@ def _jackknife(values: Floats) -> Floats:
     return np.sqrt((count - 1) / count * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
 
 
-def _summit(turns: Floats, score: Floats) -> Floats:
-    """Pitch, yaw and height of the summit, by a quadratic around the highest score."""
-    best = score.argmax()
+def _summit(turns: Floats, score: Floats, best: int) -> Floats:
+    """Pitch, yaw and height of the summit, by a quadratic around the turn ``best``."""
     near = np.hypot(*(turns - turns[best]).T) <= _AROUND_DEG
     p, y = (turns[near] - turns[best]).T
     design = np.column_stack([np.ones_like(p), p, y, p * p, p * y, y * y])

@@ -10,7 +10,7 @@ import numpy as np
 import optax
 from evosax import algorithms
 
-from benchmarks.solver.peers.contest import EVALUATIONS, GENERATIONS, POPULATION, Contest, Finish, Peer
+from benchmarks.solver.peers.contest import EVALUATIONS, GENERATIONS, POPULATION, Contest, Family, Finish, Peer
 from benchmarks.solver.peers.jax_fitness import losses_of
 from workers.geometry.models import ModelName
 
@@ -46,8 +46,17 @@ def _learned(genes: int) -> tuple[Any, Any]:
     return method, method.default_params.replace(std_init=_STEP)
 
 
+def _cmaes(genes: int) -> tuple[Any, Any]:
+    method = algorithms.CMA_ES(_LAMBDA, jnp.zeros(genes))
+    return method, method.default_params.replace(std_init=0.3)
+
+
+Build = Callable[[int], tuple[Any, Any]]
+
+
 @cache
-def _compiled(build: Callable[[int], tuple[Any, Any]], model: ModelName, genes: int) -> Callable[..., Any]:
+def _compiled(build: Build, model: ModelName, genes: int) -> Callable[..., Any]:
+    """A whole run: a genetic algorithm's from an evaluated population, or CMA-ES's from the middle of the bounds."""
     method, params = build(genes)
     losses = losses_of(model)
 
@@ -58,63 +67,42 @@ def _compiled(build: Callable[[int], tuple[Any, Any]], model: ModelName, genes: 
         state = method.tell(tell, children, losses(children, pack, numbers), state, params)[0]
         return state, state.best_fitness
 
-    @jax.jit
-    def search(seed: Any, pack: Any, numbers: Any) -> Any:
-        first, begin, rest = jax.random.split(jax.random.PRNGKey(seed), 3)
+    def begun(key: Any, pack: Any, numbers: Any) -> Any:
+        if build is _cmaes:
+            return method.init(key, jnp.full(genes, 0.5), params)
+        first, begin = jax.random.split(key)
         population = jax.random.uniform(first, (POPULATION, genes))
-        state = method.init(begin, population, losses(population, pack, numbers), params)
-        keys = jax.random.split(rest, GENERATIONS - 1)
-        state, lowest = jax.lax.scan(partial(generation, pack, numbers), state, keys)
-        return state.best_solution, lowest
+        return method.init(begin, population, losses(population, pack, numbers), params)
 
-    return search
-
-
-def _run(build: Callable[[int], tuple[Any, Any]], contest: Contest) -> Finish:
-    search = _compiled(build, contest.problem.model, contest.genes)
-    best, lowest = search(contest.seed % 2**31, contest.pack, contest.numbers.astype(np.float32))
-    trace = tuple((POPULATION * (2 + i), loss) for i, loss in enumerate(np.asarray(lowest).tolist()))
-    return Finish(np.asarray(best, dtype=np.float64), EVALUATIONS, trace=trace)
-
-
-@cache
-def _compiled_cmaes(model: ModelName, genes: int) -> Callable[..., Any]:
-    method = algorithms.CMA_ES(_LAMBDA, jnp.zeros(genes))
-    params = method.default_params.replace(std_init=0.3)
-    losses = losses_of(model)
-
-    def generation(pack: Any, numbers: Any, state: Any, key: Any) -> tuple[Any, Any]:
-        ask, tell = jax.random.split(key)
-        children, state = method.ask(ask, state, params)
-        children = jnp.clip(children, 0.0, 1.0)
-        state = method.tell(tell, children, losses(children, pack, numbers), state, params)[0]
-        return state, state.best_fitness
+    generations = EVALUATIONS // _LAMBDA if build is _cmaes else GENERATIONS - 1
 
     @jax.jit
     def search(seed: Any, pack: Any, numbers: Any) -> Any:
         begin, rest = jax.random.split(jax.random.PRNGKey(seed))
-        state = method.init(begin, jnp.full(genes, 0.5), params)
-        keys = jax.random.split(rest, EVALUATIONS // _LAMBDA)
-        state, lowest = jax.lax.scan(partial(generation, pack, numbers), state, keys)
+        keys = jax.random.split(rest, generations)
+        state, lowest = jax.lax.scan(partial(generation, pack, numbers), begun(begin, pack, numbers), keys)
         return state.best_solution, lowest
 
     return search
 
 
-def _cmaes(contest: Contest) -> Finish:
-    search = _compiled_cmaes(contest.problem.model, contest.genes)
+def _run(build: Build, contest: Contest) -> Finish:
+    search = _compiled(build, contest.problem.model, contest.genes)
     best, lowest = search(contest.seed % 2**31, contest.pack, contest.numbers.astype(np.float32))
-    trace = tuple((_LAMBDA * (1 + i), loss) for i, loss in enumerate(np.asarray(lowest).tolist()))
+    # A genetic algorithm's first population is evaluated before its first generation.
+    size, begins = (_LAMBDA, 1) if build is _cmaes else (POPULATION, 2)
+    trace = tuple((size * (begins + i), loss) for i, loss in enumerate(np.asarray(lowest).tolist()))
     return Finish(np.asarray(best, dtype=np.float64), EVALUATIONS, trace=trace)
 
 
+_ALGORITHMS: tuple[tuple[str, Family, Build, str], ...] = (
+    ("SimpleGA", "jax ga", _simple, f"best half as parents, crossover 0.5, mutation from {_STEP} down to a fiftieth"),
+    ("MR15_GA", "jax ga", _fifth, f"mutation from {_STEP}, by the rule of one fifth"),
+    ("SAMR_GA", "jax ga", _samr, f"mutation from {_STEP}, adapting itself"),
+    ("GESMR_GA", "jax ga", _gesmr, f"mutation from {_STEP} in 17 groups, adapting themselves"),
+    ("LearnedGA", "jax ga", _learned, f"the weights that come with it, mutation from {_STEP}"),
+    ("CMA-ES", "evolution strategy", _cmaes, f"lambda {_LAMBDA}, sigma 0.3, clipped to the bounds"),
+)
 PEERS = [
-    Peer(f"evosax {name}", "jax ga", settings, partial(_run, build))
-    for name, build, settings in (
-        ("SimpleGA", _simple, f"best half as parents, crossover 0.5, mutation from {_STEP} down to a fiftieth"),
-        ("MR15_GA", _fifth, f"mutation from {_STEP}, by the rule of one fifth"),
-        ("SAMR_GA", _samr, f"mutation from {_STEP}, adapting itself"),
-        ("GESMR_GA", _gesmr, f"mutation from {_STEP} in 17 groups, adapting themselves"),
-        ("LearnedGA", _learned, f"the weights that come with it, mutation from {_STEP}"),
-    )
-] + [Peer("evosax CMA-ES", "evolution strategy", f"lambda {_LAMBDA}, sigma 0.3, clipped to the bounds", _cmaes)]
+    Peer(f"evosax {name}", family, settings, partial(_run, build)) for name, family, build, settings in _ALGORITHMS
+]

@@ -12,6 +12,8 @@ async function load(url: string): Promise<HTMLImageElement> {
   const fetched = await fromStore(url);
   const image = new Image();
   image.decoding = "async";
+  // What it shows is said by what it is shown in.
+  image.alt = "";
   image.src = fetched ? URL.createObjectURL(fetched) : url;
   try {
     await image.decode();

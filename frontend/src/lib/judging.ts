@@ -2,7 +2,11 @@
 
 import type { Detection, Vertex } from "./api/types.ts";
 import { words } from "./format.ts";
+import type { Extent } from "./points/cloud.ts";
 import type { Lines } from "./points/scene.ts";
+
+/** The colour of a corner in 3D. */
+export const CORNER = "#e0007a";
 
 export type Verdict = "found" | "uncertain" | "refused";
 
@@ -139,6 +143,14 @@ export function cross({ x, y, z }: { x: number; y: number; z: number }, colour: 
     ends: [x - half, y, z, x + half, y, z, x, y - half, z, x, y + half, z, x, y, z - half, x, y, z + half],
     colour,
   };
+}
+
+/** What is shown about a vertex: a board and its holder, metres to each side. */
+const AROUND_M = 1.2;
+
+/** The space about a vertex. */
+export function closeTo({ x, y, z }: { x: number; y: number; z: number }): Extent {
+  return { min: [x - AROUND_M, y - AROUND_M, z - AROUND_M], max: [x + AROUND_M, y + AROUND_M, z + AROUND_M / 3] };
 }
 
 /** Standard deviations of a vertex across the ray, up and along it, millimetres; null if it states none. */

@@ -9,10 +9,12 @@ import * as people from "./api/people.ts";
 import type { MarkingProgress, MarkingTask, Me, VerdictName } from "./api/types.ts";
 import { cache } from "./cache.svelte.ts";
 import { keepDraft, shownMark } from "./drafts.ts";
+import { Doubts } from "./expected/doubts.svelte.ts";
 import type { KeptAnswer } from "./answers_kept.ts";
 import { History } from "./history.svelte.ts";
 import { loadImage, preload } from "./images.ts";
 import { outbox } from "./outbox.svelte.ts";
+import { painted } from "./painted.ts";
 import type { Pixel } from "./pixels.ts";
 import { session } from "./session.svelte.ts";
 import { Strip } from "./strip.svelte.ts";
@@ -49,13 +51,15 @@ export class Marking {
   readonly history: History;
   /** The last marks that were given on this page, to compare by eye. */
   readonly strip = new Strip();
+  /** Whether a mark is where the others let it be expected. */
+  readonly doubts = new Doubts();
 
   private readonly me: Me;
   private readonly detectionId: string;
   private readonly camera: string;
   private asked = 0;
   /** What comes next, leased. */
-  private ahead: readonly MarkingTask[] = [];
+  ahead = $state.raw<readonly MarkingTask[]>([]);
   private given: readonly Given[] = [];
   /** By task: the version of the own answer that an answer given here replaces. */
   private answeredOn: Readonly<Record<string, number>> = {};
@@ -83,6 +87,8 @@ export class Marking {
       if (!this.waiting) await this.advance(null);
     });
     void this.count();
+    await this.doubts.start(this.detectionId, this.camera).catch(() => undefined);
+    if (this.task) this.doubts.learn(this.task);
   }
 
   /** Keeps the leases while their person is there, and follows the outbox. Returns the end of it. */
@@ -104,6 +110,7 @@ export class Marking {
     const task = this.task;
     if (!task || !this.takes(at)) return;
     this.mark = mark;
+    this.doubts.dismiss();
     const isKept = keepDraft(this.me.id, task, mark);
     this.advice = isKept ? "" : "This browser cannot keep the mark: save it before you leave the page.";
   }
@@ -116,6 +123,7 @@ export class Marking {
       this.advice = "Click the board's top vertex first, or press R where this is no vertex.";
       return;
     }
+    if (mark && this.doubts.asks(task, mark)) return;
     const { task_id: taskId, vertex, frame, own } = task;
     await this.guarded(async () => {
       const answer = await outbox.add({
@@ -128,6 +136,7 @@ export class Marking {
       this.given = [...this.given, { answer, task }];
       this.answeredOn = { ...this.answeredOn, [taskId]: own.version };
       if (mark && this.image) this.strip.add(taskId, this.image, mark);
+      if (mark) this.doubts.note(task, mark);
       const [next, ...ahead] = this.ahead;
       this.ahead = ahead;
       if (next) {
@@ -338,6 +347,7 @@ export class Marking {
     this.image = image;
     this.task = task;
     this.mark = mark;
+    this.doubts.show(task);
     if (mark) this.advice = "Your mark from before is shown again. Enter saves it.";
     void this.watch(task);
   }
@@ -347,6 +357,7 @@ export class Marking {
     await painted();
     if (this.task !== task) return;
     this.seenFrom = performance.now() + REACTION_MS;
+    this.doubts.learn(task);
     setTimeout(() => {
       if (this.task === task) this.fresh = false;
     }, REACTION_MS);
@@ -376,9 +387,4 @@ export class Marking {
       void this.settle();
     }
   }
-}
-
-/** The next frame that the browser has drawn. */
-function painted(): Promise<void> {
-  return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())));
 }

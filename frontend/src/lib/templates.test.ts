@@ -11,9 +11,10 @@ test("what was chosen is said", () => {
   const asked: CalibrationTemplate = {
     ...newTemplate(),
     ...{ models: ["pinhole"], preset: "paper", search: "euler", folds: 0, seed: 0, publish: "recommended" },
+    line_time_us: 29.4,
   };
   assert.equal(
     templateInWords(asked),
-    "pinhole; preset paper; euler; nothing held out; seed 0; publish what is recommended",
+    "pinhole; preset paper; euler; rolling shutter of 29.4 µs a row; nothing held out; seed 0; publish what is recommended",
   );
 });

@@ -8,7 +8,7 @@ export type TemplateDraft = { models: ModelName[] } & Required<
   Pick<
     CalibrationTemplate,
     | ("preset" | "search" | "loss" | "outliers" | "bounds_preset")
-    | ("intrinsics_from" | "folds" | "farm" | "seed" | "publish")
+    | ("intrinsics_from" | "line_time_us" | "folds" | "farm" | "seed" | "publish")
   >
 >;
 
@@ -20,6 +20,7 @@ export const newTemplate = (): TemplateDraft => ({
   outliers: "keep",
   bounds_preset: null,
   intrinsics_from: "bounds",
+  line_time_us: 0,
   folds: 5,
   farm: "auto",
   seed: null,
@@ -36,6 +37,7 @@ export function templateInWords(asked: CalibrationTemplate): string {
   if (asked.intrinsics_from === "recording") parts.push("focal lengths near the recording's");
   if (asked.loss && asked.loss !== usual.loss) parts.push(`${asked.loss} loss`);
   if (asked.outliers === "exclude") parts.push("outliers excluded");
+  if (asked.line_time_us) parts.push(`rolling shutter of ${asked.line_time_us} µs a row`);
   const folds = asked.folds ?? usual.folds;
   parts.push(folds === 0 ? "nothing held out" : counted(folds, "fold"));
   if (typeof asked.seed === "number") parts.push(`seed ${asked.seed}`);

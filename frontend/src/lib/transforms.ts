@@ -8,7 +8,7 @@ export type Matrix = [Vector, Vector, Vector];
 
 const RAD = Math.PI / 180;
 
-function product(a: Matrix, b: Matrix): Matrix {
+export function product(a: Matrix, b: Matrix): Matrix {
   const of = ([x, y, z]: Vector, j: 0 | 1 | 2): number => x * b[0][j] + y * b[1][j] + z * b[2][j];
   const times = (row: Vector): Vector => [of(row, 0), of(row, 1), of(row, 2)];
   return [times(a[0]), times(a[1]), times(a[2])];

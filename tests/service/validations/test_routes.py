@@ -1,10 +1,14 @@
 """Validations and drift over HTTP, on both databases."""
 
+import re
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
 import pytest
+from sqlalchemy import event, select
 
+from apexcal.documents.validations import SINGLE_PAIRS
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.jobs import Job
 from service.db.validations import Validation
@@ -13,6 +17,7 @@ from tests.service.detections.seeding import LEVEL, seed_recording, seed_rig
 pytestmark = pytest.mark.usefixtures("broker")
 
 PAIRS = [{"x": 9.0, "y": 0.1 * i, "z": 0.2, "u": 300.0 + i, "v": 200.0, "group": i // 4} for i in range(12)]
+NO_FOCUS = {"f_x": 0, "f_y": 400, "c_x": 320, "c_y": 240}
 LENS = {"model": "pinhole", "parameters": {"f_x": 400, "f_y": 400, "c_x": 320, "c_y": 240}, "image_size": [640, 480]}
 GIVEN = {"lens": LENS, "transform": LEVEL}
 SCORE = {"verdict": "agrees", "sentence": "It holds.", "pairs": 1, "forbidden": 0, "wrong": 0, "mean_px": 1.0}
@@ -35,6 +40,19 @@ def rig(api, fleet):
     return seed_rig(api.database, fleet)
 
 
+@contextmanager
+def sql(database):
+    """The statements that reach the database meanwhile."""
+    sent = []
+
+    def note(connection, cursor, statement, *_):
+        sent.append(statement)
+
+    event.listen(database.engine, "before_cursor_execute", note)
+    yield sent
+    event.remove(database.engine, "before_cursor_execute", note)
+
+
 def brought(engineer, rig):
     return engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": PAIRS}, params={"camera": "front"}).json()
 
@@ -52,11 +70,14 @@ def test_a_given_calibration_is_scored_on_any_set_of_the_camera(api, engineer, r
         row = session.query(Validation).one()
         assert session.query(Job).one().subject_id == row.id
         assert row.asked["calibration"]["intrinsics"]["f_x"] == 400
-        row.state, row.result = "done", SCORE
+        row.state, row.result = "done", {name: value for name, value in SCORE.items() if name not in SINGLE_PAIRS}
+        row.single_pairs = {name: SCORE[name] for name in SINGLE_PAIRS}
     read = engineer.get(f"/validations/{said['id']}").json()
     assert (read["state"], read["result"]) == ("done", SCORE)
-    (listed,) = engineer.get(path).json()["items"]
+    with sql(api.database) as sent:
+        (listed,) = engineer.get(path).json()["items"]
     assert (listed["result"]["mean_px"], listed["result"]["u"]) == (1.0, [])
+    assert not any("single_pairs" in one or "asked" in one for one in sent)
 
 
 def test_single_pairs_of_marks_are_for_reviewers(api, fleet, engineer, rig):
@@ -99,6 +120,7 @@ def test_what_does_not_belong_together_is_refused(api, fleet, engineer, rig):
         (lanes | {"kind": "pairs"}, 422, "invalid_request"),
         (pairs | {"kind": "edges"}, 422, "invalid_request"),
         (pairs | {"calibration": GIVEN | {"lens": LENS | {"parameters": {"f_x": 1}}}}, 422, "invalid_request"),
+        (pairs | {"calibration": GIVEN | {"lens": LENS | {"parameters": NO_FOCUS}}}, 422, "invalid_request"),
     ):
         answer = engineer.post(path, body)
         assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
@@ -144,6 +166,28 @@ def seed_results(api, rig, mounts):
             session.flush()
             model = {"result_id": str(result.id)}
             calibration.summary = {"cameras": {"front": {"recommended": "pinhole", "models": {"pinhole": model}}}}
+
+
+def test_a_result_of_an_older_version_is_validated_at_the_size_that_was_fitted(api, engineer, rig):
+    seed_results(api, rig, [0.0])
+    with api.database.writing() as session:
+        session.query(CalibrationRun).one().problem = {"image_size": [640, 480]}
+        (result,) = session.scalars(select(Result.id))
+    body = {"kind": "pairs", "camera": "front", "set_id": brought(engineer, rig)["id"], "result_id": str(result)}
+    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/validations", body)
+    assert asked.status_code == 202, asked.text
+    with api.database.reading() as session:
+        assert session.query(Validation).one().asked["calibration"]["intrinsics"]["image_size"] == [640, 480]
+
+
+def test_drift_reads_no_whole_documents(api, engineer, rig):
+    seed_results(api, rig, [0.0, 0.001, 0.060])
+    with sql(api.database) as sent:
+        engineer.get(f"/vehicles/{rig.vehicle_id}/drift", params={"camera": "front"})
+    of_results = [one for one in sent if "result.document" in one]
+    # One statement for all results, and of each only what is compared.
+    assert len(of_results) == 1
+    assert "result.document" not in re.sub(r"JSON_EXTRACT\(result\.document|result\.document ->", "", of_results[0])
 
 
 @pytest.mark.parametrize(

@@ -125,6 +125,9 @@ def test_folds_are_exact_also_where_they_come_and_go_at_once():
     k1, k2, k5 = (-2 / a + 0.1) / 3, (1 / a**2 - 0.2 / a) / 5, 0.1 / a**2 / 7
     assert brown_conrady_fold(k1 - hair, k2, k5) == pytest.approx(a, rel=1e-5)
     assert brown_conrady_fold(k1 + 1e-9, k2, k5) == np.inf
+    # Terms that all grow have no fold; without any the cubic's zero is threefold.
+    for k in ((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.1), (0.1, 0.1, 0.1)):
+        assert brown_conrady_fold(*k) == np.inf
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -12,6 +12,27 @@ from workers.reports.material import FittedModel, Material, PersonMark
 from workers.solver.problem_document import problem_from_document
 
 MODELS = ("pinhole", "brown_conrady")
+CURVES = [
+    {
+        "offset": name,
+        "unit": "deg",
+        "at": [0.05 * i - 2.0 for i in range(81)],
+        "score": [1.0 + 1.0 / (1 + abs(i - 40)) for i in range(81)],
+    }
+    for name in ("yaw", "pitch", "roll")
+]
+EDGES = {"kind": "edges", "data": "drive <b>.bag", "at": "2026-01-02 00:00 UTC", "id": "v1", "verdict": "agrees"}
+EDGES |= {
+    "sentence": "The mount fits.",
+    "frames": 30,
+    "parts": 900,
+    "points": 900,
+    "score": 2.0,
+    "chance": 1.0,
+    "curves": CURVES,
+}
+PAIRS = {"kind": "pairs", "data": "walk.bag", "at": "2026-01-01 00:00 UTC", "id": "v2", "verdict": "unknown"}
+PAIRS |= {"sentence": "5 pairs are too few.", "pairs": 5, "mean_px": 1.0}
 
 
 @lru_cache(maxsize=4)
@@ -45,6 +66,7 @@ def made(pairs: int = 222, wrong: int = 3, lens: str = "brown_conrady", model: s
         recommended="brown_conrady",
         slots=[(i, slot, 3.0 / (i + 1) + 0.1 * slot) for i in range(4) for slot in range(3)],
         marks=marks,
+        elsewhere=[EDGES, PAIRS],
         names={"vehicle": "van </script>", "rig": "roof", "camera": "front"},
         ids={"result": "r1", "calibration": "c1"},
         request={"models": list(MODELS)},

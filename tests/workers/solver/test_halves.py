@@ -68,6 +68,44 @@ def test_sound_halves_differ_by_what_is_stated(made):
     assert np.mean([all(one.holds for one in halves) for halves in found]) >= 0.92
 
 
+def _correlated(seed, pairs=8, shift_px=0.5):
+    """A sound mount, and marks whose errors are shared by so many pairs in a row."""
+    problem, truth = walked(seed)
+    rng = np.random.default_rng((seed, 3))
+    count = len(problem.pixels)
+    shifts = shift_px * rng.normal(size=(count // pairs + 1, 2))
+    return replace(problem, pixels=problem.pixels + shifts[np.arange(count) // pairs]), truth
+
+
+def test_neighbours_that_err_together_are_no_reason_for_doubt():
+    """Asked: one in twenty. Sixty walks have five objections or more in fewer than one of five such tests at 0.05."""
+    found = [halves_of(estimate(*_correlated(1200 + seed))) for seed in range(60)]
+    assert np.mean([not all(one.holds for one in halves) for halves in found]) <= 0.07
+
+
+def test_limits_allow_for_what_stretches_may_share_without_counting():
+    """A limit is Fisher's for the errors with what stretches share, in units of what is stated without it."""
+    found = next(
+        found
+        for found in (estimate(*_correlated(1300 + seed, shift_px=0.25)) for seed in range(20))
+        if found.shared is not None and 0.5 < found.shared.evidence < 2.7
+    )
+    assert found.errors is found.plain and found.wider is not None
+    plain = halves_of(replace(found, wider=None))
+    for one, alone, first in zip(halves_of(found), plain, found.holding.blocks.halves, strict=True):
+        assert (one.ratio, one.field_ratio) == (alone.ratio, alone.field_ratio)
+        assert one.limit > 1.05 * alone.limit
+        step = found.wider.step(first) - found.wider.step(~first)
+        scale = 1.0 / found.wider.scale
+        covariance = found.wider.difference(first, ~first) * np.outer(scale, scale)
+        wide = np.sqrt((step * scale) @ np.linalg.solve(covariance, step * scale) / len(step))
+        parts = [part * np.outer(scale, scale) for part in found.wider.parts(first, ~first)]
+        grows = np.array([np.trace(np.linalg.solve(covariance, part)) for part in parts]) / len(step)
+        freedom = 2.0 / (grows @ found.wider.unsure @ grows)
+        limit = np.sqrt(stats.f.ppf(0.995, len(step), freedom))
+        assert one.limit / one.ratio == pytest.approx(limit / wide, rel=1e-4)
+
+
 def test_poses_that_share_errors_are_counted_and_no_reason_for_doubt():
     ratios = [halves_of(estimate(*posed(900 + seed, 20, 3, 0.01, 1.5)))[0].ratio for seed in range(25)]
     assert 0.7 < np.median(ratios) < 1.25

@@ -10,11 +10,12 @@ from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from workers.geometry.models import MODELS
 from workers.geometry.projection import project
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
+from workers.solver import polish as polishing
 from workers.solver.folds import folds
 from workers.solver.optima import other_optima
-from workers.solver.polish import distances, polish
+from workers.solver.polish import distances, mean_and_rms, polish, weighted_residuals
 from workers.solver.problem_document import problem_from_document
-from workers.solver.schedule import from_document, run_schedule, to_document
+from workers.solver.schedule import from_document, run_schedule, start, to_document
 from workers.solver.solution import solve_finish
 
 LENS = {"f_x": 700.0, "f_y": 700.0, "c_x": 640.0, "c_y": 480.0}
@@ -64,6 +65,47 @@ def test_one_optimum_is_not_called_two(model):
         problem, _ = simulated(model, 700 + seed)
         state, _ = run_schedule(problem)
         assert solve_finish(problem, state)["several_optima"] == []
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_slots_that_stopped_short_in_one_basin_are_one_optimum(model):
+    """Two slots that ended 6 per mille apart, on either side of the optimum along the flattest valley's floor."""
+    problem, truth = simulated(model, 760, pairs=60, noise_px=4.7)
+    polished = polish(problem, truth)
+    best = np.array(polished.parameters)
+    J = weighted_residuals(problem, best)[1]
+    lengths = np.linalg.norm(J, axis=0)
+    flattest = np.linalg.svd(J / lengths)[2][-1] / lengths
+    ends = [_along(problem, best, side * flattest, 1.001 * polished.mean_px) for side in (1.0, -1.0)]
+    losses = tuple(mean_and_rms(problem, end)[0] for end in ends)
+    assert abs(losses[0] - losses[1]) < 0.006 * polished.mean_px
+    assert other_optima(problem, polished, ends) == []
+    assert other_optima(problem, polish(problem, ends[0]), [polished.parameters, ends[1]]) == []
+    state = replace(start(problem), iteration=1, stopped="converged", history=losses[:1], slot_losses=losses)
+    state = replace(state, best_parameters=ends[0], best_loss=losses[0], first_slot_parameters=tuple(ends))
+    assert solve_finish(problem, state)["several_optima"] == []
+
+
+def _along(problem, best, direction, loss_px):
+    """The end of a slot that stopped where its mean distance was that much, in that direction of the free ones."""
+    reach, end = 1.0, best
+    for _ in range(60):
+        end = best.copy()
+        end[problem.free] += reach * direction
+        end = np.clip(end, problem.lower, problem.upper)
+        if mean_and_rms(problem, end)[0] <= 1.002 * loss_px:
+            break
+        reach *= 0.7
+    return tuple(end.tolist())
+
+
+def test_an_end_that_is_no_minimum_is_no_optimum(monkeypatch):
+    problem = small_board(0)
+    state, _ = run_schedule(problem)
+    deep = polish(problem, state.best_parameters)
+    assert other_optima(problem, deep, state.first_slot_parameters)
+    monkeypatch.setattr(polishing, "MAX_EVALUATIONS", 2)
+    assert other_optima(problem, deep, state.first_slot_parameters) == []
 
 
 def test_a_valley_is_one_place():

@@ -33,6 +33,8 @@ def brown_conrady_fold(k1: float, k2: float, k5: float) -> float:
     """r^2 at which the radial distortion r d(r^2) stops growing, infinity where it never does."""
     # r^2 = x / (1 - x) maps all radii onto (0, 1); times (1 - x)^3 the derivative is this cubic.
     a, b, c = 3.0 * k1, 5.0 * k2, 7.0 * k5
+    if a >= 0.0 and b >= 0.0 and c >= 0.0:
+        return np.inf  # every term grows; the cubic below may have a threefold zero at 1, which rounding moves
     x = first_zero(a - 3.0, 3.0 - 2.0 * a + b, a - b + c - 1.0, 0.0)
     if x >= 1.0:
         return np.inf

@@ -30,19 +30,32 @@ _REDUCED: Final = {
 }
 
 
-def reduced(width: int, widest: int) -> int:
-    """By which of 1, 2, 4, 8 an image is made smaller, so that it is about as wide as is needed."""
-    return next((factor for factor in (1, 2, 4, 8) if width / factor <= widest), 8)
+def reduced(width: int, height: int, widest: int) -> int | None:
+    """By which of 1, 2, 4, 8 an image is made smaller, so that it is about as wide as is needed.
+
+    It has at most the pixels of a square that is ``widest`` wide. None if it has more at an eighth of its size, too.
+    """
+    return next(
+        (
+            factor
+            for factor in (1, 2, 4, 8)
+            if (width <= factor * widest or factor == 8) and width * height <= (factor * widest) ** 2
+        ),
+        None,
+    )
 
 
 def decoded(data: bytes, *, colour: bool, widest: int) -> Any:
-    """The pixels of an encoded image, made smaller by 2, 4 or 8 if it is wider than ``widest``; None if damaged.
+    """The pixels of an encoded image, made smaller by 2, 4 or 8 if it is wider than ``widest`` or has many rows.
 
-    A JPEG is decoded at the smaller size, which takes a fraction of the time. What the file says of turning it is not
-    followed: calibrations are of the pixels as they lie in the file.
+    None if it is damaged, or too large for that. A JPEG is decoded at the smaller size, which takes a fraction of the
+    time. What the file says of turning it is not followed: calibrations are of the pixels as they lie in the file.
     """
-    width = read_image_header(data, "the frame").width
-    flags = _REDUCED[colour, reduced(width, widest)] | cv2.IMREAD_IGNORE_ORIENTATION
+    header = read_image_header(data, "the frame")
+    factor = reduced(header.width, header.height, widest)
+    if factor is None:
+        return None
+    flags = _REDUCED[colour, factor] | cv2.IMREAD_IGNORE_ORIENTATION
     return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
 
 

@@ -33,14 +33,14 @@ def decoded_frames(
     widest: int,
     must_stop: Callable[[], None],
 ) -> Iterator[NDArray[np.uint8] | None]:
-    """The pixels of each frame, in order; None where it cannot be decoded.
+    """The pixels of each frame, in order; None where it cannot be decoded, or is too large.
 
     Args:
         source: the camera's normalised file.
         places: offset and length of each encoded image in it.
         scratch: a folder for the pixels of a few frames at a time.
         colour: (height, width, 3) BGR, else (height, width) grey.
-        widest: wider images are made smaller by 2, 4 or 8.
+        widest: images that are wider, or have more pixels than a square of this width, are made smaller by 2, 4 or 8.
         must_stop: called several times a second; what it raises ends the child and comes out of here.
 
     Raises:

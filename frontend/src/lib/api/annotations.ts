@@ -2,7 +2,7 @@
 
 import { bodyOf, client } from "./http.ts";
 import { read, type Read } from "./reads.ts";
-import type { MarkingProgress, MarkingTally, MarkingTask, NewAnswer } from "./types.ts";
+import type { MarkingProgress, MarkingTally, MarkingTask, NewAnswer, OwnPairs } from "./types.ts";
 
 /** The next task for this person, or the one that they hold, with `ahead` that follow; null when nothing is left. */
 export const nextTask = async (
@@ -33,4 +33,12 @@ export const progress = (id: string, camera: string): Read<MarkingProgress> =>
 export const tally = (id: string, camera: string): Promise<MarkingTally> =>
   bodyOf(
     client.GET("/v1/detections/{detection_id}/tally", { params: { path: { detection_id: id }, query: { camera } } }),
+  );
+
+/** The person's own marks with their vertices. Unlike `marks` it tells nothing of others. */
+export const ownPairs = (id: string, camera: string): Promise<OwnPairs> =>
+  bodyOf(
+    client.GET("/v1/detections/{detection_id}/own-pairs", {
+      params: { path: { detection_id: id }, query: { camera } },
+    }),
   );

@@ -72,6 +72,7 @@ export type ClockOffset = Schemas["OffsetView"];
 export type MarkingTask = Schemas["TaskView"];
 export type MarkingProgress = Schemas["Progress"];
 export type MarkingTally = Schemas["Tally"];
+export type OwnPairs = Schemas["OwnPairs"];
 export type MarkPoint = Schemas["Pixel"];
 export type NewAnswer = Schemas["Answer"] & { mark: MarkPoint | null };
 export type OwnAnswer = Schemas["Own"];

@@ -1,0 +1,83 @@
+/** Asks, after a mark was given, whether it is meant, if it is far from where the person's other marks let it be expected. */
+
+import * as annotations from "../api/annotations.ts";
+import * as detections from "../api/detections.ts";
+import * as fleets from "../api/fleets.ts";
+import * as recordings from "../api/recordings.ts";
+import type { MarkingTask } from "../api/types.ts";
+import { cache } from "../cache.svelte.ts";
+import { mountOf, type Mount } from "../overlay/projection.ts";
+import type { Pixel } from "../pixels.ts";
+import { expectationOf, type Doubt, type Expectation, type OwnPair } from "./expectation.ts";
+
+interface Marked extends OwnPair {
+  vertexId: string;
+}
+
+export class Doubts {
+  /** What is asked about the mark of the shown vertex. */
+  question = $state.raw<Doubt | null>(null);
+  private pairs: readonly Marked[] = [];
+  private nominal: Mount | null = null;
+  private expected: Expectation | null = null;
+  private stale = true;
+  /** The task whose mark was asked about: it is asked once. */
+  private asked = "";
+
+  /** Reads the rig's mount and what the person marked before. Without them nothing is asked. */
+  async start(detectionId: string, camera: string): Promise<void> {
+    const detection = await cache.query(detections.detection(detectionId));
+    const recording = await cache.query(recordings.recording(detection.recording_id));
+    const rig = await cache.query(fleets.rig(recording.rig_id));
+    const nominal = rig.cameras.find((one) => one.name === camera)?.nominal;
+    this.nominal = nominal ? mountOf(nominal) : null;
+    const before = (await annotations.ownPairs(detectionId, camera)).items;
+    const given = this.pairs;
+    const isNew = (id: string): boolean => !given.some((one) => one.vertexId === id);
+    this.pairs = [
+      ...before.map((one) => ({ ...one, vertexId: one.vertex_id })).filter((one) => isNew(one.vertexId)),
+      ...given,
+    ];
+    this.stale = true;
+  }
+
+  /** A vertex is shown: its own mark says nothing about itself. */
+  show(task: MarkingTask): void {
+    this.dismiss();
+    this.asked = "";
+    const others = this.pairs.filter((one) => one.vertexId !== task.vertex.id);
+    this.stale ||= others.length < this.pairs.length;
+    this.pairs = others;
+  }
+
+  /** Fits the camera to the marks so far; takes milliseconds. */
+  learn({ frame }: MarkingTask): void {
+    if (!this.stale || !this.nominal) return;
+    this.expected = expectationOf(this.pairs, this.nominal, frame);
+    this.stale = false;
+  }
+
+  /** Whether the person is asked about this mark now. */
+  asks(task: MarkingTask, mark: Pixel): boolean {
+    if (this.asked === task.task_id) return false;
+    this.question = this.expected?.doubts(placeOf(task), mark) ?? null;
+    if (this.question) this.asked = task.task_id;
+    return this.question !== null;
+  }
+
+  dismiss(): void {
+    this.question = null;
+  }
+
+  /** Notes a mark that was given. */
+  note(task: MarkingTask, { u, v }: Pixel): void {
+    this.pairs = [...this.pairs, { ...placeOf(task), u, v, vertexId: task.vertex.id }];
+    this.stale = true;
+  }
+}
+
+/** Where the vertex was when the camera saw it. */
+function placeOf({ moved, vertex }: MarkingTask): { x: number; y: number; z: number } {
+  const { x, y, z } = moved ?? vertex;
+  return { x, y, z };
+}
