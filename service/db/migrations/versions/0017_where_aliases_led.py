@@ -1,14 +1,14 @@
 """Moves of aliases remember the result that they led to after it is deleted.
 
 Revision ID: 0017
-Revises: 0019
+Revises: 0016
 """
 
 import sqlalchemy as sa
 from alembic import op
 
 revision = "0017"
-down_revision = "0019"
+down_revision = "0016"
 branch_labels = None
 depends_on = None
 
