@@ -1,4 +1,4 @@
-"""``apexcal copy``: a copy of a recording's bag that carries the published calibration."""
+"""``apexcal copy``: a copy of a recording that carries the published calibration."""
 
 from __future__ import annotations
 
@@ -21,21 +21,30 @@ def copy(
     joint: Annotated[
         list[str] | None, typer.Option(help="CAMERA=FRAME: the frame of /tf_static whose pose is replaced.")
     ] = None,
+    for_viewers: Annotated[
+        bool,
+        typer.Option("--for-viewers", help="Write an MCAP file for Foxglove or Lichtblick, with undistorted frames."),
+    ] = False,
     keep: Annotated[bool, typer.Option("--keep", help="Keep the copy on the service, too.")] = False,
     url: UrlOption = "",
     token: TokenOption = "",
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Copy a bag with CameraInfo and /tf_static as published. Every other message stays, byte for byte."""
+    """Copy a bag with CameraInfo and /tf_static as published. Every other message stays, byte for byte.
+
+    With --for-viewers it writes points, frames, undistorted frames and calibration of any kind of recording.
+    """
     joints = dict(one.split("=", 1) for one in joint or [] if "=" in one)
     if len(joints) != len(joint or []):
         usage("--joint names no camera or no frame", "Write it as --joint front=camera_link")
+    if joints and for_viewers:
+        usage("--joint has no place in a file for viewers", "Leave it out")
     if output:
         check_target(output, False)
     with connected(url, token, data) as client, bar("Copying", not as_json) as progress:
         of = find_recording(client, recording)
-        asked = client.recordings.copy_calibrated(of.id, cameras=camera or [], joints=joints)
+        asked = client.recordings.copy_calibrated(of.id, cameras=camera or [], joints=joints, for_viewers=for_viewers)
         made = client.wait(asked, on_progress=progress)
         assert made.result is not None
         target = output or Path(made.result.file_name)
@@ -43,5 +52,7 @@ def copy(
         if not keep:
             client.recordings.delete_copy(made.id)
     placed = ", ".join(f"{pose.child} in {pose.parent}" for pose in made.poses)
+    left_out = made.result.left_out
+    more = f" {left_out} frames have no undistorted one: damaged, or of another size." if left_out else ""
     counts = f"{made.result.replaced} messages replaced, {made.result.added} added, {made.result.copied} as they were"
-    say(made, as_json, f"Wrote {target}: {counts}. Placed: {placed}.")
+    say(made, as_json, f"Wrote {target}: {counts}. Placed: {placed}.{more}")

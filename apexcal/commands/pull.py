@@ -1,8 +1,8 @@
 """``apexcal pull``: what a vehicle is given, kept in a file. For start-up scripts.
 
 Exit codes: 0 the file is what the vehicle is given now, replaced or not; 1 the service refused, or the file could
-not be written; 2 wrong usage; 3 no answer; 5 it was withdrawn; 6 it is of other sensors than the mounted ones.
-After 1, 3, 5 and 6 the file is still the last that was pulled. 4: as these, but no file was ever pulled whole.
+not be written; 2 wrong usage; 3 no answer; 5 it was withdrawn or deleted; 6 it is of other sensors than the mounted
+ones. After 1, 3, 5 and 6 the file is still the last that was pulled. 4: as these, but no file was ever pulled whole.
 """
 
 from __future__ import annotations
@@ -23,7 +23,11 @@ from apexcal.embedded.folder import DEFAULT
 from apexcal.kept_file import KeptFile
 
 NOTHING_KEPT, WITHDRAWN, OTHER_SENSORS = 4, 5, 6
-_REFUSED = {"calibration_withdrawn": WITHDRAWN, "calibration_does_not_apply": OTHER_SENSORS}
+_REFUSED = {
+    "calibration_withdrawn": WITHDRAWN,
+    "calibration_deleted": WITHDRAWN,
+    "calibration_does_not_apply": OTHER_SENSORS,
+}
 
 
 def pull(
@@ -49,8 +53,8 @@ def pull(
     """Keep what a vehicle is given now (all its cameras) in a file. It is replaced whole, or not at all.
 
     Exit codes: 0 the file is what the vehicle is given now; 1 the service refused, or the file cannot be written;
-    2 wrong usage; 3 no answer; 5 the calibration was withdrawn; 6 it is of other sensors than the mounted ones.
-    After 1, 3, 5 and 6 the last good file stays. 4: as these, but there is no good file.
+    2 wrong usage; 3 no answer; 5 the calibration was withdrawn or deleted; 6 it is of other sensors than the mounted
+    ones. After 1, 3, 5 and 6 the last good file stays. 4: as these, but there is no good file.
     """
     output = output.resolve()  # a link stays, and what it leads to is replaced
     if (output.exists() and not output.is_file()) or not output.parent.is_dir():

@@ -33,14 +33,17 @@ class Cost:
 
 @dataclass(frozen=True)
 class WrittenAs:
-    """How other programs' files name a model: CameraInfo, Kalibr's camchain, and whether it is cv2.fisheye."""
+    """How other programs' files name a model: CameraInfo, Kalibr's camchain, Foxglove's CameraCalibration; and
+    whether it is cv2.fisheye.
+    """
 
     camera_info: str
     kalibr: str
+    foxglove: str
     is_cv2_fisheye: bool = False
 
 
-_RADIAL_TANGENTIAL: Final = WrittenAs("plumb_bob", "radtan")
+_RADIAL_TANGENTIAL: Final = WrittenAs("plumb_bob", "radtan", "plumb_bob")
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ CAMERA_MODELS: Final[dict[ModelName, CameraModel]] = {
         Cost(244.0, 0.98, 600.0),
         distortion=("k1", "k2", "k3", "k4"),
         stated_as=("equidistant", "fisheye", "kannala_brandt", "kannala_brandt4"),
-        written_as=WrittenAs("equidistant", "equidistant", is_cv2_fisheye=True),
+        written_as=WrittenAs("equidistant", "equidistant", "kannala_brandt", is_cv2_fisheye=True),
     ),
 }
 INTRINSICS: Final = {name: model.intrinsics for name, model in CAMERA_MODELS.items()}

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 from uuid import UUID
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from apexcal.documents.base import Document, Name, Received, Stored
 from apexcal.documents.fleets import CameraName
@@ -14,7 +14,8 @@ from apexcal.documents.studies import StudyView
 
 
 class CopyRequest(Received):
-    """Ask for a recording's file with CameraInfo and ``/tf_static`` as calibrated.
+    """Ask for a recording's file with CameraInfo and ``/tf_static`` as calibrated, or ``for_viewers``: for an MCAP
+    file of Foxglove's messages with undistorted frames beside the recorded ones, of any kind of recording.
 
     ``cameras``: by default all cameras of the recording that are given a calibration under ``alias``. ``joints``
     names the frame whose pose is replaced, by camera; by default the first one towards the camera where the ways to
@@ -24,10 +25,17 @@ class CopyRequest(Received):
     alias: Annotated[str, Field(max_length=64)] = CURRENT
     cameras: Annotated[list[CameraName], Field(default_factory=list, max_length=16)]
     joints: Annotated[dict[CameraName, Name], Field(default_factory=dict, max_length=16)]
+    for_viewers: bool = False
+
+    @model_validator(mode="after")
+    def _moves_no_joint(self) -> Self:
+        if self.for_viewers and self.joints:
+            raise ValueError("a file for viewers states each camera below the LiDAR; leave `joints` out")
+        return self
 
 
 class PutPose(Document):
-    """``T_parent_child`` as written into the copy; ``is_new``: the recording did not state it."""
+    """``T_parent_child`` as written into the copy; ``is_new``: it does not replace one that the recording states."""
 
     parent: str
     child: str
@@ -37,7 +45,10 @@ class PutPose(Document):
 
 
 class CopiedFile(Document):
-    """The copy: its name, size and SHA-256, and how many messages were copied, replaced and added."""
+    """The copy: its name, size and SHA-256, and how many messages were copied, replaced and added.
+
+    ``left_out``: frames without an undistorted one, damaged or of another size than the calibration.
+    """
 
     file_name: str
     size: int
@@ -45,6 +56,7 @@ class CopiedFile(Document):
     copied: int
     replaced: int
     added: int
+    left_out: int = 0
 
 
 class CopyView(StudyView):
@@ -53,3 +65,4 @@ class CopyView(StudyView):
     result: Stored[CopiedFile | None]
     results: dict[str, UUID]
     poses: Stored[list[PutPose]]
+    for_viewers: bool = False

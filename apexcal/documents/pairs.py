@@ -14,11 +14,38 @@ MARKED_BY: Final = "marked_by"
 CLOCK_SIGMA: Final = "sigma_clock_ms"
 # Which corner of the board a pair is of; all are of the tip where the column is missing.
 CORNER: Final = "corner"
+# How far to look from a pair for others that tell its velocity: in nanoseconds, and in pairs on either side. Five are
+# as many as sweeps of 10 Hz in that time.
+REACH_NS: Final = 500_000_000
+NEIGHBOURS: Final = 5
+_MOMENT_NS: Final = 1_500_000  # nearer together, two stamps are of one moment
 
 
 def states_errors(pairs: Mapping[str, Any]) -> bool:
     """Whether all pairs of these columns state their vertices' deviations, or their marks'."""
     return all(name in pairs for name in SIGMAS) or MARK_SIGMA in pairs
+
+
+def tells_motion(stamps_ns: Sequence[int], corners: Sequence[str] | None = None) -> bool:
+    """Whether half of the pairs have another near in time, so that it follows how their corner moved.
+
+    Near is half a second: in that a walker at 1.2 m/s hardly turns. Of each pair the five before and after it count,
+    of the same corner where ``corners`` says which each is of.
+    """
+    times: dict[str, list[int]] = {}
+    for place, stamp in enumerate(stamps_ns):
+        times.setdefault(corners[place] if corners else "", []).append(stamp)
+    return 2 * sum(_near_others(sorted(one)) for one in times.values()) >= len(stamps_ns) > 0
+
+
+def _near_others(times: Sequence[int]) -> int:
+    """How many of these rising times have another near."""
+    known = 0
+    for place, at in enumerate(times):
+        others = (*range(place - 1, place - 1 - NEIGHBOURS, -1), *range(place + 1, place + 1 + NEIGHBOURS))
+        gaps = (abs(times[one] - at) for one in others if 0 <= one < len(times))
+        known += any(_MOMENT_NS <= gap <= REACH_NS for gap in gaps)
+    return known
 
 
 def held_together(pairs: Mapping[str, Any]) -> Sequence[Any]:

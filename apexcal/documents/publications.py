@@ -94,7 +94,8 @@ class AliasMoveRequest(Received):
 class AliasMoveView(Sent):
     """One step of an alias: to which result, by whom, when, why and against which objections.
 
-    ``result_id`` is null if the alias was removed or the result was deleted.
+    ``result_id`` is null if the alias was removed or the result was deleted. ``led_to`` is the result's id also after
+    that; null of an alias that was removed.
     """
 
     id: UUID
@@ -103,6 +104,7 @@ class AliasMoveView(Sent):
     camera: str
     alias: str
     result_id: UUID | None
+    led_to: UUID | None = None
     calibration_id: UUID | None
     model: str | None
     moved_at: datetime

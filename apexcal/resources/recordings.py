@@ -167,13 +167,21 @@ class Recordings:
         return self._http.items(at("recordings", recording_id, "sweep-packings"), PackingView)
 
     def copy_calibrated(
-        self, recording_id: UUID | str, *, cameras: Sequence[str] = (), joints: Mapping[str, str] | None = None
+        self,
+        recording_id: UUID | str,
+        *,
+        cameras: Sequence[str] = (),
+        joints: Mapping[str, str] | None = None,
+        for_viewers: bool = False,
     ) -> CopyView:
         """Copy the recording's bag and write the published calibration into it; follow with ``client.wait``.
 
-        ``joints``: by camera, the frame whose pose is replaced.
+        ``joints``: by camera, the frame whose pose is replaced. ``for_viewers``: an MCAP file for Foxglove and
+        Lichtblick instead, with undistorted frames, of any kind of recording.
         """
-        body = {"cameras": list(cameras), "joints": dict(joints or {})}
+        body: dict[str, Any] = {"cameras": list(cameras), "joints": dict(joints or {})}
+        if for_viewers:
+            body["for_viewers"] = True
         return self._http.post(at("recordings", recording_id, "calibrated-copies"), CopyView, body)
 
     def calibrated_copies(self, recording_id: UUID | str) -> Iterator[CopyView]:

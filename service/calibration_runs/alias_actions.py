@@ -39,6 +39,7 @@ def move_alias(session: Session, of: OfCamera, alias: str, result: Result | None
         alias=alias,
         number=last + 1,
         result_id=result.id if result else None,
+        led_to=result.id if result else None,
         said_by=words.person_id,
         reason=words.reason or "",
         overridden=list(words.overridden) or None,

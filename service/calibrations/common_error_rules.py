@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from apexcal.documents.pairs import CLOCK_SIGMA, SIGMAS
+from apexcal.documents.pairs import CLOCK_SIGMA, CORNER, SIGMAS, tells_motion
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
+from service.http.problems import Problem
 
 # Mean elevation error of a recording's vertices, the largest that was measured (docs/decisions/0008): of the refined
 # detector with the board's size open, and of the ring rules, which state no deviations and place the apex low.
@@ -18,7 +19,11 @@ def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
     """The member ``common_errors`` of the solver's document; empty if nothing is known.
 
     ``asked`` are the deviations that the request gives. Nothing is known of imported pairs.
+
+    Raises:
+        Problem: 422 ``no_motion``, a deviation in time is asked for, and the pairs do not tell how the apex moved.
     """
+    _check_motion(pairs, asked)
     known: Json = {}
     if pairs.source == "annotations":
         refined = all(name in pairs.pairs for name in SIGMAS)
@@ -28,3 +33,16 @@ def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
             known["clock_ms"] = pairs.pairs[CLOCK_SIGMA][0]
     stated = {name: value for name, value in (known | asked).items() if value}
     return {"common_errors": stated} if stated else {}
+
+
+def _check_motion(pairs: CorrespondenceSet, asked: Json) -> None:
+    # Marked pairs that state the clocks' deviation are solved without it where the board stood still.
+    names = ["line_time_us"] if CLOCK_SIGMA in pairs.pairs else ["clock_ms", "line_time_us"]
+    wanted = [name for name in names if asked.get(name)]
+    if wanted and not tells_motion(pairs.pairs.get("stamp_ns") or [], pairs.pairs.get(CORNER)):
+        raise Problem(
+            422,
+            "no_motion",
+            f"The pairs of {pairs.camera} do not say how the apex moved, so nothing follows from {wanted[0]}.",
+            f"Give stamp_ns of pairs from a walk, or leave {' and '.join(wanted)} out of common_errors.",
+        )

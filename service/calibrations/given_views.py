@@ -48,7 +48,7 @@ def _document(one: Given, alias: str, until: datetime | None) -> Json:
         "model": result.model,
         "intrinsics": result.document["intrinsics"],
         "T_camera_lidar": result.document["transform"],
-        "clock_offset_ns": None if one.pairing is None else one.pairing.get("offset_ns", 0),
+        "clock_offset_ns": one.clock_offset_ns,
         "validity": {
             "since": move.created_at,
             "until": until,

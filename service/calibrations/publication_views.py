@@ -76,19 +76,11 @@ def _moves() -> Select[AliasMove, UUID, str, str]:
 def _move_view(row: Row[AliasMove, UUID, str, str], *, is_current: bool) -> AliasMoveView:
     move, calibration_id, model, moved_by = row
     return AliasMoveView(
-        id=move.id,
-        fleet_id=move.fleet_id,
-        vehicle_id=move.vehicle_id,
-        camera=move.camera,
+        **_shared(move, calibration_id, model),
         alias=move.alias,
-        result_id=move.result_id,
-        calibration_id=calibration_id,
-        model=model,
+        led_to=move.led_to,
         moved_at=move.created_at,
         moved_by=moved_by,
-        reason=move.reason,
-        override=override_view(move),
-        gate=stored(move.gate),
         is_current=is_current,
     )
 
@@ -128,21 +120,28 @@ def _view(
 ) -> PublicationView:
     publication, calibration_id, model, published_by = row
     return PublicationView(
-        id=publication.id,
-        fleet_id=publication.fleet_id,
-        vehicle_id=publication.vehicle_id,
-        camera=publication.camera,
-        result_id=publication.result_id,
-        calibration_id=calibration_id,
-        model=model,
+        **_shared(publication, calibration_id, model),
         published_at=publication.created_at,
         published_by=published_by,
-        reason=publication.reason,
-        override=override_view(publication),
         is_current=is_current,
         withdrawn=None if publication.number is None else withdrawn.get(publication.number),
-        gate=stored(publication.gate),
     )
+
+
+def _shared(move: Publication | AliasMove, calibration_id: UUID | None, model: str | None) -> dict[str, Any]:
+    """What a publication and an alias's move say alike."""
+    return {
+        "id": move.id,
+        "fleet_id": move.fleet_id,
+        "vehicle_id": move.vehicle_id,
+        "camera": move.camera,
+        "result_id": move.result_id,
+        "calibration_id": calibration_id,
+        "model": model,
+        "reason": move.reason,
+        "override": override_view(move),
+        "gate": stored(move.gate),
+    }
 
 
 def override_view(move: Publication | AliasMove) -> OverrideView | None:

@@ -35,7 +35,8 @@ class AliasMove(Base):
     """One move of a camera's alias: by whom, when, why, and to which result. Rows never change.
 
     ``number`` counts the alias's moves from 1; the highest says where it is. ``result_id`` is null if the alias was
-    removed or its result was deleted. ``overridden`` and ``gate`` are as of a publication.
+    removed or its result was deleted; ``led_to`` tells which, because it stays. ``overridden`` and ``gate`` are as of
+    a publication.
     """
 
     __tablename__ = "alias_move"
@@ -48,6 +49,7 @@ class AliasMove(Base):
     alias: Mapped[str] = mapped_column(String(64))
     number: Mapped[int]
     result_id: Mapped[UUID | None] = refers_to("result.id")
+    led_to: Mapped[UUID | None]
     overridden: Mapped[list[Any] | None]
     gate: Mapped[Json | None]
     said_by: Mapped[UUID | None] = refers_to("person.id")

@@ -54,15 +54,24 @@ class Given(NamedTuple):
         """The camera's name."""
         return self.move.camera
 
+    @property
+    def clock_offset_ns(self) -> int | None:
+        """Its camera's clock minus the LiDAR's, as its pairs were made; None if that is not known."""
+        return None if self.pairing is None else self.pairing.get("offset_ns", 0)
+
 
 class _Withdrawn(NamedTuple):
-    """A camera whose publication was withdrawn, or its alias removed. ``number``: of the last one withdrawn."""
+    """A camera whose publication was withdrawn, or its alias removed. ``number``: of the last one withdrawn.
+
+    ``deleted``: the result to which its alias led, if nobody removed the alias and the result is gone.
+    """
 
     camera: str
     number: int
     at: datetime
     by: str | None
     reason: str
+    deleted: UUID | None = None
 
     def holds(self, publication: Publication) -> bool:
         """Whether no publication came after it. A publication without a number is newer than all that have one."""
@@ -74,7 +83,8 @@ def given(session: Session, vehicle: Vehicle, asked: Asked) -> dict[str, Given]:
 
     Raises:
         Problem: 422 ``unknown_sensor``; 404 ``no_calibration_yet`` if an asked camera, or every camera, was never
-            given anything; 410 ``calibration_withdrawn`` if it was withdrawn; 409 ``calibration_does_not_apply`` if a
+            given anything; 410 ``calibration_withdrawn`` if it was withdrawn, ``calibration_deleted`` if its alias
+            led to a result that is deleted; 409 ``calibration_does_not_apply`` if a
             sensor has been swapped since.
     """
     if asked.mounted:
@@ -140,9 +150,9 @@ def _withdrawn(session: Session, vehicle_id: UUID, asked: Asked, found: Mapping[
     """The cameras whose publication was withdrawn, or alias removed, and not replaced, by name."""
     if asked.alias != CURRENT:
         return [
-            _Withdrawn(one.camera, 0, one.move.created_at, one.by, one.move.reason or "")
+            _Withdrawn(one.camera, 0, one.move.created_at, one.by, one.move.reason or "", one.move.led_to)
             for one in found.values()
-            if one.move.result_id is None
+            if isinstance(one.move, AliasMove) and one.move.result_id is None
         ]
     of = [Withdrawal.vehicle_id == vehicle_id]
     if asked.cameras:
@@ -199,6 +209,9 @@ def _refuse_missing(vehicle: Vehicle, asked: Asked, missing: Sequence[str]) -> P
 
 
 def _refuse_withdrawn(vehicle: Vehicle, asked: Asked, withdrawn: Sequence[_Withdrawn]) -> Problem:
+    deleted = [one for one in withdrawn if one.deleted]
+    if deleted:
+        return _refuse_deleted(vehicle, asked, deleted)
     first = withdrawn[0]
     more = f" ({len(withdrawn) - 1} more in `withdrawn`)" if len(withdrawn) > 1 else ""
     by = f" by {first.by}" if first.by else ""
@@ -212,6 +225,20 @@ def _refuse_withdrawn(vehicle: Vehicle, asked: Asked, withdrawn: Sequence[_Withd
         withdrawn=[
             {"camera": one.camera, "withdrawn_at": one.at.isoformat(), "withdrawn_by": one.by, "reason": one.reason}
             for one in withdrawn
+        ],
+    )
+
+
+def _refuse_deleted(vehicle: Vehicle, asked: Asked, deleted: Sequence[_Withdrawn]) -> Problem:
+    first = deleted[0]
+    return Problem(
+        410,
+        "calibration_deleted",
+        f"The alias {asked.alias!r} of the camera {first.camera!r} of {vehicle.name!r} led to a result, since "
+        f"{first.at:%Y-%m-%d %H:%M} UTC, that was deleted.",
+        "Move the alias to another result: POST /v1/vehicles/{id}/cameras/{camera}/aliases/{alias}/moves.",
+        deleted=[
+            {"camera": one.camera, "result_id": str(one.deleted), "moved_at": one.at.isoformat()} for one in deleted
         ],
     )
 

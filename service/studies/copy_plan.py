@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -28,6 +27,26 @@ def plan_copy(session: Session, recording: Recording, wanted: CopyRequest) -> Js
         Problem: as for what a vehicle is given; 422 ``camera_not_recorded``, ``lens_without_equal``,
             ``frames_not_usable``.
     """
+    sensors, cameras = recorded_cameras(session, recording, wanted)
+    lidar_frame = frame_of(sensors["lidar"], cameras[0].lidar_frame)
+    frames = {one.name: frame_of(sensors[one.name], one.frame) for one in cameras}
+    tree = recorded_tree((recording.facts or {}).get("static_transforms") or ())
+    return {
+        "lidar_frame": lidar_frame,
+        "cameras": [_camera(one, sensors[one.name], frames[one.name]) for one in cameras],
+        "poses": _poses(tree, lidar_frame, cameras, frames, wanted.joints),
+        "results": {one.name: one.source for one in cameras},
+    }
+
+
+def recorded_cameras(
+    session: Session, recording: Recording, wanted: CopyRequest
+) -> tuple[dict[str, Sensor], list[CalibratedCamera]]:
+    """The recording's sensors by name, and those of its cameras that are wanted and given a calibration.
+
+    Raises:
+        Problem: as for what a vehicle is given; 422 ``camera_not_recorded``.
+    """
     sensors = {one.name: one for one in session.scalars(select(Sensor).where(Sensor.recording_id == recording.id))}
     vehicle = session.get_one(Vehicle, recording.vehicle_id)
     given = of_given(session, vehicle, Asked(wanted.cameras, wanted.alias)).cameras
@@ -42,18 +61,10 @@ def plan_copy(session: Session, recording: Recording, wanted: CopyRequest) -> Js
             else f"No camera of the recording {recording.name!r} has a calibration.",
             "Name cameras that were recorded and have a published calibration.",
         )
-    lidar_frame = _frame(sensors["lidar"], cameras[0].lidar_frame)
-    frames = {one.name: _frame(sensors[one.name], one.frame) for one in cameras}
-    tree = recorded_tree((recording.facts or {}).get("static_transforms") or ())
-    return {
-        "lidar_frame": lidar_frame,
-        "cameras": [_camera(one, sensors[one.name], frames[one.name]) for one in cameras],
-        "poses": _poses(tree, lidar_frame, cameras, frames, wanted.joints),
-        "results": {one.name: one.source for one in cameras},
-    }
+    return sensors, cameras
 
 
-def _frame(sensor: Sensor, otherwise: str) -> str:
+def frame_of(sensor: Sensor, otherwise: str) -> str:
     """A sensor's frame as the recording names it, else as the rig does."""
     return sensor.frame_id.removeprefix("/") or otherwise
 
@@ -140,8 +151,3 @@ def _joint(tree: FrameTree, camera: str, lidar: str, others: Sequence[str], name
             f"The frames there are {', '.join(joint.child for joint in down)}; some of them carry other cameras.",
         )
     return free[0]
-
-
-def as_request(plan: Mapping[str, Any]) -> Json:
-    """What the reading process needs of it."""
-    return {name: plan[name] for name in ("lidar_frame", "cameras", "poses")}

@@ -33,13 +33,16 @@ _KIND = "calibrated_copy"
 def ask_copy(recording_id: UUID, wanted: CopyRequest, access: WriteAccess) -> JSONResponse:
     """Copy the recording's own bag with CameraInfo and `/tf_static` as published; all else byte for byte. [engineer]
 
-    The copy counts towards the fleet's quota until it is deleted.
+    ``for_viewers``: an MCAP file for Foxglove and Lichtblick, of any recording, with undistorted frames beside the
+    recorded ones. The copy counts towards the fleet's quota until it is deleted.
     """
     # Imported here: it needs NumPy, which takes a twentieth of the start.
     from service.studies.copy_plan import plan_copy
+    from service.studies.viewer_plan import plan_viewer_file
 
     recording = ready_recording(access, recording_id, "engineer")
-    row, job = new_study(access, recording, _KIND, plan_copy(access.session, recording, wanted))
+    plan = (plan_viewer_file if wanted.for_viewers else plan_copy)(access.session, recording, wanted)
+    row, job = new_study(access, recording, _KIND, plan)
     return access.answer(copy_view(row, job), 202)
 
 

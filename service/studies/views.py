@@ -44,7 +44,12 @@ def packing_view(row: Study, job: Job | None) -> PackingView:
 
 def copy_view(row: Study, job: Job | None) -> CopyView:
     """A calibrated copy with its job."""
-    return CopyView(**_members(row, job), results=row.asked["results"], poses=stored(row.asked["poses"]))
+    return CopyView(
+        **_members(row, job),
+        results=row.asked["results"],
+        poses=stored(row.asked["poses"]),
+        for_viewers=row.asked.get("for_viewers", False),
+    )
 
 
 def _how_to_use(result: dict[str, Any], camera: str) -> str:

@@ -9,6 +9,7 @@ from apexcal.client import Client
 from tests.apexcal.conftest import Embedded
 from tests.faults.jobs import LEVEL_RIG, pairs
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
+from tests.workers.readers.viewing.reading_viewer_files import messages
 from workers.readers.detect import open_recording
 
 
@@ -38,3 +39,11 @@ def test_the_command_writes_the_copy(embedded: Embedded, owner: Client, tmp_path
     (found,) = list(owner.recordings.list(vehicle_id=vehicle.id))
     assert list(owner.recordings.calibrated_copies(found.id)) == []
     assert CliRunner().invoke(app, words).exit_code == 2, "it is there already"
+    viewers = tmp_path / "seen.mcap"
+    done = CliRunner().invoke(app, [*words[:2], "-o", str(viewers), "--for-viewers", *words[4:]])
+    assert done.exit_code == 0, done.stderr + done.stdout
+    assert "8 as they were" in done.stdout and "camera in velodyne" in done.stdout
+    ((_, _, flat), *_) = messages(viewers, "/front/undistorted/calibration")
+    assert flat.P[0] == current.f_x
+    refused = CliRunner().invoke(app, [*words, "--for-viewers", "--joint", "front=camera"])
+    assert refused.exit_code == 2 and "--joint" in refused.stderr

@@ -1,8 +1,8 @@
 """The child that reads an upload: ``python -m workers.readers SOURCE OUT --request JSON``.
 
 Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}``, ``{"beat": true}`` where work goes on
-without messages, and at the end ``{"manifest": {...}, "used": {"cpu_s", "resident_bytes", "written_bytes"}}`` (of a
-copy, requested by ``copy``, ``{"copy": {...}, "used": {...}}``) or
+without messages, and at the end ``{"manifest": {...}, "used": {"cpu_s", "resident_bytes", "written_bytes"}}`` (of one
+file, requested by ``copy`` or ``view``, ``{"file": {...}, "used": {...}}``) or
 ``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and ``--limits`` it is what ``ingest_limited``
 starts; without them it is a command for people.
 """
@@ -25,7 +25,7 @@ from workers.readers.confine import confine
 from workers.readers.isolation.isolate import isolate
 from workers.readers.normalised.normalise import normalise
 from workers.readers.output import OutputLimitError, ReserveError, limit_output, written
-from workers.readers.progress import Progress
+from workers.readers.progress import Pace, Progress
 from workers.readers.pulse import tell_beats
 from workers.readers.recording import ReadError, ReadOptions
 
@@ -49,6 +49,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("source", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--request", type=json.loads, default={}, help="JSON: lidar, cameras, image_sizes, options")
+    parser.add_argument("--also", type=Path, action="append", default=[], help="another file that the request names")
     parser.add_argument("--parent", type=int, help="pid of the starter; the child dies with it")
     parser.add_argument("--limits", type=json.loads, default={}, help="JSON: limits of memory, time and output")
     return parser.parse_args(argv)
@@ -66,16 +67,17 @@ def _take_limits(arguments: argparse.Namespace) -> None:
     limit_output(limits.get("output_bytes"), limits.get("video_output_bytes"), limits.get("reserve_bytes", 0))
     if arguments.parent is not None:
         tell_beats(lambda: _say({"beat": True}))
-        isolate([arguments.source], [arguments.out, Path(tempfile.gettempdir())])
+        isolate([arguments.source, *arguments.also], [arguments.out, Path(tempfile.gettempdir())])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one ingestion or one copy; the exit code is 0 only with its outcome."""
+    """Run one ingestion, or write one file; the exit code is 0 only with its outcome."""
     arguments = _arguments(argv)
     _take_limits(arguments)
     request: dict[str, Any] = arguments.request
     try:
-        made = _copied(arguments, request["copy"]) if "copy" in request else _normalised(arguments, request)
+        one_file = "copy" in request or "view" in request
+        made = _written(arguments, request) if one_file else _normalised(arguments, request)
     except ReadError as error:
         return _error(error.code, error.message, error.hint, error.fields)
     except MemoryError:
@@ -111,14 +113,21 @@ def _normalised(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[
     return {"manifest": manifest.to_json()}
 
 
-def _copied(arguments: argparse.Namespace, edits: dict[str, Any]) -> dict[str, Any]:
-    # Loaded before the recording is opened, and only by who needs it.
-    from workers.readers.copying.copy_recording import copy_recording
+def _written(arguments: argparse.Namespace, request: dict[str, Any]) -> dict[str, Any]:
+    pace = Pace(None)
 
     def tell(share: float) -> None:
-        _tell(Progress(0, None, share, None))
+        if pace.due:
+            _tell(Progress(0, None, share, None))
 
-    return {"copy": copy_recording(arguments.source, arguments.out, edits, tell)}
+    # Loaded before the recording is opened, and only by who needs it.
+    if "copy" in request:
+        from workers.readers.copying.copy_recording import copy_recording
+
+        return {"file": copy_recording(arguments.source, arguments.out, request["copy"], tell)}
+    from workers.readers.viewing.viewer_file import write_viewer_file
+
+    return {"file": write_viewer_file(arguments.source, arguments.out, request["view"], tell)}
 
 
 def _tell(progress: Progress) -> None:

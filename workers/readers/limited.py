@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -68,38 +68,44 @@ def ingest_limited(
             ``ingest_output_limit``, ``ingest_disk_full``, ``ingest_crashed``, ``ingest_killed``.
         ValueError: ``out_dir`` holds something.
     """
-    made = _limited(source, out_dir, request, limits, name, on_progress, must_stop)
+    made = _limited([Path(source)], Path(out_dir), request, limits, name, on_progress, must_stop)
     return Manifest.from_json(made["manifest"])
 
 
-def copy_limited(
-    source: str | Path,
-    out_dir: str | Path,
-    edits: Mapping[str, Any],
+def write_limited(
+    sources: Sequence[Path],
+    out_dir: Path,
+    request: Mapping[str, Any],
     *,
     limits: Limits | None = None,
     name: str | None = None,
     on_progress: OnProgress | None = None,
     must_stop: Callable[[], None] | None = None,
 ) -> dict[str, Any]:
-    """Copy a recording's file with ``edits`` in a child process.
+    """Write one file in a child process, from files that it alone may read.
 
-    See :func:`workers.readers.copying.copy_recording.copy_recording` for what it returns, and :func:`ingest_limited`
-    for the rest. ``file`` is a bare name in ``out_dir``.
+    Args:
+        sources: the first is what is read; the others are named in the request.
+        request: ``copy`` (see :func:`workers.readers.copying.copy_recording.copy_recording`) or ``view`` (see
+            :func:`workers.readers.viewing.viewer_file.write_viewer_file`), which say what is returned.
+        limits, name, on_progress, must_stop: as of :func:`ingest_limited`.
+
+    Returns:
+        ``file`` is a bare name in ``out_dir``.
 
     Raises:
-        ReadError: the file cannot be copied, or as :func:`ingest_limited` does.
+        ReadError: the file cannot be written, or as :func:`ingest_limited` does.
         ValueError: ``out_dir`` holds something, or the child named no file in it.
     """
-    made: dict[str, Any] = _limited(source, out_dir, {"copy": edits}, limits, name, on_progress, must_stop)["copy"]
-    if Path(str(made["file"])).name != made["file"] or not (Path(out_dir) / made["file"]).is_file():
+    made: dict[str, Any] = _limited(sources, out_dir, request, limits, name, on_progress, must_stop)["file"]
+    if Path(str(made["file"])).name != made["file"] or not (out_dir / made["file"]).is_file():
         raise ValueError(f"{made['file']!r} is no file that was written")
     return made
 
 
 def _limited(
-    source: str | Path,
-    out_dir: str | Path,
+    sources: Sequence[Path],
+    out: Path,
     request: Mapping[str, Any],
     limits: Limits | None,
     name: str | None,
@@ -107,14 +113,14 @@ def _limited(
     must_stop: Callable[[], None] | None,
 ) -> dict[str, Any]:
     """The last word of the child that does what is requested."""
-    out, source = Path(out_dir), Path(source)
+    source = sources[0]
     out.mkdir(parents=True, exist_ok=True)
     if any(out.iterdir()):
         raise ValueError(f"{out} is not empty")
     try:
         # What the child unpacks lies beside its results, and goes although the child may be killed.
         with tempfile.TemporaryDirectory(prefix="unpacking-", dir=out.parent) as scratch:
-            ingestion = _Ingestion(source, out, Path(scratch), limits or Limits(), name or source.name)
+            ingestion = _Ingestion(sources, out, Path(scratch), limits or Limits(), name or source.name)
             return ingestion.run(request, on_progress, must_stop)
     except ReadError as error:
         shutil.rmtree(out, ignore_errors=True)
@@ -149,10 +155,10 @@ def child_environment() -> dict[str, str]:
 class _Ingestion:
     """One child, and what its starter watches."""
 
-    def __init__(self, source: Path, out: Path, scratch: Path, limits: Limits, name: str) -> None:
-        self._source, self._out, self._scratch = source, out, scratch
+    def __init__(self, sources: Sequence[Path], out: Path, scratch: Path, limits: Limits, name: str) -> None:
+        self._sources, self._out, self._scratch = sources, out, scratch
         self._limits, self._name = limits, name
-        self._size = _bytes_of(source)
+        self._size = sum(map(_bytes_of, sources))
         self._last: dict[str, Any] = {}
         self._on_progress: OnProgress | None = None
         self._must_stop: Callable[[], None] | None = None
@@ -175,7 +181,7 @@ class _Ingestion:
             raise self._crashed("it printed without end") from error
         if "error" not in self._last:
             self._look_at_disk()  # a fast disk takes gigabytes between two looks
-        if ended.code == 0 and ("manifest" in self._last or "copy" in self._last):
+        if ended.code == 0 and ("manifest" in self._last or "file" in self._last):
             return self._last
         raised = self._explain(ended.code, self._last.get("error"), ended.complaint)
         if ended.complaint:
@@ -193,7 +199,8 @@ class _Ingestion:
         }
         return [
             *(sys.executable, "-m", "workers.readers"),
-            *(os.fspath(self._source.absolute()), os.fspath(self._out.absolute())),
+            *(os.fspath(self._sources[0].absolute()), os.fspath(self._out.absolute())),
+            *(word for one in self._sources[1:] for word in ("--also", os.fspath(one.absolute()))),
             *("--request", json.dumps(dict(request)), "--parent", str(os.getpid()), "--limits", json.dumps(limits)),
         ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from service.db.calibrations import Result
 from tests.service.calibrations.given import camera_address, publish, same_moment, withdraw
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
 
@@ -61,6 +62,31 @@ def test_a_withdrawal_takes_the_aliases_of_the_same_result_along(api, rig, revie
     gone = viewer.get(current_address(rig), params={"alias": "canary"})
     assert gone.status_code == 410 and "The mast was bent." in gone.json()["detail"]
     assert viewer.get(current_address(rig), params={"alias": "tuesday"}).status_code == 200
+
+
+def test_an_alias_whose_result_is_deleted_says_that_it_was_deleted(api, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    _, (tried, _) = seed_results(api, rig)
+    moved = move(reviewer, rig, tried).json()
+    etag = viewer.get(f"/vehicles/{rig.vehicle_id}/calibration", params={"alias": "canary"}).headers["etag"]
+    with api.database.writing() as session:
+        session.delete(session.get_one(Result, tried))
+    for address in (current_address(rig), f"/vehicles/{rig.vehicle_id}/calibration"):
+        gone = viewer.get(address, params={"alias": "canary"}, headers={"If-None-Match": etag})
+        assert (gone.status_code, gone.json()["code"]) == (410, "calibration_deleted"), gone.text
+        assert "was deleted" in gone.json()["detail"] and "withdrawn" not in gone.json()["detail"]
+        (said,) = gone.json()["deleted"]
+        assert (said["camera"], said["result_id"]) == ("front", str(tried))
+        then = viewer.get(address, params={"alias": "canary", "as_of": moved["moved_at"]})
+        assert then.json()["code"] == "calibration_deleted"
+    (listed,) = viewer.get(f"{camera_address(rig)}/aliases").json()["items"]
+    assert (listed["result_id"], listed["led_to"]) == (None, str(tried))
+    assert move(reviewer, rig, None, reason="It is gone.").json()["code"] == "alias_leads_nowhere"
+    _, (again, _) = seed_results(api, rig)
+    assert move(reviewer, rig, again, reason="The next one.").json()["led_to"] == str(again)
+    assert move(reviewer, rig, None, reason="The test is over.").json()["led_to"] is None
+    removed = viewer.get(current_address(rig), params={"alias": "canary"})
+    assert removed.json()["code"] == "calibration_withdrawn" and "The test is over." in removed.json()["detail"]
 
 
 def test_objections_hold_for_aliases_too(api, rig, reviewer, viewer):

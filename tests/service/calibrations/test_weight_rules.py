@@ -61,3 +61,28 @@ def test_the_run_solves_by_the_covariances_of_the_pairs_that_it_fits(api):
     distance = np.linalg.norm(whole.points[0])
     flat = np.hypot(*whole.points[0, :2])
     assert spread == pytest.approx(math.sqrt((1e-3 * flat) ** 2 + (2e-3 * distance) ** 2 + 0.01**2))
+
+
+def test_a_deviation_of_the_clocks_needs_pairs_that_move(api):
+    """It was refused after the search only."""
+    fleet = api.fleet()
+    engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
+
+    def brought(stamp_ns):
+        pairs = [{"x": 4 + 0.1 * n, "y": n % 7 - 3.0, "z": 0.3, "u": 10.0 + n, "v": 20.0} for n in range(60)]
+        pairs = [one | stamp_ns(n) for n, one in enumerate(pairs)]
+        address = f"/rigs/{rig.id}/correspondence-sets"
+        return engineer.post(address, {"pairs": pairs}, params={"camera": "front"}).json()["id"]
+
+    walk = brought(lambda n: {"stamp_ns": n * 10**8})
+    apart = brought(lambda n: {"stamp_ns": n * 10**9})
+    at_once = brought(lambda n: {"stamp_ns": n // 10 * 10**9})
+    none = brought(lambda n: {})
+    for name in ("clock_ms", "line_time_us"):
+        asked = {"models": ["pinhole"], "folds": 0, "common_errors": {name: 2.0}}
+        assert ask(engineer, rig, walk, **asked).status_code == 202
+        for made in (apart, at_once, none):
+            refused = ask(engineer, rig, made, **asked)
+            assert (refused.status_code, refused.json()["code"]) == (422, "no_motion"), refused.text
+            assert name in refused.json()["detail"]
+        assert ask(engineer, rig, apart, **asked | {"common_errors": {name: 0.0}}).status_code == 202

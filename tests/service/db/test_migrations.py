@@ -7,7 +7,7 @@ from sqlalchemy import inspect, text
 
 from service.db.migrate import NewerSchemaError, upgrade
 from service.db.models import Base
-from service.db.revisions import known
+from service.db.revisions import known, newest, stored
 from service.db.session import Database
 
 
@@ -24,6 +24,9 @@ def test_every_table_is_there_and_a_second_upgrade_changes_nothing(database_url:
     upgrade(database_url)
     opened = Database(database_url)
     assert set(inspect(opened.engine).get_table_names()) == {*Base.metadata.tables, "alembic_version"}
+    # The service tells the newest revision by the files' names, so the chain must follow them.
+    with opened.reading() as session:
+        assert stored(session) == newest()
     opened.close()
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import zipfile
 
 import numpy as np
 import pytest
 from sqlalchemy import func, select
 
 from service.db.models import Blob, CalibratedCopy, Fleet, Recording, Study
+from service.db.recordings import CameraFrame
 from service.db.recordings import Recording as Row
 from service.exports.transform import Transform
 from service.exports.urdf_tree import read_joints
@@ -19,9 +21,11 @@ from tests.service.calibrations.given import publish
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
 from tests.support.work import work
+from tests.workers.readers.making_packets import captured, packets, write_pcap
 from tests.workers.readers.making_recordings import START_NS, clouds, images, interleaved, png, write_bag
 from tests.workers.readers.making_recordings import TYPES as ROS1
 from tests.workers.readers.making_transforms import LIDAR, TF, message
+from tests.workers.readers.viewing.reading_viewer_files import chain, messages, rectified
 from tests.workers.tasks.test_ingesting import uploaded
 from workers.readers.detect import open_recording
 from workers.tasks.context import Context
@@ -175,3 +179,56 @@ def test_tf_static_in_and_a_verified_urdf_out(api, fleet, engineer, recorded, co
     v = lens["f_y"] * points[:, 1] / points[:, 2] + lens["c_y"] - [one["v"] for one in seen]
     assert np.sqrt(np.mean(u**2 + v**2)) == pytest.approx(found["polished"]["rms_px"], abs=1e-4)
     assert found["polished"]["rms_px"] < 1.6
+
+
+def from_packets(tmp_path):
+    """An archive of a packet capture and a folder of images: no bag."""
+    root = tmp_path / "drive"
+    (root / "front").mkdir(parents=True)
+    write_pcap(root / "lidar.pcap", captured(packets(turns=4.3)))
+    for i in range(4):
+        stamp_ns = START_NS + i * 100_000_000 + 12_000_000
+        (root / "front" / f"{stamp_ns}.png").write_bytes(png(640, 480, 60 * i))
+    with zipfile.ZipFile(tmp_path / "drive.zip", "w") as archive:
+        for file in sorted(root.rglob("*.p*")):
+            archive.write(file, file.relative_to(tmp_path))
+    return tmp_path / "drive.zip"
+
+
+def from_bag(tmp_path):
+    frames = list(images(4, "/camera/compressed", png(640, 480)))
+    return write_bag(tmp_path / "drive.bag", interleaved(clouds(4), frames))
+
+
+@pytest.mark.parametrize("make", [from_packets, from_bag])
+def test_any_recording_has_a_file_for_viewers(api, fleet, engineer, context, tmp_path, make):
+    rig = seed_rig(api.database, fleet)
+    recording = uploaded(context, rig, make(tmp_path))
+    work(context)
+    publish(api, rig, api.member(fleet, "reviewer"))
+    asked = ask(engineer, recording.id, for_viewers=True)
+    assert asked.status_code == 202 and asked.json()["for_viewers"], asked.text
+    work(context)
+    made = engineer.get(f"/calibrated-copies/{asked.json()['id']}").json()
+    assert made["state"] == "done", made
+    assert made["result"]["file_name"] == "drive-for-viewers.mcap"
+    sweeps = made["result"]["copied"] - 4
+    assert sweeps >= 4 and made["result"]["left_out"] == 0 and made["result"]["added"] == 3 * 4 + sweeps
+    file = tmp_path / "seen.mcap"
+    file.write_bytes(engineer.get(f"/calibrated-copies/{made['id']}/file").content)
+    with api.database.reading() as session:
+        stamps = session.scalars(select(CameraFrame.stamp_ns).order_by(CameraFrame.index)).all()
+    assert [at for _, at, _ in messages(file, "/front/raw/image")] == stamps
+    assert len(messages(file, "/lidar")) == sweeps
+    _, _, flat = messages(file, "/front/undistorted/calibration")[0]
+    _, _, tree = messages(file, "/tf")[0]
+    R, t = chain(tree.transforms, flat.frame_id, messages(file, "/lidar")[0][2].frame_id)
+    # LEVEL: what is 10 m ahead of the LiDAR is 9.8 m ahead of the camera, and 0.1 m below its axis is 0.
+    given = engineer.get(f"/vehicles/{rig.vehicle_id}/cameras/front/calibration").json()
+    lens = given["intrinsics"]
+    (seen,) = rectified(flat, np.array([[10.0, 1.0, 0.5]]) @ R.T + t)
+    x, y, z = -1.0, -0.5 - 0.1, 10.0 - 0.2
+    assert seen == pytest.approx([lens["f_x"] * x / z + lens["c_x"], lens["f_y"] * y / z + lens["c_y"]], abs=1e-4)
+    refused = ask(engineer, recording.id, for_viewers=True, joints={"front": "mount"})
+    assert refused.status_code == 422 and "joints" in refused.text
+    assert taken(api, recording.id)[0] == taken(api, recording.id)[1]

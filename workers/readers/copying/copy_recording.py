@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +17,6 @@ from workers.readers.trees.open_tree import open_tree
 
 _BAG: Final = b"#ROSBAG V2.0\n"
 _STORAGE: Final = (b"SQLite format 3\0", b"\x89MCAP0\r\n")
-_EVERY_S: Final = 0.2
 
 
 def copy_recording(
@@ -31,7 +29,7 @@ def copy_recording(
     """
     edits = Edits.from_json(request)
     out_dir.mkdir(parents=True, exist_ok=True)
-    made, counts = _copied(path, out_dir / "recording", edits, _paced(on_share))
+    made, counts = _copied(path, out_dir / "recording", edits, on_share)
     said = {"copied": counts.copied, "replaced": counts.replaced, "added": counts.added}
     return {"file": made.name, **said, "written": written()}
 
@@ -72,17 +70,3 @@ def _refused(path: Path, why: str) -> ReadError:
         "Only ROS bags and MCAP files with ROS messages are copied. `apexcal export --format ros2` writes files "
         "to play beside it.",
     )
-
-
-def _paced(on_share: Callable[[float], None]) -> Callable[[float], None]:
-    """Tell of progress a few times a second."""
-    due = 0.0
-
-    def tell(share: float) -> None:
-        nonlocal due
-        now = time.monotonic()
-        if now >= due:
-            due = now + _EVERY_S
-            on_share(share)
-
-    return tell

@@ -43,8 +43,7 @@ class Added:
 class Editor:
     """Knows a bag's topics, and what becomes of each of their messages.
 
-    Raises:
-        ReadError: ``copy_not_possible``, a camera's topic is not in the bag, or is in no encoding of ROS.
+    One file of several may lack a camera; :meth:`check_complete` looks at all of them.
     """
 
     def __init__(self, container: Container, edits: Edits) -> None:
@@ -56,22 +55,18 @@ class Editor:
         self._messages = {encoding: Messages(encoding) for encoding in ("ros1", "cdr")}
         self._static = {name for name, topic in topics.items() if is_static_transforms(topic)}
         self._moving = {name for name, topic in topics.items() if _is_moving(topic)}
-        cameras = {camera.topic: camera for camera in edits.cameras}
-        for camera in edits.cameras:
-            if self._encodings.get(camera.topic) not in self._messages:
-                raise ReadError(
-                    "copy_not_possible",
-                    f"The images of {camera.name} ({camera.topic}) are no ROS messages of this file.",
-                    "Only ROS messages are copied. `apexcal export --format ros2` writes files to play beside it.",
-                )
+        here = [camera for camera in edits.cameras if self._encodings.get(camera.topic) in self._messages]
+        cameras = {camera.topic: camera for camera in here}
+        self._found_topics = set(cameras)
         self._infos = _infos_of(container, cameras)
         replaced = {camera.topic for camera in self._infos.values()}
         self._new_infos = {
             camera.topic: (camera, _info_topic(camera, edits.cameras, topics))
-            for camera in edits.cameras
+            for camera in here
             if camera.topic not in replaced
         }
         self._found: set[str] = set()
+        self.has_begun = False
 
     @property
     def touched(self) -> frozenset[str]:
@@ -99,7 +94,8 @@ class Editor:
 
     @property
     def _first_encoding(self) -> str:
-        return self._encodings[self._edits.cameras[0].topic]
+        here = sorted(self._found_topics & self._encodings.keys())
+        return self._encodings[here[0]] if here else "cdr"
 
     @property
     def _new_pose_topic(self) -> str | None:
@@ -108,7 +104,8 @@ class Editor:
         return _TF_STATIC if _TF_STATIC in self._static or not self._static else min(self._static)
 
     def first(self, log_ns: int) -> list[Added]:
-        """What is added before the first message."""
+        """What is added before the first message; ``has_begun`` says that it was asked for."""
+        self.has_begun = True
         topic = self._new_pose_topic
         if topic is None:
             return []
@@ -152,11 +149,21 @@ class Editor:
         self.added_by_topic[topic] = self.added_by_topic.get(topic, 0) + 1
 
     def found_elsewhere(self, other: Editor) -> None:
-        """Count the poses that another file of the same bag states."""
+        """Count the poses that another file of the same bag states, and the cameras that it has."""
         self._found |= other._found
+        self._found_topics |= other._found_topics
 
     def check_complete(self) -> None:
-        """Raises :class:`ReadError` ``copy_not_possible`` where a pose to replace was nowhere."""
+        """Raises :class:`ReadError` ``copy_not_possible`` where a pose to replace was nowhere, or a camera's topic is
+        not there, or in no encoding of ROS.
+        """
+        for camera in self._edits.cameras:
+            if camera.topic not in self._found_topics:
+                raise ReadError(
+                    "copy_not_possible",
+                    f"The images of {camera.name} ({camera.topic}) are no ROS messages of this file.",
+                    "Only ROS messages are copied. `apexcal export --format ros2` writes files to play beside it.",
+                )
         missing = [pose.child for pose in self._edits.poses if not pose.is_new and pose.child not in self._found]
         if missing:
             raise ReadError(

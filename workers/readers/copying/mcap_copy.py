@@ -9,31 +9,19 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import zstandard
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    AttachmentIndex,
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    McapRecord,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, MetadataIndex, Schema
 
 from workers.readers.copying.editor import Added, Editor, NewTopic
 from workers.readers.copying.edits import Edits
 from workers.readers.copying.messages import ros1_types
 from workers.readers.copying.qos import LATCHED_QOS, SENSOR_QOS
+from workers.readers.mcap_writing.summary import Summary, written
 from workers.readers.output import create
 from workers.readers.ros.mcap_bag import McapBag
 from workers.readers.ros.mcap_records import MAGIC, MAX_CHUNK_BYTES, RecordError, head_of, records, unpacked_chunk
@@ -61,25 +49,6 @@ def copy_mcap(path: Path, out: Path, edits: Edits, is_first: bool, on_done: Call
     return editor
 
 
-@dataclass(slots=True)
-class _Summary:
-    """What the new file says of itself at its end."""
-
-    schemas: dict[int, Schema] = field(default_factory=dict[int, Schema])
-    channels: dict[int, Channel] = field(default_factory=dict[int, Channel])
-    chunks: list[ChunkIndex] = field(default_factory=list[ChunkIndex])
-    attachments: list[AttachmentIndex] = field(default_factory=list[AttachmentIndex])
-    metadata: list[MetadataIndex] = field(default_factory=list[MetadataIndex])
-    counts: dict[int, int] = field(default_factory=dict[int, int])
-    first_ns: int = 2**64 - 1
-    last_ns: int = 0
-
-    def count(self, channel: int, log_ns: int) -> None:
-        """One more message."""
-        self.counts[channel] = self.counts.get(channel, 0) + 1
-        self.first_ns, self.last_ns = min(self.first_ns, log_ns), max(self.last_ns, log_ns)
-
-
 class _Copy:
     def __init__(self, bag: McapBag, file: BinaryIO, made: BinaryIO, editor: Editor, is_first: bool) -> None:
         self._file, self._made, self._editor = file, made, editor
@@ -87,7 +56,7 @@ class _Copy:
         contents = bag.contents
         self._topics = {number: channel.topic for number, channel in contents.channels.items()}
         self._known = (set(contents.schemas), set(contents.channels))
-        self._summary = _Summary(dict(contents.schemas), dict(contents.channels))
+        self._summary = Summary(dict(contents.schemas), dict(contents.channels))
         self._new: dict[str, int] = {}
         self._pending: list[Added] = []
 
@@ -106,7 +75,7 @@ class _Copy:
             self._file.seek(place)
             on_done(place / size)
         self._flush()
-        self._finish()
+        self._summary.write(self._made)
 
     def _take(self, kind: int, length: int) -> None:
         if kind == Opcode.MESSAGE_INDEX:  # written anew behind its chunk
@@ -267,44 +236,7 @@ class _Copy:
             channels.add(channel.id)
             self._summary.schemas[schema.id], self._summary.channels[channel.id] = schema, channel
             self._new[topic.name] = channel.id
-            self._made.write(_written(schema, channel))
-
-    def _finish(self) -> None:
-        self._made.write(_written(DataEnd(0)))
-        summary = self._summary
-        statistics = Statistics(
-            attachment_count=len(summary.attachments),
-            channel_count=len(summary.channels),
-            channel_message_counts=summary.counts,
-            chunk_count=len(summary.chunks),
-            message_count=sum(summary.counts.values()),
-            message_end_time=summary.last_ns,
-            message_start_time=summary.first_ns if summary.counts else 0,
-            metadata_count=len(summary.metadata),
-            schema_count=len(summary.schemas),
-        )
-        groups: list[tuple[Opcode, list[Any]]] = [
-            (Opcode.SCHEMA, list(summary.schemas.values())),
-            (Opcode.CHANNEL, list(summary.channels.values())),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, summary.chunks),
-            (Opcode.ATTACHMENT_INDEX, summary.attachments),
-            (Opcode.METADATA_INDEX, summary.metadata),
-        ]
-        start = self._made.tell()
-        text = b""
-        offsets: list[SummaryOffset] = []
-        for opcode, listed in groups:
-            if listed:
-                group = _written(*listed)
-                offsets.append(SummaryOffset(opcode, start + len(text), len(group)))
-                text += group
-        offsets_at = start + len(text)
-        text += _written(*offsets)
-        crc = zlib.crc32(text + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_at))
-        self._made.write(text)
-        self._made.write(_written(Footer(summary_crc=crc, summary_offset_start=offsets_at, summary_start=start)))
-        self._made.write(MAGIC)
+            self._made.write(written(schema, channel))
 
 
 def _chunk(data: bytes, compression: str, first_ns: int, last_ns: int) -> bytes:
@@ -334,10 +266,3 @@ def _qos(topic: NewTopic) -> str:
 
 def _free(used: set[int]) -> int:
     return max(used, default=0) + 1
-
-
-def _written(*listed: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    for record in listed:
-        record.write(builder)
-    return builder.end()

@@ -37,7 +37,7 @@ def copy_file(path: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Pat
 
 
 def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple[Path, Counts]:
-    """Copy a bag's folder into a tar. New poses go into its first file."""
+    """Copy a bag's folder into a tar. New poses go into its first file with a message."""
     scratch = Scratch(folder.name)
     work = out.parent / f"{out.name}-files"
     work.mkdir()
@@ -52,7 +52,8 @@ def copy_folder(folder: Path, out: Path, edits: Edits, on_done: OnDone) -> tuple
             def on_part(share: float, number: int = number) -> None:
                 on_done((number + share) / len(files))
 
-            copied, editor = _copy_one(file, work / name, edits, scratch, number == 0, on_part)
+            is_first = not any(editor.has_begun for editor in editors)
+            copied, editor = _copy_one(file, work / name, edits, scratch, is_first, on_part)
             editors.append(editor)
             made.append(copied)
         _check_all(editors)
@@ -109,7 +110,7 @@ def _metadata(stated: Mapping[str, Any], files: list[Path], editors: list[Editor
     listed += [
         {"topic_metadata": _topic(topic), "message_count": added.get(topic.name, 0)}
         for topic in new.values()
-        if topic.name not in known
+        if topic.name not in known and added.get(topic.name)
     ]
     information |= {
         "relative_file_paths": [file.name for file in files],

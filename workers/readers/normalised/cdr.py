@@ -44,9 +44,8 @@ def _header(stamp_ns: int, frame_id: str) -> bytearray:
     return buffer
 
 
-def encode_points(sweep: Sweep, frame_id: str) -> tuple[bytes, memoryview, bytes]:
-    """A sweep as ``sensor_msgs/msg/PointCloud2`` in three parts: what stands before its points, these laid out as
-    :data:`POINT_DTYPE`, and what follows.
+def point_bytes(sweep: Sweep) -> memoryview:
+    """A sweep's points laid out as :data:`POINT_DTYPE`.
 
     Raises:
         OverflowError: a point lies more than 2.1 s from its sweep's stamp.
@@ -60,6 +59,18 @@ def encode_points(sweep: Sweep, frame_id: str) -> tuple[bytes, memoryview, bytes
     if n and max(abs(int(sweep.offset_ns.min())), abs(int(sweep.offset_ns.max()))) >= 2**31:
         raise OverflowError("a point lies more than 2.1 s from the stamp of its sweep")
     points["offset_ns"] = sweep.offset_ns
+    return points.view(np.uint8).data
+
+
+def encode_points(sweep: Sweep, frame_id: str) -> tuple[bytes, memoryview, bytes]:
+    """A sweep as ``sensor_msgs/msg/PointCloud2`` in three parts: what stands before its points, these laid out as
+    :data:`POINT_DTYPE`, and what follows.
+
+    Raises:
+        OverflowError: a point lies more than 2.1 s from its sweep's stamp.
+    """
+    n = len(sweep.xyz)
+    points = point_bytes(sweep)
     buffer = _header(sweep.stamp_ns, frame_id)
     _aligned(buffer).extend(struct.pack("<III", 1, n, len(_FIELDS)))
     for name, offset, datatype in _FIELDS:
@@ -67,7 +78,7 @@ def encode_points(sweep: Sweep, frame_id: str) -> tuple[bytes, memoryview, bytes
         _aligned(buffer).extend(struct.pack("<IB3xI", offset, datatype, 1))
     size = n * POINT_DTYPE.itemsize
     buffer.extend(struct.pack("<B3xIII", 0, POINT_DTYPE.itemsize, size, size))
-    return bytes(buffer), points.view(np.uint8).data, b"\x01"  # is_dense: points without a return were dropped
+    return bytes(buffer), points, b"\x01"  # is_dense: points without a return were dropped
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,11 @@ import {
   type CorrespondenceSet,
   type CurrentCalibration,
   type Publication,
+  type ReadFiles,
   type Report,
   type Result,
+  type StatedComparison,
+  type StatedFiles,
 } from "./types.ts";
 
 export const buildSet = (detection_id: string, camera: string, exclude_flagged: boolean): Promise<CorrespondenceSet> =>
@@ -107,6 +110,29 @@ export const aliasMoves = (
     "/v1/vehicles/{vehicle_id}/cameras/{camera}/aliases/{alias}/moves",
     { vehicle_id, camera, alias },
     { after, limit: ALIAS_MOVES_PER_PAGE },
+  );
+
+/** Lets an alias lead to a result, or nowhere. Against objections only where `override` says so. */
+export const moveAlias = (
+  vehicle_id: string,
+  camera: string,
+  alias: string,
+  body: { result_id: string | null; reason: string; override: boolean },
+): Promise<unknown> =>
+  client.POST("/v1/vehicles/{vehicle_id}/cameras/{camera}/aliases/{alias}/moves", {
+    params: { path: { vehicle_id, camera, alias } },
+    body,
+    ...once(),
+  });
+
+/** What calibration files of other programs hold. Nothing is stored. */
+export const readFiles = (body: StatedFiles): Promise<ReadFiles> =>
+  bodyOf(client.POST("/v1/calibration-files/reading", { body }));
+
+/** How far a result is from the camera of that name in the files. */
+export const compareWithFiles = (result_id: string, files: StatedFiles, camera: string): Promise<StatedComparison> =>
+  bodyOf(
+    client.POST("/v1/results/{result_id}/comparison", { params: { path: { result_id } }, body: { files, camera } }),
   );
 
 export const PUBLICATIONS_PER_PAGE = 10;

@@ -2,7 +2,7 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import type { Fleet, Rig, RigRequest, Vehicle } from "./types.ts";
+import type { DraftedRig, Fleet, Gate, Rig, RigDraftRequest, RigRequest, SensorSerials, Vehicle } from "./types.ts";
 
 export const fleet = (id: string | undefined): Read<Fleet> => read("/v1/fleets/{id}", { id });
 
@@ -26,3 +26,32 @@ export const rig = (id: string): Read<Rig> => read("/v1/rigs/{id}", { id });
 
 export const createRig = (vehicleId: string, body: RigRequest): Promise<unknown> =>
   client.POST("/v1/vehicles/{id}/rigs", { params: { path: { id: vehicleId } }, body, ...once() });
+
+/** A rig from a URDF file, or from the `/tf_static` of a recording. Nothing is stored. */
+export async function draftRig(
+  source: { urdf: string } | { recording: string },
+  body: RigDraftRequest,
+): Promise<DraftedRig> {
+  const drafted = await bodyOf(
+    "urdf" in source
+      ? client.POST("/v1/rig-drafts", { body: { ...body, urdf: source.urdf } })
+      : client.POST("/v1/recordings/{recording_id}/rig-drafts", {
+          params: { path: { recording_id: source.recording } },
+          body,
+        }),
+  );
+  // The generated type of the answer loses the lengths of vectors.
+  return drafted as DraftedRig;
+}
+
+const asRead = (version: number) => ({ "If-Match": `"v${version}"` });
+
+/** States what results must show to be published; no limit at all states nothing. */
+export const putGate = (of: "fleets" | "rigs", id: string, version: number, body: Gate): Promise<unknown> => {
+  const options = { params: { path: { id } }, body, headers: asRead(version) };
+  return of === "fleets" ? client.PUT("/v1/fleets/{id}/gate", options) : client.PUT("/v1/rigs/{id}/gate", options);
+};
+
+/** Corrects serial numbers; those left out stay. */
+export const patchSerials = ({ id, version }: Rig, body: SensorSerials): Promise<unknown> =>
+  client.PATCH("/v1/rigs/{id}/serials", { params: { path: { id } }, body, headers: asRead(version) });

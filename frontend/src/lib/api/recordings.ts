@@ -9,6 +9,7 @@ import {
   type Packing,
   type Recording,
   type RecordingChange,
+  type RecordingCopy,
   type RecordingSummary,
   type SweepPlace,
   type UploadedParts,
@@ -81,3 +82,21 @@ export const packSweeps = (id: string): Promise<unknown> =>
   client.POST("/v1/recordings/{recording_id}/sweep-packings", { params: { path: { recording_id: id } }, ...once() });
 
 export const sweepUrl = (id: string, index: number): string => `/v1/recordings/${id}/sweeps/${index}`;
+
+/** The copies of a recording with its calibration, the newest first. */
+export const copies = (id: string): Read<RecordingCopy[]> =>
+  readAll("/v1/recordings/{recording_id}/calibrated-copies", { recording_id: id }, {}, (found) =>
+    found.some(isUnderWay),
+  );
+
+export const makeCopy = (recording_id: string, for_viewers: boolean): Promise<unknown> =>
+  client.POST("/v1/recordings/{recording_id}/calibrated-copies", {
+    params: { path: { recording_id } },
+    body: { for_viewers },
+    ...once(),
+  });
+
+export const deleteCopy = (copy_id: string): Promise<unknown> =>
+  client.DELETE("/v1/calibrated-copies/{copy_id}", { params: { path: { copy_id } } });
+
+export const copyUrl = (id: string): string => `/v1/calibrated-copies/${id}/file`;

@@ -17,6 +17,10 @@ export type Fleet = Schemas["FleetOut"];
 export type Vehicle = Schemas["VehicleOut"];
 export type Rig = Schemas["RigOut"];
 export type RigRequest = Schemas["NewRig"];
+export type RigDraftRequest = Schemas["DraftRequest"];
+export type DraftedRig = Schemas["RigDraft"];
+export type Gate = Schemas["Gate"];
+export type SensorSerials = Schemas["SensorSerials"];
 export type Transform = Schemas["Transform"] | Schemas["SolvedTransform"];
 export type Rotation = Transform["rotation"];
 
@@ -37,6 +41,7 @@ export type UploadedParts = Schemas["Parts"];
 export type SweepPlace = Schemas["SweepView"];
 export type FramePlace = Schemas["FrameView"];
 export type Packing = Schemas["PackingView"];
+export type RecordingCopy = Schemas["CopyView"];
 export type BlobAddress = Schemas["BlobAddress"];
 
 export type Validations = Schemas["Page_ValidationView_"];
@@ -88,6 +93,9 @@ export type Outlier = Schemas["Outlier"];
 export type Report = Schemas["ReportView"];
 export type Publication = Schemas["PublicationView"];
 export type AliasMove = Schemas["AliasMoveView"];
+export type StatedFiles = Schemas["CalibrationFiles"];
+export type ReadFiles = Schemas["ReadFiles"];
+export type StatedComparison = Schemas["StatedComparison"];
 export type CurrentCalibration = Schemas["CurrentCalibration"];
 /** The camera models, in the order in which people read them. */
 export const MODELS = ["pinhole", "brown_conrady", "kannala_brandt"] as const;

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from making_recordings import COMPRESSED, START_NS, clouds, images, interleaved, write_bag
 from making_recordings import TYPES as ROS1
 from making_ros2 import INFO, as_cdr, rig, write_mcap, write_ros2
@@ -15,7 +16,7 @@ from making_ros2 import TYPES as ROS2
 from making_transforms import CAMERA, LIDAR, TF, message
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from workers.readers.copying.copy_recording import copy_recording
@@ -205,6 +206,39 @@ def test_a_pose_that_nobody_states_and_a_topic_that_is_not_there_are_refused(tmp
     assert refusal(tmp_path, path, request(topic, child="mast")).code == "copy_not_possible"
     (tmp_path / "out" / "recording.db3").unlink()
     assert "are no ROS messages" in refusal(tmp_path, path, request("/rear")).message
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_a_split_bag_gets_the_pose_although_its_first_file_has_no_camera(tmp_path, storage):
+    """As a recorder leaves it that was started before its sensors. The first .db3 file holds no message at all."""
+    folder = write_ros2(tmp_path / "walk", [one for one in rig() if one[1] != INFO], storage)
+    empty = write_ros2(tmp_path / "empty", [], storage)
+    (first,) = (file for file in empty.iterdir() if file.suffix in (".db3", ".mcap"))
+    if storage == "mcap":
+        with first.open("wb") as made:
+            writer = Writer(made)
+            writer.start()
+            log = writer.register_channel("/rosout", "cdr", writer.register_schema("Log", "ros2msg", b""))
+            writer.add_message(log, START_NS, b"", START_NS)
+            writer.finish()
+    first.rename(folder / f"a{first.suffix}")
+    metadata = folder / "metadata.yaml"
+    said = yaml.safe_load(metadata.read_text())
+    said["rosbag2_bagfile_information"]["relative_file_paths"].insert(0, f"a{first.suffix}")
+    metadata.write_text(yaml.safe_dump(said))
+    with tarfile.open(tmp_path / "walk.tar", "w") as tar:
+        tar.add(folder, arcname="walk")
+    file = copied(tmp_path, tmp_path / "walk.tar", request(parent="velodyne", is_new=True))
+    with open_closing(file) as recording:
+        (pose,) = recording.static_transforms
+        assert (pose.parent, pose.child) == ("velodyne", "camera")
+        (camera,) = [sensor for sensor in recording.sensors if sensor.kind == "camera"]
+        assert camera.camera_info["K"] == LENS["K"]
+    with tarfile.open(file) as tar:
+        text = tar.extractfile("bag/metadata.yaml").read()
+    listed = yaml.safe_load(text)["rosbag2_bagfile_information"]["topics_with_message_count"]
+    counts = {one["topic_metadata"]["name"]: one["message_count"] for one in listed}
+    assert counts["/tf_static"] == 1 and 0 not in counts.values()
 
 
 def test_a_schema_that_would_run_is_not_taken_over(tmp_path):

@@ -3,7 +3,8 @@ import random
 import pytest
 from mcap.reader import NonSeekingReader, SeekingReader
 
-from workers.readers.normalised.channel_file import CHUNK_BYTES, ChannelFile
+from workers.readers.mcap_writing.chunked_file import CHUNK_BYTES
+from workers.readers.normalised.channel_file import ChannelFile
 
 SCHEMA = ("std_msgs/msg/String", "string data\n")
 

@@ -1,0 +1,104 @@
+"""What a file for viewers holds: given lenses, the pinholes of undistorted frames, and where the cameras stand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from sqlalchemy.orm import Session
+
+from apexcal.documents.copies import CopyRequest
+from service.db.base import Json
+from service.db.fleets import Vehicle
+from service.db.recordings import Recording
+from service.exports.calibrated import CalibratedCamera
+from service.exports.given_queries import Asked, given
+from service.exports.transform import Transform, numbers
+from service.studies.copy_plan import frame_of, recorded_cameras
+
+
+def plan_viewer_file(session: Session, recording: Recording, wanted: CopyRequest) -> Json:
+    """Plain data for the worker, and ``results`` by camera.
+
+    Raises:
+        Problem: as for what a vehicle is given; 422 ``camera_not_recorded``.
+    """
+    sensors, cameras = recorded_cameras(session, recording, wanted)
+    vehicle = session.get_one(Vehicle, recording.vehicle_id)
+    offsets = {
+        name: one.clock_offset_ns
+        for name, one in given(session, vehicle, Asked(wanted.cameras, wanted.alias)).items()
+    }
+    lidar = frame_of(sensors["lidar"], cameras[0].lidar_frame)
+    recorded = {one.name: frame_of(sensors[one.name], one.frame) for one in cameras}
+    plan = viewer_file(cameras, lidar, recorded, offsets)
+    facts = {"recording": recording.name, "alias": wanted.alias}
+    facts |= {f"result of {one.name}": one.source for one in cameras}
+    return plan | {"for_viewers": True, "results": {one.name: one.source for one in cameras}, "facts": facts}
+
+
+def viewer_file(
+    cameras: Sequence[CalibratedCamera],
+    lidar: str,
+    recorded: Mapping[str, str],
+    offsets_ns: Mapping[str, int | None],
+) -> Json:
+    """Lenses and poses.
+
+    Args:
+        lidar: the points' frame.
+        recorded: by camera, the frame that the recording states.
+        offsets_ns: by camera, its clock minus the LiDAR's, if that is known.
+    """
+    frames: dict[str, str] = {}
+    for one in cameras:
+        choices = (recorded[one.name], one.frame, f"{one.name}_optical")
+        frames[one.name] = _first_free([lidar, *frames.values()], choices)
+    return {
+        "lidar_frame": lidar,
+        "cameras": [_camera(one, frames[one.name], offsets_ns.get(one.name) or 0) for one in cameras],
+        "poses": _poses(lidar, cameras, frames),
+    }
+
+
+def _first_free(taken: Sequence[str], choices: Sequence[str]) -> str:
+    """A frame's name that no other frame has: drivers leave their defaults to several cameras."""
+    name = next((one for one in choices if one not in taken), choices[-1])
+    while name in taken:
+        name += "_"
+    return name
+
+
+def _camera(camera: CalibratedCamera, frame: str, clock_offset_ns: int) -> Json:
+    size = {"width": camera.width, "height": camera.height}
+    f_x, f_y, c_x, c_y = (float(camera.intrinsics[name]) for name in ("f_x", "f_y", "c_x", "c_y"))
+    K = [f_x, 0.0, c_x, 0.0, f_y, c_y, 0.0, 0.0, 1.0]
+    # Viewers ignore a skew, so recorded frames of such a lens carry no calibration. Undistorted ones have none.
+    raw = None if camera.skew else size | {"distortion_model": camera.written_as.foxglove, "K": K, "D": camera.D}
+    return {
+        "name": camera.name,
+        "frame_id": frame,
+        "clock_offset_ns": clock_offset_ns,
+        "model": camera.model,
+        "intrinsics": dict(camera.intrinsics),
+        "raw": raw,
+        "pinhole": size | {"distortion_model": "plumb_bob", "K": K, "D": [0.0] * 5},
+    }
+
+
+def _poses(lidar: str, cameras: Sequence[CalibratedCamera], frames: dict[str, str]) -> list[Json]:
+    """The LiDAR in the vehicle where the rig states that, and each camera in the LiDAR's frame."""
+    stated = next((one.T_vehicle_lidar for one in cameras if one.T_vehicle_lidar), None)
+    poses: list[Transform] = []
+    if stated is not None and stated.to_frame not in (lidar, *frames.values()):
+        poses.append(stated._replace(from_frame=lidar))
+    poses += [one.T_lidar_camera._replace(to_frame=lidar, from_frame=frames[one.name]) for one in cameras]
+    return [
+        {
+            "parent": pose.to_frame,
+            "child": pose.from_frame,
+            "translation_m": numbers(pose.t),
+            "quaternion_xyzw": pose.quaternion_xyzw,
+            "is_new": True,
+        }
+        for pose in poses
+    ]

@@ -1,0 +1,227 @@
+"""How a calibration comes to its users, in a browser: withdrawals, aliases, copies, gates, serials, other files."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from apexcal.errors import ApiError
+from tests.e2e.conftest import Track
+from tests.e2e.test_calibrating import add_cart
+from tests.faults.jobs import LEVEL_RIG
+from tests.workers.readers.making_recordings import START_NS, TYPES, clouds, images, interleaved, png, write_bag
+from tests.workers.readers.making_transforms import CAMERA, LIDAR, TF, message
+from tests.workers.readers.viewing.reading_viewer_files import messages
+
+SignIn = Callable[[str, str], Page]
+AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
+WIDTHS = (390, 1280, 1920)
+
+
+@dataclass(frozen=True)
+class Given:
+    """A vehicle with a recording, and its calibrations, the second of which is current."""
+
+    vehicle: str
+    recording: str
+    calibrations: list[str]
+    results: list[str]
+
+
+@pytest.fixture(scope="module")
+def given(track: Track, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Given]:
+    vehicle, pairs = add_cart(track, "Coach", 60)
+    calibrations = [
+        track.owner.wait(
+            track.owner.calibrations.create(vehicle, [pairs], ["pinhole"], folds=3, publish="recommended", seed=seed),
+            timeout_s=120,
+        )
+        for seed in (1, 2)
+    ]
+    results = [str(one.summary.cameras["front"].models["pinhole"].result_id) for one in calibrations]
+    frames = list(images(4, "/camera/compressed", png(*LEVEL_RIG["cameras"][0]["image_size"])))
+    poses = [("/tf_static", TF, START_NS, message(TYPES, [LIDAR, CAMERA]))]
+    file = write_bag(tmp_path_factory.mktemp("coach") / "coach.bag", interleaved(poses, clouds(4), frames))
+    (rig,) = track.owner.vehicles.rigs(vehicle)
+    recording = track.owner.wait(track.owner.recordings.upload(file, vehicle, rig.id), timeout_s=120)
+    yield Given(vehicle, str(recording.id), [str(one.id) for one in calibrations], results)
+
+
+def look(page: Page, name: str) -> None:
+    """Nothing that axe finds, in light and in dark, and nothing that is wider than the window."""
+    page.evaluate(AXE.read_text())
+    page.set_viewport_size({"width": WIDTHS[0], "height": 900})
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        found = page.evaluate("() => axe.run()")
+        said = [(one["id"], [node["html"] for node in one["nodes"]]) for one in found["violations"]]
+        assert said == [], (name, scheme, json.dumps(said, indent=1))
+    page.emulate_media(color_scheme="light")
+    for width in WIDTHS:
+        page.set_viewport_size({"width": width, "height": 900})
+        assert page.evaluate("document.scrollingElement.scrollWidth") <= width, (name, width)
+    page.set_viewport_size({"width": 1280, "height": 800})
+
+
+def test_an_alias_is_moved_back_and_removed(sign_in: SignIn, track: Track, given: Given) -> None:
+    first, second = given.results
+    owner = track.owner.calibrations
+    for result, why in ((first, "Two cars try it."), (second, "The next one.")):
+        owner.move_alias(given.vehicle, "front", "canary", result, why)
+    page = sign_in("Ulla", "reviewer")
+    page.goto(f"{track.url}/vehicles/{given.vehicle}")
+    page.get_by_text("Aliases", exact=True).click()
+    page.get_by_role("button", name="canary", exact=True).click()
+    back = page.get_by_role("button", name=re.compile("^Move back: canary to pinhole"))
+    expect(back).to_have_count(1)
+    back.focus()
+    page.keyboard.press("Enter")
+    expect(back).to_have_attribute("aria-expanded", "true")
+    form = page.locator("form").filter(has_text="The reason is kept with the move.")
+    expect(form.get_by_role("button", name="Move the alias")).to_be_disabled()
+    form.get_by_label(re.compile("^Why")).fill("The next one is off.")
+    look(page, "aliases")
+    form.get_by_role("button", name="Move the alias").click()
+    expect(page.get_by_text("The next one is off.").first).to_be_visible()
+    assert str(owner.current(given.vehicle, "front", "canary").result_id) == first
+    (newest, *_) = owner.alias_moves(given.vehicle, "front", "canary")
+    assert (newest.reason, newest.moved_by) == ("The next one is off.", "Ulla")
+    page.get_by_role("button", name="Remove: canary").click()
+    form.get_by_label(re.compile("^Why")).fill("The test is over.")
+    form.get_by_role("button", name="Remove the alias").click()
+    expect(page.get_by_text("The test is over.").first).to_be_visible()
+    with pytest.raises(ApiError, match="The test is over"):
+        owner.current(given.vehicle, "front", "canary")
+    viewer = sign_in("Vera", "viewer")
+    viewer.goto(f"{track.url}/vehicles/{given.vehicle}")
+    viewer.get_by_text("Aliases", exact=True).click()
+    viewer.get_by_role("button", name="canary", exact=True).click()
+    expect(viewer.get_by_text("The next one is off.")).to_be_visible()
+    expect(viewer.get_by_role("button", name=re.compile("^Move back"))).to_have_count(0)
+
+
+def test_a_result_is_compared_with_a_file_and_given_an_alias(
+    sign_in: SignIn, track: Track, given: Given, tmp_path: Path
+) -> None:
+    page = sign_in("Wim", "reviewer")
+    page.goto(f"{track.url}/calibrations/{given.calibrations[0]}")
+    page.get_by_text("Compare with another program's calibration").click()
+    export = page.request.get(f"{track.url}/v1/results/{given.results[0]}?format=opencv")
+    file = tmp_path / "front.yaml"
+    file.write_bytes(export.body())
+    page.get_by_label(re.compile("camera_info, OpenCV")).set_input_files(file)
+    page.get_by_role("button", name="Compare with this result").click()
+    expect(page.get_by_text("It agrees in its direction.")).to_be_visible()
+    expect(page.get_by_role("row", name="turned by")).to_contain_text("0.000°")
+    other = tmp_path / "other.yaml"
+    other.write_text("hello: world\n")
+    page.get_by_label(re.compile("camera_info, OpenCV")).set_input_files(other)
+    expect(page.get_by_role("alert")).to_be_visible()
+    page.get_by_text("Let an alias lead here").click()
+    page.get_by_label("Alias", exact=True).fill("yard")
+    page.get_by_label(re.compile("^Why")).fill("For the yard.")
+    look(page, "comparison and alias")
+    page.get_by_role("button", name="Move the alias").click()
+    expect(page.get_by_role("button", name="Move the alias")).to_have_count(0)
+    found = track.owner.calibrations.current(given.vehicle, "front", "yard")
+    assert (str(found.result_id), found.reason) == (given.results[0], "For the yard.")
+
+
+def test_a_copy_is_asked_for_downloaded_and_deleted(
+    sign_in: SignIn, track: Track, given: Given, tmp_path: Path
+) -> None:
+    page = sign_in("Xaver", "engineer")
+    page.goto(f"{track.url}/recordings/{given.recording}?step=facts")
+    page.get_by_label(re.compile("MCAP file for Foxglove")).check()
+    page.get_by_role("button", name="Make the copy").click()
+    link = page.get_by_role("link", name="Download", exact=True)
+    link.wait_for(timeout=60_000)
+    look(page, "copies")
+    with page.expect_download() as coming:
+        link.click()
+    file = tmp_path / coming.value.suggested_filename
+    coming.value.save_as(file)
+    assert file.name == "coach-for-viewers.mcap" and len(messages(file, "/front/undistorted/image")) == 4
+    page.get_by_role("button", name=re.compile("^Delete coach-for-viewers")).click()
+    expect(link).to_have_count(0)
+    assert list(track.owner.recordings.calibrated_copies(given.recording)) == []
+
+
+def test_a_rig_of_the_recordings_tree_its_serials_and_gates(sign_in: SignIn, track: Track, given: Given) -> None:
+    page = sign_in("Yrsa", "admin")
+    page.goto(f"{track.url}/vehicles/{given.vehicle}")
+    page.get_by_role("button", name="New rig").click()
+    page.get_by_text("From a URDF or from a recording's /tf_static").click()
+    page.get_by_label("or recording").select_option(label="coach.bag")
+    page.get_by_label("Optical link").fill("mast")
+    page.get_by_role("button", name="Read the tree").click()
+    expect(page.get_by_role("alert")).to_contain_text("mast")
+    page.get_by_label("Optical link").fill("camera")
+    page.get_by_role("button", name="Read the tree").click()
+    expect(page.get_by_text("nominal T_camera_lidar of front")).to_be_visible()
+    look(page, "rig draft")
+    page.get_by_role("button", name="Create this rig").click()
+    page.locator("summary").filter(has_text="of its tree").click()
+    panel = page.locator("details").filter(has_text="of its tree")
+    panel.get_by_label("LiDAR", exact=True).fill("L-77")
+    panel.get_by_label("Mean error of held-out pairs").fill("0.8")
+    look(page, "serials and gate")
+    with page.expect_response(re.compile(r"/rigs$")):  # the page reads the rig's new version
+        panel.get_by_role("button", name="Save the serial numbers").click()
+    expect(panel.get_by_role("button", name="Save the serial numbers")).to_be_disabled()
+    panel.get_by_role("button", name="State the gate").click()
+    expect(panel.get_by_role("button", name="As it was")).to_have_count(0)
+    (rig,) = [one for one in track.owner.vehicles.rigs(given.vehicle) if one.name == "of its tree"]
+    assert rig.lidar.serial == "L-77" and rig.gate.heldout_mean_px == 0.8
+    assert rig.cameras[0].joint is not None and rig.cameras[0].nominal.from_frame == "velodyne"
+
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
+    page.get_by_label("Share of the image with pairs").fill("0.01")
+    look(page, "fleet's gate")
+    page.get_by_role("button", name="State the gate").click()
+    expect(page.get_by_role("button", name="As it was")).to_have_count(0)
+    assert track.owner.fleets.get(track.fleet_id).gate.coverage == 0.01
+    page.get_by_label("Share of the image with pairs").fill("")
+    page.get_by_role("button", name="State the gate").click()
+    expect(page.get_by_role("button", name="As it was")).to_have_count(0)
+    assert track.owner.fleets.get(track.fleet_id).gate is None
+
+
+def test_a_reviewer_withdraws_and_everybody_is_told(sign_in: SignIn, track: Track, given: Given) -> None:
+    """Last, because nothing is current afterwards."""
+    page = sign_in("Zoe", "reviewer")
+    page.goto(f"{track.url}/vehicles/{given.vehicle}")
+    page.get_by_text("All publications").click()
+    ask = page.get_by_role("button", name=re.compile("^Withdraw: pinhole")).first
+    ask.focus()
+    page.keyboard.press("Enter")
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("The one before does not come back by itself.")
+    expect(dialog.get_by_role("button", name="Withdraw", exact=True)).to_be_disabled()
+    look(page, "withdraw dialog")
+    page.keyboard.press("Escape")
+    expect(dialog).to_have_count(0)
+    expect(ask).to_be_focused()
+    assert str(track.owner.calibrations.current(given.vehicle, "front").result_id) == given.results[1]
+    page.keyboard.press("Enter")
+    dialog.get_by_role("textbox").fill("The mast\nwas bent.")
+    dialog.get_by_role("button", name="Withdraw", exact=True).click()
+    expect(dialog).to_have_count(0)
+    expect(page.get_by_role("alert")).to_contain_text("by Zoe")
+    expect(page.get_by_role("alert")).to_contain_text("The mast was bent.")
+    expect(page.get_by_text("Withdrawn", exact=False).first).to_be_visible()
+    with pytest.raises(ApiError) as refused:
+        track.owner.calibrations.current(given.vehicle, "front")
+    assert refused.value.code == "calibration_withdrawn"
+    # The way back.
+    page.get_by_role("button", name=re.compile("^Publish again")).last.click()
+    dialog.get_by_role("textbox").fill("The older one holds.")
+    dialog.get_by_role("button", name="Publish").click()
+    expect(page.get_by_role("alert")).to_have_count(0)
+    assert str(track.owner.calibrations.current(given.vehicle, "front").result_id) == given.results[0]

@@ -1,0 +1,175 @@
+"""A recording as one MCAP file for Foxglove and Lichtblick: points, frames, undistorted frames, calibrations, poses.
+
+It is written from the normalised sensors, so any recording has one. All times are of the LiDAR's clock, because
+viewers lay the newest cloud over a frame.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, BinaryIO, Final, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.images.decode import decoded
+from workers.readers.mcap_writing.chunked_file import ChunkedFile
+from workers.readers.normalised.cdr import point_bytes
+from workers.readers.normalised.lidar_file import LidarFile
+from workers.readers.normalised.manifest import FrameTable, read_table
+from workers.readers.output import written
+from workers.readers.viewing.foxglove_schemas import ENCODING, descriptor_set
+from workers.readers.viewing.messages import (
+    FramePose,
+    camera_calibration,
+    compressed_image,
+    frame_transforms,
+    point_cloud,
+)
+from workers.readers.viewing.viewed_camera import ViewedCamera
+
+FILE_NAME: Final = "recording.mcap"
+_SCHEMAS: Final = ("PointCloud", "CompressedImage", "CameraCalibration", "FrameTransforms")
+_LIDAR: Final = -1
+_Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
+# As of normalised LiDAR files (mcap_files.py): frames are compressed already, and points lose a third.
+_LEVEL: Final = -1
+
+
+def write_viewer_file(
+    lidar: Path, out_dir: Path, request: Mapping[str, Any], on_share: Callable[[float], None]
+) -> dict[str, Any]:
+    """Write the file into a folder. Returns its ``file`` name and how many messages were copied and added.
+
+    ``left_out`` counts frames without an undistorted one: those that are damaged, or of another size.
+
+    Args:
+        lidar: the normalised LiDAR.
+        request: ``lidar_frame``, ``cameras`` (see :meth:`ViewedCamera.from_json`), ``poses`` and ``facts`` (texts).
+    """
+    out_dir.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        sweeps = stack.enter_context(LidarFile(lidar))
+        cameras = [_Camera(ViewedCamera.from_json(one), stack) for one in request["cameras"]]
+        file = ChunkedFile(out_dir / FILE_NAME, "", _LEVEL)
+        stack.callback(file.abandon)
+        poses = [FramePose(**one) for one in request["poses"]]
+        writer = _Writer(file, sweeps, str(request["lidar_frame"]), cameras, poses)
+        writer.run(on_share)
+        file.finish("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
+    counts = {"copied": writer.copied, "replaced": 0, "added": writer.added, "left_out": writer.left_out}
+    return {"file": FILE_NAME, **counts, "written": written()}
+
+
+class _Camera:
+    """A camera, its frames' bytes, and its map from the undistorted image to the frame."""
+
+    def __init__(self, camera: ViewedCamera, stack: ExitStack) -> None:
+        self.of = camera
+        table = read_table(camera.table)
+        assert isinstance(table, FrameTable)
+        self.table = table
+        self._file: BinaryIO = stack.enter_context(camera.file.open("rb"))
+        # Fixed-point coordinates of 1/32 px, which cv2.remap makes of others anew for every frame.
+        at = np.load(camera.map)
+        self._maps = cast("_Maps", cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2))
+
+    def stamp_ns(self, index: int) -> int:
+        """A frame's time by the LiDAR's clock."""
+        return max(0, self.table.stamp_ns[index] - self.of.clock_offset_ns)
+
+    def encoded(self, index: int) -> bytes:
+        """A frame as it was recorded."""
+        self._file.seek(self.table.offset[index])
+        return self._file.read(self.table.length[index])
+
+    def undistorted(self, index: int, data: bytes) -> bytes | None:
+        """The frame as the pinhole sees it, as JPEG; black where the lens sees nothing. None: it cannot be made."""
+        width, height = self.table.width[index], self.table.height[index]
+        if (width, height) != (self.of.pinhole.width, self.of.pinhole.height):
+            return None
+        pixels = decoded(data, colour=True, widest=width)
+        if pixels is None:
+            return None
+        whole, parts = self._maps
+        made = cv2.remap(pixels, whole, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        return cv2.imencode(".jpg", made)[1].tobytes()
+
+
+class _Writer:
+    def __init__(
+        self, file: ChunkedFile, sweeps: LidarFile, lidar_frame: str, cameras: list[_Camera], poses: list[FramePose]
+    ) -> None:
+        self._file, self._sweeps, self._lidar_frame = file, sweeps, lidar_frame
+        self._cameras, self._poses = cameras, poses
+        self.copied = self.added = self.left_out = 0
+        types = descriptor_set()
+        self._schemas = {name: file.add_schema(f"foxglove.{name}", ENCODING, types) for name in _SCHEMAS}
+        self._channels: dict[str, int] = {}
+        # Lichtblick takes the first image that is listed, and its calibration from the topics beside it.
+        for camera in cameras:
+            for kind in ("undistorted", "raw"):
+                self._add_channel(f"/{camera.of.name}/{kind}/image", "CompressedImage")
+                self._add_channel(f"/{camera.of.name}/{kind}/calibration", "CameraCalibration")
+        self._add_channel("/lidar", "PointCloud")
+        self._add_channel("/tf", "FrameTransforms")
+
+    def _add_channel(self, topic: str, schema: str) -> None:
+        self._channels[topic] = self._file.add_channel(topic, self._schemas[schema], ENCODING)
+
+    def run(self, on_share: Callable[[float], None]) -> None:
+        """Write all messages in the order of their times."""
+        total = len(self._sweeps) + sum(len(camera.table) for camera in self._cameras)
+        moments = heapq.merge(
+            _moments(map(int, self._sweeps.stamps_ns), _LIDAR),
+            *(
+                _moments(map(camera.stamp_ns, range(len(camera.table))), number)
+                for number, camera in enumerate(self._cameras)
+            ),
+        )
+        for done, (stamp_ns, source, index) in enumerate(moments):
+            # With every sweep, so that a viewer that jumps into the file finds them.
+            if done == 0 or source == _LIDAR:
+                self._add("/tf", stamp_ns, frame_transforms(stamp_ns, self._poses))
+            if source == _LIDAR:
+                self._write_sweep(stamp_ns, index)
+            else:
+                self._write_frame(self._cameras[source], stamp_ns, index)
+            on_share(done / total)
+
+    def _write_sweep(self, stamp_ns: int, index: int) -> None:
+        points = point_bytes(self._sweeps.sweep(index))
+        self._file.add(
+            self._channels["/lidar"], stamp_ns, point_cloud(stamp_ns, self._lidar_frame, len(points)), points
+        )
+        self.copied += 1
+
+    def _write_frame(self, camera: _Camera, stamp_ns: int, index: int) -> None:
+        of = camera.of
+        data = camera.encoded(index)
+        head = compressed_image(stamp_ns, of.frame_id, camera.table.media_type[index], len(data))
+        self._file.add(self._channels[f"/{of.name}/raw/image"], stamp_ns, head, data)
+        self.copied += 1
+        if of.raw is not None:
+            self._add(f"/{of.name}/raw/calibration", stamp_ns, camera_calibration(stamp_ns, of.frame_id, of.raw))
+        made = camera.undistorted(index, data)
+        if made is None:
+            self.left_out += 1
+            return
+        head = compressed_image(stamp_ns, of.frame_id, "image/jpeg", len(made))
+        self._add(f"/{of.name}/undistorted/image", stamp_ns, head, made)
+        said = camera_calibration(stamp_ns, of.frame_id, of.pinhole)
+        self._add(f"/{of.name}/undistorted/calibration", stamp_ns, said)
+
+    def _add(self, topic: str, stamp_ns: int, *parts: bytes) -> None:
+        self._file.add(self._channels[topic], stamp_ns, *parts)
+        self.added += 1
+
+
+def _moments(stamps_ns: Iterable[int], source: int) -> Iterator[tuple[int, int, int]]:
+    """Time, source and number of each message of one sensor, whose times ascend."""
+    return ((stamp_ns, source, index) for index, stamp_ns in enumerate(stamps_ns))

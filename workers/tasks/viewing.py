@@ -1,0 +1,107 @@
+"""A recording as a file for viewers, from its normalised sensors and its published calibration."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+from uuid import UUID
+
+import numpy as np
+from sqlalchemy import select
+
+from service.db.base import Json
+from service.db.recordings import Blob, CameraFrame, Recording, Sensor
+from service.jobs.claims import Lease
+from workers.geometry.models import parse_model
+from workers.geometry.projection import project
+from workers.readers.limited import write_limited
+from workers.readers.normalised.manifest import FrameTable, write_table
+from workers.tasks.context import Context
+from workers.tasks.loading import require_room
+from workers.tasks.originals import reading_limits
+
+# Rows of the undistorted image that are projected at once: 4 MB of rays for 4,000 columns.
+_ROWS: Final = 40
+_OUTSIDE: Final = -2.0
+
+
+def viewer_file(context: Context, recording: Recording, asked: Json, folder: Path, lease: Lease) -> dict[str, Any]:
+    """Write the file into ``folder / "copy"`` in a limited child."""
+    sensors = _sensors(context, recording.id, [one["name"] for one in asked["cameras"]])
+    require_room(context, shutil.disk_usage(folder).free, sum(size for _, size in sensors.values()))
+    files = {name: _fetched(context, sensor, folder) for name, (sensor, _) in sensors.items()}
+    cameras = [
+        _camera(context, camera, sensors[camera["name"]][0], files[camera["name"]], folder, lease)
+        for camera in asked["cameras"]
+    ]
+    poses = [{name: value for name, value in one.items() if name != "is_new"} for one in asked["poses"]]
+    request = {"lidar_frame": asked["lidar_frame"], "poses": poses, "facts": asked["facts"], "cameras": cameras}
+    needed = [Path(one[name]) for one in cameras for name in ("file", "table", "map")]
+    return write_limited(
+        [files["lidar"], *needed],
+        folder / "copy",
+        {"view": request},
+        limits=reading_limits(context.settings, recording.size),
+        name=recording.file_name,
+        must_stop=lease.check,
+        on_progress=lambda progress: lease.report(0.1 + 0.8 * (progress.share or 0.0), "writing frames and points"),
+    )
+
+
+def _sensors(context: Context, recording_id: UUID, cameras: Sequence[str]) -> dict[str, tuple[Sensor, int]]:
+    """The LiDAR and these cameras, each with the size of its file."""
+    with context.database.reading() as session:
+        rows = session.execute(
+            select(Sensor, Blob.size)
+            .join(Blob, Blob.key == Sensor.blob_key)
+            .where(Sensor.recording_id == recording_id, Sensor.name.in_(["lidar", *cameras]))
+        )
+        return {sensor.name: (sensor, size) for sensor, size in rows}
+
+
+def _fetched(context: Context, sensor: Sensor, folder: Path) -> Path:
+    place = folder / "sensors" / str(sensor.id)
+    place.mkdir(parents=True)
+    return context.fetch(sensor.blob_key, place)
+
+
+def _camera(context: Context, camera: Json, sensor: Sensor, file: Path, folder: Path, lease: Lease) -> dict[str, Any]:
+    """A camera as :class:`workers.readers.viewing.viewed_camera.ViewedCamera` reads it."""
+    place = folder / "sensors" / str(sensor.id)
+    table, undistorting = place / "frames.json", place / "map.npy"
+    write_table(table, _table(context, sensor.id))
+    write_map(undistorting, camera, lease.check)
+    said = {name: camera[name] for name in ("name", "frame_id", "clock_offset_ns", "raw", "pinhole")}
+    return said | {"file": str(file.resolve()), "table": str(table.resolve()), "map": str(undistorting.resolve())}
+
+
+def _table(context: Context, sensor_id: UUID) -> FrameTable:
+    names = ("stamp_ns", "offset", "length", "media_type", "width", "height")
+    columns = [getattr(CameraFrame, name) for name in names]
+    with context.database.reading() as session:
+        rows = session.execute(
+            select(*columns).where(CameraFrame.sensor_id == sensor_id).order_by(CameraFrame.index)
+        ).all()
+    return FrameTable(*(list(column) for column in zip(*rows, strict=True)))
+
+
+def write_map(path: Path, camera: Json, must_stop: Callable[[], None]) -> None:
+    """(height, width, 2) float32: where in the frame each pixel of the undistorted image is seen."""
+    pinhole = camera["pinhole"]
+    width, height = pinhole["width"], pinhole["height"]
+    f_x, _, c_x, _, f_y, c_y = pinhole["K"][:6]
+    made = np.lib.format.open_memmap(path, "w+", np.float32, (height, width, 2))
+    columns = (np.arange(width) - c_x) / f_x
+    for first in range(0, height, _ROWS):
+        must_stop()
+        rows = (np.arange(first, min(first + _ROWS, height)) - c_y) / f_y
+        x, y = np.meshgrid(columns, rows)
+        rays = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
+        pixels, violation = project(parse_model(camera["model"]), camera["intrinsics"], rays)
+        # Far outside, where a wide lens leads, no number of a frame's pixel has so many digits.
+        pixels = np.clip(pixels, _OUTSIDE, [width + 1.0, height + 1.0])
+        pixels[violation > 0.0] = _OUTSIDE
+        made[first : first + len(rows)] = pixels.reshape(len(rows), width, 2)
+    made.flush()
