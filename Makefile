@@ -13,7 +13,7 @@ API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
 API_TYPES := frontend/src/lib/api/schema.ts
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
+.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -35,6 +35,14 @@ test-long: setup frontend  ## all tests, with new draws
 # Three at a time, because they wait for a third of their time; in the order of tests/support/side_by_side.py.
 # SIDE_BY_SIDE= runs them one after the other.
 SIDE_BY_SIDE ?= -n 3 --dist loadfile
+# One thread for linear algebra, as in every worker: idle threads of several processes would keep spinning. And the
+# tests' modules, which pytest rewrites, are kept compiled whatever the caller's environment says.
+test test-long: export OPENBLAS_NUM_THREADS = 1
+test test-long: export OMP_NUM_THREADS = 1
+test test-long: export PYTHONDONTWRITEBYTECODE =
+
+screenshots: setup frontend  ## pictures of every page, light and dark, three widths, into docs/images/pages and var/screenshots
+	$(BIN)/python -m pytest tests/e2e/screenshots.py -q $(ARGS)
 
 bench-detection: setup  ## accuracy of the detectors on simulated walks, and throughput; SHORT=1 for a short form, ONLY=drawn,streets for parts
 	$(BIN)/python -m benchmarks.detection

@@ -98,6 +98,11 @@ ROUTERS: tuple[APIRouter, ...] = (
     validations.router,
 )
 
+# Included once: FastAPI derives what each route takes and answers anew for every inclusion, 0.2 s for all of them.
+API = APIRouter()
+for _router in ROUTERS:
+    API.include_router(_router, prefix="/v1", max_body_size=bodies.DEFAULT)
+
 _UPKEEP_S = 600.0
 _CANCEL_AGAIN_S = 0.1
 # Below what clients and proxies wait for an answer.
@@ -207,8 +212,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         transformer=request_ids.bound,
     )
     health.install(app)
-    for router in ROUTERS:
-        app.include_router(router, prefix="/v1", max_body_size=bodies.DEFAULT)
+    app.router.routes += API.routes
     app.router.middleware_stack = Gate(app.router.middleware_stack)
     web.install(app)
     return app

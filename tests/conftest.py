@@ -5,6 +5,7 @@ import sqlite3
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from uuid import UUID
 
 import pytest
 import uvicorn
@@ -17,11 +18,12 @@ from service.http.connections import PatientProtocol
 from service.settings import Settings, get_settings
 from service.storage.store import open_store
 from tests.support.broker import Broker
-from tests.support.people import Api, TestClient
+from tests.support.people import Actor, Api, TestClient
 from tests.support.postgres import Postgres
 from tests.support.processes import wait_until
 from tests.support.s3 import S3Server
 from tests.support.side_by_side import pytest_collection_modifyitems, pytest_xdist_make_scheduler  # noqa: F401
+from workers.tasks.context import Context
 
 _DATABASE = "apexcal"
 
@@ -134,6 +136,26 @@ def make_api(settings: Settings) -> Iterator[Callable[..., Api]]:
 def api(make_api: Callable[..., Api]) -> Api:
     """The served application."""
     return make_api()
+
+
+@pytest.fixture
+def fleet(api: Api) -> UUID:
+    """A fleet without anything in it."""
+    return api.fleet()
+
+
+@pytest.fixture
+def engineer(api: Api, fleet: UUID) -> Actor:
+    """An engineer of that fleet."""
+    return api.member(fleet, "engineer")
+
+
+@pytest.fixture
+def context(settings: Settings) -> Iterator[Context]:
+    """A worker's context on this test's database."""
+    made = Context(settings)
+    yield made
+    made.database.close()
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ class DetectorWords(NamedTuple):
 _NO_POINTS = "no point of the sweep lies in the region"
 # Reasons that every detector has for recordings of still poses.
 _STILL_POSES = {
-    "nothing_differs": "all points in the region are at the same place in the other poses too: the board is outside "
+    "nothing_differs": "all points in the region are at the same place in the other sweeps too: the board is outside "
     "of the region, or was not moved",
     "same_pose": "another sweep of the same still pose carries the vertex: the mean of all sweeps of the pose",
 }
@@ -96,6 +96,8 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "overtopped": "something stands above what looks like the board and in front of its plane: it is a body "
             "below or behind the board, and the board itself meets too few rings",
             "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top",
+            "upright_object": "it could as well be a sign, a door or a wall's end with upright edges. Nothing shows "
+            "that somebody carries it: record a walk of more than six seconds or several poses, or come closer",
             "like_a_person": "on the few rings that meet it, what looks like the board is no wider than a person, "
             "and the sweeps before and after show no wider board there: walk closer",
             "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough",

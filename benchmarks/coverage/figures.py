@@ -86,7 +86,8 @@ def _named(of_cell: Mapping[str, Sequence[Score]], names: Sequence[str]) -> floa
 
 
 def _bound(found: Sequence[Score]) -> float | None:
-    return _rounded(float(np.mean([one.bound for one in found]))) if found else None
+    bounds = [one.bound for one in found if one.bound is not None]
+    return _rounded(float(np.mean(bounds))) if bounds else None
 
 
 def _print(of_cell: Mapping[str, Sequence[Score]]) -> None:

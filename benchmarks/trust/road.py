@@ -32,7 +32,7 @@ DATA = Path(__file__).parents[2].parent / "shared" / "data"
 KNOCK_DEG = 0.25
 FRAMES = 30
 # Sound mounts, and as many knocks in even directions, that are judged on one drive.
-MOUNTS = 5
+MOUNTS = 10
 # What a good calibration with a known lens leaves of the mount's turn (SPEC: 0.02 degrees).
 LEFT_DEG = 0.02
 SIZE = (640, 400)

@@ -63,11 +63,6 @@ def newest_moves(session: Session, vehicle_id: UUID, camera: str) -> Sequence[Al
     ).all()
 
 
-def newest_move(session: Session, vehicle_id: UUID, camera: str, alias: str) -> AliasMove | None:
-    """The last move of one alias, or None."""
-    return next((one for one in newest_moves(session, vehicle_id, camera) if one.alias == alias), None)
-
-
 def aliases_to(session: Session, vehicle_id: UUID, calibrations: Sequence[UUID]) -> list[tuple[str, str]]:
     """The aliases that lead to a result of one of these calibrations, each with its camera."""
     later = aliased(AliasMove)

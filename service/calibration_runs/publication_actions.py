@@ -38,11 +38,6 @@ def current_publication(session: Session, vehicle_id: UUID, camera: str) -> Publ
     return session.scalar(_newest_first(vehicle_id, camera).limit(1))
 
 
-def current_id(vehicle_id: UUID, camera: str) -> Select[UUID]:
-    """A query for the id of what one camera is given now."""
-    return _newest_first(vehicle_id, camera).with_only_columns(Publication.id).limit(1)
-
-
 def current_ids(*of: ColumnElement[bool]) -> Select[UUID]:
     """A query for the ids of what cameras are given now. ``of`` limits it to some vehicles or fleets."""
     age = func.row_number().over(

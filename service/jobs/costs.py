@@ -33,11 +33,6 @@ class RunCost(NamedTuple):
         """The whole run."""
         return self.slots * self.slot_s + self.finish_s
 
-    @property
-    def longest_s(self) -> float:
-        """The longest work that cannot be cut."""
-        return max(self.slot_s, self.finish_s)
-
 
 def run_cost(model: ModelName, pairs: int, schedule: Schedule) -> RunCost:
     """What fitting a model to so many pairs costs, under a schedule."""

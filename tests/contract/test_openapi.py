@@ -12,7 +12,6 @@ import pytest
 from sqlalchemy import select
 
 from service.db.models import Sensor, VertexFrame
-from service.settings import Settings
 from tests.faults.jobs import pairs
 from tests.service.auth.test_every_route import address, fill
 from tests.service.fleet_requests.conftest import QUICK
@@ -97,13 +96,6 @@ class Asked(NamedTuple):
     requests: int
     accepted: int
     failures: list[str]
-
-
-@pytest.fixture
-def context(settings: Settings) -> Iterator[Context]:
-    made = Context(settings)
-    yield made
-    made.database.close()
 
 
 def rows_of(api: Api, fleet: Any, engineer: Actor, context: Context) -> dict[str, str]:

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
@@ -16,6 +17,7 @@ from workers.geometry.transforms import from_document
 
 SignIn = Callable[[str, str], Page]
 FRONTEND = Path(__file__).parents[2] / "frontend"
+MOVE = "move board and holder to the frame's time"
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +53,7 @@ def inside_the_image(track: Track, calibration_id: str, sweep: int) -> int:
 def test_the_points_of_a_sweep_lie_in_its_frame(sign_in: SignIn, track: Track, calibration_id: str) -> None:
     page = sign_in("Vera", "reviewer")
     overlay = open_overlay(page, track, calibration_id)
+    overlay.get_by_label(MOVE).uncheck()
     canvas = overlay.locator("canvas")
     for key in ("ArrowRight", "PageDown"):
         before = canvas.get_attribute("data-frame")
@@ -65,6 +68,36 @@ def test_the_points_of_a_sweep_lie_in_its_frame(sign_in: SignIn, track: Track, c
     # The sweep is the one that was measured nearest to the frame: within half of its 100 ms.
     late = re.search(r"measured ([\d.]+) ms", overlay.get_by_role("status").inner_text())
     assert late and float(late[1]) <= 51
+
+
+def test_the_board_is_where_it_was_at_the_frames_time(sign_in: SignIn, track: Track, calibration_id: str) -> None:
+    page = sign_in("Uwe", "reviewer")
+    overlay = open_overlay(page, track, calibration_id)
+    said = overlay.get_by_text(re.compile("points of the board and its holder are moved"))
+    expect(said).to_be_visible()
+    canvas = overlay.locator("canvas")
+    frame, index = (int(canvas.get_attribute(name) or -1) for name in ("data-frame", "data-sweep"))
+    moment = next(
+        one.stamp_ns for one in track.owner.recordings.frames(track.recording_id, "front") if one.index == frame
+    )
+    detection = next(one for one in track.owner.detections.list(track.recording_id) if one.state == "done")
+    vertices = sorted(track.owner.detections.vertices(detection.id), key=lambda one: one.time_ns)
+    after = next(place for place, one in enumerate(vertices) if one.time_ns > moment)
+    first, second = ((np.array([one.x, one.y, one.z]), one.time_ns) for one in vertices[after - 1 : after + 1])
+    velocity = (second[0] - first[0]) / (second[1] - first[1])
+    corner = first[0] + velocity * (moment - first[1])
+
+    sweep = unpack(track.owner.recordings.sweep(track.recording_id, index))
+    later = moment - sweep.time_ns
+    there = sweep.xyz + later[:, None] * velocity
+    above = there[:, 2] - corner[2]
+    board = (np.linalg.norm(there[:, :2] - corner[:2], axis=1) <= 0.55) & (above <= 0.1) & (above >= -1.1)
+    farthest = np.abs(later[board]).max() * np.linalg.norm(velocity)
+    found = re.search(r"([\d,]+) points of the board .* at most ([\d.]+) cm", said.inner_text(), re.DOTALL)
+    assert found and int(found[1].replace(",", "")) == pytest.approx(board.sum(), abs=1)
+    assert float(found[2]) == pytest.approx(100 * farthest, abs=0.11)
+    overlay.get_by_label(MOVE).uncheck()
+    expect(said).to_have_count(0)
 
 
 def test_the_mounts_blink(sign_in: SignIn, track: Track, calibration_id: str) -> None:

@@ -13,10 +13,10 @@ from tests.e2e.conftest import Track
 SignIn = Callable[[str, str], Page]
 FRONTEND = Path(__file__).parents[2] / "frontend"
 STEPS = ("facts", "region", "detection", "marking", "calibration")
-DROP = """() => {
+DROP = """([name, where]) => {
   const data = new DataTransfer();
-  data.items.add(new File(["This is no bag.\\n".repeat(50)], "dropped.bag"));
-  const at = document.querySelector("h1");
+  data.items.add(new File(["This is no bag.\\n".repeat(50)], name));
+  const at = document.querySelector(where);
   for (const type of ["dragenter", "dragover", "drop"]) {
     at.dispatchEvent(new DragEvent(type, { dataTransfer: data, bubbles: true, cancelable: true }));
   }
@@ -95,11 +95,39 @@ def test_an_empty_vehicle_asks_for_what_comes_first(sign_in: SignIn, track: Trac
     page.reload()
     expect(page.get_by_text("Upload a recording of somebody")).to_be_visible()
 
-    page.evaluate(DROP)
+    page.evaluate(DROP, ["dropped.bag", "h1"])
     expect(page.get_by_role("heading", level=1)).to_have_text("dropped.bag")
     expect(page.get_by_role("alert")).to_contain_text("text file", timeout=20_000)
     steps = page.get_by_role("navigation", name="Steps")
     expect(steps.get_by_role("link")).to_have_count(1)  # nothing else can be done with it
+
+
+def test_a_file_is_dropped_anywhere(sign_in: SignIn, track: Track) -> None:
+    page = sign_in("Fritz", "engineer")
+    title = page.get_by_role("heading", level=1)
+    # On the recording's page: to its vehicle and rig.
+    page.goto(f"{track.url}/recordings/{track.recording_id}")
+    expect(title).to_have_text("recording.bag")
+    page.evaluate(DROP, ["again.bag", "h1"])
+    expect(title).to_have_text("again.bag", timeout=20_000)
+    expect(page.get_by_role("link", name="Van 7")).to_be_visible()
+    # On the fleet's page: to the vehicle under it, else to the one that is chosen.
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
+    expect(page.get_by_role("link", name="Van 7")).to_be_visible()
+    page.evaluate(DROP, ["onto.bag", f'[data-vehicle="{track.vehicle_id}"]'])
+    expect(title).to_have_text("onto.bag", timeout=20_000)
+    track.owner.vehicles.create(track.fleet_id, "Sledge")
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
+    expect(page.get_by_role("link", name="Sledge")).to_be_visible()
+    page.evaluate(DROP, ["beside.bag", "h1"])
+    dialog = page.get_by_role("dialog", name="Which vehicle recorded beside.bag?")
+    dialog.get_by_label("Vehicle").select_option("Van 7")
+    dialog.get_by_role("button", name="Upload").click()
+    expect(title).to_have_text("beside.bag", timeout=20_000)
+    for made in track.owner.recordings.list(vehicle_id=track.vehicle_id):
+        if made.name in ("again.bag", "onto.bag", "beside.bag"):
+            assert str(made.vehicle_id) == track.vehicle_id
+            track.owner.recordings.delete(made.id)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -11,12 +11,15 @@ from xdist.scheduler.loadfile import LoadFileScheduling
 # for processes to start and for leases to end, so they come one after the other, beside tests that compute.
 _TOGETHER = (("tests/faults/", "tests/operations/", "tests/integration/"), ("tests/apexcal/",), ("tests/e2e/",))
 
-# First who compiles the solver's kernels, which everybody else then finds beside their source; meanwhile who needs
-# none. Then what is long, so that what is short fills up the end.
+# First who compiles the kernels of the solver, the detectors and the simulation, which others then find beside their
+# source: 40 s of a processor in a fresh clone, for each process that does not wait. Meanwhile who needs none. Then
+# what is long, so that what is short fills up the end.
 _FIRST = (
-    "tests/workers/solver/test_limits.py",
+    "tests/workers/tasks/test_warming.py",
+    "tests/workers/simulation/test_lidar.py",
     "tests/service/auth/",
     "tests/service/annotations/",
+    "tests/service/calibrations/",
     *(folder for folders in _TOGETHER for folder in folders),
 )
 

@@ -114,10 +114,14 @@ def first_generation(genes: int, size: int, key: np.uint64) -> Generation:
 def select_best(losses: Singles, wanted: int, chosen: Indices) -> None:
     """Fill chosen[:wanted] with the indices of the `wanted` lowest losses (>= 0), in the order of their index.
 
-    Bisection on the bits, which order like the numbers where none is negative: a few passes, no sort.
+    Bisection on the bits, which order like the numbers where none is negative: a few passes, no sort. Those equal to
+    the highest of them come last.
     """
     bits = losses.view(np.int32)
-    low, high = np.int64(-1), np.int64(0x7F800000)
+    least, most = bits[0], bits[0]
+    for i in range(bits.shape[0]):
+        least, most = min(least, bits[i]), max(most, bits[i])
+    low, high = np.int64(least) - 1, np.int64(most)
     while high - low > 1:
         middle = (low + high) >> 1
         pivot = np.int32(middle)
@@ -128,13 +132,18 @@ def select_best(losses: Singles, wanted: int, chosen: Indices) -> None:
             high = middle
         else:
             low = middle
+        if count == wanted:
+            break
+    highest, pivot = least, np.int32(high)
+    for i in range(bits.shape[0]):
+        highest = max(highest, bits[i] if bits[i] <= pivot else least)
+    # Without a branch: fewer than `wanted` lie below the highest, so that what is written in vain stays inside.
     found = 0
     for i in range(bits.shape[0]):
-        if bits[i] < high:
-            chosen[found] = i
-            found += 1
+        chosen[found] = i
+        found += 1 if bits[i] < highest else 0
     for i in range(bits.shape[0]):
-        if bits[i] == high and found < wanted:
+        if bits[i] == highest and found < wanted:
             chosen[found] = i
             found += 1
 

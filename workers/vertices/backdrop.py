@@ -31,6 +31,7 @@ _DEVIATIONS: Final = 4.0  # of the difference of two ranges
 _GRAZING_M: Final = 0.5  # returns of one cell that are farther apart lie on two surfaces
 _SAME_SHARE: Final = 0.5  # of the sweeps that can see the place
 _SEEN_SHARE: Final = 0.25  # of all sweeps; what is seen less often may be several boards by chance
+_FIXED_SHARE: Final = 0.75  # of a walk's sweeps that can see the place: nobody stays for so long
 _BEHIND_SHARE: Final = 0.15
 _STILL_SHARE: Final = 0.8
 _AROUND: Final = 0.45  # of the azimuths: a board, its bearer and others take less
@@ -103,6 +104,15 @@ class Backdrop:
         count = others.size
         still = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= _SAME_SHARE * (same + beyond + none))
         return Compared(still, ~still & (beyond + none >= max(1.0, _BEHIND_SHARE * count)))
+
+    def fixed(self, sweep: Sweep, kept: Mask) -> Mask:
+        """Which of the points ``kept`` (N,) are the same in nearly all sweeps that can see their place."""
+        found = np.zeros(len(kept), np.bool_)
+        others = np.array([at for at, stamp_ns in enumerate(self.stamps_ns) if stamp_ns != sweep.stamp_ns], np.int64)
+        same, beyond, none = _look(sweep.xyz[kept], sweep.ring[kept], self.near, self.far, others, self.tolerance_m)
+        seen = same + beyond + none
+        found[kept] = (same >= _SEEN_SHARE * others.size) & (same >= _FIXED_SHARE * seen)
+        return found
 
     def same(self, sweep: Sweep, kept: Mask, place: int) -> float:
         """Share of a sweep's points ``kept`` (N,) that are the same in the image at ``place``."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from apexcal.documents.detectors import DetectorName, parse_detector, resolve_options
 from workers.vertices import ring_rules
+from workers.vertices.fixed_objects import without_fixed
 from workers.vertices.pose_detection import detect_poses
 from workers.vertices.refined.run import run as run_refined
 from workers.vertices.region import Region
@@ -69,7 +70,8 @@ def detect_range(
     refused: dict[int, str] = {}
     poses = find_poses(source, region, stated=still, on_sweep=lambda: report(indices.start))
     if poses is None:
-        answers = RUNS[detector](source, region, resolved, wider, report)
+        area = without_fixed(source, region, lambda: report(indices.start)) if detector == "refined" else region
+        answers = RUNS[detector](source, area, resolved, wider, report)
     else:
         answers = detect_poses(source, region, poses, RUNS[detector], resolved, wider, report)
     for index, found in zip(wider, answers, strict=True):

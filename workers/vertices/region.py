@@ -82,6 +82,11 @@ class Region:
             raise ValueError(f"xyz must have shape (N, 3), got {xyz.shape}")
         return _mask(xyz, self._codes, self._values, self._corners)
 
+    @property
+    def fixed_left_out(self) -> bool:
+        """A region alone does not know what stands still."""
+        return False
+
     def inside(self, sweep: Sweep) -> NDArray[np.bool_]:
         """Which points (N,) of a sweep lie inside."""
         return self.mask(sweep.xyz)

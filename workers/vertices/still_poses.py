@@ -103,6 +103,11 @@ class Foreground:
     region: Region
     poses: StillPoses
 
+    @property
+    def fixed_left_out(self) -> bool:
+        """A single pose has nothing to be compared with."""
+        return not self.poses.single
+
     def inside(self, sweep: Sweep) -> Mask:
         """Which points (N,) of a sweep lie in the region and are no backdrop."""
         kept = self.region.mask(sweep.xyz)

@@ -38,7 +38,12 @@ class Listed:
 
 
 class Area(Protocol):
-    """Which points of a sweep are looked at: a `region.Region`, or what of it is no backdrop of still poses."""
+    """Which points of a sweep are looked at: a `region.Region`, or what of it does not stand still."""
+
+    @property
+    def fixed_left_out(self) -> bool:
+        """Whether what stands still over the recording is left out, so that what remains is carried or walks."""
+        ...
 
     def inside(self, sweep: Sweep) -> NDArray[np.bool_]: ...
 

@@ -15,11 +15,6 @@ from tests.service.detections.seeding import HEIGHT, WIDTH, seed_marking
 
 
 @pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
 def seed(api, fleet):
     return seed_marking(api.database, fleet, vertices=2)
 

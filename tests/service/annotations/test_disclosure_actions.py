@@ -15,11 +15,6 @@ SECRET = (123.4375, 77.8125)
 
 
 @pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
 def seed(api, fleet):
     return seed_marking(api.database, fleet, vertices=2, marks_per_vertex=2)
 

@@ -9,11 +9,6 @@ from tests.service.detections.seeding import seed_marking
 
 
 @pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
 def seed(api, fleet):
     return seed_marking(api.database, fleet)
 

@@ -2,18 +2,11 @@
 
 from uuid import uuid4
 
-import pytest
-
 from service.db.annotations import AnnotationRevision, Mark, MarkingTask, Verdict
 from service.db.clock import now
 from service.db.detections import Detection, VertexFrame
 from service.db.recordings import Recording
 from tests.service.detections.seeding import seed_answer, seed_detection, seed_marking, vertices_of
-
-
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
 
 
 def ask(person, seed, skip=None, camera="front", ahead=0):

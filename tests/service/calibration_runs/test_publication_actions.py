@@ -17,25 +17,10 @@ from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceS
 from service.recordings.actions import delete_recording
 from tests.service.calibration_runs.test_conclusion import document
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
-from tests.service.detections.seeding import seed_recording, seed_rig
+from tests.service.detections.seeding import seed_recording
 
 # Long enough that whoever does not wait is done.
 _WAITS_S = 0.5
-
-
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
-
-
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
 
 
 def of_recording(api, rig):

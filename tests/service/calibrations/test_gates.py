@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from sqlalchemy import select, update
 
 from service.db.calibrations import Publication, Result
@@ -16,6 +17,11 @@ STD = {
 }  # fmt: skip
 
 COVARIANCE = {"names": list(STD), "matrix": np.diag(np.square(list(STD.values()))).tolist()}
+
+
+@pytest.fixture
+def admin(api, fleet):
+    return api.member(fleet, "admin")
 
 
 def state(admin, kind, id, gate):

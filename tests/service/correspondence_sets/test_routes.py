@@ -19,27 +19,11 @@ from tests.service.detections.seeding import (
     seed_detection,
     seed_marking,
     seed_recording,
-    seed_rig,
     vertices_of,
 )
 
 CSV = {"Content-Type": "text/csv"}
 ROWS = "x,y,z,u,v,pose\n4,0,0.5,320.5,200,1\n5,1,0.5,200,210,2\n"
-
-
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
 
 
 def build(engineer, seed, **body):

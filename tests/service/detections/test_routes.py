@@ -13,16 +13,6 @@ pytestmark = pytest.mark.usefixtures("broker")
 REGION = {"and": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range", "op": "<", "value": 30}]}
 
 
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
-
-
 def test_a_detection_is_stored_with_all_its_options_and_its_jobs(make_api):
     api = make_api(workers=4)
     fleet = api.fleet()

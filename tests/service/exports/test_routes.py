@@ -23,11 +23,6 @@ URDF = (
 
 
 @pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
 def rig(api, fleet):
     return seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
 
 import pytest
 
-from service.settings import Settings
 from tests.faults.jobs import pairs
 from tests.support.people import Actor, Api
 from tests.support.uploads import RIG, new_vehicle
-from workers.tasks.context import Context
 
 QUICK = {
     "models": ["pinhole"],
@@ -68,11 +65,3 @@ def vans(api: Api) -> Vans:
     """A fleet without vans yet."""
     fleet = api.fleet()
     return Vans(api.member(fleet, "engineer"), fleet)
-
-
-@pytest.fixture
-def context(settings: Settings) -> Iterator[Context]:
-    """A worker's context on this test's database."""
-    made = Context(settings)
-    yield made
-    made.database.close()

@@ -31,16 +31,6 @@ CAMERA = {"name": "front", "link": "camera_front_optical", "image_size": [640, 4
 ASKED = {"name": "roof", "lidar_link": "velodyne", "cameras": [CAMERA]}
 
 
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def viewer(api, fleet):
-    return api.member(fleet, "viewer")
-
-
 def refusal(answer, status, code) -> str:
     assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
     return answer.json()["detail"]

@@ -23,16 +23,6 @@ def api(make_api) -> Api:
 
 
 @pytest.fixture
-def fleet(api: Api):
-    return api.fleet()
-
-
-@pytest.fixture
-def engineer(api: Api, fleet):
-    return api.member(fleet, "engineer")
-
-
-@pytest.fixture
 def vehicle(engineer, fleet):
     return new_vehicle(engineer, fleet)
 

@@ -15,16 +15,6 @@ REGION = {"and": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "range"
 FOUND = {"offset_ns": -30_200_000, "sigma_ns": 1_100_000, "rms_px": 1.4, "pairs": 3}
 
 
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
-
-
 def answer_with(api, result):
     with api.database.writing() as session:
         row = session.query(Study).one()

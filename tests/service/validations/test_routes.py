@@ -25,21 +25,6 @@ SCORE |= {"rms_px": 1.0, "median_px": 1.0, "max_px": 1.0, "u": [1.0], "v": [2.0]
 SCORE |= {"residual_v": [None], "is_wrong": [False]}
 
 
-@pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
-
-
-@pytest.fixture
-def rig(api, fleet):
-    return seed_rig(api.database, fleet)
-
-
 @contextmanager
 def sql(database):
     """The statements that reach the database meanwhile."""

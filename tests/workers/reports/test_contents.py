@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.workers.reports.material import made, steady
+from tests.workers.reports.material import EDGES, made, steady
 from workers.reports.contents import contents
 from workers.reports.page import page
 
@@ -84,7 +84,85 @@ def test_each_person_is_judged_by_their_own_marks(report):
         assert person["pair"] == list(range(count))
         assert np.abs(np.column_stack([person["off_u"], person["off_v"]]) - own).max() < 1e-3
         assert person["mean_u"] == pytest.approx(own[:, 0].mean(), rel=1e-4)
+        assert person["mean_v"] == pytest.approx(own[:, 1].mean(), rel=1e-4, abs=1e-6)
         assert person["rms_px"] == pytest.approx(np.sqrt((own**2).sum(axis=1).mean()), rel=1e-4)
+
+
+def rays_of(document, u, v):
+    """(N, 3) unit vectors in the camera's frame of pixels, by OpenCV's inverse of the distortion."""
+    lens = document["intrinsics"]
+    y = (v - lens["c_y"]) / lens["f_y"]
+    plane = np.column_stack([(u - lens["c_x"]) / lens["f_x"] - (lens.get("skew") or 0.0) * y, y])
+    distortion = np.array([lens.get(name) or 0.0 for name in LENS])
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+    plane = cv2.undistortPoints(plane[:, None], np.eye(3), distortion, criteria=criteria).reshape(-1, 2)
+    rays = np.column_stack([plane, np.ones(len(plane))])
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
+def test_expected_errors_are_the_covariance_carried_along_rays(report):
+    material = made()
+    document = material.chosen.document
+    R, t = matrix(document)
+    prediction = report["result"]["prediction"]
+    points = prediction["points"]
+    width, height = document["intrinsics"]["image_size"]
+    u, v = (np.array([point[name] for point in points]) for name in "uv")
+    assert np.allclose(np.unique(u), (np.arange(5) + 0.5) * width / 5 - 0.5)
+    assert np.allclose(np.unique(v), (np.arange(3) + 0.5) * height / 3 - 0.5)
+    rays = rays_of(document, u, v)
+    shown = [i for i, point in enumerate(points) if point["stated_px"]]
+    assert len(shown) >= 9
+    for k, distance in enumerate(prediction["distances_m"]):
+        sigma, _ = deviation(material, material.chosen.name, (distance * rays - t) @ R)
+        told = np.array([points[i]["stated_px"][k] for i in shown])
+        assert np.allclose(told, sigma[shown], rtol=5e-3)
+    # The sentence of the verdict repeats the middle of the image at 20 m, and the fit's mean.
+    at = prediction["distances_m"].index(20.0)
+    factor = prediction["expected_over_stated"]
+    middle = points[len(points) // 2]
+    mean = np.mean(steady(report["pairs"]["error_px"]))
+    for said in (
+        f"{mean:.2f} px off on average",
+        f"within {factor * middle['stated_px'][at]:.2f} px or {factor * middle['stated_mm'][at]:.0f} mm",
+    ):
+        assert said in report["verdict"]["sentence"]
+
+
+def test_what_is_said_of_each_model_is_its_own_pairs(report):
+    material = made()
+    points, marks = points_and_marks(material)
+    assert set(report["models"]) == {one.name for one in material.models}
+    for model in material.models:
+        error = np.hypot(*(marks - projected(model.document, points)).T)
+        told = report["models"][model.name]
+        assert told["mean_px"] == pytest.approx(error.mean(), rel=1e-5)
+        assert told["rms_px"] == pytest.approx(np.sqrt((error**2).mean()), rel=1e-5)
+        assert (told["status"], told["measured_on"]) == (model.document["status"], "held-out pairs")
+    slots = np.array(material.slots)
+    for name, column in (("iteration", 0), ("slot", 1), ("loss_px", 2)):
+        assert np.allclose(report["slots"][name], slots[:, column], rtol=1e-5)
+    assert report["elsewhere"][0]["curves"][0]["at"] == pytest.approx(EDGES["curves"][0]["at"], rel=1e-5, abs=1e-9)
+    assert [one["sentence"] for one in report["elsewhere"]] == ["The mount fits.", "5 pairs are too few."]
+
+
+def test_figures_of_checks_are_counted_from_the_pairs(report):
+    document = made().chosen.document
+    figures = {one["name"]: one["figures"] for one in report["checks"]}
+    outliers = document["outliers"]
+    excluded = sum(one["excluded"] for one in outliers)
+    assert figures["wrong_pairs"]["outliers"] == len(outliers) >= 3
+    assert (figures["wrong_pairs"]["excluded"], figures["wrong_pairs"]["pairs"]) == (excluded, 222)
+    _, marks = points_and_marks(made())
+    size = document["intrinsics"]["image_size"]
+    spans = (np.quantile(marks, 0.975, axis=0) - np.quantile(marks, 0.025, axis=0)) / size
+    told = figures["coverage"]
+    assert (told["width_share"], told["height_share"]) == pytest.approx(tuple(spans), rel=1e-5)
+    assert f"{spans[0]:.0%} of the image's width" in next(
+        one["sentence"] for one in report["checks"] if one["name"] == "coverage"
+    )
+    assert figures["halves"] == pytest.approx({one["split"]: one["ratio"] for one in document["halves"]}, rel=1e-5)
+    assert figures["elsewhere"] == {"agrees": 1, "disagrees": 0, "unknown": 1}
 
 
 def deviation(material, model, points, step=1e-6):
@@ -133,15 +211,8 @@ def test_maps_are_the_covariance_carried_to_each_cell(report, model):
     R, t = matrix(document)
     distance = np.median(np.linalg.norm(points @ R.T + t, axis=1))
     assert image["distance_m"] == pytest.approx(distance, rel=1e-5)
-    lens = document["intrinsics"]
     u, v = (values.ravel() for values in np.meshgrid(image["across"], image["down"]))
-    y = (v - lens["c_y"]) / lens["f_y"]
-    plane = np.column_stack([(u - lens["c_x"]) / lens["f_x"] - (lens.get("skew") or 0.0) * y, y])
-    distortion = np.array([lens.get(name) or 0.0 for name in LENS])
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
-    plane = cv2.undistortPoints(plane[:, None], np.eye(3), distortion, criteria=criteria).reshape(-1, 2)
-    rays = np.column_stack([plane, np.ones(len(plane))])
-    rays *= distance / np.linalg.norm(rays, axis=1, keepdims=True)
+    rays = distance * rays_of(document, u, v)
     sigma, _ = deviation(material, model, (rays - t) @ R)
     told = np.array(image["sigma_px"], np.float64).ravel()
     shown = np.isfinite(told)

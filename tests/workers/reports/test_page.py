@@ -41,16 +41,18 @@ def drawn(text: str, name: str) -> list[tuple[float, float]]:
 
 
 def test_every_point_of_every_plot_lies_where_the_document_has_it(report, text):
-    plots = [plot for section in sections_of(report) for plot in section.plots if plot.points]
-    assert len(plots) >= 5 + 2 + 2 * len(report["models"])
+    plots = [plot for section in sections_of(report) for plot in section.plots if plot.y]
+    # Residuals, people, maps of each model, the search, and yaw and pitch of a drive's score.
+    assert len(plots) == 5 + 2 + 2 * len(report["models"]) + 1 + 2
     embedded = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])
     assert embedded["pairs"] == report["pairs"] and embedded["checks"] == report["checks"]
     for plot in plots:
         rows = embedded["plots"][plot.name]
         assert rows == rows_of(plot, report)
         at = np.array(drawn(text, plot.name))
-        assert len(at) == len(rows), plot.name
         x, y = (steady(column(report, path)) for path in (plot.x, plot.y))
+        assert len(at) == (len(rows) if plot.points else len(y)), plot.name
+        y = np.log(y) if plot.is_log else y
         kept = np.isfinite(x) & np.isfinite(y)
         for values, shown in ((x[kept], at[:, 0]), (y[kept], at[:, 1])):
             # Data and picture differ by a scale and a shift; the file keeps a hundredth (arrows: a tenth) of a point.

@@ -1,4 +1,4 @@
-"""A worker's context on this test's database."""
+"""A process that is told to stop."""
 
 import os
 import signal
@@ -6,16 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from service.settings import Settings
 from workers.tasks import drain
-from workers.tasks.context import Context
-
-
-@pytest.fixture
-def context(settings: Settings) -> Iterator[Context]:
-    made = Context(settings)
-    yield made
-    made.database.close()
 
 
 @pytest.fixture

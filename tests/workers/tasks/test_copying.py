@@ -36,16 +36,6 @@ OPTICAL = ("mount", "camera", (0.0, 0.0, 0.0), (-0.5, 0.5, -0.5, 0.5))
 
 
 @pytest.fixture
-def fleet(api):
-    return api.fleet()
-
-
-@pytest.fixture
-def engineer(api, fleet):
-    return api.member(fleet, "engineer")
-
-
-@pytest.fixture
 def recorded(api, fleet, context: Context, tmp_path):
     """A ready recording of a rig whose camera has a published calibration."""
     rig = seed_rig(api.database, fleet)

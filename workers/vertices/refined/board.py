@@ -100,11 +100,10 @@ def _with_rays(
         return None
     at = tuple(choose_rays(left, up, ratio, window.distance, ends).T)
     u = w[0] * np.cos(window.azimuth[at]) + w[1] * np.sin(window.azimuth[at]) + w[2] * window.slope[at]
-    points = sum(
-        int(np.count_nonzero(ratio[r, first : last + 1] > _ON_BOARD))
-        for r, (first, last) in enumerate(ends.tolist())
-        if first >= 0
-    )
+    column: NDArray[np.int64] = np.arange(int(ratio.shape[1]))
+    between: NDArray[np.bool_] = (column >= ends[:, :1]) & (column <= ends[:, 1:]) & (ends[:, :1] >= 0)
+    points = int(np.count_nonzero(between & (ratio > _ON_BOARD)))
+    hits = np.nonzero(between & (ratio > _CONFIDENT))
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, 0])) / np.median(u))
     reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
@@ -118,6 +117,7 @@ def _with_rays(
         up=up[at],
         reach=reach,
         ratio=ratio[at],
+        hits=np.stack([left[hits], up[hits]]),
         rings=int(on_board.size),
         top_ring=int(on_board[-1]),
         points=points,
@@ -186,18 +186,31 @@ def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
 ) -> tuple[int, tuple[int, int]]:
     """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
-    p, q = _turns(corner[3:4])[0] @ np.array([plane.left - corner[1], plane.up - corner[2]])
-    grow, soft = plane.reach * model.growth, plane.reach * model.soft
+    on_board = _covered(plane.left, plane.up, plane.reach, model, edges, corner)
+    hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
+    # Near a soft edge either answer is as expected.
+    inside, outside = missed & (on_board > 1.0 - _UNLIKELY), hit & (on_board < _UNLIKELY)
+    side = corner[2] - min(edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3]))
+    above = plane.returned & (plane.up > side)
+    upper = int(np.count_nonzero((inside | outside) & above)), int(np.count_nonzero(above))
+    # A wall is met far beside the board too, not only at the ends of its stretches.
+    left, up = plane.hits[0], plane.hits[1]
+    reach = np.full_like(left, float(np.median(plane.reach)))
+    beside = _covered(left, up, reach, model, edges, corner)
+    return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper
+
+
+def _covered(
+    left: Floats, up: Floats, reach: Floats, model: BoardModel, edges: tuple[float, float], corner: Floats
+) -> Floats:
+    """(N,) probability that rays which meet the plane there lie on the board in the middle of its posterior."""
+    p, q = _turns(corner[3:4])[0] @ np.array([left - corner[1], up - corner[2]])
+    grow, soft = reach * model.growth, reach * model.soft
     far = np.hypot(soft, model.slack)
     on_board = np.ones(p.size)
     for along, edge in ((p, edges[0]), (q, edges[1])):
         on_board *= _smooth((along + grow) / soft) * _smooth((edge + grow - along) / far)
-    hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
-    # Near a soft edge either answer is as expected.
-    wrong = (missed & (on_board > 1.0 - _UNLIKELY)) | (hit & (on_board < _UNLIKELY))
-    side = corner[2] - min(edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3]))
-    above = plane.returned & (plane.up > side)
-    return int(np.count_nonzero(wrong)), (int(np.count_nonzero(wrong & above)), int(np.count_nonzero(above)))
+    return on_board
 
 
 def _smooth(x: Floats) -> Floats:

@@ -100,6 +100,7 @@ class Plane:
         left, up: (N,) metres, where each ray meets the plane, from the foot of the sensor's perpendicular.
         reach: (N,) metres, distance from the sensor to that place.
         ratio: (N,) likelihood of the ray's return, or of none, with the board over that without the board.
+        hits: (2, H) metres to the left and up, of all returns that lie in the plane where the board was followed.
         rings: how many rings meet the board.
         top_ring: the highest of these rings.
         points: how many points lie on the board.
@@ -116,6 +117,7 @@ class Plane:
     up: Floats
     reach: Floats
     ratio: Floats
+    hits: Floats
     rings: int
     top_ring: int
     points: int

@@ -1,0 +1,95 @@
+"""Pictures of every page in light and dark at three widths: `make screenshots`, to be looked at.
+
+Those of 1280 px go to docs/images/pages, all others to var/screenshots. No page may be wider than its window.
+``ONLY=result,vehicle`` makes those of some pages.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from playwright.sync_api import Page, expect
+
+from tests.e2e.conftest import Track
+from tests.e2e.marking import Marker
+from tests.e2e.test_calibrating import pairs_of_truth
+from tests.e2e.test_marking import ask_marks
+from tests.e2e.test_marking_beside import ASIDE_PX, click_corner
+from tests.e2e.test_workspace import STEPS
+
+ROOT = Path(__file__).parents[2]
+SIZES = {390: 844, 1280: 900, 1920: 1080}
+DOCUMENTED = 1280
+pytestmark = pytest.mark.timeout(1200)
+SignIn = Callable[[str, str], Page]
+
+
+@pytest.fixture(scope="module")
+def paths(track: Track) -> dict[str, str]:
+    """Addresses of the pages, by the names of their pictures, with something to see on each."""
+    owner = track.owner
+    ask_marks(track, 2)
+    pairs = owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 130))
+    wanted = {"models": ["pinhole", "brown_conrady"], "folds": 3, "publish": "recommended"}
+    calibration = owner.wait(owner.calibrations.create(track.vehicle_id, [pairs.id], **wanted), timeout_s=240)
+    owner.wait(owner.validations.ask(track.vehicle_id, "pairs", "front", set_id=pairs.id), timeout_s=60)
+    request = owner.fleet_requests.create(track.fleet_id, models=["pinhole"], folds=0)
+    owner.wait(request, timeout_s=120)
+    owner.vehicles.create(track.fleet_id, "Van 8")
+    return {
+        "fleet": f"/fleets/{track.fleet_id}",
+        "fleet-requests": f"/fleets/{track.fleet_id}/requests",
+        "fleet-request": f"/fleet-requests/{request.id}",
+        "vehicle": f"/vehicles/{track.vehicle_id}",
+        **{step: f"/recordings/{track.recording_id}?step={step}" for step in STEPS},
+        "result": f"/calibrations/{calibration.id}",
+    }
+
+
+def take(page: Page, name: str, scheme: str, width: int, *, full: bool) -> None:
+    """Write a picture; the page has come to rest."""
+    page.wait_for_load_state("networkidle")
+    page.wait_for_timeout(1000)  # what is drawn later: points, plots
+    assert page.evaluate("document.scrollingElement.scrollWidth") <= width, (name, width)
+    documented = width == DOCUMENTED
+    folder = ROOT / ("docs/images/pages" if documented else "var/screenshots")
+    folder.mkdir(parents=True, exist_ok=True)
+    end = scheme if documented else f"{scheme}-{width}"
+    file = folder / f"{name}-{end}.png"
+    page.screenshot(path=file, full_page=full)
+    Image.open(file).convert("RGB").quantize(256).save(file, optimize=True)  # a third of the bytes
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages(sign_in: SignIn, track: Track, paths: dict[str, str], scheme: str) -> None:
+    page = sign_in(f"Ida {scheme}", "engineer")
+    page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]
+    only = [name for name in os.environ.get("ONLY", "").split(",") if name]
+    for width, height in SIZES.items():
+        page.set_viewport_size({"width": width, "height": height})
+        for name, path in paths.items():
+            if only and name not in only:
+                continue
+            page.goto(f"{track.url}{path}")
+            expect(page.get_by_role("heading", level=1)).to_be_visible()
+            take(page, name, scheme, width, full=True)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_marking(sign_in: SignIn, track: Track, scheme: str) -> None:
+    ask_marks(track, 50)
+    marker = Marker(sign_in(f"Jan {scheme}", "annotator"), track)
+    marker.page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]
+    marker.open()
+    for _ in range(14):
+        click_corner(marker)
+        marker.save()
+    click_corner(marker, ASIDE_PX)
+    marker.page.keyboard.press("Enter")
+    expect(marker.page.get_by_text("Is this the corner?")).to_be_visible()
+    marker.page.keyboard.press("l")
+    for width, height in SIZES.items():
+        marker.page.set_viewport_size({"width": width, "height": height})
+        take(marker.page, "mark", scheme, width, full=False)

@@ -1,0 +1,81 @@
+"""How well an upright rectangle, as a sign or a door, explains the rays that a board on its tip explains.
+
+In the plane, with hard edges, the log likelihood of a rectangle is a sum over the rays inside it. So the likeliest
+left and right edges, with the others fixed, are the ends of the stretch of rays with the largest sum; upper and lower
+edges likewise, in turn.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.vertices.refined.board_model import BoardModel, Fix
+
+Floats = NDArray[np.float64]
+Ends = tuple[float, float]
+_TURNS = 6
+_STARTS = (1.0, 0.9, 0.5)
+# A scene has some ten things that could be a board, and none may pass in 200 sweeps: log(2000).
+_CLEAR = 7.6
+
+
+def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
+    """Whether the rays tell the board from every upright rectangle, also if nothing shows that it is carried."""
+    return fix.evidence - upright_evidence(fix, model) > _CLEAR
+
+
+def upright_evidence(fix: Fix, model: BoardModel) -> float:
+    """Log of the rays' likelihood for an upright rectangle, averaged over its edges: each is even over one metre."""
+    plane = fix.plane
+    right, wrong = 1.0 - model.wrong, model.wrong
+    ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
+    gain = np.log(ratio)
+    outside = -float(np.sum(np.maximum(gain, 0.0)))
+    along = plane.left, plane.up
+    order = tuple(np.argsort(values, kind="stable") for values in along)
+    best = max(_climb(along, order, gain, first, share) for first in (0, 1) for share in _STARTS)
+    return outside + best
+
+
+def _climb(
+    along: tuple[Floats, Floats], order: tuple[NDArray[np.int64], ...], gain: Floats, axis: int, share: float
+) -> float:
+    """From the stretch along the other axis that holds this share of the hits: first ``axis``, then in turn."""
+    ends: list[Ends] = [(-math.inf, math.inf), (-math.inf, math.inf)]
+    hits = along[1 - axis][gain > 0.0]
+    if share < 1.0 and hits.size:
+        low, high = np.quantile(hits, [0.5 - 0.5 * share, 0.5 + 0.5 * share]).tolist()
+        ends[1 - axis] = (low, high)
+    kept = [0.0, 0.0]
+    total = 0.0
+    for _ in range(_TURNS):
+        other = along[1 - axis]
+        within = (other >= ends[1 - axis][0]) & (other <= ends[1 - axis][1])
+        total, ends[axis], kept[axis] = _stretch(along[axis][order[axis]], np.where(within, gain, 0.0)[order[axis]])
+        axis = 1 - axis
+    return total + sum(kept)
+
+
+def _stretch(at: Floats, gain: Floats) -> tuple[float, Ends, float]:
+    """Largest sum of consecutive gains, its ends, and the log of what both ends keep of one metre each.
+
+    Args:
+        at: (N,) metres, rising; gain: (N,) log likelihood ratio of the ray there.
+    """
+    before = np.concatenate([[0.0], np.cumsum(gain)])
+    lowest = np.minimum.accumulate(before)
+    last = int(np.argmax(before - lowest))
+    first = int(np.argmin(before[: last + 1]))
+    # An end between two rays is anywhere between them.
+    gaps: Floats = np.diff(np.concatenate([[at[0] - 0.5], at, [at[-1] + 0.5]]))
+    low = _kept(-before[: last + 1], gaps[: last + 1])
+    high = _kept(before[first:], gaps[first:])
+    total = float(before[last] - before[first])
+    return total, (float(at[min(first, at.size - 1)]), float(at[max(last - 1, 0)])), low + high
+
+
+def _kept(log: Floats, width: Floats) -> float:
+    return min(math.log(max(float(np.sum(np.exp(log - log.max()) * width)), 1e-6)), 0.0)
