@@ -7,7 +7,6 @@ from uuid import UUID
 from apexcal.documents.detections import DetectionRequest
 from apexcal.documents.detectors import resolve_options
 from apexcal.documents.states import WorkState
-from service.calibration_runs.transforms import read
 from service.db.detections import Detection
 from service.db.digests import content_hash
 from service.db.fleets import Rig
@@ -23,6 +22,9 @@ def new_detection(recording: Recording, rig: Rig, wanted: DetectionRequest, pers
     """
     options = resolve_options(wanted.detector, wanted.options)
     if rig.T_vehicle_lidar is not None and all(options.get(name) == 0.0 for name in _UP):
+        # Imported here: it needs NumPy, which takes a twentieth of the service's start.
+        from service.calibration_runs.transforms import read
+
         up = read(rig.T_vehicle_lidar)[0][2].round(6).tolist()
         options |= dict(zip(_UP, up, strict=True))
     pairing = wanted.pairing.model_dump()
