@@ -48,16 +48,17 @@ def next_tasks(
     if skip is not None:
         give_back = update(MarkingTask).where(MarkingTask.id == skip, *mine).values(leased_until=now())
         session.execute(give_back.execution_options(synchronize_session=False))
+    wanted, corners = recording.marks_per_vertex, marked_corners(detection)
     held = session.execute(
         select(MarkingTask.id, MarkingTask.vertex_id)
         .join(Vertex, Vertex.id == MarkingTask.vertex_id)
         .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == camera.id))
         .where(*mine, MarkingTask.sensor_id == camera.id, is_live(MarkingTask), ~has_answered(person_id))
+        .where(Vertex.corner.in_(corners))
         # One that was taken back comes first.
         .order_by(MarkingTask.leased_until.desc())
         .limit(1 + ahead)
     ).all()
-    wanted, corners = recording.marks_per_vertex, marked_corners(detection)
     passed = [one for one in (skip, *(row.id for row in held)) if one is not None]
     tasks: list[MarkingTask] = []
     for place in range(1 + ahead):

@@ -49,9 +49,11 @@ def _usual_vehicle(request: Request) -> UUID | None:
     if named is None or request.scope["query_string"] or format_of_accept(request) is not None:
         return None
     try:
-        return UUID(named)
+        found = UUID(named)
     except ValueError:
         return None
+    # Python takes more for an id than FastAPI does, which decides on any other spelling than the usual one.
+    return found if str(found) == named.lower() else None
 
 
 router = APIRouter(tags=["calibrations"], route_class=_UsualFirst)

@@ -91,7 +91,8 @@ class Vertex(Base):
     covariance: Mapped[list[Any] | None]
     corner: Mapped[Corner]
     corners: Mapped[list[Any] | None]
-    corner_covariance: Mapped[list[Any] | None]
+    # Large, and rarely asked for.
+    corner_covariance: Mapped[list[Any] | None] = mapped_column(deferred=True)
 
 
 class VertexFrame(Base):

@@ -24,7 +24,7 @@ from sqlalchemy import Connection, Engine, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 
-from service.db.revisions import SCRIPTS, known
+from service.db.revisions import SCRIPTS, known, newest
 from service.db.session import open_engine
 from service.observability import logs
 from service.settings import settings_or_exit
@@ -132,7 +132,7 @@ def revise(message: str) -> None:
         engine = open_engine(url)
         with _alone(engine) as connection:
             settings.attributes["connection"] = connection
-            command.revision(settings, message=message, autogenerate=True, rev_id=f"{len(known()) + 1:04d}")
+            command.revision(settings, message=message, autogenerate=True, rev_id=f"{int(newest()) + 1:04d}")
         engine.dispose()
 
 

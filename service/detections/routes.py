@@ -8,6 +8,7 @@ from uuid import UUID
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
+from sqlalchemy.orm import undefer
 
 from apexcal.documents.base import Sought
 from apexcal.documents.detections import DetectionEdit, DetectionRequest, DetectionView, Quality, VertexView
@@ -98,5 +99,8 @@ def list_vertices(
     """A detection's vertices in the order of marking; with `camera` those that have a frame of it."""
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera) if camera is not None else None
-    rows, following = fetch(access.session, vertices_of(detection, sensor, quality), Vertex.rank, window)
+    vertices = vertices_of(detection, sensor, quality)
+    if joint:
+        vertices = vertices.options(undefer(Vertex.corner_covariance))
+    rows, following = fetch(access.session, vertices, Vertex.rank, window)
     return Page(items=vertex_views(access.session, rows, sensor, joint=joint), next=following)

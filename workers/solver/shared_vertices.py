@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.corners import TOP
 from apexcal.documents.pairs import CORNER
 from workers.geometry.models import ModelName
 from workers.geometry.projection import project, unproject
@@ -64,7 +65,9 @@ def vertex_keys(pairs: Mapping[str, Sequence[Any]], of_one_detection: bool) -> l
     """What identifies a pair's vertex: in one detection sweep, moment and corner, else the moment and the point."""
     count = len(pairs["x"])
     names = ("stamp_ns", "sweep_index", CORNER) if of_one_detection else ("stamp_ns", "x", "y", "z")
-    return list(zip(*(pairs.get(name, [None] * count) for name in names), strict=True))
+    # A set that names no corners is of tips; another camera's set of the same detection may name them.
+    missing = {CORNER: TOP}
+    return list(zip(*(pairs.get(name, [missing.get(name)] * count) for name in names), strict=True))
 
 
 def shared_rows(a: Sequence[Hashable], b: Sequence[Hashable]) -> NDArray[np.int64]:

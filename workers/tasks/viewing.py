@@ -25,12 +25,14 @@ from workers.tasks.originals import reading_limits
 # Rows of the undistorted image that are projected at once: 4 MB of rays for 4,000 columns.
 _ROWS: Final = 40
 _OUTSIDE: Final = -2.0
+_MAP_BYTES: Final = 8  # of a pixel
 
 
 def viewer_file(context: Context, recording: Recording, asked: Json, folder: Path, lease: Lease) -> dict[str, Any]:
     """Write the file into ``folder / "copy"`` in a limited child."""
     sensors = _sensors(context, recording.id, [one["name"] for one in asked["cameras"]])
-    require_room(context, shutil.disk_usage(folder).free, sum(size for _, size in sensors.values()))
+    maps = sum(_MAP_BYTES * one["pinhole"]["width"] * one["pinhole"]["height"] for one in asked["cameras"])
+    require_room(context, shutil.disk_usage(folder).free, sum(size for _, size in sensors.values()) + maps)
     files = {name: _fetched(context, sensor, folder) for name, (sensor, _) in sensors.items()}
     cameras = [
         _camera(context, camera, sensors[camera["name"]][0], files[camera["name"]], folder, lease)

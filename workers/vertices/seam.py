@@ -33,7 +33,9 @@ _ELEVATIONS: Final = 12
 _FEWEST: Final = 50
 _ONE_SHOT_RAD: Final = math.radians(3.0)  # neighbouring returns of a ring; what is farther apart is a gap
 _TURNS_S: Final = (0.01, 1.0)
-_NEXT: Final = 1.5  # turns between the stamps of two sweeps; if there are more, a sweep is missing
+# Turns between the stamps of two sweeps that follow each other. With more a sweep is missing; fewer have sweeps that
+# were recorded twice, or stamped by a clock that was set back.
+_NEXT: Final = (0.5, 1.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +116,7 @@ class Pieces:
         return len(self._source) + 1
 
     def sweep(self, index: int) -> Sweep:
-        """The piece of that number. Where a sweep is missing between its two parts, the larger part alone."""
+        """The piece of that number. Where a sweep is missing or there twice, the larger of its two parts alone."""
         before = self._part(index - 1) if index > 0 else None
         after = self._part(index) if index < len(self._source) else None
         late = None if before is None else _taken(before[0], ~before[1])
@@ -124,7 +126,7 @@ class Pieces:
             assert whole is not None
             return whole
         apart_ns = early.stamp_ns - late.stamp_ns
-        if apart_ns > _NEXT * self._cut.turn_ns:
+        if not _NEXT[0] < apart_ns / self._cut.turn_ns <= _NEXT[1]:
             return max(late, early, key=lambda part: len(part.xyz))
         return Sweep(
             stamp_ns=late.stamp_ns,

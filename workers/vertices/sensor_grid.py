@@ -111,7 +111,8 @@ def _steps(ring: NDArray[np.int64], azimuth: Floats, count: int) -> Floats:
     apart, of = apart[beside], ring[1:][beside]
     if apart.size == 0:
         return np.full(count, _DEFAULT_STEP_RAD)
-    usual = _mean_about(apart, float(np.median(apart)))
+    # Each middle is a gap that there is: between two kinds of gaps there may be none within a quarter of it.
+    usual = _mean_about(apart, float(np.quantile(apart, 0.5, method="lower")))
     steps = np.full(count, usual)
     ends = np.searchsorted(of, np.arange(count + 1))
     low = np.array([_low(apart[a:b], usual) for a, b in pairwise(ends.tolist())])
@@ -125,7 +126,7 @@ def _steps(ring: NDArray[np.int64], azimuth: Floats, count: int) -> Floats:
 
 def _low(apart: Floats, usual: float) -> float:
     """The step of one ring: gaps where nothing came back are multiples of it."""
-    return float(np.quantile(apart, _LOW_QUANTILE)) if apart.size >= _ENOUGH_STEPS else usual
+    return float(np.quantile(apart, _LOW_QUANTILE, method="lower")) if apart.size >= _ENOUGH_STEPS else usual
 
 
 def _mean_about(apart: Floats, middle: float) -> float:

@@ -85,6 +85,16 @@ def test_a_frame_stays_until_all_its_corners_are_marked(api, seed):
     assert (progress["vertices"], progress["mine"], progress["complete"]) == (11, 11, 11)
 
 
+def test_a_corner_that_is_no_longer_asked_for_is_not_handed_out_again(api, seed):
+    engineer, ada = api.member(seed.fleet_id, "engineer"), api.member(seed.fleet_id, "annotator")
+    choose(engineer, seed, ["top", "left"])
+    reply(ada, ask(ada, seed))
+    assert ask(ada, seed)["vertex"]["corner"] == "left"
+    choose(engineer, seed, ["top"])
+    next_one = ask(ada, seed)
+    assert (next_one["frame"]["index"], next_one["vertex"]["corner"]) == (1, "top")
+
+
 def test_corners_are_answered_and_taken_back_each_by_itself(api, seed):
     choose(api.member(seed.fleet_id, "engineer"), seed, ["top", "left"])
     ada = api.member(seed.fleet_id, "annotator")

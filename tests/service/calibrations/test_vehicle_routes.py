@@ -43,6 +43,15 @@ def published(api, rig, reviewer, camera="front"):
     return given.json()
 
 
+def test_an_id_in_a_strange_form_is_refused_with_and_without_a_query(api, fleet, rig):
+    viewer, plain = api.member(fleet, "viewer"), rig.vehicle_id.hex
+    for strange in (f"{plain[0]}-{plain[1:]}", f"{plain[:30]}_{plain[31]}", "\u0661" * 32):
+        for query in ("", "?alias=current"):
+            assert viewer.get(f"/vehicles/{strange}/calibration{query}").status_code == 422
+    for known in (plain, str(rig.vehicle_id).upper()):
+        assert viewer.get(f"/vehicles/{known}/calibration").json()["code"] == "no_calibration_yet"
+
+
 def test_all_cameras_come_at_once_and_each_as_at_its_own_address(api, fleet, rig, reviewer):
     viewer = api.member(fleet, "viewer")
     none = viewer.get(address(rig))

@@ -10,6 +10,7 @@ from workers.geometry.rotations import rotation_from_vector, vector_from_rotatio
 from workers.geometry.transforms import RigidTransform, from_document
 from workers.solver.camera_transform import between_cameras, deviation, mount_covariance, normal_sigmas
 from workers.solver.rig_consistency import StatedTransform, rig_consistency
+from workers.solver.shared_vertices import vertex_keys
 
 TRUE = FRONT.transform @ LEFT.transform.inverse()
 
@@ -55,6 +56,12 @@ def test_the_covariance_is_the_derivative_of_the_composed_transform(request_):
         again = moved[0] @ moved[1].inverse()
         draws.append(np.concatenate([vector_from_rotation(again.R @ T.R.T), again.t - T.t]))
     np.testing.assert_allclose(np.std(draws, axis=0), np.sqrt(np.diag(covariance)), rtol=0.15)
+
+
+def test_a_tip_is_one_vertex_whether_its_camera_has_marks_of_other_corners_or_not():
+    tips = {"x": [1.0], "stamp_ns": [5], "sweep_index": [0]}
+    assert vertex_keys(tips | {"corner": ["top"]}, True) == vertex_keys(tips, True)
+    assert vertex_keys(tips | {"corner": ["left"]}, True) != vertex_keys(tips, True)
 
 
 def test_a_prior_on_a_turn_changes_the_axes_and_not_the_deviations():

@@ -1,12 +1,14 @@
 """How a recording's boards are held, from likelihoods of their rolls."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from workers.vertices.refined.board_model import ROLLS, any_roll
 from workers.vertices.refined.holding import learn_roll
+from workers.vertices.refined.track import roll_prior
 
 GENERAL = any_roll((0.6, 0.9))
 
@@ -53,3 +55,12 @@ def test_a_model_under_which_rolls_agree_is_likelier_than_one_under_which_they_s
     agreed = boxes(np.radians(np.full(12, 10.0)), math.radians(2.0))
     scattered = boxes(np.radians(np.tile([-8.0, 10.0], 6)), math.radians(2.0))
     assert learn_roll(agreed, GENERAL).evidence > learn_roll(scattered, GENERAL).evidence + 5.0
+
+
+def test_a_sweep_that_was_recorded_twice_tells_its_roll_hardly_more_than_the_prior():
+    def seen(time_ns):
+        return SimpleNamespace(time_ns=time_ns, fix=SimpleNamespace(xyz=np.zeros(3), roll=0.1, roll_sigma=0.02))
+
+    model = SimpleNamespace(roll=(0.0, 0.2))
+    twin, next_one = (roll_prior(seen(0), [seen(time_ns)], model) for time_ns in (0, 100_000_000))
+    assert np.isfinite(twin).all() and 0.0 < twin[0] < next_one[0]

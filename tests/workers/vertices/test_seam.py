@@ -55,6 +55,13 @@ def test_the_larger_part_is_kept_where_a_sweep_is_missing():
     assert len(whole.sweep(4).xyz) > len(broken.sweep(4).xyz)
 
 
+def test_a_sweep_that_was_recorded_twice_is_not_joined_to_itself():
+    recorded = walk(3, 1.0, mount=AHEAD)
+    cut = find_cut(recorded.source, REGION)
+    pieces = Pieces(Listed([*recorded.sweeps[:5], *recorded.sweeps[4:]]), cut)
+    assert all(np.ptp(pieces.sweep(k).offset_ns) < 32e6 for k in range(len(pieces)))
+
+
 def test_a_board_across_the_seam_gives_as_many_vertices_as_elsewhere():
     """Before, a third of them were lost or timed a turn apart."""
     plain, ahead = walk(25, 3.0), walk(25, 3.0, mount=AHEAD)

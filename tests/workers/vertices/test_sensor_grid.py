@@ -74,6 +74,19 @@ def test_sparse_returns_do_not_widen_a_rings_step():
     np.testing.assert_allclose(np.degrees(grid.steps), SENSORS["os1-64"].step_deg, atol=1e-4)
 
 
+def test_two_kinds_of_gaps_with_nothing_between_them_have_a_step():
+    """A quantile between two gaps is no gap, and none may be near: the mean of nothing is no number."""
+
+    def ring(number, *gaps_deg):
+        azimuth = np.radians(np.cumsum([0.0, *gaps_deg]))
+        return [(number, 5.0 * np.cos(one), 5.0 * np.sin(one), 0.1 * number) for one in azimuth]
+
+    half = learn_grid([sweep([*ring(0, *[0.1] * 20), *ring(1, *[0.4] * 20)])])
+    low = learn_grid([sweep([*ring(0, *[0.2] * 200), *ring(1, *[0.4] * 5, *[1.2] * 26)])])
+    for grid in (half, low):
+        assert np.isfinite(grid.steps).all() and np.isfinite(grid.shift).all()
+
+
 def thinned(seen, kept):
     return replace(
         seen,

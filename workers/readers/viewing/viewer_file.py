@@ -92,8 +92,9 @@ class _Camera:
         width, height = self.table.width[index], self.table.height[index]
         if (width, height) != (self.of.pinhole.width, self.of.pinhole.height):
             return None
-        pixels = decoded(data, colour=True, widest=width)
-        if pixels is None:
+        # As large as it is, also where it is taller than wide: the map is of its own pixels.
+        pixels = decoded(data, colour=True, widest=max(width, height))
+        if pixels is None or pixels.shape[:2] != (height, width):
             return None
         whole, parts = self._maps
         made = cv2.remap(pixels, whole, parts, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)

@@ -31,7 +31,9 @@ def upgrade():
 
 
 def downgrade():
-    op.execute("DELETE FROM mark WHERE corner <> 'top'")
+    # Without its column another corner would be taken for a tip. What hangs on a vertex or an apex goes with it.
+    for table in ("mark", "vertex", "apex"):
+        op.execute(f"DELETE FROM {table} WHERE corner <> 'top'")
     _one_mark_for(before=(*_ONE_MARK, "corner"), after=_ONE_MARK)
     for table in _OF_A_CORNER:
         op.drop_column(table, "corner")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -192,6 +193,17 @@ def test_black_is_where_the_lens_sees_nothing(tmp_path):
     ((_, _, picture),) = messages(path, "/front/undistorted/image")
     image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_GRAYSCALE)
     assert image[0, 0] == image[-1, -1] == 0 and image[HEIGHT // 2, WIDTH // 2] == 255
+
+
+def test_a_frame_that_is_taller_than_wide_is_undistorted_at_its_own_size(tmp_path):
+    tall = {"f_x": 900.0, "f_y": 900.0, "c_x": 300.0, "c_y": 500.0}
+    cameras = [replace(rig_of("pinhole", 0).cameras[0], width=600, height=1000, intrinsics=tall)]
+    plan = viewer_file(cameras, "velodyne", {"front": "camera"}, {})
+    white = cv2.imencode(".png", np.full((1000, 600), 255, np.uint8))[1].tobytes()
+    path, made = written(tmp_path, cameras, plan, [("front", white)], count=1)
+    ((_, _, picture),) = messages(path, "/front/undistorted/image")
+    image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert image.shape == (1000, 600) and image.min() > 250 and made["left_out"] == 0
 
 
 def test_the_descriptors_are_foxgloves_own():
