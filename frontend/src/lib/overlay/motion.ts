@@ -1,4 +1,7 @@
-/** The walker's points, moved to a frame's time along the track of the board's corner. The vehicle stands. */
+/**
+ * The walker's points, moved to a frame's time along the track of the board's corner. The vehicle stands.
+ * As `workers/overlays` says it, held to it by overlay_vectors.json.
+ */
 
 import type { Sweep } from "../points/sweep.ts";
 
