@@ -61,6 +61,7 @@ Work = TypeVar(
     FleetRequestView,
     JobView,
     OffsetView,
+    OverlayView,
     PackingView,
     PreviewView,
     ReportView,

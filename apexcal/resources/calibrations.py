@@ -114,9 +114,7 @@ class Calibrations:
         """The newest report of a result: one HTML file. Raises ApiError ``no_report``, ``report_not_ready``."""
         return self._http.send("GET", at("results", result_id, "report")).content
 
-    def draw_overlay(
-        self, result_id: UUID | str, frame: int, recording_id: UUID | str | None = None
-    ) -> OverlayView:
+    def draw_overlay(self, result_id: UUID | str, frame: int, recording_id: UUID | str | None = None) -> OverlayView:
         """Draw the sweep nearest to a frame into it, through the result's lens; follow with ``client.wait``.
 
         ``recording_id``: by default the recording that the result's pairs are of.

@@ -42,7 +42,7 @@ class Moved(NamedTuple):
     """Points (N, 3) float32, how many of them were moved, and the farthest of these."""
 
     points: NDArray[np.float32]
-    count: int
+    number: int
     farthest_m: float
 
 

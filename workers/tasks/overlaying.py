@@ -82,7 +82,7 @@ def overlay(context: Context, held: Claim, lease: Lease) -> Callable[[Session], 
         "after_ns": int(sweep.stamp_ns + _middle_ns(sweep) - wanted.moment_ns),
         "points": len(seen.distance),
         "hidden": seen.hidden,
-        "moved": points.of.count,
+        "moved": points.of.number,
         "farthest_moved_m": points.of.farthest_m,
         "depth_m": list(depths) if depths else None,
     }

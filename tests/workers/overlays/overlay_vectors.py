@@ -62,7 +62,7 @@ def case_of(lens: dict[str, Any], at_ns: int, of: dict[str, Any]) -> dict[str, A
         "intrinsics": lens,
         "transform": transform(),
         "at_ns": at_ns,
-        "moved": found and {"count": found.count, "farthest_m": found.farthest_m},
+        "moved": found and {"count": found.number, "farthest_m": found.farthest_m},
         "pixels": np.round(seen.pixels, 9).tolist(),
         "distance_m": np.round(seen.distance.astype(np.float64), 4).tolist(),
         "hidden": seen.hidden,

@@ -8,9 +8,10 @@ import pytest
 from sqlalchemy import func, select
 
 from service.db.calibrations import CorrespondenceSet, Result
-from service.db.detections import Apex, Detection, Vertex
-from service.db.models import Blob, Disclosure, Fleet, Recording, Study
+from service.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.db.models import Blob, Disclosure, Fleet, Recording, Sensor, Study, Verdict
 from service.jobs.sweep import sweep
+from tests.service.calibrations.given import another_rig
 from tests.service.calibrations.test_results import DOCUMENT, seed_results
 from tests.service.detections.seeding import LEVEL, seed_rig
 from tests.support.databases import one_database
@@ -92,8 +93,8 @@ def drawn(actor, context, result, **body):
     return made, cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
 
 
-def track(api, recording) -> None:
-    """A detection with the corner at the panel's middle, which goes 2 m/s to the left."""
+def track(api, recording):
+    """A detection with the corner at the panel's middle, which goes 2 m/s to the left. Returns its id."""
     with api.database.writing() as session:
         fleet_id = session.get_one(Recording, recording).fleet_id
         detection = Detection(
@@ -120,6 +121,17 @@ def track(api, recording) -> None:
                     **place,
                 )
             )
+        return detection.id
+
+
+def answer(api, recording, detection_id, person_id) -> None:
+    """Somebody confirms the detection's first vertex, which is paired with the first frame."""
+    with api.database.writing() as session:
+        camera = session.scalars(select(Sensor.id).where(Sensor.name == "front")).one()
+        vertex = session.scalars(select(Vertex).where(Vertex.detection_id == detection_id, Vertex.rank == 0)).one()
+        session.add(VertexFrame(vertex_id=vertex.id, sensor_id=camera, frame_index=0, gap_ns=0))
+        said = {"apex_id": vertex.apex_id, "person_id": person_id, "verdict": "confirmed", "version": 1}
+        session.add(Verdict(recording_id=recording, **said))
 
 
 def taken(api, recording) -> tuple[int, int]:
@@ -189,8 +201,8 @@ def test_reviewers_draw_and_look_others_do_not(api, fleet, reviewer, recorded, r
     assert outsider.get(f"/overlays/{made['id']}/image").status_code == 404
 
 
-def test_what_cannot_be_asked(api, fleet, reviewer, recorded, result):
-    other = seed_rig(api.database, fleet)
+def test_what_cannot_be_asked(api, fleet, rig, reviewer, recorded, result):
+    other = another_rig(api, rig, "later")
     with api.database.writing() as session:
         of_other = Recording(
             fleet_id=fleet, vehicle_id=other.vehicle_id, rig_id=other.id, name="x", file_name="x", state="ready"
@@ -240,10 +252,25 @@ def test_a_fleet_without_room_hears_why(api, reviewer, recorded, result, context
     assert taken(api, recorded)[0] == before
 
 
-def test_the_recording_of_the_pairs_is_the_default(api, reviewer, recorded, result, context):
+def test_a_look_at_what_others_marked_is_a_disclosure(api, engineer, reviewer, recorded, result, context):
+    """The recording of the pairs is the default, and their detection has the track and the clock's offset."""
+    detection_id = track(api, recorded)
+    answer(api, recorded, detection_id, engineer.person_id)
     with api.database.writing() as session:
-        session.scalars(select(CorrespondenceSet)).one().recording_id = recorded
-    made, _ = drawn(reviewer, context, result, frame=0)
-    assert made["recording_id"] == str(recorded)
+        pairs = session.scalars(select(CorrespondenceSet)).one()
+        pairs.recording_id, pairs.detection_id, pairs.source = recorded, detection_id, "annotations"
+        session.get_one(Detection, detection_id).pairing = {"offset_ns": 100_000_000}
+    asked = ask(reviewer, result, frame=2).json()
+    work(context)
     with api.database.reading() as session:
-        assert session.scalar(select(func.count()).select_from(Disclosure)) == 0
+        assert session.scalars(select(Disclosure)).all() == []
+    assert reviewer.get(f"/overlays/{asked['id']}/image").status_code == 200
+    with api.database.reading() as session:
+        (told,) = session.scalars(select(Disclosure))
+        assert (told.person_id, told.told_in) == (reviewer.person_id, "result")
+    made = reviewer.get(f"/overlays/{asked['id']}").json()
+    before = drawn(reviewer, context, result, frame=1)[0]
+    assert made["recording_id"] == str(recorded) and made["result"]["moved"] > 100
+    # By the LiDAR's clock the frame was taken 0.1 s before its stamp.
+    assert abs(made["result"]["after_ns"]) <= 60_000_000
+    assert made["result"]["sweep_index"] == before["result"]["sweep_index"] + 1 <= 1
