@@ -35,8 +35,8 @@ test-long: setup frontend  ## all tests, with new draws
 # Three at a time, because they wait for a third of their time; in the order of tests/support/side_by_side.py.
 # SIDE_BY_SIDE= runs them one after the other.
 SIDE_BY_SIDE ?= -n 3 --dist loadfile
-# One thread for linear algebra, as in every worker: idle threads of several processes would keep spinning. And the
-# tests' modules, which pytest rewrites, are kept compiled whatever the caller's environment says.
+# One thread for linear algebra, as in every worker: idle threads of several processes would keep spinning. The modules
+# that pytest rewrites are kept compiled, whatever the caller's environment says.
 test test-long: export OPENBLAS_NUM_THREADS = 1
 test test-long: export OMP_NUM_THREADS = 1
 test test-long: export PYTHONDONTWRITEBYTECODE =

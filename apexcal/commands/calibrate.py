@@ -91,7 +91,7 @@ def calibrate(
     line_time_us: Annotated[
         float | None,
         typer.Option(
-            help="Rolling shutter: microseconds from an image row to the next below it. Otherwise 0, all at once.",
+            help="Rolling shutter: microseconds from an image row to the one below it. Otherwise 0: all at once.",
             min=-1000.0,
             max=1000.0,
             metavar="US",

@@ -33,13 +33,13 @@ def copy(
 ) -> None:
     """Copy a bag with CameraInfo and /tf_static as published. Every other message stays, byte for byte.
 
-    With --for-viewers it writes points, frames, undistorted frames and calibration of any kind of recording.
+    With --for-viewers it writes points, frames, undistorted frames and calibrations. Any kind of recording will do.
     """
     joints = dict(one.split("=", 1) for one in joint or [] if "=" in one)
     if len(joints) != len(joint or []):
         usage("--joint names no camera or no frame", "Write it as --joint front=camera_link")
     if joints and for_viewers:
-        usage("--joint has no place in a file for viewers", "Leave it out")
+        usage("--joint does not go with --for-viewers: such a file replaces no pose", "Leave --joint out")
     if output:
         check_target(output, False)
     with connected(url, token, data) as client, bar("Copying", not as_json) as progress:
@@ -53,6 +53,6 @@ def copy(
             client.recordings.delete_copy(made.id)
     placed = ", ".join(f"{pose.child} in {pose.parent}" for pose in made.poses)
     left_out = made.result.left_out
-    more = f" {left_out} frames have no undistorted one: damaged, or of another size." if left_out else ""
+    more = f" Frames not undistorted, because damaged or of another size: {left_out}." if left_out else ""
     counts = f"{made.result.replaced} messages replaced, {made.result.added} added, {made.result.copied} as they were"
     say(made, as_json, f"Wrote {target}: {counts}. Placed: {placed}.{more}")

@@ -14,8 +14,10 @@ from apexcal.documents.studies import StudyView
 
 
 class CopyRequest(Received):
-    """Ask for a recording's file with CameraInfo and ``/tf_static`` as calibrated, or ``for_viewers``: for an MCAP
-    file of Foxglove's messages with undistorted frames beside the recorded ones, of any kind of recording.
+    """Ask for a recording's file with CameraInfo and ``/tf_static`` as calibrated.
+
+    ``for_viewers``: instead an MCAP file of Foxglove's messages with undistorted frames beside the recorded ones, of
+    any kind of recording.
 
     ``cameras``: by default all cameras of the recording that are given a calibration under ``alias``. ``joints``
     names the frame whose pose is replaced, by camera; by default the first one towards the camera where the ways to
@@ -30,7 +32,7 @@ class CopyRequest(Received):
     @model_validator(mode="after")
     def _moves_no_joint(self) -> Self:
         if self.for_viewers and self.joints:
-            raise ValueError("a file for viewers states each camera below the LiDAR; leave `joints` out")
+            raise ValueError("a file for viewers replaces no pose; leave `joints` out")
         return self
 
 
@@ -47,7 +49,7 @@ class PutPose(Document):
 class CopiedFile(Document):
     """The copy: its name, size and SHA-256, and how many messages were copied, replaced and added.
 
-    ``left_out``: frames without an undistorted one, damaged or of another size than the calibration.
+    ``left_out``: frames that were not undistorted, because they are damaged or of another size than the calibration.
     """
 
     file_name: str

@@ -14,8 +14,8 @@ CornerName = Literal["top", "left", "right", "bottom"]
 CORNERS: Final[tuple[CornerName, ...]] = get_args(CornerName)
 TOP: Final[CornerName] = "top"
 
-# Two detections that put a corner of one sweep this near to each other mean the same one: in metres, or as an angle
-# that the LiDAR sees, whichever is larger, for far away the rings are farther apart than that.
+# Two detections mean the same corner of a sweep if their places are at most so far apart: in metres, or as an angle
+# that the LiDAR sees, whichever is larger. The angle is for far boards, where rings are farther apart than 0.10 m.
 _SAME_M: Final = 0.10
 _SAME_RAD: Final = radians(0.3)
 

@@ -175,9 +175,9 @@ class VertexView(VertexSummary):
     """A vertex with its covariance and its frame in each camera that has one.
 
     ``covariance`` is 3 x 3 over azimuth (rad), elevation (rad) and range (m), null if the detector states none.
-    ``corners`` are the board's other corners at the same moment, if the detector knows the board's size.
-    They err together: ``joint_covariance``, if it was asked for, is that of the vertex and of all of them, three rows
-    each in this order.
+    ``corners`` are the board's other corners at the same moment, if the detector knows the board's size. They err
+    together: ``joint_covariance``, if it was asked for, is the covariance of the vertex and of all of them, three
+    rows each in this order.
     """
 
     covariance: Covariance | None

@@ -148,7 +148,7 @@ class AnswerView(Sent):
 
 
 class OwnPair(Sent):
-    """A vertex that the asker confirmed, in metres in the LiDAR frame at the frame's time, and their mark of it."""
+    """A vertex that the person confirmed, in metres in the LiDAR frame at the frame's time, and the person's mark."""
 
     vertex_id: UUID
     x: float
@@ -159,7 +159,7 @@ class OwnPair(Sent):
 
 
 class OwnPairs(Sent):
-    """The newest ones, the oldest of them first."""
+    """The newest pairs, in the order in which they were marked."""
 
     items: list[OwnPair]
 

@@ -14,8 +14,8 @@ MARKED_BY: Final = "marked_by"
 CLOCK_SIGMA: Final = "sigma_clock_ms"
 # Which corner of the board a pair is of; all are of the tip where the column is missing.
 CORNER: Final = "corner"
-# How far to look from a pair for others that tell its velocity: in nanoseconds, and in pairs on either side. Five are
-# as many as sweeps of 10 Hz in that time.
+# How far to look from a pair for others that tell its velocity: in nanoseconds, and in pairs on either side. A sensor
+# of 10 Hz has five sweeps in that time.
 REACH_NS: Final = 500_000_000
 NEIGHBOURS: Final = 5
 _MOMENT_NS: Final = 1_500_000  # nearer together, two stamps are of one moment
@@ -27,10 +27,10 @@ def states_errors(pairs: Mapping[str, Any]) -> bool:
 
 
 def tells_motion(stamps_ns: Sequence[int], corners: Sequence[str] | None = None) -> bool:
-    """Whether half of the pairs have another near in time, so that it follows how their corner moved.
+    """Whether at least half of the pairs have another pair near in time, which tells how their corner moved.
 
-    Near is half a second: in that a walker at 1.2 m/s hardly turns. Of each pair the five before and after it count,
-    of the same corner where ``corners`` says which each is of.
+    Near is within half a second: a walker at 1.2 m/s hardly turns in that time. The five pairs before and the five
+    after each pair are looked at. ``corners``: each pair's corner; then only pairs of the same corner count.
     """
     times: dict[str, list[int]] = {}
     for place, stamp in enumerate(stamps_ns):
@@ -39,7 +39,7 @@ def tells_motion(stamps_ns: Sequence[int], corners: Sequence[str] | None = None)
 
 
 def _near_others(times: Sequence[int]) -> int:
-    """How many of these rising times have another near."""
+    """How many of these ascending times have another one near."""
     known = 0
     for place, at in enumerate(times):
         others = (*range(place - 1, place - 1 - NEIGHBOURS, -1), *range(place + 1, place + 1 + NEIGHBOURS))

@@ -94,8 +94,8 @@ class AliasMoveRequest(Received):
 class AliasMoveView(Sent):
     """One step of an alias: to which result, by whom, when, why and against which objections.
 
-    ``result_id`` is null if the alias was removed or the result was deleted. ``led_to`` is the result's id also after
-    that; null of an alias that was removed.
+    ``result_id`` is null if the alias was removed or the result was deleted. ``led_to`` is the result's id, also
+    after the result was deleted; null if the alias was removed.
     """
 
     id: UUID

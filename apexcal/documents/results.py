@@ -172,8 +172,8 @@ class Halves(Document):
     """How far fits of two disjoint halves differ: every second block and the others, or the first and the last ones.
 
     Each ratio compares a difference with its stated size under the fit to all pairs: ``ratio`` over the parameters,
-    ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone (``turned_deg``). Sound results
-    exceed a limit by chance: one in 200, and ``turned_limit`` one in 50.
+    ``field_ratio`` over the marks, ``turned_ratio`` of a turn of the mount alone (``turned_deg``). By chance
+    one in 200 sound results exceeds a limit; one in 50 exceeds ``turned_limit``.
     """
 
     split: Literal["alternating", "first_and_last"]

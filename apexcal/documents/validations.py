@@ -16,7 +16,7 @@ from apexcal.documents.results import Intrinsics, SolvedTransform
 from apexcal.documents.states import WorkState
 from apexcal.documents.transforms import Transform
 
-# The columns of a score of pairs that have a row for each pair.
+# Of a score of pairs: the columns with one value for each pair.
 SINGLE_PAIRS = ("u", "v", "residual_u", "residual_v", "is_wrong")
 ValidationKind = Literal["pairs", "lanes", "edges"]
 Verdict = Literal["agrees", "disagrees", "unknown"]

@@ -176,8 +176,8 @@ class Recordings:
     ) -> CopyView:
         """Copy the recording's bag and write the published calibration into it; follow with ``client.wait``.
 
-        ``joints``: by camera, the frame whose pose is replaced. ``for_viewers``: an MCAP file for Foxglove and
-        Lichtblick instead, with undistorted frames, of any kind of recording.
+        ``joints``: by camera, the frame whose pose is replaced. ``for_viewers``: instead an MCAP file for Foxglove
+        and Lichtblick with undistorted frames, of any kind of recording.
         """
         body: dict[str, Any] = {"cameras": list(cameras), "joints": dict(joints or {})}
         if for_viewers:

@@ -5,15 +5,15 @@ each person, noise, some marks on another corner of the board), and calibrated b
 calibration to every cell. RUNS: recordings (default 10); CELLS: parts of the names of some cells; SEED: of the first.
 
 `worst_coverage95`, `best_coverage95`: the least and largest share over the cells of published 95 % intervals that
-hold, of rotation, translation and pixels over the marked field. `worst_by_chance`, `best_by_chance`: what these would
-be if the cells did not differ, since a cell has few recordings. `sound_accused`: sound runs whose status is not `ok`.
+hold, of rotation, translation and pixels over the marked field. `worst_by_chance`, `best_by_chance`: the same if the
+cells differed by chance alone; a cell has few recordings. `sound_accused`: sound runs whose status is not `ok`.
 `right_model`: runs whose recommended lens is the true one, or predicts within 0.5 px of it with the mount within what
-is stated. `halves_ratio_median`: of sound runs. `shared_error_named`: runs with errors of 10 mm shared by four pairs
-each (`four_a_pose`), or whose mount turns by 0.08 degrees in the second half (`second_half`, 1920 x 1200 pixels),
-whose results report it. `second_half_bound`: the largest share that a test can name if it accuses one in twenty sound
-recordings; `second_half_960`: the same with 960 x 600 pixels. `six_poses`: 210 pairs of six poses of a still board,
-each off by 10 mm and 1.5 degrees; 0.88 of its intervals should hold. `sound_doubted`: sound runs whose results report
-shared errors or a turn.
+is stated. `halves_ratio_median`: of sound runs. `shared_error_named`: of the runs whose groups of four pairs share
+errors of 10 mm (`four_a_pose`) or whose mount turns by 0.08 degrees in the second half (`second_half`, 1920 x 1200
+pixels), those whose results report it. `second_half_bound`: the largest share that a test can name if it accuses one
+in twenty sound recordings; `second_half_960`: the same with 960 x 600 pixels. `six_poses`: 210 pairs of six poses of
+a still board, each off by 10 mm and 1.5 degrees; 0.88 of its intervals should hold. `sound_doubted`: sound runs whose
+results report shared errors or a turn.
 """
 
 from __future__ import annotations

@@ -65,8 +65,8 @@ def _part(found: Sequence[Score], begin: str) -> float:
 
 
 def _by_chance(of_cell: Mapping[str, Sequence[Score]]) -> dict[str, float | None]:
-    """The worst and best coverage to expect if the cells did not differ: medians where each recording's calibrations
-    are dealt to the cells by chance.
+    """The worst and best coverage to expect if the cells did not differ: medians over deals in which each recording's
+    calibrations are dealt to the cells at random.
     """
     if not of_cell or len({len(found) for found in of_cell.values()}) != 1:
         return {"worst_by_chance": None, "best_by_chance": None}

@@ -29,7 +29,7 @@ _SHARED: Final = ("Pairs of one group err together", "Pairs near in time err tog
 
 @dataclass(frozen=True)
 class Score:
-    """One calibration: intervals that hold, of mount and of pixels over the marked field; what was said.
+    """One calibration: which intervals hold, of the mount and of pixels over the marked field, and what was reported.
 
     ``doubted``: whether an alarm says that pairs err together, or halves differ. ``bound``: see `turn_bound`.
     """

@@ -93,9 +93,9 @@ def walk(seed: int) -> Walked:
 
 
 def pair(walked: Walked, model: ModelName, wrong_ms: float = 0.0, finer: int = 1) -> Paired:
-    """The pairs of a camera with that lens, at the offset that marks of 1 px tell, or so much more.
+    """The pairs of a camera with that lens, at the clock offset that marks of 1 px give, plus ``wrong_ms``.
 
-    ``finer``: so many pixels for each of the simulated camera's, along each axis.
+    ``finer``: how many pixels for each of the simulated camera's, along each axis.
     """
     camera = _finer(make_camera(model, walked.rig.settings.seed), finer)
     about = pair_at(walked, camera, round(_CLOCK_MS * 1e6))

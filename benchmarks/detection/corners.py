@@ -1,9 +1,9 @@
 """`python -m benchmarks.detection.corners`: the corners of the real board, and calibrations from tips and from all.
 
 The vertices are what `refined` finds in the 20 real poses (VLP-16, board of known size, region written by hand). The
-marks are the published places of the four corners in the images. A calibration from the tips stands beside one from
-all corners of the same poses. Both are tested on all corners of poses that neither saw, and by how far the mounts of
-two halves of the poses differ.
+marks are the published places of the four corners in the images. A calibration from the tips is compared with one
+from all corners of the same poses. Both are tested on all corners of poses that neither saw. A second test is how far
+the mounts of two halves of the poses differ.
 """
 
 from __future__ import annotations

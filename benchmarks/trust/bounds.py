@@ -1,4 +1,4 @@
-"""What the pairs contain: how often the best test could notice a rolling shutter."""
+"""How often the best test could notice a rolling shutter from the pairs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from workers.reports.further_unknowns import tested
 
 
 def shutter_power(found: Judged, line_time_us: float, *, offset_known: bool) -> float:
-    """The share of marks' noises under which a line time would be noticed, from the covariance that is stated.
+    """The share of draws of the marks' noise in which a line time would be noticed, from the stated covariance.
 
     The power of a two-sided test that accuses one of 200 cameras without it (decision 0052), linearised at the fit.
     ``offset_known``: the clocks' offset is not one more unknown.

@@ -72,9 +72,9 @@ def cells(walked: Walked, draw: int) -> Iterator[Cell]:
 
 
 def _shutters(bench: Bench, paired: Paired, lens: ModelName, random: np.random.Generator) -> Iterator[Cell]:
-    """Cameras that read their rows in turn, beside clocks that are synchronised: their offset is known.
+    """Cameras that read their rows one after the other, with synchronised clocks: the offset is known.
 
-    Last, one whose offset was estimated from its own marks. That offset takes up most of what the rows do.
+    The last one has an offset that was estimated from its own marks. It takes up most of what the rows do.
     """
     for readout_ms in READOUT_MS:
         line_us = 1e3 * readout_ms / paired.camera.image_size[1]

@@ -21,7 +21,7 @@ def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
     ``asked`` are the deviations that the request gives. Nothing is known of imported pairs.
 
     Raises:
-        Problem: 422 ``no_motion``, a deviation in time is asked for, and the pairs do not tell how the apex moved.
+        Problem: 422 ``no_motion`` if a deviation in time is asked for and the pairs do not tell how the apex moved.
     """
     _check_motion(pairs, asked)
     known: Json = {}
@@ -36,7 +36,7 @@ def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
 
 
 def _check_motion(pairs: CorrespondenceSet, asked: Json) -> None:
-    # Marked pairs that state the clocks' deviation are solved without it where the board stood still.
+    # Pairs that state the clocks' deviation themselves are solved without it if the board stood still.
     names = ["line_time_us"] if CLOCK_SIGMA in pairs.pairs else ["clock_ms", "line_time_us"]
     wanted = [name for name in names if asked.get(name)]
     if wanted and not tells_motion(pairs.pairs.get("stamp_ns") or [], pairs.pairs.get(CORNER)):

@@ -127,8 +127,8 @@ _STATEMENTS = {
 def read_states(connection: Connection, alias: str, looks: Sequence[Look], cursor: Any = None) -> list[Seen]:
     """What is there now for each look, all of one alias, in their order.
 
-    ``cursor``: of PostgreSQL's driver, for who reads often: SQLAlchemy takes three times as long. Raises the driver's
-    errors.
+    ``cursor``: of PostgreSQL's driver, for callers that read often, because SQLAlchemy takes three times as long.
+    Then it raises the driver's errors.
     """
     dialect = connection.dialect.name
     hashes = [secret_hash(look.secret) for look in looks]

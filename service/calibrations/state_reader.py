@@ -92,7 +92,7 @@ class StateReader:
 
     @contextmanager
     def _connection(self) -> Iterator[_Kept]:
-        """A connection that stays open: taking one from the pool costs as much as the statement. An error ends it."""
+        """A connection that stays open: taking one from the pool costs as much as the statement. Errors close it."""
         try:
             kept = self._kept.pop()
         except IndexError:
@@ -116,12 +116,12 @@ class _Kept(NamedTuple):
         connection = stack.enter_context(database.alone())
         cursor = None
         if connection.dialect.name == "postgresql":
-            # Otherwise it plans at each execution, in ten times the time of the execution: it expects ten rows of an
-            # array whose length it does not know, and that seems dearer than the one row that there mostly is.
+            # Otherwise PostgreSQL plans at each execution, which takes ten times as long as the execution. It expects
+            # ten rows of an array of unknown length, so a general plan seems to cost more than one for the usual row.
             connection.exec_driver_sql("SET plan_cache_mode = force_generic_plan")
-            # It holds for no other statement: the connection is closed instead of returning to the pool.
+            # The setting must not reach other statements: the connection is closed, and does not return to the pool.
             connection.detach()
-            # One cursor for all: each new one finds out anew how its values are sent.
+            # One cursor for all statements: each new one works out again how its values are sent.
             cursor = connection.connection.cursor()
         return _Kept(connection, stack, cursor)
 

@@ -35,8 +35,8 @@ class AliasMove(Base):
     """One move of a camera's alias: by whom, when, why, and to which result. Rows never change.
 
     ``number`` counts the alias's moves from 1; the highest says where it is. ``result_id`` is null if the alias was
-    removed or its result was deleted; ``led_to`` tells which, because it stays. ``overridden`` and ``gate`` are as of
-    a publication.
+    removed or its result was deleted; ``led_to`` keeps the id of a deleted result. ``overridden`` and ``gate``
+    are as of a publication.
     """
 
     __tablename__ = "alias_move"

@@ -1,6 +1,6 @@
-"""Asking for marks of other corners than the tip: each gets a vertex of its own.
+"""Asking for marks of other corners than the tip: each corner gets a vertex of its own.
 
-So tasks, answers, verdicts and disclosures of a corner are those of its vertex, and nothing else knows of corners.
+So tasks, answers, verdicts and disclosures of a corner are those of its vertex.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def ask_corners(session: Session, detection: Detection, corners: Sequence[Corner
     Raises:
         Problem: 409 ``corners_not_known``, no vertex states one of them.
     """
-    # Runs of one recording share its apexes, and nobody is given a task meanwhile.
+    # The lock: runs of one recording share its apexes, and nobody may be given a task meanwhile.
     lock = select(Recording.id).where(Recording.id == detection.recording_id).with_for_update(key_share=True)
     session.execute(lock)
     of_detection = select(Vertex).where(Vertex.detection_id == detection.id)

@@ -34,7 +34,7 @@ WantedFormat = Annotated[str | None, Depends(_wanted)]
 
 
 def format_of_accept(request: Request) -> str | None:
-    """The first that `Accept` names by its own type; None, which is JSON, for all else."""
+    """The first of our formats that `Accept` names; None, which is JSON, if it names none."""
     for one in request.headers.get("accept", "").split(","):
         named = one.partition(";")[0].strip().lower()
         if named.startswith(_TYPE):

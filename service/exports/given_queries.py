@@ -63,7 +63,7 @@ class Given(NamedTuple):
 class _Withdrawn(NamedTuple):
     """A camera whose publication was withdrawn, or its alias removed. ``number``: of the last one withdrawn.
 
-    ``deleted``: the result to which its alias led, if nobody removed the alias and the result is gone.
+    ``deleted``: the result to which its alias led, if nobody removed the alias and the result was deleted.
     """
 
     camera: str
@@ -84,8 +84,7 @@ def given(session: Session, vehicle: Vehicle, asked: Asked) -> dict[str, Given]:
     Raises:
         Problem: 422 ``unknown_sensor``; 404 ``no_calibration_yet`` if an asked camera, or every camera, was never
             given anything; 410 ``calibration_withdrawn`` if it was withdrawn, ``calibration_deleted`` if its alias
-            led to a result that is deleted; 409 ``calibration_does_not_apply`` if a
-            sensor has been swapped since.
+            led to a result that was deleted; 409 ``calibration_does_not_apply`` if a sensor has been swapped since.
     """
     if asked.mounted:
         _check_sensors(session, vehicle, asked.mounted)
@@ -234,8 +233,8 @@ def _refuse_deleted(vehicle: Vehicle, asked: Asked, deleted: Sequence[_Withdrawn
     return Problem(
         410,
         "calibration_deleted",
-        f"The alias {asked.alias!r} of the camera {first.camera!r} of {vehicle.name!r} led to a result, since "
-        f"{first.at:%Y-%m-%d %H:%M} UTC, that was deleted.",
+        f"The alias {asked.alias!r} of the camera {first.camera!r} of {vehicle.name!r} was moved to a result at "
+        f"{first.at:%Y-%m-%d %H:%M} UTC. That result was deleted.",
         "Move the alias to another result: POST /v1/vehicles/{id}/cameras/{camera}/aliases/{alias}/moves.",
         deleted=[
             {"camera": one.camera, "result_id": str(one.deleted), "moved_at": one.at.isoformat()} for one in deleted

@@ -34,7 +34,7 @@ _POLICY = (
     "form-action 'none'; frame-ancestors 'none'; sandbox allow-scripts allow-downloads allow-popups "
     "allow-popups-to-escape-sandbox"
 )
-# What a report of 1,000 pairs may have (decision 0054).
+# The size of a report of 1,000 pairs (decision 0054).
 _MOST_BYTES = 3_000_000
 
 
@@ -42,8 +42,8 @@ _MOST_BYTES = 3_000_000
 def make_report(result_id: UUID, access: WriteAccess, request: Request) -> JSONResponse:
     """Make the result's report, or make it again. While one is being made, that one is answered. [reviewer]
 
-    Only of a fit to all pairs. The one before stays readable until the new one is there. Reports count to the fleet's
-    quota.
+    Only of a fit to all pairs. The one before stays readable until the new one is there. Reports count
+    towards the fleet's quota.
     """
     result = access.find(Result, result_id, "reviewer", lock=True)
     if result.fold != FULL:

@@ -80,7 +80,7 @@ def take(session: Session, recording: Recording, size: int, default: int) -> Non
 
 
 def require_quota(session: Session, fleet_id: UUID, more: int, default: int) -> None:
-    """Lock the fleet's row. Raises :class:`QuotaExceededError` where the fleet has no room for so many more bytes."""
+    """Lock the fleet's row. Raises :class:`QuotaExceededError` if the fleet has no room for ``more`` bytes."""
     fleet = session.scalars(select(Fleet).where(Fleet.id == fleet_id).with_for_update(key_share=True)).one()
     session.flush()
     use = uses(session, [fleet], default)[fleet.id]

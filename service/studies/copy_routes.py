@@ -28,10 +28,11 @@ _KIND = "calibrated_copy"
 
 @router.post("/recordings/{recording_id}/calibrated-copies", status_code=202, response_model=CopyView)
 def ask_copy(recording_id: UUID, wanted: CopyRequest, access: WriteAccess) -> JSONResponse:
-    """Copy the recording's own bag with CameraInfo and `/tf_static` as published; all else byte for byte. [engineer]
+    """Copy the recording's own bag with CameraInfo and `/tf_static` as published. [engineer]
 
-    ``for_viewers``: an MCAP file for Foxglove and Lichtblick, of any recording, with undistorted frames beside the
-    recorded ones. The copy counts towards the fleet's quota until it is deleted.
+    Every other message stays, byte for byte. ``for_viewers``: instead an MCAP file for Foxglove and Lichtblick, of
+    any recording, with undistorted frames beside the recorded ones. The copy counts towards the fleet's quota until
+    it is deleted.
     """
     # Imported here: it needs NumPy, which takes a twentieth of the start.
     from service.studies.copy_plan import plan_copy

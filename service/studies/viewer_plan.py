@@ -1,4 +1,4 @@
-"""What a file for viewers holds: given lenses, the pinholes of undistorted frames, and where the cameras stand."""
+"""What a file for viewers holds: the given lenses, the pinholes of undistorted frames, and the cameras' poses."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def viewer_file(
 
 
 def _first_free(taken: Sequence[str], choices: Sequence[str]) -> str:
-    """A frame's name that no other frame has: drivers leave their defaults to several cameras."""
+    """A frame's name that no other frame has: drivers often give several cameras the same default name."""
     name = next((one for one in choices if one not in taken), choices[-1])
     while name in taken:
         name += "_"

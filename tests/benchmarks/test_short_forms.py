@@ -1,7 +1,7 @@
 """The short forms of benches as their commands, and the least that their figures must reach.
 
-Draws are fixed, so that a figure falls by a change alone. Seconds of the clock depend on what else the machine does;
-only ratios of processor seconds and counts are limited here.
+Draws are fixed, so only a change of the code changes a figure. Seconds of the clock depend on what else the machine
+does, so only counts and ratios of processor seconds are limited here.
 """
 
 import json

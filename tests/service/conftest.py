@@ -17,11 +17,11 @@ def rig(api: Api, fleet: UUID) -> Rig:
 
 @pytest.fixture
 def viewer(api: Api, fleet: UUID) -> Actor:
-    """Who reads alone."""
+    """A person who may only read."""
     return api.member(fleet, "viewer")
 
 
 @pytest.fixture
 def reviewer(api: Api, fleet: UUID) -> Actor:
-    """Who publishes."""
+    """A person who may publish."""
     return api.member(fleet, "reviewer", "Rea")

@@ -11,9 +11,9 @@ from xdist.scheduler.loadfile import LoadFileScheduling
 # for processes to start and for leases to end, so they come one after the other, beside tests that compute.
 _TOGETHER = (("tests/faults/", "tests/operations/", "tests/integration/"), ("tests/apexcal/",), ("tests/e2e/",))
 
-# First who compiles the kernels of the solver, the detectors and the simulation, which others then find beside their
-# source: 40 s of a processor in a fresh clone, for each process that does not wait. Meanwhile who needs none. Then
-# what is long, so that what is short fills up the end.
+# First come tests that compile the kernels of the solver, the detectors and the simulation; others then find these
+# beside their source. In a fresh clone that takes 40 s of a processor, for each process that does not wait. Meanwhile
+# tests run that need no kernel. Then come the long ones, so that short ones fill up the end.
 _FIRST = (
     "tests/workers/tasks/test_warming.py",
     "tests/workers/simulation/test_lidar.py",

@@ -1,4 +1,4 @@
-"""The walker's points, moved to a frame's time along the track of the board's corner. The vehicle stands.
+"""Points of the board and its holder, moved to a frame's time along the corner's track. The vehicle stands.
 
 The pages do the same (``frontend/src/lib/overlay/motion.ts``); shared vectors hold both to it.
 """

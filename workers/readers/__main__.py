@@ -2,7 +2,7 @@
 
 Prints JSON lines: ``{"progress": {"done", "total", "share", "seconds_left"}}``, ``{"beat": true}`` where work goes on
 without messages, and at the end ``{"manifest": {...}, "used": {"cpu_s", "resident_bytes", "written_bytes"}}`` (of one
-file, requested by ``copy`` or ``view``, ``{"file": {...}, "used": {...}}``) or
+file, requested by ``copy`` or ``view``: ``{"file": {...}, "used": {...}}``) or
 ``{"error": {"code", "message", "hint", "fields"}}``. With ``--parent`` and ``--limits`` it is what ``ingest_limited``
 starts; without them it is a command for people.
 """

@@ -23,10 +23,10 @@ from workers.solver.residuals import by_point, predict
 Floats = NDArray[np.float64]
 Verdict = Literal["passed", "failed", "unknown"]
 _CHANCE: Final = 1e-3
-# Two-sided quantile of the normal distribution at one in thousand.
+# Two-sided quantile of the normal distribution at one in a thousand.
 _CERTAIN: Final = 3.29
-# Twice the log likelihood ratio that independent errors exceed in one of thousand cases, by the number of components:
-# each is zero half of the time (Self and Liang 1987).
+# Twice the log likelihood ratio that independent errors exceed in one of a thousand cases, by the number of
+# components. Each component is zero half of the time (Self and Liang 1987).
 _TOGETHER: Final = {1: 9.55, 2: 11.76}
 _MATTERS: Final = 0.5  # of the noise of a mark per coordinate
 # Radial patterns up to the seventh power of the distance from the centre: the lens models' own terms go that far.
@@ -167,8 +167,8 @@ def _speed(found: Estimate, moved: Floats) -> float:
 def rolling_shutter(document: dict[str, Any], found: Estimate, clocks: Check) -> Check:
     """Whether the result says that the camera reads its rows one after the other, which the solver tests.
 
-    It forbids the use where marks at the image's upper and lower edge are off by more than half of their noise. If
-    the clocks are off and explain the residuals better, nothing is said of the rows.
+    It forbids the use if marks at the image's upper and lower edge are off by more than half of their noise. If the
+    clocks are off and explain the residuals better, the check says nothing of the rows.
     """
     title, shown = "Rolling shutter", document.get("rolling_shutter")
     if not shown:

@@ -156,8 +156,8 @@ def _curves(document: Json) -> list[Plot]:
             f"{one['kind']} of {one['data']}, {curve['offset']}",
             "turn of the mount, degrees",
             _SCORES[one["kind"]],
-            f"The score over {curve['offset']} of the mount. A sharp peak at zero is evidence, a flat curve shows "
-            "nothing.",
+            f"The score over {curve['offset']} of the mount. A sharp peak at zero speaks for the result, a flat "
+            "curve shows nothing.",
             x=f"elsewhere/{number}/curves/{place}/at",
             y=f"elsewhere/{number}/curves/{place}/score",
             points="",

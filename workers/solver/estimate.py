@@ -38,9 +38,10 @@ class Estimate:
     outliers have weight 0 where the problem excludes them. holding: the problem of the pairs that hold the
     parameters, without outliers. kept: the fit of `holding` if outliers moved the other one; how far they moved it
     counts as a deviation. spread: the covariance and the noise of these marks, with what pairs share. errors: what
-    the covariance is made of; plain: that without what blocks share; wider: that with it, whether it counts or not;
-    shared: what blocks share. They are None if the pairs leave a direction open or show no noise, and `wider` and
-    `shared` also if there are no blocks. bias: of the people who marked, if the problem states its deviation.
+    the covariance is made of; plain: the same without what blocks share; wider: the same with what blocks share, also
+    if it is too small to count; shared: what blocks share. They are None if the pairs leave a direction open or show
+    no noise, and `wider` and `shared` also if there are no blocks. bias: of the people who marked, if the problem
+    states its deviation.
     weak: standard deviations of the weak priors that hold distortion terms, by name.
     """
 

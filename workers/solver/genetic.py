@@ -114,8 +114,8 @@ def first_generation(genes: int, size: int, key: np.uint64) -> Generation:
 def select_best(losses: Singles, wanted: int, chosen: Indices) -> None:
     """Fill chosen[:wanted] with the indices of the `wanted` lowest losses (>= 0), in the order of their index.
 
-    Bisection on the bits, which order like the numbers where none is negative: a few passes, no sort. Those equal to
-    the highest of them come last.
+    It bisects the bits of the numbers, which have the same order as the numbers because none is negative. That takes
+    a few passes and no sort. Indices of losses equal to the highest chosen one come last.
     """
     bits = losses.view(np.int32)
     least, most = bits[0], bits[0]
@@ -137,7 +137,8 @@ def select_best(losses: Singles, wanted: int, chosen: Indices) -> None:
     highest, pivot = least, np.int32(high)
     for i in range(bits.shape[0]):
         highest = max(highest, bits[i] if bits[i] <= pivot else least)
-    # Without a branch: fewer than `wanted` lie below the highest, so that what is written in vain stays inside.
+    # Without a branch: every index is written, and the next one overwrites it if it does not count. Fewer than
+    # `wanted` lie below the highest, so `found` stays below `wanted`.
     found = 0
     for i in range(bits.shape[0]):
         chosen[found] = i

@@ -30,8 +30,8 @@ _f_quantile: Callable[[float, float, float], float] = special.fdtri
 _FALSE_ALARMS: Final = 0.005
 _TURNS_FALSE_ALARMS: Final = 0.02
 """Chances that sound pairs raise an alarm: in each of four tests (two splits, by parameters and by pixels), and in
-the test for a turn. Together they are below one in twenty. The turn has the larger part because a small one is hard
-to distinguish from lens and offset."""
+the test for a turn. Together they are below one in twenty. The turn has the larger chance, because a small turn is
+hard to distinguish from lens and clock offset."""
 _MANY: Final = 1e6
 _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
 
@@ -83,7 +83,7 @@ def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, se
     J = residuals_and_jacobian(problem, p, turns_are_free(problem), walls=False)[1][:, problem.free]
     rows: Floats = J.reshape(len(first), 2, -1)[first | second].reshape(-1, len(problem.free))
     ratios, stated = _ratios(errors, rows, first, second)
-    # Stretches may share errors that are too small to count: what they explain is no objection.
+    # Stretches may share errors that are too small to count. What these explain raises no objection.
     explained, _ = _ratios(found.wider or errors, rows, first, second)
     limits = [
         one.ratio * _limit(other) / other.ratio if other.ratio > 0.0 else _limit(other)
@@ -111,8 +111,8 @@ def _compared(found: Estimate, errors: ErrorModel, split: Split, first: Used, se
 
 
 class _Ratio(NamedTuple):
-    """A difference in root mean square over what is stated; the number of directions, and the degrees of freedom of
-    what is stated (Satterthwaite 1946).
+    """The root mean square of a difference over its stated size; its number of directions; and the degrees of freedom
+    of the stated size (Satterthwaite 1946).
     """
 
     ratio: float
@@ -121,8 +121,8 @@ class _Ratio(NamedTuple):
 
 
 def _ratios(errors: ErrorModel, rows: Floats, first: Used, second: Used) -> tuple[list[_Ratio], Floats]:
-    """Of the halves' fits over the parameters and over the marks, whose derivatives are `rows` (M, F); and the stated
-    variances (M,) of the marks' differences, px^2.
+    """The ratios of the halves' fits, over the parameters and over the marks; and the stated variances (M,) of the
+    marks' differences, px^2. `rows` (M, F): the marks' derivatives.
     """
     # Linear steps from the full fit: parameters that the pairs hardly determine, like higher distortion terms, bend
     # the ends of the polished fits.
@@ -130,7 +130,8 @@ def _ratios(errors: ErrorModel, rows: Floats, first: Used, second: Used) -> tupl
     covariance, parts = errors.difference(first, second), errors.parts(first, second)
     over_parameters = _root_mahalanobis(errors, step, covariance, parts)
     stated: Floats = np.sum((rows @ covariance) * rows, axis=1)
-    # The mean of moved^2 / stated is a sum of chi-squares; like one it has these degrees of freedom (Box 1954).
+    # The mean of difference^2 / stated is a sum of chi-squares. One chi-square with so many degrees of freedom stands
+    # for it (Box 1954).
     weighed: Floats = rows / stated[:, None]
     shares = covariance @ (rows.T @ weighed) / len(rows)
     grows = np.array([np.sum((rows @ part) * weighed) / len(rows) for part in parts])

@@ -15,8 +15,8 @@ _REACH_S: Final = REACH_NS * 1e-9
 def velocities_of(points: ArrayLike, stamps_ns: ArrayLike, corners: Sequence[str] | None = None) -> Floats | None:
     """(N, 3) m/s of points (N, 3) m at their stamps (N,), any order: the slope of the pairs within half a second.
 
-    Where pairs are of several ``corners`` (N,) of a board, each is followed by itself. Zero for a pair without
-    neighbours; None if half of the pairs have none (`tells_motion`).
+    If pairs are of several ``corners`` (N,) of a board, each corner has a track of its own. Zero for a pair without
+    neighbours; None if more than half of the pairs have none (`tells_motion`).
     """
     xyz, stamps = np.asarray(points, np.float64), np.asarray(stamps_ns, np.int64)
     if not tells_motion(stamps.tolist(), corners):

@@ -61,7 +61,7 @@ class Agreement:
 
 
 def vertex_keys(pairs: Mapping[str, Sequence[Any]], of_one_detection: bool) -> list[Hashable]:
-    """What tells each pair's vertex: in one detection sweep, moment and corner, else the moment and the point."""
+    """What identifies a pair's vertex: in one detection sweep, moment and corner, else the moment and the point."""
     count = len(pairs["x"])
     names = ("stamp_ns", "sweep_index", CORNER) if of_one_detection else ("stamp_ns", "x", "y", "z")
     return list(zip(*(pairs.get(name, [None] * count) for name in names), strict=True))

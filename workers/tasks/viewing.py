@@ -88,7 +88,7 @@ def _table(context: Context, sensor_id: UUID) -> FrameTable:
 
 
 def write_map(path: Path, camera: Json, must_stop: Callable[[], None]) -> None:
-    """(height, width, 2) float32: where in the frame each pixel of the undistorted image is seen."""
+    """Write (height, width, 2) float32: where in the frame each pixel of the undistorted image is seen."""
     pinhole = camera["pinhole"]
     width, height = pinhole["width"], pinhole["height"]
     f_x, _, c_x, _, f_y, c_y = pinhole["K"][:6]
@@ -100,7 +100,7 @@ def write_map(path: Path, camera: Json, must_stop: Callable[[], None]) -> None:
         x, y = np.meshgrid(columns, rows)
         rays = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
         pixels, violation = project(parse_model(camera["model"]), camera["intrinsics"], rays)
-        # Far outside, where a wide lens leads, no number of a frame's pixel has so many digits.
+        # Rays far outside of the frame may give numbers that are too large for the map.
         pixels = np.clip(pixels, _OUTSIDE, [width + 1.0, height + 1.0])
         pixels[violation > 0.0] = _OUTSIDE
         made[first : first + len(rows)] = pixels.reshape(len(rows), width, 2)

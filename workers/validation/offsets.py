@@ -133,9 +133,9 @@ def total(sums: Floats, counts: Floats) -> Floats:
 def find_peak(offsets: Floats, sums: Floats, counts: Floats) -> Peak | None:
     """The peak over a grid of turns; None where fewer than three groups have anything.
 
-    Deviations are those of the jackknife that leaves out a group at a time (Efron and Stein 1981), around the highest
-    score of all groups. The jackknife holds for estimates that move smoothly with the data; a highest score that
-    jumps to another bump does not. Whether another bump is as high is what ``lead`` says.
+    Deviations are those of the jackknife that leaves out one group at a time (Efron and Stein 1981), around the
+    highest score of all groups. The jackknife holds only for estimates that move smoothly with the data, so the peak
+    must not jump to another one when a group is left out. ``lead`` says whether another peak is as high.
     """
     there = counts.sum(axis=0) > 0
     if np.count_nonzero(there) < 3:

@@ -1,4 +1,4 @@
-"""The board's other corners where its apex was moved: along its track to another moment, or to a mean of sweeps."""
+"""The board's other corners after its apex was moved: along its track to another moment, or to a mean of sweeps."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class MovedCorner(NamedTuple):
 def moved(vertex: Vertex, xyz: Floats, covariance: Floats) -> list[MovedCorner]:
     """The corners of a vertex that was moved to ``xyz`` (3,), with the covariance (3, 3) that it has there.
 
-    The board keeps its attitude. A corner's offset from the apex errs together with the apex as its own sweep saw it.
-    Where other sweeps made the apex better known, only what is left of that error counts: along each axis the smaller
-    one of the sweep's own variance and the track's.
+    The board keeps its attitude. The error of a corner's offset from the apex correlates with the error of the apex
+    in its own sweep. Where other sweeps reduced that error, only the rest counts: along each axis the smaller
+    variance of the sweep's own and the track's.
     """
     if vertex.corners is None:
         return []
@@ -57,7 +57,7 @@ def of_mean(seen: Sequence[Vertex], narrowed: Narrow) -> Corners | None:
 
     Args:
         narrowed: the covariance (3, 3) of a mean over x, y, z, from the covariance that a sweep states on average and
-            from the sweeps' values (N, 3). What it does to a corner's covariance is done to the correlations too.
+            from the sweeps' values (N, 3). The correlations between corners are scaled in the same way.
     """
     having = [vertex.corners for vertex in seen if vertex.corners is not None]
     if not having or len(having) < len(seen):

@@ -16,7 +16,7 @@ from workers.vertices.sweep_source import SweepSource
 
 Mask = NDArray[np.bool_]
 
-# The largest board is 1.8 m wide. Who goes at 0.3 m/s has left its place after 6 s.
+# The largest board is 1.8 m wide. Carried at 0.3 m/s, it has left its place after 6 s.
 _LEAST_S: Final = 6.0
 _COMPARED: Final = 16
 

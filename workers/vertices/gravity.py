@@ -16,8 +16,8 @@ from workers.geometry.ground import STEEPEST_DEG, Plane, ground_plane, is_on
 Floats = NDArray[np.float64]
 
 _STEEPEST_DEG: Final = 35.0  # of a mount of which nothing is known
-# Streets fall by up to 2.5 % across and 6 % along (AASHTO Green Book), together 3.7 degrees: then the ground tells no
-# more of gravity than the sensor's z.
+# Streets fall by up to 2.5 % across and 6 % along (AASHTO Green Book), together 3.7 degrees. Up to such a tilt the
+# ground is no better a sign of gravity than the sensor's z.
 _STREETS_DEG: Final = 4.0
 _LEAST_SHARE: Final = 0.05
 _BELOW_M: Final = 0.5
@@ -38,7 +38,8 @@ def find_up(xyz: Floats, ring: NDArray[np.int64], stated: Floats | None = None) 
             upright or upside down, tilted by up to 35 degrees.
 
     Returns:
-        z, or what is stated, if no ground is seen or it is within 4 degrees of that.
+        The sensor's z, or the stated direction, if no ground is seen or if the ground's normal is within 4 degrees
+        of it.
     """
     if stated is not None:
         turned = _to_level(stated / np.linalg.norm(stated))

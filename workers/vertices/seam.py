@@ -1,7 +1,7 @@
-"""Sweeps cut elsewhere: where no board can be, if the azimuth at which sweeps begin lies in the region.
+"""If the azimuth at which sweeps begin, their seam, lies in the region, sweeps are cut again where no board can be.
 
-A board across that seam is seen at the end of one sweep and at the beginning of another, a turn apart in time. The
-end of a sweep and the beginning of the next one belong together in time: they are joined to a piece.
+A board across the seam is seen at the beginning of a sweep and at its end, a turn apart in time. The end of a sweep
+and the beginning of the next one follow each other: they are joined to a piece.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Cut:
 
 
 def find_cut(source: SweepSource, region: Region) -> Cut | None:
-    """Where to cut a recording's sweeps again; None if they are cut well, or their points have no times."""
+    """Where to cut a recording's sweeps again; None if the seam is outside the region, or points have no times."""
     count = len(source)
     numbers = sorted({int(n) for n in np.linspace(0, count - 1, min(_SAMPLES, count)).round()}) if count > 1 else []
     sweeps = [sweep for sweep in map(source.sweep, numbers) if len(sweep.xyz) and sweep.time_source != "stamp_only"]
@@ -83,7 +83,8 @@ def run_cut(
 ) -> list[Vertex | Rejection]:
     """The answers of a detector for the sweeps ``indices``, found in the pieces between two cuts.
 
-    A vertex belongs to the sweep in which the sensor looked at it. If two do, the better one is kept.
+    A vertex belongs to the sweep in which the sensor looked at it. If a sweep gets two, the one with the smaller
+    variance is kept.
     """
     pieces = Pieces(source, cut)
     found = look(pieces, region, options, range(indices.start, indices.stop + 1), on_sweep)
@@ -113,7 +114,7 @@ class Pieces:
         return len(self._source) + 1
 
     def sweep(self, index: int) -> Sweep:
-        """The piece of that number. Where a sweep is missing, the larger part of it."""
+        """The piece of that number. Where a sweep is missing between its two parts, the larger part alone."""
         before = self._part(index - 1) if index > 0 else None
         after = self._part(index) if index < len(self._source) else None
         late = None if before is None else _taken(before[0], ~before[1])

@@ -1,4 +1,4 @@
-"""Where a spinning sensor looks: elevation and azimuth step of each ring, how the rings are shifted, and up.
+"""Where a spinning sensor looks: elevation and azimuth step of each ring, how the rings are shifted, which way is up.
 
 A normalised recording holds returns only. A ray without a return is known all the same, because the sensor fires at
 even steps: this module learns the steps from the returns of some sweeps.
@@ -37,8 +37,8 @@ class SensorGrid:
     """The directions in which a sensor fires.
 
     Attributes:
-        elevation: (R,) radians, of each ring, 0 the lowest; interpolated for rings without a return, NaN below all
-            others.
+        elevation: (R,) radians, of each ring, 0 the lowest; interpolated for rings without a return; NaN for rings
+            below the lowest one with a return.
         steps: (R,) radians between two firings of each ring.
         shift: (R,) radians, azimuth of each ring's grid against that of the others of its step, modulo the step.
         R_level_lidar: (3, 3) to axes whose z is up.
@@ -105,7 +105,7 @@ def _elevations(ring: NDArray[np.int64], elevation: NDArray[np.float64], count: 
 
 
 def _steps(ring: NDArray[np.int64], azimuth: Floats, count: int) -> Floats:
-    """(R,) step of each ring: the usual one, or another where the ring's returns clearly tell it."""
+    """(R,) step of each ring: the usual one, unless the ring's returns clearly show another."""
     apart = np.diff(azimuth)
     beside = (np.diff(ring) == 0) & (apart > _STEP_RAD[0]) & (apart < _STEP_RAD[1])
     apart, of = apart[beside], ring[1:][beside]

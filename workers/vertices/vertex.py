@@ -58,7 +58,7 @@ class Vertex:
         flags: names in :data:`apexcal.documents.detectors.FLAGS`, for the person who confirms.
         roll: radians by which the board is turned, counter-clockwise as the sensor sees it, and its standard
             deviation; at 0 both upper edges fall alike. None where the detector states none.
-        corners: those that the detector knows well enough; None where it knows none, or not the board's size.
+        corners: those that the detector knows well enough; None if it knows none, or not the board's size.
     """
 
     xyz: Xyz

@@ -1,7 +1,7 @@
 /** Whether the LiDAR is shown beside the frame that is marked: as the person chose, else where there is room. */
 
 const KEY = "apexcal.beside";
-/** The frame keeps at least 900 pixels. */
+/** The frame keeps at least 830 pixels. */
 const ROOMY_PX = 1600;
 
 export function isBeside(): boolean {

@@ -1,4 +1,4 @@
-/** A file that was dropped on one page and is uploaded on its vehicle's. */
+/** A file that was dropped on one page and is uploaded on the page of its vehicle. */
 
 interface Dropped {
   vehicleId: string;

@@ -12,7 +12,7 @@ async function load(url: string): Promise<HTMLImageElement> {
   const fetched = await fromStore(url);
   const image = new Image();
   image.decoding = "async";
-  // What it shows is said by what it is shown in.
+  // The element that shows the image has the words for it.
   image.alt = "";
   image.src = fetched ? URL.createObjectURL(fetched) : url;
   try {

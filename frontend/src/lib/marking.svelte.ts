@@ -52,7 +52,7 @@ export class Marking {
   readonly history: History;
   /** The last marks that were given on this page, to compare by eye. */
   readonly strip = new Strip();
-  /** Whether a mark is where the others let it be expected. */
+  /** Whether a mark is near the place that the others predict. */
   readonly doubts = new Doubts();
 
   private readonly me: Me;

@@ -125,12 +125,12 @@ def track(api, recording):
 
 
 def answer(api, recording, detection_id, person_id) -> None:
-    """Somebody confirms the detection's first vertex, which is paired with the first frame."""
+    """Somebody rejects the detection's first vertex, which is paired with the first frame."""
     with api.database.writing() as session:
         camera = session.scalars(select(Sensor.id).where(Sensor.name == "front")).one()
         vertex = session.scalars(select(Vertex).where(Vertex.detection_id == detection_id, Vertex.rank == 0)).one()
         session.add(VertexFrame(vertex_id=vertex.id, sensor_id=camera, frame_index=0, gap_ns=0))
-        said = {"apex_id": vertex.apex_id, "person_id": person_id, "verdict": "confirmed", "version": 1}
+        said = {"apex_id": vertex.apex_id, "person_id": person_id, "verdict": "rejected", "version": 1}
         session.add(Verdict(recording_id=recording, **said))
 
 

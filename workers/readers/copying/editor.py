@@ -154,14 +154,14 @@ class Editor:
         self._found_topics |= other._found_topics
 
     def check_complete(self) -> None:
-        """Raises :class:`ReadError` ``copy_not_possible`` where a pose to replace was nowhere, or a camera's topic is
-        not there, or in no encoding of ROS.
+        """Raises :class:`ReadError` ``copy_not_possible`` if a pose to replace was not found, or if a camera's topic
+        is missing or has no ROS encoding.
         """
         for camera in self._edits.cameras:
             if camera.topic not in self._found_topics:
                 raise ReadError(
                     "copy_not_possible",
-                    f"The images of {camera.name} ({camera.topic}) are no ROS messages of this file.",
+                    f"This file has no ROS messages with images of {camera.name} ({camera.topic}).",
                     "Only ROS messages are copied. `apexcal export --format ros2` writes files to play beside it.",
                 )
         missing = [pose.child for pose in self._edits.poses if not pose.is_new and pose.child not in self._found]

@@ -33,7 +33,7 @@ _REDUCED: Final = {
 def reduced(width: int, height: int, widest: int) -> int | None:
     """By which of 1, 2, 4, 8 an image is made smaller, so that it is about as wide as is needed.
 
-    It has at most the pixels of a square that is ``widest`` wide. None if it has more at an eighth of its size, too.
+    Then it has no more pixels than a square that is ``widest`` wide. None if it has more even at an eighth.
     """
     return next(
         (
@@ -49,7 +49,7 @@ def decoded(data: bytes, *, colour: bool, widest: int) -> Any:
     """The pixels of an encoded image, made smaller by 2, 4 or 8 if it is wider than ``widest`` or has many rows.
 
     None if it is damaged, or too large for that. A JPEG is decoded at the smaller size, which takes a fraction of the
-    time. What the file says of turning it is not followed: calibrations are of the pixels as they lie in the file.
+    time. A rotation that the file states is not applied: calibrations are of the pixels as they lie in the file.
     """
     header = read_image_header(data, "the frame")
     factor = reduced(header.width, header.height, widest)

@@ -1,4 +1,4 @@
-"""An MCAP file of chunks, written as the format's specification says; what is large is not copied.
+"""An MCAP file of chunks, written as the format's specification says. Large messages are not copied.
 
 The mcap library's own writer copies each message about five times and compresses at one fixed level, which took more
 of an ingestion than the decoding of the packets. Its record types write everything here that is small.

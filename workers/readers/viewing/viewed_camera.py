@@ -18,8 +18,8 @@ class ViewedCamera:
         name: the camera's name in the rig.
         frame_id: its optical frame.
         file: its normalised recording. table: where its frames stand in it.
-        map: an .npy file, (height, width, 2) float32: the frame's pixel for each pixel of the undistorted image;
-            outside of the frame where the lens sees nothing.
+        map: an .npy file, (height, width, 2) float32: for each pixel of the undistorted image the pixel of the frame;
+            it lies outside of the frame where the lens sees nothing.
         clock_offset_ns: its clock minus the LiDAR's.
         raw: the lens; None if no message can carry it.
         pinhole: that of the undistorted image.

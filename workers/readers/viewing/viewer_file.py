@@ -36,7 +36,7 @@ FILE_NAME: Final = "recording.mcap"
 _SCHEMAS: Final = ("PointCloud", "CompressedImage", "CameraCalibration", "FrameTransforms")
 _LIDAR: Final = -1
 _Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
-# As of normalised LiDAR files (mcap_files.py): frames are compressed already, and points lose a third.
+# The level of normalised LiDAR files (mcap_files.py): points become a third smaller. Frames are compressed already.
 _LEVEL: Final = -1
 
 
@@ -74,7 +74,7 @@ class _Camera:
         assert isinstance(table, FrameTable)
         self.table = table
         self._file: BinaryIO = stack.enter_context(camera.file.open("rb"))
-        # Fixed-point coordinates of 1/32 px, which cv2.remap makes of others anew for every frame.
+        # Fixed-point coordinates of 1/32 px. From other coordinates cv2.remap computes them again for every frame.
         at = np.load(camera.map)
         self._maps = cast("_Maps", cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2))
 
@@ -132,7 +132,7 @@ class _Writer:
             ),
         )
         for done, (stamp_ns, source, index) in enumerate(moments):
-            # With every sweep, so that a viewer that jumps into the file finds them.
+            # Poses come with every sweep, so that a viewer that jumps into the file finds them.
             if done == 0 or source == _LIDAR:
                 self._add("/tf", stamp_ns, frame_transforms(stamp_ns, self._poses))
             if source == _LIDAR:

@@ -18,8 +18,8 @@ _STEP = 1e-6  # of a difference quotient, relative
 def corners_of(fix: Fix, most: float) -> Corners | None:
     """The corners besides the apex that the rays tell to ``most`` radians, azimuth and elevation together.
 
-    A corner is the apex plus known lengths along both edges. So it errs with apex, roll, plane and lengths. What the
-    apex's own covariance holds beyond that moves the board as a whole: all corners share it.
+    A corner is the apex plus known lengths along both edges. So its errors come from apex, roll, plane and lengths.
+    All else in the apex's own covariance moves the board as a whole, so all corners share it.
     """
     weights = [way.weight for way in fix.ways]
     places, spreads, floors = zip(*(_of_way(fix.plane, way) for way in fix.ways), strict=True)
@@ -70,7 +70,7 @@ def _of_way(plane: Plane, way: Way) -> tuple[Floats, Floats, Floats]:
 def _place(plane: Plane, at: Floats) -> Floats:
     """Top, left, right and bottom corner, (12,) metres, of (left, up, fall, first edge, second edge, w).
 
-    A plane that is turned meets the ray to the apex elsewhere: the rays to the board's edges stay as they are.
+    If the plane turns, it meets the ray to the apex at another place; the rays to the board's edges stay the same.
     """
     foot, e_left, e_up = _frame(plane.w)
     ray = foot + at[0] * e_left + at[1] * e_up

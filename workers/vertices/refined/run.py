@@ -22,7 +22,7 @@ from workers.vertices.vertex import Covariance, Rejection, Vertex
 
 # A sweep has some ten planes that could be a board; in 200 sweeps without one, none may pass: log(2000) = 7.6.
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do. On the path of the sweeps before and
-# after four are enough: a far board has no more before a sensor that turns fast.
+# after, four are enough: a sensor that turns fast has no more on a far board.
 _LEAST_SUPPORT, _LEAST_POINTS, _ON_PATH_POINTS = 8.0, 6, 4
 _LEAN = 2.5  # standard deviations: a plane through a head or legs and the board leans farther
 _OFF_PATH, _FAR_OFF_PATH = 3.5, 5.0

@@ -11,7 +11,7 @@ import numpy as np
 from workers.vertices.refined.board_model import BoardModel, Fix, Floats
 from workers.vertices.sweep_source import SweepSource
 
-_REACH, _MOST_REACH, _REACH_S = 10, 30, 1.0  # sweeps to either side, and more of a sensor that turns faster
+_REACH, _MOST_REACH, _REACH_S = 10, 30, 1.0  # sweeps to either side; more if the sensor turns faster
 LONGEST_S = 1.5
 FASTEST_M_S = 3.0
 TREMBLE_M = 0.2

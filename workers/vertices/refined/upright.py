@@ -1,8 +1,8 @@
 """How well an upright rectangle, as a sign or a door, explains the rays that a board on its tip explains.
 
-In the plane, with hard edges, the log likelihood of a rectangle is a sum over the rays inside it. So the likeliest
-left and right edges, with the others fixed, are the ends of the stretch of rays with the largest sum; upper and lower
-edges likewise, in turn.
+In the plane, with hard edges, the log likelihood of a rectangle is a sum over the rays inside it. With upper and
+lower edges fixed, the likeliest left and right edges are the ends of the stretch of rays with the largest sum. The
+two pairs of edges are found in turn.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _CLEAR = 7.6
 
 
 def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
-    """Whether the rays tell the board from every upright rectangle, also if nothing shows that it is carried."""
+    """Whether the board is so much likelier than every upright rectangle that its shape alone is enough."""
     return fix.evidence - upright_evidence(fix, model) > _CLEAR
 
 
@@ -43,7 +43,10 @@ def upright_evidence(fix: Fix, model: BoardModel) -> float:
 def _climb(
     along: tuple[Floats, Floats], order: tuple[NDArray[np.int64], ...], gain: Floats, axis: int, share: float
 ) -> float:
-    """From the stretch along the other axis that holds this share of the hits: first ``axis``, then in turn."""
+    """The largest log likelihood: along ``axis`` first, then along both axes in turn.
+
+    It begins with the stretch along the other axis that holds this share of the hits, in the middle.
+    """
     ends: list[Ends] = [(-math.inf, math.inf), (-math.inf, math.inf)]
     hits = along[1 - axis][gain > 0.0]
     if share < 1.0 and hits.size:
@@ -60,7 +63,7 @@ def _climb(
 
 
 def _stretch(at: Floats, gain: Floats) -> tuple[float, Ends, float]:
-    """Largest sum of consecutive gains, its ends, and the log of what both ends keep of one metre each.
+    """Largest sum of consecutive gains, its ends, and a log for both ends: of the part of a metre where each may lie.
 
     Args:
         at: (N,) metres, rising; gain: (N,) log likelihood ratio of the ray there.

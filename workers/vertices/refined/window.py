@@ -28,9 +28,9 @@ class Window:
         R_window_lidar: (3, 3) from the LiDAR frame to the window's.
         steps: (R,) radians between two shots of each ring.
         ring: (R,) number of each row's ring in the sweep.
-        azimuth: (R, C) radians from the middle.
-        slope: (R, C) tangent of the elevation; azimuth is pi where no shot is known: beyond
-            the window, or on rings that never returned anything.
+        azimuth: (R, C) radians from the middle; pi where no shot is known: beyond the window, or on rings that never
+            returned anything.
+        slope: (R, C) tangent of the elevation.
         distance: (R, C) horizontal metres, 0 where nothing came back.
         inside: (R, C) whether the return lies in the region.
         point: (R, C) index of the return in its sweep, -1 where there is none.

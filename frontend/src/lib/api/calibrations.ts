@@ -112,7 +112,7 @@ export const aliasMoves = (
     { after, limit: ALIAS_MOVES_PER_PAGE },
   );
 
-/** Lets an alias lead to a result, or nowhere. Against objections only where `override` says so. */
+/** Lets an alias lead to a result, or nowhere. If there are objections, `override` must be true. */
 export const moveAlias = (
   vehicle_id: string,
   camera: string,

@@ -1,4 +1,4 @@
-/** Asks, after a mark was given, whether it is meant, if it is far from where the person's other marks let it be expected. */
+/** Asks about a mark that is far from the place that the person's other marks predict. */
 
 import * as annotations from "../api/annotations.ts";
 import * as detections from "../api/detections.ts";
@@ -41,7 +41,7 @@ export class Doubts {
     this.stale = true;
   }
 
-  /** A vertex is shown: its own mark says nothing about itself. */
+  /** A vertex is shown: an earlier mark of it does not predict its new one. */
   show(task: MarkingTask): void {
     this.dismiss();
     this.asked = "";

@@ -1,6 +1,6 @@
 /**
- * Where a person's own marks let the next one be expected: a camera is fitted to them, beginning at the rig's nominal
- * mount, and predicts the pixel of another vertex with its deviation. Nothing of other people goes in.
+ * What a person's own marks predict: a camera is fitted to them, beginning at the rig's nominal mount, and predicts the
+ * pixel of another vertex with its deviation. Other people's marks are not used.
  */
 
 import type { Mount } from "../overlay/projection.ts";
@@ -12,9 +12,9 @@ import { dot, inverseOf } from "./linear.ts";
 export interface OwnPair extends Place, Pixel {}
 
 export interface Doubt {
-  /** From where the mark is expected, pixels. */
+  /** Between the mark and the expected place, pixels. */
   distance: number;
-  /** Good marks exceed it once in a thousand. */
+  /** Good marks are farther off once in a thousand, pixels. */
   usual: number;
 }
 
@@ -24,7 +24,7 @@ export interface Expectation {
 }
 
 const ASKED_IN_VAIN = 1e-3;
-/** What marks are good for. */
+/** No one's marks are assumed to be better. */
 const LEAST_SIGMA_PX = 1;
 /** Cauchy's weights with this constant lose 5 % on Gaussian errors (Holland and Welsch 1977). */
 const CAUCHY = 2.385;
@@ -43,12 +43,12 @@ export function expectationOf(pairs: readonly OwnPair[], nominal: Mount, size: S
   const fit = new Fit(pairs.slice(-MOST_PAIRS), nominal, size);
   const covariance = fit.run() && inverseOf(fit.normal);
   if (!covariance) return null;
-  // Of eleven parameters, so many are determined by the pairs and not by their priors.
+  // So many of the eleven parameters are determined by the pairs and not by their priors.
   const determined = covariance.reduce((sum, row, i) => sum + 1 - (row[i] ?? 0), 0);
   const freedom = 2 * fit.pairs.length - determined;
   if (freedom <= 0) return null;
   const variance = (fit.sigma ** 2 * 2 * fit.pairs.length) / freedom;
-  // Two F-distributed squares with 2 and `freedom` degrees of freedom.
+  // Twice the quantile of the F distribution with 2 and `freedom` degrees of freedom.
   const limit = freedom * (ASKED_IN_VAIN ** (-2 / freedom) - 1);
   return {
     doubts: (place, mark) => {

@@ -1,6 +1,6 @@
 /**
- * The walker's points, moved to a frame's time along the track of the board's corner. The vehicle stands.
- * As `workers/overlays` says it, held to it by overlay_vectors.json.
+ * Points of the board and its holder, moved to a frame's time along the corner's track. The vehicle stands.
+ * As `workers/overlays` has it: overlay_vectors.json holds both to the same cases.
  */
 
 import type { Sweep } from "../points/sweep.ts";
@@ -23,7 +23,7 @@ export interface Motion {
 
 /** Between vertices farther apart a walker may have turned round. */
 const LONGEST_NS = 1.5e9;
-/** A board of 60 x 90 cm reaches so far from the line below its corner, and so far down. */
+/** So far a board of 60 x 90 cm reaches to the side of its corner, and so far down. */
 const BESIDE_M = 0.55;
 const BELOW_M = 1.1;
 const ABOVE_M = 0.1;

@@ -1,4 +1,7 @@
-/** Which points of a sweep a camera sees, and where: as `workers/overlays` says it, held to it by overlay_vectors.json. */
+/**
+ * Which points of a sweep a camera sees, and where.
+ * As `workers/overlays` has it: overlay_vectors.json holds both to the same cases.
+ */
 
 import type { Sweep } from "../points/sweep.ts";
 import type { Mount, Project } from "./projection.ts";

@@ -205,7 +205,7 @@ def test_a_pose_that_nobody_states_and_a_topic_that_is_not_there_are_refused(tmp
     path, topic = write(tmp_path, "db3")
     assert refusal(tmp_path, path, request(topic, child="mast")).code == "copy_not_possible"
     (tmp_path / "out" / "recording.db3").unlink()
-    assert "are no ROS messages" in refusal(tmp_path, path, request("/rear")).message
+    assert "has no ROS messages" in refusal(tmp_path, path, request("/rear")).message
 
 
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
