@@ -43,6 +43,7 @@ COMMANDS = {
     "compare": "Compare a camera's calibration with a file of another program.",
     "recalibrate": "Calibrate again without some of a result's pairs.",
     "report": "Write the report of a result, with its verdict, as one HTML file.",
+    "overlay": "Draw a sweep into its frame through a result's lens, as a PNG file.",
     "export": "Write a camera's current calibration, or one result, for other programs.",
 }
 

@@ -63,7 +63,7 @@ from service.storage.audit import audit_if_due
 from service.storage.quota import count_older
 from service.storage.room import Room
 from service.storage.store import Store, open_store
-from service.studies import copy_routes
+from service.studies import copy_routes, overlay_routes
 from service.studies import routes as studies
 from service.validations import routes as validations
 
@@ -85,6 +85,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     detections.router,
     studies.router,
     copy_routes.router,
+    overlay_routes.router,
     annotations.router,
     mark_routes.router,
     correspondence_sets.router,

@@ -27,7 +27,7 @@ from service.db.recordings import (
     UploadPart,
 )
 from service.db.reports import Report
-from service.db.studies import CalibratedCopy, Study
+from service.db.studies import Study, StudyFile
 from service.db.validations import Validation
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
     "Blob",
     "BlobHold",
     "BrowserSession",
-    "CalibratedCopy",
     "Calibration",
     "CalibrationRun",
     "CameraFrame",
@@ -72,6 +71,7 @@ __all__ = [
     "SignInLink",
     "Slot",
     "Study",
+    "StudyFile",
     "UploadPart",
     "Validation",
     "Vehicle",

@@ -22,7 +22,7 @@ from service.db.studies import Study
 from service.db.validations import Validation
 from service.http.problems import Problem
 from service.jobs.queue import abandon
-from service.recordings.blob_queries import copy_keys, sensor_keys
+from service.recordings.blob_queries import sensor_keys, study_keys
 from service.storage.blobs import condemn
 
 
@@ -58,7 +58,7 @@ def delete_recording(session: Session, recording_id: UUID, *, with_published: bo
     keys = [
         *session.scalars(select(UploadPart.blob_key).where(UploadPart.recording_id == recording_id)),
         *sensor_keys(session, recording_id),
-        *copy_keys(session, recording_id),
+        *study_keys(session, recording_id),
         *_reports(session, calibrations, Report.blob_key),
     ]
     condemn(session, keys)

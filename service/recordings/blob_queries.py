@@ -8,12 +8,12 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.db.recordings import PackedSweeps, Sensor
-from service.db.studies import CalibratedCopy, Study
+from service.db.studies import Study, StudyFile
 
 
-def copy_keys(session: Session, recording_id: UUID) -> list[str]:
-    """The keys of a recording's calibrated copies."""
-    copies = select(CalibratedCopy.blob_key).join(Study, Study.id == CalibratedCopy.study_id)
+def study_keys(session: Session, recording_id: UUID) -> list[str]:
+    """The keys of the files that a recording's studies made."""
+    copies = select(StudyFile.blob_key).join(Study, Study.id == StudyFile.study_id)
     return list(session.scalars(copies.where(Study.recording_id == recording_id)))
 
 

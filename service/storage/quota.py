@@ -19,7 +19,7 @@ from service.db.fleets import Fleet
 from service.db.recordings import Blob, PackedSweeps, Recording, Sensor, UploadPart
 from service.db.reports import Report
 from service.db.session import Database
-from service.db.studies import CalibratedCopy, Study
+from service.db.studies import Study, StudyFile
 
 _BATCH = 500
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB")
@@ -114,11 +114,11 @@ def counted(session: Session, recording: Recording, *, besides: int | None) -> i
 
 
 def copied(session: Session, recording_id: UUID) -> int:
-    """Bytes of a recording's calibrated copies."""
+    """Bytes of the files that a recording's studies made."""
     copies = (
         select(func.sum(Blob.size))
-        .join(CalibratedCopy, CalibratedCopy.blob_key == Blob.key)
-        .join(Study, Study.id == CalibratedCopy.study_id)
+        .join(StudyFile, StudyFile.blob_key == Blob.key)
+        .join(Study, Study.id == StudyFile.study_id)
     )
     return int(session.scalar(copies.where(Study.recording_id == recording_id)) or 0)
 

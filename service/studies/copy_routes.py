@@ -12,17 +12,14 @@ from fastapi.responses import JSONResponse, StreamingResponse
 
 from apexcal.documents.copies import CopyRequest, CopyView
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.db.recordings import Blob, Recording
+from service.db.recordings import Blob
 from service.db.session import Database
-from service.db.studies import CalibratedCopy, Study
+from service.db.studies import Study, StudyFile
 from service.detections.queries import ready_recording
 from service.http.pages import Page, Paging
 from service.http.problems import Problem
-from service.jobs.queue import abandon
-from service.storage.blobs import condemn
-from service.storage.quota import counted
 from service.storage.store import Store
-from service.studies.queries import list_studies, new_study, read_study
+from service.studies.queries import delete_study, list_studies, new_study, read_study
 from service.studies.views import copy_view
 
 router = APIRouter(tags=["studies"])
@@ -62,29 +59,19 @@ def read_copy(copy_id: UUID, access: ReadAccess) -> CopyView:
 @router.delete("/calibrated-copies/{copy_id}", status_code=204)
 def delete_copy(copy_id: UUID, access: WriteAccess) -> Response:
     """Delete a copy and its file, or end its making. [engineer]"""
-    session = access.session
     found, _ = read_study(access, copy_id, _KIND)
     access.need(found.fleet_id, "engineer")
-    # Jobs first, as workers lock them before the rows that they work for.
-    abandon(session, [found.id])
-    recording = session.get(Recording, found.recording_id, with_for_update=True)
-    made = session.get(CalibratedCopy, found.id)
-    if made is not None:
-        condemn(session, [made.blob_key])
-    session.delete(found)
-    session.flush()
-    if recording is not None:
-        recording.taken_bytes = counted(session, recording, besides=found.job_id)
+    delete_study(access.session, found)
     return Response(status_code=204)
 
 
-def _file(copy_id: UUID, request: Request, identity: CurrentIdentity) -> tuple[CalibratedCopy, int]:
+def _file(copy_id: UUID, request: Request, identity: CurrentIdentity) -> tuple[StudyFile, int]:
     """The copy's file and its size. The session ends here, before any byte is read."""
     database: Database = request.app.state.database
     with database.reading() as session:
         access = Access(session, identity)
         row = access.find(Study, copy_id, "engineer")
-        made = session.get(CalibratedCopy, row.id)
+        made = session.get(StudyFile, row.id)
         if made is None:
             raise Problem(
                 409,
@@ -97,7 +84,7 @@ def _file(copy_id: UUID, request: Request, identity: CurrentIdentity) -> tuple[C
 
 
 @router.get("/calibrated-copies/{copy_id}/file", response_class=StreamingResponse)
-async def get_copy_file(request: Request, found: Annotated[tuple[CalibratedCopy, int], Depends(_file)]) -> Response:
+async def get_copy_file(request: Request, found: Annotated[tuple[StudyFile, int], Depends(_file)]) -> Response:
     """The copy's file. [engineer]"""
     made, size = found
     store: Store = request.app.state.store

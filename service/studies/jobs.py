@@ -18,7 +18,7 @@ from service.jobs.queue import enqueue
 from service.storage.quota import counted
 
 # Kinds whose jobs write files that count towards the quota.
-_WRITING = ("packing", "calibrated_copy")
+_WRITING = ("packing", "calibrated_copy", "overlay")
 
 
 def queue_study(session: Session, row: Study) -> Job:
@@ -65,5 +65,7 @@ KINDS = tuple(
         ("clock_offset", "solve"),
         ("packing", "ingest"),
         ("calibrated_copy", "ingest"),
+        # As short as a report, and somebody waits for it.
+        ("overlay", "report"),
     )
 )

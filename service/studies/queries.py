@@ -7,14 +7,18 @@ from typing import Any, TypeVar
 from uuid import UUID
 
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from apexcal.documents.studies import StudyView
 from service.auth.access import Access
 from service.db.jobs import Job
 from service.db.recordings import Recording
-from service.db.studies import Study
+from service.db.studies import Study, StudyFile
 from service.http.pages import Page, Window, fetch
 from service.http.problems import not_found
+from service.jobs.queue import abandon
+from service.storage.blobs import condemn
+from service.storage.quota import counted
 from service.studies.jobs import queue_study
 
 View = TypeVar("View", bound=StudyView)
@@ -55,3 +59,17 @@ def read_study(access: Access, study_id: UUID, kind: str) -> tuple[Study, Job | 
     if row.kind != kind:
         raise not_found()
     return row, access.session.get(Job, row.job_id) if row.job_id else None
+
+
+def delete_study(session: Session, row: Study) -> None:
+    """Delete a study with the file that it made, or end its making."""
+    # Jobs first, as workers lock them before the rows that they work for.
+    abandon(session, [row.id])
+    recording = session.get(Recording, row.recording_id, with_for_update=True)
+    made = session.get(StudyFile, row.id)
+    if made is not None:
+        condemn(session, [made.blob_key])
+    session.delete(row)
+    session.flush()
+    if recording is not None:
+        recording.taken_bytes = counted(session, recording, besides=row.job_id)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
-from service.db.models import Blob, CalibratedCopy, Fleet, Recording, Study
+from service.db.models import Blob, Fleet, Recording, Study, StudyFile
 from service.db.recordings import CameraFrame
 from service.db.recordings import Recording as Row
 from service.exports.transform import Transform
@@ -110,7 +110,7 @@ def test_a_deleted_copy_and_a_deleted_recording_leave_nothing(api, engineer, rec
     assert engineer.delete(f"/calibrated-copies/{first}").status_code == 204
     assert engineer.get(f"/calibrated-copies/{first}").status_code == 404
     with api.database.reading() as session:
-        size = session.scalar(select(Blob.size).join(CalibratedCopy, CalibratedCopy.blob_key == Blob.key))
+        size = session.scalar(select(Blob.size).join(StudyFile, StudyFile.blob_key == Blob.key))
     assert taken(api, recorded) == (before - size, before - size)
     deleted = engineer.delete(f"/recordings/{recorded}")
     assert deleted.status_code == 204, deleted.text

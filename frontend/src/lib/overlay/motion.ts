@@ -1,4 +1,7 @@
-/** Points of the board and its holder, moved to a frame's time along the corner's track. The vehicle stands. */
+/**
+ * Points of the board and its holder, moved to a frame's time along the corner's track. The vehicle stands.
+ * As `workers/overlays` has it: overlay_vectors.json holds both to the same cases.
+ */
 
 import type { Sweep } from "../points/sweep.ts";
 

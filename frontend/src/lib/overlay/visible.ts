@@ -1,4 +1,7 @@
-/** Which points of a sweep a camera sees, and where. */
+/**
+ * Which points of a sweep a camera sees, and where.
+ * As `workers/overlays` has it: overlay_vectors.json holds both to the same cases.
+ */
 
 import type { Sweep } from "../points/sweep.ts";
 import type { Mount, Project } from "./projection.ts";
@@ -6,8 +9,8 @@ import type { Mount, Project } from "./projection.ts";
 export interface Visible {
   count: number;
   /** Pixels and metres from the camera. */
-  u: Float32Array;
-  v: Float32Array;
+  u: Float64Array;
+  v: Float64Array;
   distance: Float32Array;
   /** Points of the sweep that the image holds, but something nearer hides. */
   hidden: number;
@@ -29,8 +32,8 @@ const MOST_CELLS_ACROSS = 512;
 export function visibleOf(sweep: Sweep, mount: Mount, project: Project, size: Size): Visible {
   const cell = Math.max(1, size.width / MOST_CELLS_ACROSS);
   const grid = new DepthGrid(Math.ceil(size.width / cell), Math.ceil(size.height / cell));
-  const place = (): Float32Array<ArrayBuffer> => new Float32Array(sweep.count);
-  const seen = { count: 0, u: place(), v: place(), distance: place() };
+  const place = (): Float64Array<ArrayBuffer> => new Float64Array(sweep.count);
+  const seen = { count: 0, u: place(), v: place(), distance: new Float32Array(sweep.count) };
   const { azimuth, elevation } = spacingOf(sweep);
   const see = seeing(mount, project);
   const pixel = { u: 0, v: 0 };
