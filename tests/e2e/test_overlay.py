@@ -80,7 +80,8 @@ def test_the_board_is_where_it_was_at_the_frames_time(sign_in: SignIn, track: Tr
     moment = next(
         one.stamp_ns for one in track.owner.recordings.frames(track.recording_id, "front") if one.index == frame
     )
-    detection = next(one for one in track.owner.detections.list(track.recording_id) if one.state == "done")
+    done = [one for one in track.owner.detections.list(track.recording_id) if one.state == "done"]
+    detection = max(done, key=lambda one: one.counts.accepted)
     vertices = sorted(track.owner.detections.vertices(detection.id), key=lambda one: one.time_ns)
     after = next(place for place, one in enumerate(vertices) if one.time_ns > moment)
     first, second = ((np.array([one.x, one.y, one.z]), one.time_ns) for one in vertices[after - 1 : after + 1])

@@ -113,19 +113,19 @@ def test_a_file_is_dropped_anywhere(sign_in: SignIn, track: Track) -> None:
     expect(title).to_have_text("again.bag", timeout=20_000)
     expect(page.get_by_role("link", name="Van 7")).to_be_visible()
     # On the fleet's page: to the vehicle under it, else to the one that is chosen.
-    vehicle = track.owner.vehicles.create(track.fleet_id, "Sledge")
+    vehicle = track.owner.vehicles.create(track.fleet_id, "Handcart")
     camera = track.owner.vehicles.rig(track.rig_id).cameras[0].model_dump(mode="json")
     rig = {"name": "roof", "lidar": {"frame": "velodyne", "topic": None}, "cameras": [camera]}
     track.owner.vehicles.create_rig(vehicle.id, rig)
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
-    expect(page.get_by_role("link", name="Sledge")).to_be_visible()
+    expect(page.get_by_role("link", name="Handcart")).to_be_visible()
     page.evaluate(DROP, ["onto.bag", f'[data-vehicle="{vehicle.id}"]'])
     expect(title).to_have_text("onto.bag", timeout=20_000)
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
-    expect(page.get_by_role("link", name="Sledge")).to_be_visible()
+    expect(page.get_by_role("link", name="Handcart")).to_be_visible()
     page.evaluate(DROP, ["beside.bag", "h1"])
     dialog = page.get_by_role("dialog", name="Which vehicle recorded beside.bag?")
-    dialog.get_by_label("Vehicle").select_option("Sledge")
+    dialog.get_by_label("Vehicle").select_option("Handcart")
     dialog.get_by_role("button", name="Upload").click()
     expect(title).to_have_text("beside.bag", timeout=20_000)
     assert {one.name for one in track.owner.recordings.list(vehicle_id=vehicle.id)} == {"onto.bag", "beside.bag"}
