@@ -16,12 +16,6 @@ from service.db.base import Json
 Floats = NDArray[np.float64]
 # A chi-square of 1 to 6 degrees of freedom exceeds these once in a thousand times.
 _ONCE_IN_A_THOUSAND: Final = (10.828, 13.816, 16.266, 18.467, 20.515, 22.458)
-# The unit of a parameter's difference, and how many of it are one of those that deviations are in.
-_UNITS: Final[Mapping[str, tuple[str, float]]] = (
-    dict.fromkeys(MOUNT[:3], ("deg", 1.0))
-    | dict.fromkeys(MOUNT[3:], ("mm", 1e3))
-    | dict.fromkeys(("f_x", "f_y", "c_x", "c_y"), ("px", 1.0))
-)
 _COEFFICIENTS: Final = ("skew", "k1", "k2", "k3", "k4", "k5")
 
 
@@ -102,7 +96,7 @@ def _parameters(apart: Mapping[str, float], *sides: tuple[Json, Json | None]) ->
     found: list[Json] = []
     for name, value in apart.items():
         own, other = (_std(document, spread, name) for document, spread in sides)
-        unit, scale = _UNITS.get(name, ("", 1.0))
+        unit, scale = _unit(name)
         std = float(np.hypot(own, other)) if own and other else None
         found.append(
             {
@@ -114,6 +108,15 @@ def _parameters(apart: Mapping[str, float], *sides: tuple[Json, Json | None]) ->
             }
         )
     return found
+
+
+def _unit(name: str) -> tuple[str, float]:
+    """In which a parameter's difference is stated, and how many make one of the unit of its deviations."""
+    if name in MOUNT[3:]:
+        return "mm", 1e3
+    if name in MOUNT:
+        return "deg", 1.0
+    return ("px" if name in ("f_x", "f_y", "c_x", "c_y") else ""), 1.0
 
 
 def _distortion(document: Json, other: Json) -> dict[str, float]:

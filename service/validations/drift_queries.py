@@ -20,8 +20,6 @@ from service.http.problems import Problem
 
 # What is compared of a result; its document also has the errors of all its pairs.
 COMPARED: Final = ("intrinsics", "transform", "std", "covariance", "field")
-# When the newest pairs of a calibration were brought.
-_PAIRS_AT: Final[ColumnElement[datetime]] = func.max(func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at))
 
 
 class _Recommended(NamedTuple):
@@ -45,7 +43,7 @@ def drift_of(session: Session, vehicle_id: UUID, camera: str, limit: int, after:
     statement = _dated(vehicle_id, camera)
     if after is not None:
         statement = statement.having(_before(session, vehicle_id, camera, after))
-    newest_first = (_PAIRS_AT.desc(), Calibration.id.desc())
+    newest_first = (_pairs_at().desc(), Calibration.id.desc())
     # One more: the first of the answer is compared with the one before it too.
     rows = session.execute(statement.order_by(*newest_first).limit(limit + 1)).all()
     found = _recommended(session, camera, [(summary, at) for _, summary, at in rows][::-1])
@@ -61,10 +59,15 @@ def drift_of(session: Session, vehicle_id: UUID, camera: str, limit: int, after:
     )
 
 
+def _pairs_at() -> ColumnElement[datetime]:
+    """When the newest pairs of a calibration were brought."""
+    return func.max(func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at))
+
+
 def _dated(vehicle_id: UUID, camera: str) -> Select[UUID, Json | None, datetime]:
     """Calibrations of a camera with their summaries, and when their pairs were brought."""
     return (
-        select(Calibration.id, Calibration.summary, _PAIRS_AT.label("at"))
+        select(Calibration.id, Calibration.summary, _pairs_at().label("at"))
         .join(CalibrationRun, CalibrationRun.calibration_id == Calibration.id)
         .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
         .where(
@@ -87,7 +90,7 @@ def _before(session: Session, vehicle_id: UUID, camera: str, cursor: str) -> Any
             422, "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of an answer."
         )
     id, _, at = edge
-    return or_(at > _PAIRS_AT, and_(at == _PAIRS_AT, Calibration.id < id))
+    return or_(_pairs_at() < at, and_(_pairs_at() <= at, Calibration.id < id))
 
 
 def _recommended(session: Session, camera: str, dated: list[tuple[Json | None, datetime]]) -> list[_Recommended]:
