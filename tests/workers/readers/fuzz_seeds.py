@@ -54,7 +54,13 @@ def rosbag1_packed(folder):
 
 
 def pcap(folder):
-    for sensor, mode in (("vlp16", 0x37), ("hdl32e", 0x39), ("vlp32c", 0x37), ("hdl64e", 0x37), ("alpha_prime", 0x38)):
+    for sensor, mode in (
+        ("vlp16", 0x37),
+        ("hdl32e", 0x39),
+        ("vlp32c", 0x37),
+        ("hdl64e", 0x37),
+        ("alpha_prime", 0x38),
+    ):
         yield write_pcap(folder / sensor, captured(packets(sensor, 1.4, mode=mode))).read_bytes()
 
 
