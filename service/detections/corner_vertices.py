@@ -16,8 +16,8 @@ from service.db.base import Json
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.ids import new_id
 
-Place = tuple[UUID, float, float, float]
-"""An apex's id, x, y, z."""
+Known = tuple[UUID, tuple[float, float, float]]
+"""An apex's id and place."""
 
 
 def make_corners(session: Session, detection: Detection, ranks: range) -> None:
@@ -74,19 +74,19 @@ def _take_back_frontiers(session: Session, detection: Detection, rank: int) -> N
     )
 
 
-def _apexes(session: Session, recording_id: UUID, sweeps: set[int]) -> dict[tuple[int, str], list[Place]]:
-    known: dict[tuple[int, str], list[Place]] = defaultdict(list)
+def _apexes(session: Session, recording_id: UUID, sweeps: set[int]) -> dict[tuple[int, str], list[Known]]:
+    known: dict[tuple[int, str], list[Known]] = defaultdict(list)
     asked = select(Apex.sweep_index, Apex.corner, Apex.id, Apex.x, Apex.y, Apex.z).where(
         Apex.recording_id == recording_id, Apex.sweep_index.in_(sorted(sweeps)), Apex.corner != TOP
     )
-    for sweep, corner, *place in session.execute(asked):
-        known[sweep, corner].append((place[0], place[1], place[2], place[3]))
+    for sweep, corner, apex_id, x, y, z in session.execute(asked):
+        known[sweep, corner].append((apex_id, (x, y, z)))
     return known
 
 
-def _same(apexes: Sequence[Place], stated: Json) -> UUID | None:
+def _same(apexes: Sequence[Known], stated: Json) -> UUID | None:
     place = (stated["x"], stated["y"], stated["z"])
-    near = [(away, apex_id) for apex_id, *xyz in apexes if (away := how_far(xyz, place)) is not None]
+    near = [(away, apex_id) for apex_id, xyz in apexes if (away := how_far(xyz, place)) is not None]
     return min(near, key=lambda pair: pair[0])[1] if near else None
 
 
