@@ -16,6 +16,7 @@ from service.db.detections import Detection, Vertex
 from service.db.recordings import Recording
 from service.detections.corner_vertices import make_corners, named
 from service.detections.jobs import AT_ONCE, queue_corners
+from service.detections.views import marked_corners
 from service.http.problems import Problem
 
 # Vertices whose corners are looked at together.
@@ -34,13 +35,13 @@ def ask_corners(session: Session, detection: Detection, corners: Sequence[Corner
     lock = select(Recording.id).where(Recording.id == detection.recording_id).with_for_update(key_share=True)
     session.execute(lock)
     session.refresh(detection, ["marked_corners"])
-    added = [name for name in corners if name not in (detection.marked_corners or [TOP])]
+    before = marked_corners(detection)
+    added = [name for name in CORNERS if name in corners and name != TOP and name not in before]
     for corner in added:
-        if corner != TOP:
-            _require_stated(session, detection, corner)
+        _require_stated(session, detection, corner)
     detection.marked_corners = [name for name in CORNERS if name in corners]
     session.flush()
-    if set(added) - {TOP}:
+    if added:
         make_corners(session, detection, range(AT_ONCE))
         queue_corners(session, detection)
     # Whoever had no vertex left may have one now.
