@@ -36,7 +36,7 @@ def ask_corners(session: Session, detection: Detection, corners: Sequence[Corner
     session.execute(lock)
     session.refresh(detection, ["marked_corners"])
     before = marked_corners(detection)
-    added = [name for name in CORNERS if name in corners and name != TOP and name not in before]
+    added: list[CornerName] = [name for name in CORNERS if name in corners and name != TOP and name not in before]
     for corner in added:
         _require_stated(session, detection, corner)
     detection.marked_corners = [name for name in CORNERS if name in corners]
