@@ -42,6 +42,7 @@ def test_a_report_is_read_and_pairs_are_left_out(
     pairs = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 60))
     done = track.owner.calibrations.create(track.vehicle_id, [pairs.id], ["pinhole"], folds=2)
     done = track.owner.wait(done, timeout_s=90)
+    assert done.summary
     result = str(done.summary.cameras["front"].models["pinhole"].result_id)
     tested = track.owner.validations.ask(track.vehicle_id, "pairs", "front", set_id=pairs.id, result_id=result)
     track.owner.wait(tested, timeout_s=60)
@@ -74,4 +75,5 @@ def test_a_report_is_read_and_pairs_are_left_out(
     expect(report).not_to_have_url(re.compile(str(done.id)))
     again = track.owner.calibrations.get(report.url.rpartition("/")[2].partition("?")[0])
     again = track.owner.wait(again, timeout_s=90)
+    assert again.summary
     assert again.summary.cameras["front"].models["pinhole"].pairs == pairs.count - 1
