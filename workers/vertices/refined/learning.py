@@ -28,6 +28,7 @@ _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart 
 _ENOUGH = 4  # near sweeps from which something is learned
 _MIN_RINGS, _MIN_POINTS = 2, 12
 _MANY_RINGS = 3
+_DEVIATIONS = 4.0  # points farther off a plane are not of it
 _FIRST_SIGMA_M = 0.03
 _SIGMA_M = (0.004, 0.08)
 _ANY_TILT = (0.0, 0.25)  # boards held on their tip lean by slopes up to 0.7 (real recordings); 2.8 deviations
@@ -48,7 +49,7 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     some = (source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
     grid = learn_grid(some, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
-    model = _given(BoardModel(grid, sigma=_FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
+    model = _given(BoardModel(grid, sigma=_FIRST_SIGMA_M, bias=_FIRST_SIGMA_M / math.sqrt(2.0)), edges, float(options["edge_growth_mrad"]))
     near: list[tuple[int, int, Window]] = []
     places: list[tuple[int, float, float]] = []
     for index in _spread(len(source), _SWEEPS):
@@ -98,7 +99,8 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
     sightings = _best(windows, model)
     noise = _noise(sightings)
     default = BoardModel(model.grid)
-    model = replace(model, sigma=_clip(noise), lost=_lost(sightings, default.lost))
+    sigma = _clip(noise)
+    model = replace(model, sigma=math.hypot(sigma, model.bias), lost=_lost(sightings, default.lost))
     for _ in range(3):
         sightings = _best(windows, model)
         if len(sightings) < _ENOUGH:
@@ -123,26 +125,34 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
 def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Floats]:
     """The plane's two slopes, its residuals (metres), and the slopes' variances.
 
-    It is fitted to the board's rings down to the widest and those below that are nearly as wide. Farther down a ring
-    may have met the body, which stands only centimetres behind the board.
+    It is fitted to the rings that are nearly as wide as the widest, or else to those above the widest, too. Farther
+    down a ring may have met the body, and farther up a head: both are only centimetres behind the board.
     """
     window, ends = sighting.window, sighting.ends
     rings = np.flatnonzero(ends[:, 0] >= 0)
-    width = {r: window.azimuth[r, ends[r, 1]] - window.azimuth[r, ends[r, 0]] for r in rings}
-    widest = max(rings, key=lambda r: abs(width[r]))
-    kept = [r for r in rings if r >= widest or abs(width[r]) > 0.6 * abs(width[widest])]
+    width = {r: abs(window.azimuth[r, ends[r, 1]] - window.azimuth[r, ends[r, 0]]) for r in rings}
+    widest = max(rings, key=lambda r: width[r])
+    wide = [r for r in rings if width[r] > 0.6 * width[widest]]
+    kept = wide if len(wide) >= _MANY_RINGS else [r for r in rings if r >= widest or r in wide]
     runs = [(r, slice(ends[r, 0], ends[r, 1] + 1)) for r in kept]
     azimuth, slope, distance = (
         np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
     )
-    azimuth, slope, distance = azimuth[distance > 0.0], slope[distance > 0.0], distance[distance > 0.0]
+    ring = np.repeat(kept, [ends[r, 1] + 1 - ends[r, 0] for r in kept])
+    on_it = np.abs(_beyond(azimuth, slope, distance, sighting.plane.w)) < _DEVIATIONS * model.sigma
+    azimuth, slope, distance, ring = azimuth[on_it], slope[on_it], distance[on_it], ring[on_it]
     prior = np.array([*BoardModel(model.grid).yaw, *_ANY_TILT])
-    w, info = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
+    w, info = fit_plane(azimuth, slope, distance, ring, np.ones(distance.size), model.sigma, model.bias, prior)
     towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
     variances: Floats = np.asarray(np.diag(towards @ np.linalg.inv(info) @ towards.T), np.float64)
-    beyond = distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
+    beyond = _beyond(azimuth, slope, distance, w)
     # Any two rings lie in one plane, whatever their biases.
     return -w[1:] / w[0], beyond if len(kept) >= _MANY_RINGS else beyond[:0], variances
+
+
+def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floats:
+    """Horizontal metres by which points lie behind a plane."""
+    return distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
 
 
 def _best(windows: Sequence[Window], model: BoardModel) -> list[Sighting]:
