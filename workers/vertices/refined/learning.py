@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
@@ -18,7 +19,8 @@ from workers.vertices.refined.board import find_planes, locate, open_windows
 from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting, any_roll
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
-from workers.vertices.refined.window import Window
+from workers.vertices.refined.ring_errors import RingMeans, ring_errors
+from workers.vertices.refined.window import Window, without_errors
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, SweepSource
 
@@ -28,6 +30,7 @@ _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart 
 _ENOUGH = 4  # near sweeps from which something is learned
 _MIN_RINGS, _MIN_POINTS = 2, 12
 _MANY_RINGS = 3
+_ROUNDS = 4
 _DEVIATIONS = 4.0  # points farther off a plane are not of it
 _FIRST_SIGMA_M = 0.03
 _SIGMA_M = (0.004, 0.08)
@@ -100,40 +103,67 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
     noise = _noise(sightings)
     default = BoardModel(model.grid)
     sigma = _clip(noise)
+    as_measured = windows
     model = replace(model, sigma=math.hypot(sigma, model.bias), lost=_lost(sightings, default.lost))
-    for _ in range(3):
+    differ = 0.0
+    for number in range(_ROUNDS):
         sightings = _best(windows, model)
         if len(sightings) < _ENOUGH:
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
         # Rings differ: the spread about the plane holds that, the second differences do not.
-        about = [float(np.median(np.abs(part[1]))) for part in upper if part[1].size]
+        about = [float(np.median(np.abs(part.beyond))) for part in upper if part.means]
         about = [value for value in about if value < _SIGMA_M[1]]  # larger ones are no planes
         across = 1.05 * 1.4826 * float(np.median(about)) if len(about) >= _ENOUGH else 0.0
-        slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 2))
+        bias = math.sqrt(max(across**2 - noise**2, 0.0))
+        slopes, variances = np.array([part.slopes for part in upper]), np.array([part.variances for part in upper])
         turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
+        differ = bias if number == 0 else differ
+        if differ > 0.0:
+            means = [part.means for part in upper if part.means]
+            error, left = ring_errors(means, model.grid.elevation.size, sigma, differ, (*default.yaw, *_ANY_TILT))
+            windows = [without_errors(window, error) for window in as_measured]
+            model = replace(model, grid=replace(model.grid, error=error))
+            bias = left
         model = replace(
             model,
-            sigma=_clip(max(across, noise)),
-            bias=math.sqrt(max(across**2 - noise**2, 0.0)),
+            sigma=_clip(math.hypot(noise, bias)),
+            bias=bias,
             tilt=learn_slope(slopes[:, 1], variances[:, 1], _ANY_TILT, default.tilt, _LEAST_TILT),
             yaw=(0.0, max(2.0 * turn[1], 0.2)),
         )
     return model, _best(windows, model)
 
 
-def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Floats]:
-    """The plane's two slopes, its residuals (metres), and the slopes' variances.
+@dataclass(frozen=True, slots=True, eq=False)
+class _UpperPart:
+    """A board's plane by its upper rings.
 
-    It is fitted to the rings that are nearly as wide as the widest, or else to those above the widest, too. Farther
-    down a ring may have met the body, and farther up a head: both are only centimetres behind the board.
+    Attributes:
+        slopes, variances: (2,) of the plane.
+        beyond: (N,) metres by which the points lie behind it.
+        means: of its rings; None where two rings alone tell the plane, because these lie in it whatever their errors.
+    """
+
+    slopes: Floats
+    variances: Floats
+    beyond: Floats
+    means: RingMeans | None
+
+
+def _upper_part(sighting: Sighting, model: BoardModel) -> _UpperPart:
+    """The plane through the upper part of a board.
+
+    It is fitted to the rings that are nearly as wide as the widest; where these are few, to the next above them, too.
+    Farther down a ring may have met the body, and farther up a head: both are only centimetres behind the board.
     """
     window, ends = sighting.window, sighting.ends
     rings = np.flatnonzero(ends[:, 0] >= 0)
     width = {r: abs(window.azimuth[r, ends[r, 1]] - window.azimuth[r, ends[r, 0]]) for r in rings}
     widest = max(rings, key=lambda r: width[r])
     wide = [r for r in rings if width[r] > 0.6 * width[widest]]
-    kept = wide if len(wide) >= _MANY_RINGS else [r for r in rings if r >= widest or r in wide]
+    above = [r for r in rings if r > widest and r not in wide]
+    kept = [*wide, *above[: max(_MANY_RINGS - len(wide), 0)]]
     runs = [(r, slice(ends[r, 0], ends[r, 1] + 1)) for r in kept]
     azimuth, slope, distance = (
         np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
@@ -146,8 +176,21 @@ def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, 
     towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
     variances: Floats = np.asarray(np.diag(towards @ np.linalg.inv(info) @ towards.T), np.float64)
     beyond = _beyond(azimuth, slope, distance, w)
-    # Any two rings lie in one plane, whatever their biases.
-    return -w[1:] / w[0], beyond if len(kept) >= _MANY_RINGS else beyond[:0], variances
+    slopes: Floats = -w[1:] / w[0]
+    means = _ring_means(window, ring, np.array([np.cos(azimuth), np.sin(azimuth), slope]).T, beyond, w, model)
+    return _UpperPart(slopes, variances, beyond, means if len(wide) >= _MANY_RINGS else None)
+
+
+def _ring_means(
+    window: Window, row: NDArray[np.int64], rays: Floats, beyond: Floats, w: Floats, model: BoardModel
+) -> RingMeans:
+    """A board's rings beside its plane, as they were measured."""
+    rows, of = np.unique(row, return_inverse=True)
+    points = np.bincount(of).astype(np.float64)
+    mean_rays = np.array([np.bincount(of, rays[:, k]) for k in range(3)]).T / points[:, None]
+    ring = window.ring[rows]
+    known = np.zeros(ring.size) if model.grid.error is None else model.grid.error[ring]
+    return RingMeans(ring, mean_rays, 1.0 / (mean_rays @ w), np.bincount(of, beyond) / points + known, points, w)
 
 
 def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floats:

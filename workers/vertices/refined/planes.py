@@ -110,8 +110,10 @@ def fit_plane(
     w = np.array([w0, 0.0, 0.0])
     info = np.zeros((3, 3))
     noise = math.sqrt(max(sigma * sigma - bias * bias, 1e-8))
-    shared = (bias / noise) ** 2
-    for _ in range(2):
+    for turn in range(2):
+        # Errors of the distances in the weights would not cancel, so the second turn takes the first one's plane.
+        shared = (bias / noise) ** 2 if turn == 1 else 0.0
+        wide = noise if turn == 1 else sigma
         info[:] = 0.0
         right = np.zeros(3)
         for k in range(2):
@@ -127,7 +129,8 @@ def fit_plane(
             if weight[i] > 0.0:
                 h = distance[i]
                 u0, u1, u2 = math.cos(azimuth[i]), math.sin(azimuth[i]), slope[i]
-                far = h * h / noise
+                near = w[0] * u0 + w[1] * u1 + w[2] * u2 if turn == 1 else 1.0 / h
+                far = 1.0 / (max(near, 0.5 * w0) ** 2 * wide)
                 scale = weight[i] * far * far
                 info[0, 0] += scale * u0 * u0
                 info[0, 1] += scale * u0 * u1
