@@ -39,7 +39,9 @@ _HOPELESS = 12.0  # log odds from which the other way to hold the board is not f
 _COARSE, _FINE = 24, 36  # cells along either side of the grid
 _ROLLS = 9
 _ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
+# Pulses last 4 to 6 ns; echoes that are less than c t / 2 apart become one.
 _PULSE_M = 0.9
+_OFF = 4.0  # standard deviations behind the plane: the return is not of the board alone
 _ASTRAY_M = 0.12  # hits that are not the board's lie this far beside it at most
 _ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
 
@@ -121,7 +123,7 @@ def _with_rays(
         up=up[at],
         reach=reach,
         ratio=ratio[at],
-        mixed=(behind > 4.0 * model.sigma) & (behind < _PULSE_M),
+        mixed=(behind > _OFF * model.sigma) & (behind < _PULSE_M),
         hits=np.stack([left[hits], up[hits]]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
@@ -217,7 +219,13 @@ def _grown(plane: Plane, model: BoardModel) -> Floats:
 
 
 def _covered(
-    left: Floats, up: Floats, grow: Floats, reach: Floats, model: BoardModel, edges: tuple[float, float], corner: Floats
+    left: Floats,
+    up: Floats,
+    grow: Floats,
+    reach: Floats,
+    model: BoardModel,
+    edges: tuple[float, float],
+    corner: Floats,
 ) -> Floats:
     """(N,) probability that rays which meet the plane there lie on the board in the middle of its posterior."""
     p, q = _turns(corner[3:4])[0] @ np.array([left - corner[1], up - corner[2]])

@@ -52,7 +52,11 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     some = (source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
     grid = learn_grid(some, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
-    model = _given(BoardModel(grid, sigma=_FIRST_SIGMA_M, bias=_FIRST_SIGMA_M / math.sqrt(2.0)), edges, float(options["edge_growth_mrad"]))
+    model = _given(
+        BoardModel(grid, sigma=_FIRST_SIGMA_M, bias=_FIRST_SIGMA_M / math.sqrt(2.0)),
+        edges,
+        float(options["edge_growth_mrad"]),
+    )
     near: list[tuple[int, int, Window]] = []
     places: list[tuple[int, float, float]] = []
     for index in _spread(len(source), _SWEEPS):
@@ -112,19 +116,19 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
         # Rings differ: the spread about the plane holds that, the second differences do not.
-        about = [float(np.median(np.abs(part.beyond))) for part in upper if part.means]
-        about = [value for value in about if value < _SIGMA_M[1]]  # larger ones are no planes
-        across = 1.05 * 1.4826 * float(np.median(about)) if len(about) >= _ENOUGH else 0.0
-        bias = math.sqrt(max(across**2 - noise**2, 0.0))
+        about = [value for part in upper if part.beyond.size and (value := _spread_beyond(part, noise)) < _SIGMA_M[1]]
+        bias = float(np.median(about)) if len(about) >= _ENOUGH else 0.0
         slopes, variances = np.array([part.slopes for part in upper]), np.array([part.variances for part in upper])
         turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
         differ = bias if number == 0 else differ
-        if differ > 0.0:
-            means = [part.means for part in upper if part.means]
-            error, left = ring_errors(means, model.grid.elevation.size, sigma, differ, (*default.yaw, *_ANY_TILT))
+        boards = [part.means for part in upper if part.wide]
+        if differ > 0.0 and len(boards) >= _ENOUGH:
+            error, variance = ring_errors(
+                boards, model.grid.elevation.size, sigma, differ, (*default.yaw, *_ANY_TILT)
+            )
             windows = [without_errors(window, error) for window in as_measured]
             model = replace(model, grid=replace(model.grid, error=error))
-            bias = left
+            bias = math.sqrt(float(np.mean(variance[np.concatenate([part.means.ring for part in upper])])))
         model = replace(
             model,
             sigma=_clip(math.hypot(noise, bias)),
@@ -141,14 +145,17 @@ class _UpperPart:
 
     Attributes:
         slopes, variances: (2,) of the plane.
-        beyond: (N,) metres by which the points lie behind it.
-        means: of its rings; None where two rings alone tell the plane, because these lie in it whatever their errors.
+        beyond: (N,) metres by which the points lie behind it; none where two rings alone tell the plane, because
+            these lie in it whatever their errors.
+        means: of its rings.
+        wide: whether all these rings are of the board's wide part.
     """
 
     slopes: Floats
     variances: Floats
     beyond: Floats
-    means: RingMeans | None
+    means: RingMeans
+    wide: bool
 
 
 def _upper_part(sighting: Sighting, model: BoardModel) -> _UpperPart:
@@ -178,7 +185,15 @@ def _upper_part(sighting: Sighting, model: BoardModel) -> _UpperPart:
     beyond = _beyond(azimuth, slope, distance, w)
     slopes: Floats = -w[1:] / w[0]
     means = _ring_means(window, ring, np.array([np.cos(azimuth), np.sin(azimuth), slope]).T, beyond, w, model)
-    return _UpperPart(slopes, variances, beyond, means if len(wide) >= _MANY_RINGS else None)
+    many, all_wide = len(kept) >= _MANY_RINGS, len(wide) >= _MANY_RINGS
+    return _UpperPart(slopes, variances, beyond if many else beyond[:0], means, all_wide)
+
+
+def _spread_beyond(part: _UpperPart, noise: float) -> float:
+    """Metres, standard deviation of the rings' errors; a plane takes up two of their degrees of freedom."""
+    about = 1.05 * 1.4826 * float(np.median(np.abs(part.beyond)))
+    rings = part.means.ring.size
+    return math.sqrt(max(about**2 - noise**2, 0.0) * rings / (rings - 2))
 
 
 def _ring_means(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+_LEAST_WEIGHT = 1e-9
 CLUTTER = 0.5  # density, per metre of depth, of returns near the board that are not the board's
 
 
@@ -104,9 +105,9 @@ def fit_plane(
     start = 0.0
     total = 0.0
     for i in range(distance.size):
-        start += weight[i] / distance[i]
-        total += weight[i]
-    w0 = start / max(total, 1e-12)
+        start += (weight[i] + _LEAST_WEIGHT) / distance[i]
+        total += weight[i] + _LEAST_WEIGHT
+    w0 = start / total
     w = np.array([w0, 0.0, 0.0])
     info = np.zeros((3, 3))
     noise = math.sqrt(max(sigma * sigma - bias * bias, 1e-8))
@@ -116,6 +117,8 @@ def fit_plane(
         wide = noise if turn == 1 else sigma
         info[:] = 0.0
         right = np.zeros(3)
+        # Where hardly any point counts, the distance is known to a factor.
+        info[0, 0], right[0] = 1.0 / w0**2, 1.0 / w0
         for k in range(2):
             # w_y + mean w_x = 0 within deviation w_x
             scale = 1.0 / (prior[2 * k + 1] * w[0]) ** 2

@@ -33,8 +33,8 @@ class RingMeans(NamedTuple):
 
 def ring_errors(
     boards: Sequence[RingMeans], count: int, noise: float, spread: float, slopes: tuple[float, float, float, float]
-) -> tuple[Floats, float]:
-    """Mean (count,) of the posterior of each ring's constant error, and its standard deviation where boards tell it.
+) -> tuple[Floats, Floats]:
+    """Mean (count,) and variance (count,) of the posterior of each ring's constant error, metres.
 
     Boards and errors are fitted together. All planes share a common shift with the errors, and a common lean; their
     priors decide these.
@@ -61,5 +61,4 @@ def ring_errors(
         towards[board.ring] += weight * board.beyond - solved.T @ (weighed.T @ board.beyond - by_slope.T @ off)
         met[board.ring] = True
     covariance = np.linalg.inv(precision)
-    left = float(np.sqrt(np.mean(np.diag(covariance)[met]))) if met.any() else spread
-    return np.where(met, covariance @ towards, 0.0), left
+    return np.where(met, covariance @ towards, 0.0), np.diag(covariance).copy()
