@@ -42,14 +42,12 @@ class SensorGrid:
         steps: (R,) radians between two firings of each ring.
         shift: (R,) radians, azimuth of each ring's grid against that of the others of its step, modulo the step.
         R_level_lidar: (3, 3) to axes whose z is up.
-        error: (R,) horizontal metres that each ring measures too much; None: nothing is known of it.
     """
 
     elevation: Floats
     steps: Floats
     shift: Floats
     R_level_lidar: Floats
-    error: Floats | None = None
 
     @property
     def step(self) -> float:

@@ -70,9 +70,7 @@ def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list
                 start |= (ring == r) & (column >= first) & (column <= last)
             r, first, last = stretches[pair[0], :3].astype(int).tolist()
             for downwards in (True, False):
-                w, info, score = grow_plane(
-                    azimuth, slope, distance, ring, start, downwards, model.sigma, model.bias, prior
-                )
+                w, info, score = grow_plane(azimuth, slope, distance, start, downwards, model.sigma, prior)
                 if not any(bool(np.all(np.abs(other - w) < 0.003 * abs(w[0]))) for other in seen):
                     seen.append(w)
                     spread: Floats = np.asarray(np.linalg.inv(info), np.float64)

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
@@ -19,8 +18,7 @@ from workers.vertices.refined.board import find_planes, locate, open_windows
 from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting, any_roll
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
-from workers.vertices.refined.ring_errors import RingMeans, ring_errors
-from workers.vertices.refined.window import Window, without_errors
+from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, SweepSource
 
@@ -30,8 +28,6 @@ _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart 
 _ENOUGH = 4  # near sweeps from which something is learned
 _MIN_RINGS, _MIN_POINTS = 2, 12
 _MANY_RINGS = 3
-_ROUNDS = 4
-_DEVIATIONS = 4.0  # points farther off a plane are not of it
 _FIRST_SIGMA_M = 0.03
 _SIGMA_M = (0.004, 0.08)
 _ANY_TILT = (0.0, 0.25)  # boards held on their tip lean by slopes up to 0.7 (real recordings); 2.8 deviations
@@ -52,11 +48,7 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     some = (source.sweep(index) for index in _spread(len(source), _GRID_SWEEPS))
     grid = learn_grid(some, up if up.any() else None)
     edges = (float(options["board_width_m"]), float(options["board_height_m"]))
-    model = _given(
-        BoardModel(grid, sigma=_FIRST_SIGMA_M, bias=_FIRST_SIGMA_M / math.sqrt(2.0)),
-        edges,
-        float(options["edge_growth_mrad"]),
-    )
+    model = _given(BoardModel(grid, sigma=_FIRST_SIGMA_M), edges, float(options["edge_growth_mrad"]))
     near: list[tuple[int, int, Window]] = []
     places: list[tuple[int, float, float]] = []
     for index in _spread(len(source), _SWEEPS):
@@ -106,111 +98,51 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
     sightings = _best(windows, model)
     noise = _noise(sightings)
     default = BoardModel(model.grid)
-    sigma = _clip(noise)
-    as_measured = windows
-    model = replace(model, sigma=math.hypot(sigma, model.bias), lost=_lost(sightings, default.lost))
-    differ = 0.0
-    for number in range(_ROUNDS):
+    model = replace(model, sigma=_clip(noise), lost=_lost(sightings, default.lost))
+    for _ in range(3):
         sightings = _best(windows, model)
         if len(sightings) < _ENOUGH:
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
         # Rings differ: the spread about the plane holds that, the second differences do not.
-        about = [value for part in upper if part.beyond.size and (value := _spread_beyond(part, noise)) < _SIGMA_M[1]]
-        bias = float(np.median(about)) if len(about) >= _ENOUGH else 0.0
-        slopes, variances = np.array([part.slopes for part in upper]), np.array([part.variances for part in upper])
+        about = [float(np.median(np.abs(part[1]))) for part in upper if part[1].size]
+        about = [value for value in about if value < _SIGMA_M[1]]  # larger ones are no planes
+        across = 1.05 * 1.4826 * float(np.median(about)) if len(about) >= _ENOUGH else 0.0
+        slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 2))
         turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
-        differ = bias if number == 0 else differ
-        boards = [part.means for part in upper if part.wide]
-        if differ > 0.0 and len(boards) >= _ENOUGH:
-            error, variance = ring_errors(
-                boards, model.grid.elevation.size, sigma, differ, (*default.yaw, *_ANY_TILT)
-            )
-            windows = [without_errors(window, error) for window in as_measured]
-            model = replace(model, grid=replace(model.grid, error=error))
-            bias = math.sqrt(float(np.mean(variance[np.concatenate([part.means.ring for part in upper])])))
         model = replace(
             model,
-            sigma=_clip(math.hypot(noise, bias)),
-            bias=bias,
+            sigma=_clip(max(across, noise)),
+            bias=math.sqrt(max(across**2 - noise**2, 0.0)),
             tilt=learn_slope(slopes[:, 1], variances[:, 1], _ANY_TILT, default.tilt, _LEAST_TILT),
             yaw=(0.0, max(2.0 * turn[1], 0.2)),
         )
     return model, _best(windows, model)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _UpperPart:
-    """A board's plane by its upper rings.
+def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Floats]:
+    """The plane's two slopes, its residuals (metres), and the slopes' variances.
 
-    Attributes:
-        slopes, variances: (2,) of the plane.
-        beyond: (N,) metres by which the points lie behind it; none where two rings alone tell the plane, because
-            these lie in it whatever their errors.
-        means: of its rings.
-        wide: whether all these rings are of the board's wide part.
-    """
-
-    slopes: Floats
-    variances: Floats
-    beyond: Floats
-    means: RingMeans
-    wide: bool
-
-
-def _upper_part(sighting: Sighting, model: BoardModel) -> _UpperPart:
-    """The plane through the upper part of a board.
-
-    It is fitted to the rings that are nearly as wide as the widest; where these are few, to the next above them, too.
-    Farther down a ring may have met the body, and farther up a head: both are only centimetres behind the board.
+    It is fitted to the board's rings down to the widest and those below that are nearly as wide. Farther down a ring
+    may have met the body, which stands only centimetres behind the board.
     """
     window, ends = sighting.window, sighting.ends
     rings = np.flatnonzero(ends[:, 0] >= 0)
-    width = {r: abs(window.azimuth[r, ends[r, 1]] - window.azimuth[r, ends[r, 0]]) for r in rings}
-    widest = max(rings, key=lambda r: width[r])
-    wide = [r for r in rings if width[r] > 0.6 * width[widest]]
-    above = [r for r in rings if r > widest and r not in wide]
-    kept = [*wide, *above[: max(_MANY_RINGS - len(wide), 0)]]
+    width = {r: window.azimuth[r, ends[r, 1]] - window.azimuth[r, ends[r, 0]] for r in rings}
+    widest = max(rings, key=lambda r: abs(width[r]))
+    kept = [r for r in rings if r >= widest or abs(width[r]) > 0.6 * abs(width[widest])]
     runs = [(r, slice(ends[r, 0], ends[r, 1] + 1)) for r in kept]
     azimuth, slope, distance = (
         np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
     )
-    ring = np.repeat(kept, [ends[r, 1] + 1 - ends[r, 0] for r in kept])
-    on_it = np.abs(_beyond(azimuth, slope, distance, sighting.plane.w)) < _DEVIATIONS * model.sigma
-    azimuth, slope, distance, ring = azimuth[on_it], slope[on_it], distance[on_it], ring[on_it]
+    azimuth, slope, distance = azimuth[distance > 0.0], slope[distance > 0.0], distance[distance > 0.0]
     prior = np.array([*BoardModel(model.grid).yaw, *_ANY_TILT])
-    w, info = fit_plane(azimuth, slope, distance, ring, np.ones(distance.size), model.sigma, model.bias, prior)
+    w, info = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
     towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
     variances: Floats = np.asarray(np.diag(towards @ np.linalg.inv(info) @ towards.T), np.float64)
-    beyond = _beyond(azimuth, slope, distance, w)
-    slopes: Floats = -w[1:] / w[0]
-    means = _ring_means(window, ring, np.array([np.cos(azimuth), np.sin(azimuth), slope]).T, beyond, w, model)
-    many, all_wide = len(kept) >= _MANY_RINGS, len(wide) >= _MANY_RINGS
-    return _UpperPart(slopes, variances, beyond if many else beyond[:0], means, all_wide)
-
-
-def _spread_beyond(part: _UpperPart, noise: float) -> float:
-    """Metres, standard deviation of the rings' errors; a plane takes up two of their degrees of freedom."""
-    about = 1.05 * 1.4826 * float(np.median(np.abs(part.beyond)))
-    rings = part.means.ring.size
-    return math.sqrt(max(about**2 - noise**2, 0.0) * rings / (rings - 2))
-
-
-def _ring_means(
-    window: Window, row: NDArray[np.int64], rays: Floats, beyond: Floats, w: Floats, model: BoardModel
-) -> RingMeans:
-    """A board's rings beside its plane, as they were measured."""
-    rows, of = np.unique(row, return_inverse=True)
-    points = np.bincount(of).astype(np.float64)
-    mean_rays = np.array([np.bincount(of, rays[:, k]) for k in range(3)]).T / points[:, None]
-    ring = window.ring[rows]
-    known = np.zeros(ring.size) if model.grid.error is None else model.grid.error[ring]
-    return RingMeans(ring, mean_rays, 1.0 / (mean_rays @ w), np.bincount(of, beyond) / points + known, points, w)
-
-
-def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floats:
-    """Horizontal metres by which points lie behind a plane."""
-    return distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
+    beyond = distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
+    # Any two rings lie in one plane, whatever their biases.
+    return -w[1:] / w[0], beyond if len(kept) >= _MANY_RINGS else beyond[:0], variances
 
 
 def _best(windows: Sequence[Window], model: BoardModel) -> list[Sighting]:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-_LEAST_WEIGHT = 1e-9
 CLUTTER = 0.5  # density, per metre of depth, of returns near the board that are not the board's
 
 
@@ -89,36 +88,26 @@ def pair_stretches(stretches: Floats, slope: Floats, widest: float, most: int) -
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def fit_plane(
-    azimuth: Floats, slope: Floats, distance: Floats, ring: NDArray[np.int64], weight: Floats,
-    sigma: float, bias: float, prior: Floats,
-) -> tuple[Floats, Floats]:  # fmt: skip
+    azimuth: Floats, slope: Floats, distance: Floats, weight: Floats, sigma: float, prior: Floats
+) -> tuple[Floats, Floats]:
     """Weighted least squares of w, and its information matrix.
 
-    The points of a ring have an error in common, so their covariance is noise^2 I + bias^2 1 1^T. It is inverted by
-    the formula of Sherman and Morrison.
-
     Args:
-        azimuth, slope, distance, ring, weight: (N,) of points, those of one ring next to each other.
-        sigma: standard deviation of a distance, metres; bias: the part of it that a ring has in common.
+        azimuth, slope, distance, weight: (N,) of points.
+        sigma: standard deviation of a distance, metres.
         prior: mean and standard deviation of the plane's two slopes, dx'/dy' and dx'/dz'.
     """
     start = 0.0
     total = 0.0
     for i in range(distance.size):
-        start += (weight[i] + _LEAST_WEIGHT) / distance[i]
-        total += weight[i] + _LEAST_WEIGHT
-    w0 = start / total
+        start += weight[i] / distance[i]
+        total += weight[i]
+    w0 = start / max(total, 1e-12)
     w = np.array([w0, 0.0, 0.0])
     info = np.zeros((3, 3))
-    noise = math.sqrt(max(sigma * sigma - bias * bias, 1e-8))
-    for turn in range(2):
-        # Errors of the distances in the weights would not cancel, so the second turn takes the first one's plane.
-        shared = (bias / noise) ** 2 if turn == 1 else 0.0
-        wide = noise if turn == 1 else sigma
+    for _ in range(2):
         info[:] = 0.0
         right = np.zeros(3)
-        # Where hardly any point counts, the distance is known to a factor.
-        info[0, 0], right[0] = 1.0 / w0**2, 1.0 / w0
         for k in range(2):
             # w_y + mean w_x = 0 within deviation w_x
             scale = 1.0 / (prior[2 * k + 1] * w[0]) ** 2
@@ -127,40 +116,21 @@ def fit_plane(
             info[0, k + 1] += scale * mean
             info[k + 1, 0] += scale * mean
             info[k + 1, k + 1] += scale
-        n, s0, s1, s2, sy = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(distance.size):
-            if weight[i] > 0.0:
-                h = distance[i]
-                u0, u1, u2 = math.cos(azimuth[i]), math.sin(azimuth[i]), slope[i]
-                near = w[0] * u0 + w[1] * u1 + w[2] * u2 if turn == 1 else 1.0 / h
-                far = 1.0 / (max(near, 0.5 * w0) ** 2 * wide)
-                scale = weight[i] * far * far
-                info[0, 0] += scale * u0 * u0
-                info[0, 1] += scale * u0 * u1
-                info[0, 2] += scale * u0 * u2
-                info[1, 1] += scale * u1 * u1
-                info[1, 2] += scale * u1 * u2
-                info[2, 2] += scale * u2 * u2
-                right[0] += scale * u0 / h
-                right[1] += scale * u1 / h
-                right[2] += scale * u2 / h
-                n += weight[i]
-                s0 += weight[i] * far * u0
-                s1 += weight[i] * far * u1
-                s2 += weight[i] * far * u2
-                sy += weight[i] * far / h
-            if n > 0.0 and (i == distance.size - 1 or ring[i + 1] != ring[i]):
-                less = shared / (1.0 + shared * n)
-                info[0, 0] -= less * s0 * s0
-                info[0, 1] -= less * s0 * s1
-                info[0, 2] -= less * s0 * s2
-                info[1, 1] -= less * s1 * s1
-                info[1, 2] -= less * s1 * s2
-                info[2, 2] -= less * s2 * s2
-                right[0] -= less * s0 * sy
-                right[1] -= less * s1 * sy
-                right[2] -= less * s2 * sy
-                n, s0, s1, s2, sy = 0.0, 0.0, 0.0, 0.0, 0.0
+            if weight[i] <= 0.0:
+                continue
+            h = distance[i]
+            u0, u1, u2 = math.cos(azimuth[i]), math.sin(azimuth[i]), slope[i]
+            scale = weight[i] * (h * h / sigma) ** 2
+            info[0, 0] += scale * u0 * u0
+            info[0, 1] += scale * u0 * u1
+            info[0, 2] += scale * u0 * u2
+            info[1, 1] += scale * u1 * u1
+            info[1, 2] += scale * u1 * u2
+            info[2, 2] += scale * u2 * u2
+            right[0] += scale * u0 / h
+            right[1] += scale * u1 / h
+            right[2] += scale * u2 / h
         info[1, 0], info[2, 0], info[2, 1] = info[0, 1], info[0, 2], info[1, 2]
         w[:] = np.linalg.solve(info, right)
     return w, info
@@ -168,16 +138,20 @@ def fit_plane(
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def grow_plane(
-    azimuth: Floats, slope: Floats, distance: Floats, ring: NDArray[np.int64], start: NDArray[np.bool_],
-    downwards: bool, sigma: float, bias: float, prior: Floats,
-) -> tuple[Floats, Floats, float]:  # fmt: skip
+    azimuth: Floats,
+    slope: Floats,
+    distance: Floats,
+    start: NDArray[np.bool_],
+    downwards: bool,
+    sigma: float,
+    prior: Floats,
+) -> tuple[Floats, Floats, float]:
     """The plane through the points of ``start`` and all others near it that lie on it.
 
     Args:
-        azimuth, slope, distance, ring: (N,) of the points in the region, those of one ring next to each other.
+        azimuth, slope, distance: (N,) of the points in the region.
         start: (N,) the first guess.
         downwards: whether points below those of ``start`` count, which may be the body's.
-        sigma, bias, prior: as :func:`fit_plane` says.
 
     Returns:
         w (3,), its information (3, 3), and the log likelihood of the points against clutter, prior included.
@@ -195,7 +169,7 @@ def grow_plane(
             n += 1
     y /= n
     z /= n
-    w, info = fit_plane(azimuth, slope, distance, ring, weight, sigma, bias, prior)
+    w, info = fit_plane(azimuth, slope, distance, weight, sigma, prior)
     score = 0.0
     for turn in range(5):
         wide = sigma * (3.0 if turn == 0 else 2.0 if turn == 1 else 1.0)
@@ -212,46 +186,8 @@ def grow_plane(
             if downwards or distance[i] * slope[i] > lowest:
                 weight[i] = like / (like + CLUTTER)
             score += math.log1p(like / CLUTTER)
-        _doubt_rings(azimuth, slope, distance, ring, weight, sigma, bias, w, info)
-        w, info = fit_plane(azimuth, slope, distance, ring, weight, sigma, bias, prior)
+        w, info = fit_plane(azimuth, slope, distance, weight, sigma, prior)
     for k in range(2):
         t = (-w[k + 1] / w[0] - prior[2 * k]) / prior[2 * k + 1]
         score -= 0.5 * t * t
     return w, info, score
-
-
-@nb.njit(nogil=True, cache=True, error_model="numpy")
-def _doubt_rings(
-    azimuth: Floats, slope: Floats, distance: Floats, ring: NDArray[np.int64], weight: Floats,
-    sigma: float, bias: float, w: Floats, info: Floats,
-) -> None:  # fmt: skip
-    """Multiply the points' weights by how likely their ring's mean lies on the plane, in place.
-
-    A head close behind a board lies within the noise of single points, but its rings' means do not.
-    """
-    noise = sigma * sigma - bias * bias
-    spread = np.linalg.inv(info)
-    first = 0
-    while first < distance.size:
-        last = first
-        n, mean, u0, u1, u2, far = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        while last < distance.size and ring[last] == ring[first]:
-            if weight[last] > 0.0:
-                c, s = math.cos(azimuth[last]), math.sin(azimuth[last])
-                h = 1.0 / (w[0] * c + w[1] * s + w[2] * slope[last])
-                n += weight[last]
-                mean += weight[last] * (distance[last] - h)
-                u0 += weight[last] * c
-                u1 += weight[last] * s
-                u2 += weight[last] * slope[last]
-                far += weight[last] * h
-            last += 1
-        if n > 0.0:
-            mean, u0, u1, u2, far = mean / n, u0 / n, u1 / n, u2 / n, far / n
-            told = u0 * (spread[0, 0] * u0 + 2.0 * spread[0, 1] * u1 + 2.0 * spread[0, 2] * u2)
-            told += u1 * (spread[1, 1] * u1 + 2.0 * spread[1, 2] * u2) + spread[2, 2] * u2 * u2
-            variance = noise / n + bias * bias + told * far**4
-            like = math.exp(-0.5 * mean * mean / variance) / (math.sqrt(variance) * 2.5066)
-            for i in range(first, last):
-                weight[i] *= like / (like + CLUTTER)
-        first = last

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
@@ -14,7 +14,6 @@ from workers.vertices.sensor_grid import MOST_RINGS, SensorGrid
 
 Floats = NDArray[np.float64]
 _TWO_PI = 2.0 * math.pi
-_LEAST_M = 1e-3
 _BLOCK_RAD = math.radians(3.0)  # a motor wanders over tens of degrees
 
 
@@ -56,13 +55,6 @@ def open_window(
     Args:
         inside: (N,) which points lie in the region.
     """
-    window = _as_measured(sweep, inside, grid, centre, half_width)
-    return window if grid.error is None else without_errors(window, grid.error)
-
-
-def _as_measured(
-    sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid, centre: float, half_width: float
-) -> Window:
     elevation, shift, steps = _for_rings(sweep, grid)
     half = min(half_width, math.radians(80.0))
     c, s = math.cos(centre), math.sin(centre)
@@ -70,13 +62,13 @@ def _as_measured(
     ring = np.arange(elevation.size)
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     level = grid.R_level_lidar
-    azimuth, slope, distance, within, point = image
     if level[2, 2] == 1.0:
-        return Window(turn, steps, ring, azimuth, slope, distance, within, point)
+        return Window(turn, steps, ring, *image)
     ahead = level @ turn[0]
     flat = math.hypot(ahead[0], ahead[1])
     c, s = ahead[0] / flat, ahead[1] / flat
     R_window_lidar = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ level
+    azimuth, slope, distance, within, point = image
     azimuth, slope, distance = _levelled(azimuth, slope, distance, R_window_lidar @ turn.T)
     if level[2, 2] > 0.0:
         return Window(R_window_lidar, steps, ring, azimuth, slope, distance, within, point)
@@ -90,14 +82,6 @@ def _as_measured(
         within[::-1, ::-1].copy(),
         point[::-1, ::-1].copy(),
     )
-
-
-def without_errors(window: Window, error: Floats) -> Window:
-    """The window without what each ring (R,) measures too much, horizontal metres."""
-    known = window.ring < error.size
-    of_row = np.where(known, error[np.minimum(window.ring, error.size - 1)], 0.0)
-    distance = np.where(window.distance > 0.0, np.maximum(window.distance - of_row[:, None], _LEAST_M), 0.0)
-    return replace(window, distance=distance)
 
 
 def _levelled(azimuth: Floats, slope: Floats, distance: Floats, turn: Floats) -> tuple[Floats, Floats, Floats]:
