@@ -82,13 +82,13 @@ def test_one_pose_is_found_by_the_boards_shape(place, seed):
 
 
 def test_sweeps_of_one_pose_give_one_vertex_wherever_shards_are_cut():
-    recording = recorded("street", 1, 8, each=3)
+    recording = recorded("street", 1, 5, each=3)
     region = around("street", recording)
     found = detected(recording, region, size(recording))
-    assert found.poses.count == 8
-    assert len(found.vertices) == 8
-    assert found.rejected == {"same_pose": 16}
-    assert [vertex.sweep_index // 3 for vertex in found.vertices] == list(range(8))
+    assert found.poses.count == 5
+    assert len(found.vertices) == 5
+    assert found.rejected == {"same_pose": 10}
+    assert [vertex.sweep_index // 3 for vertex in found.vertices] == list(range(5))
     alone = detect_range(recording.source, region, "refined", size(recording), indices=range(4, 11))
     assert alone.vertices == [vertex for vertex in found.vertices if 4 <= vertex.sweep_index < 11]
 
