@@ -176,6 +176,7 @@ def _with_shared_errors(found: Estimate) -> Estimate:
             covariance=covariance * unit[:, None] * unit,
             std=np.sqrt(np.diag(covariance)) * unit,
             freedoms=errors.freedoms(),
+            shift=errors.moved * unit if errors.moved.size else None,
         )
     named, wider = shared if shared is not None else (None, None)
     return replace(found, spread=spread, errors=errors, plain=plain, wider=wider, shared=named, bias=bias)
