@@ -8,6 +8,7 @@ from workers.simulation.drawn import region_before
 from workers.simulation.flaws import Mount
 from workers.vertices.detectors import detect_range
 from workers.vertices.gravity import find_up, level_rotation
+from workers.vertices.refined.window import open_window
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
 
@@ -75,3 +76,14 @@ def test_boards_before_a_sensor_that_does_not_stand_upright(mount):
     for vertex in found.vertices:
         assert abs(vertex.time_ns - recorded.moment_ns[vertex.sweep_index]) < 1_000_000
         assert vertex.roll is not None and abs(np.degrees(vertex.roll[0])) < 20.0
+
+
+def test_a_window_above_a_sensor_on_its_side_has_finite_axes():
+    sweep = walk(3, 0.5).sweeps[0]
+    grid = learn_grid([sweep], up=np.array([1.0, 0.0, 0.0]))
+    assert grid.R_level_lidar[2, 0] == pytest.approx(1.0)
+    inside = np.ones(len(sweep.xyz), np.bool_)
+    for centre in (0.0, np.pi, 0.3):
+        window = open_window(sweep, inside, grid, centre, 0.2)
+        np.testing.assert_allclose(window.R_window_lidar @ window.R_window_lidar.T, np.eye(3), atol=1e-12)
+        assert all(np.isfinite(part).all() for part in (window.azimuth, window.slope, window.distance))
