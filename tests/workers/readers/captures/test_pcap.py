@@ -100,6 +100,18 @@ def test_every_sensor(tmp_path, sensor, mode):
         assert any("dual return" in note for note in recording.lidar_facts(recording.sensors[0]).notes)
 
 
+@pytest.mark.parametrize("sensor", ["vlp16", "vlp32c", "hdl32e", "alpha_prime"])
+def test_azimuths_go_on_evenly_where_a_sweep_begins(tmp_path, sensor):
+    frames = [(moment, datagram(data)) for moment, data in packets(sensor, 2.2, mode=0x38)]
+    _, sweeps = read(write_pcap(tmp_path / "a.pcap", frames))
+    before, after = sweeps[:2]
+    for ring in range(0, int(after.ring.max()) + 1, 5):
+        last, first = (azimuth(sweep)[sweep.ring == ring] for sweep in (before, after))
+        steps = np.diff(np.concatenate([last[-9:], first[:9]])) % 360
+        # The sensor states hundredths of a degree, cut off.
+        np.testing.assert_allclose(steps, np.median(steps), atol=0.03)
+
+
 def status_bytes(elevations):
     """What an HDL-64E S2 sends of itself, a byte a packet: the clock and so on, then its calibration."""
     rows = b"".join(
