@@ -58,8 +58,7 @@ def kinds(folder):
     """The whole files by name. What is packed is checked by sums, so that no damage changes a point of it."""
     whole = make_whole(folder)
     sweep, packet = 16 * 20, 384
-    # If the first packet is lost, the seam moves, too: the packets there are decoded without their neighbours.
-    packets = Kind(b"", 4 * packet, 4 * packet)
+    packets = Kind(b"", packet, 2 * packet)
     plain = {path: data for path, data in members().items() if not path.endswith(("2.pcd", ".csv"))}
     plain["timestamps.csv"] = b"\n".join(
         line for line in members()["timestamps.csv"].split(b"\n") if b"2.pcd" not in line
