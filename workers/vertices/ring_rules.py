@@ -1,25 +1,30 @@
 """The two detectors that look at the highest ring alone.
 
-``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does.
+``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does. Before a sensor
+that hangs upside down, as the ground tells, the highest ring is the one of the lowest number.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
+from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, OnSweep, Run, SweepSource
 from workers.vertices.vertex import Rejection, Vertex
+
+_GRID_SWEEPS: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
 class _Candidates:
-    """The points of one sweep inside the region: (N, 3) metres, (N,) ring, (N,) ns after the stamp."""
+    """The points of one sweep inside the region: (N, 3) metres, (N,) ring (upwards), (N,) ns after the stamp."""
 
     xyz: NDArray[np.float64]
     ring: NDArray[np.int64]
@@ -59,12 +64,12 @@ def _tolerant(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Reje
 
 
 def _look(
-    detector: str, select: _Select, sweep: Sweep, area: Area, options: Options, index: int
+    detector: str, select: _Select, sweep: Sweep, area: Area, options: Options, index: int, upwards: int
 ) -> Vertex | Rejection:
     kept = np.flatnonzero(area.inside(sweep))
     inside = _Candidates(
         sweep.xyz[kept].astype(np.float64),
-        sweep.ring[kept].astype(np.int64),
+        upwards * sweep.ring[kept].astype(np.int64),
         sweep.offset_ns[kept].astype(np.int64),
     )
     selected = select(inside, options)
@@ -74,7 +79,7 @@ def _look(
     return Vertex(
         xyz=(x, y, z),
         time_ns=sweep.stamp_ns + round(float(inside.offset_ns[selected].mean())),
-        ring=int(inside.ring[selected][0]),
+        ring=upwards * int(inside.ring[selected][0]),
         sweep_index=index,
         points_used=int(np.count_nonzero(selected)),
         detector=detector,
@@ -85,13 +90,20 @@ def _runner(detector: str, select: _Select) -> Run:
     def run(
         source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep
     ) -> Sequence[Vertex | Rejection]:
+        upwards = _upwards(source)
         found: list[Vertex | Rejection] = []
         for index in indices:
-            found.append(_look(detector, select, source.sweep(index), area, options, index))
+            found.append(_look(detector, select, source.sweep(index), area, options, index, upwards))
             on_sweep(index)
         return found
 
     return run
+
+
+def _upwards(source: SweepSource) -> int:
+    """1 if higher rings have higher numbers, -1 before a sensor that hangs upside down."""
+    numbers = sorted({int(n) for n in np.linspace(0, len(source) - 1, min(_GRID_SWEEPS, len(source))).round()})
+    return -1 if learn_grid(source.sweep(number) for number in numbers).R_level_lidar[2, 2] < 0.0 else 1
 
 
 run_strict = _runner("strict", _strict)
