@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
-from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, OnSweep, Run, SweepSource
+from workers.vertices.upside_down import hanging
 from workers.vertices.vertex import Rejection, Vertex
-
-_GRID_SWEEPS: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +87,7 @@ def _runner(detector: str, select: _Select) -> Run:
     def run(
         source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep
     ) -> Sequence[Vertex | Rejection]:
-        upwards = _upwards(source)
+        upwards = 1 if hanging(source) is None else -1
         found: list[Vertex | Rejection] = []
         for index in indices:
             found.append(_look(detector, select, source.sweep(index), area, options, index, upwards))
@@ -98,12 +95,6 @@ def _runner(detector: str, select: _Select) -> Run:
         return found
 
     return run
-
-
-def _upwards(source: SweepSource) -> int:
-    """1 if higher rings have higher numbers, -1 before a sensor that hangs upside down."""
-    numbers = sorted({int(n) for n in np.linspace(0, len(source) - 1, min(_GRID_SWEEPS, len(source))).round()})
-    return -1 if learn_grid(source.sweep(number) for number in numbers).R_level_lidar[2, 2] < 0.0 else 1
 
 
 run_strict = _runner("strict", _strict)
