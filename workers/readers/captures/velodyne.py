@@ -179,7 +179,9 @@ class SweepCutter:
         keep = time > (start_ns - base_ns - _MARGIN_NS) * 1e-9
         if stop_ns is not None:
             keep &= time < (stop_ns - base_ns - _MARGIN_NS) * 1e-9
-        if packets[0][1][-2] == DUAL or self._stream.decoding.model.product is None:
+        # Of most packets, because one may be damaged.
+        dual = 2 * sum(data[-2] == DUAL for _, data in packets) > len(packets)
+        if dual or self._stream.decoding.model.product is None:
             strongest = (points["return_type"] & 1) != 0
             keep &= strongest | ~strongest.any()
         return self._sweep(start_ns, base_ns, _kept(points, keep))
