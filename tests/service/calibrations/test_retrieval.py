@@ -8,6 +8,7 @@ from uuid import UUID
 
 import psycopg
 import pytest
+import uvloop
 from sqlalchemy import delete, update
 
 from service.auth.secrets import new_secret, secret_hash
@@ -174,7 +175,8 @@ def test_the_usual_question_has_the_answer_of_the_same_with_a_query(api, rig, re
     assert file.headers["etag"] != usual.headers["etag"] and file.headers["content-type"] != "application/json"
 
 
-def test_the_loop_reads_what_a_thread_reads(api, rig, reviewer, viewer):
+@pytest.mark.parametrize("make_loop", [asyncio.new_event_loop, uvloop.new_event_loop])
+def test_the_loop_reads_what_a_thread_reads(api, rig, reviewer, viewer, make_loop):
     publish(api, rig, reviewer)
     with api.database.writing() as session:
         session.execute(update(ApiToken).values(expires_at=_later()))
@@ -185,9 +187,17 @@ def test_the_loop_reads_what_a_thread_reads(api, rig, reviewer, viewer):
     async def read() -> list[Seen]:
         asked = [Look(*place, alias) for place in places for alias in ("current", "canary", "current")]
         await states.read(asked[0])  # in a thread, which connects
-        return await asyncio.gather(*map(states.read, asked))
+        found = await asyncio.gather(*map(states.read, asked))
+        if states._connection is not None:
+            with api.database.alone() as connection:
+                pid = states._connection._driver.info.backend_pid
+                connection.exec_driver_sql(f"SELECT pg_terminate_backend({pid})")
+            assert await asyncio.gather(*map(states.read, asked)) == found
+            assert states._connection.is_open and states._connection._driver.info.backend_pid != pid
+        return found
 
-    found = asyncio.run(read())
+    with asyncio.Runner(loop_factory=make_loop) as runner:
+        found = runner.run(read())
     for place, of_place in zip(places, zip(*[iter(found)] * 3, strict=True), strict=True):
         for alias, seen in zip(("current", "canary", "current"), of_place, strict=True):
             with api.database.alone() as connection:
