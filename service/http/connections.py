@@ -25,8 +25,8 @@ from service.settings import get_settings
 # Apache's mod_reqtimeout gives the head of a request 20 s, and asks for 500 bytes a second.
 HEAD_S = 20.0
 _BYTES_PER_S = 500
-# As h11, a stricter parser: bytes of a head that is not complete.
-_LONGEST_HEAD = 64 * 1024
+# Bytes of a head that is not complete. llhttp has no limit; h11, which was used before, took 16 KiB.
+_LONGEST_HEAD = 16 * 1024
 # As nginx: 60 s for the next bytes of a body, and for a client that takes none of an answer. Bad lines pause.
 WINDOW_S = 60.0
 # For the rest of a body that was answered already, such as a part from somebody who is not signed in.
