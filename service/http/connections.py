@@ -89,6 +89,7 @@ class PatientProtocol(HttpToolsProtocol):
     def on_headers_complete(self) -> None:
         """Serve the request. Raises ValueError, which becomes 400, where it does not name one host (RFC 9112)."""
         hosts = sum(name == b"host" for name, _ in self.headers)
+        assert self.parser is not None
         if hosts > 1 or (hosts == 0 and self.parser.get_http_version() == "1.1"):
             raise ValueError(f"{hosts} Host headers")
         super().on_headers_complete()
