@@ -40,7 +40,7 @@ COMMANDS = {
     "calibrate-fleet": "Calibrate all vehicles of a fleet that a filter names.",
     "pull": "Keep what a vehicle is given now in a file.",
     "copy": "Copy a recording's bag and write the published calibration into it.",
-    "compare": "Compare a camera's calibration with a file of another program.",
+    "compare": "Compare a camera's calibration with another result or another program's file.",
     "recalibrate": "Calibrate again without some of a result's pairs.",
     "report": "Write the report of a result, with its verdict, as one HTML file.",
     "overlay": "Draw a sweep into its frame through a result's lens, as a PNG file.",

@@ -6,7 +6,7 @@ Members with a default are those that older versions, or some results, do not ha
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, Literal
+from typing import Any, Final, Literal
 from uuid import UUID
 
 from apexcal.documents.base import Document
@@ -121,11 +121,18 @@ class WorstCorrelation(Document):
     value: float
 
 
+# The points of a field. Stored fields hold these numbers: neither the steps nor their order may change.
+FIELD_STEP_DEG: Final = 10
+FIELD_RANGES_M: Final = (5.0, 20.0)
+FIELD_ELEVATIONS_DEG: Final = tuple(range(FIELD_STEP_DEG - 90, 90, FIELD_STEP_DEG))
+FIELD_AZIMUTHS_DEG: Final = tuple(range(-180, 180, FIELD_STEP_DEG))
+
+
 class Field(Document):
     """Where a result projects fixed points around the LiDAR that the image shows, and its deviation there, pixels.
 
     The points are the same for all results: every 10 degrees of azimuth and elevation, 5 and 20 m away. ``number``
-    identifies a point.
+    identifies a point: it counts ranges, then elevations, then azimuths.
     """
 
     number: list[int]
@@ -138,12 +145,15 @@ class Compared(Document):
     """How far a result is from its camera's current one.
 
     ``sigmas``: the mount's difference in what both state of it, root mean square; ``field_px`` and ``field_sigmas``
-    over the points of ``Field`` that both see. ``differs``: by more than chance does once in 1000.
+    over the points of ``Field`` that both see. ``differs``: by more than chance does once in 1000. ``turn_deg`` and
+    ``shift_mm`` are the mount's difference about and along the camera's axes.
     """
 
     result_id: UUID
     rotation_deg: float
     translation_mm: float
+    turn_deg: list[float] | None = None
+    shift_mm: list[float] | None = None
     sigmas: float
     field_px: float | None = None
     field_sigmas: float | None = None

@@ -12,7 +12,8 @@ from apexcal.documents.base import Document, Magnitude, Name, Received, Sent, St
 from apexcal.documents.bounds import LEAST_FOCAL_PX
 from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
 from apexcal.documents.jobs import JobView, ProblemView
-from apexcal.documents.results import Intrinsics, SolvedTransform
+from apexcal.documents.publications import WithdrawalView
+from apexcal.documents.results import Deviations, Intrinsics, SolvedTransform
 from apexcal.documents.states import WorkState
 from apexcal.documents.transforms import Transform
 
@@ -167,7 +168,9 @@ class DriftStep(Sent):
     """A result of a camera, and how far it is from the one before it and from the first.
 
     ``sigmas`` is the mount's difference in what both results state, root mean square; ``differs`` says that chance
-    makes such a difference once in 1000. Null where a result states no deviations.
+    makes such a difference once in 1000. Null where a result states no deviations. ``std`` are its own deviations,
+    with other models counted. ``withdrawn`` is null unless its last publication was withdrawn: then later results are
+    not compared with it.
     """
 
     result_id: UUID
@@ -176,15 +179,19 @@ class DriftStep(Sent):
     at: datetime
     intrinsics: Stored[Intrinsics]
     transform: Stored[SolvedTransform]
+    std: Stored[Deviations | None] = None
     from_previous: Stored[DriftDifference | None]
     from_first: Stored[DriftDifference | None]
+    withdrawn: WithdrawalView | None = None
 
 
 class DriftDifference(Document):
-    """How far apart two results are."""
+    """How far apart two results are; ``turn_deg`` and ``shift_mm`` about and along the camera's axes."""
 
     rotation_deg: float
     translation_mm: float
+    turn_deg: list[float] | None = None
+    shift_mm: list[float] | None = None
     sigmas: float
     differs: bool
     field_px: float | None = None
@@ -192,9 +199,14 @@ class DriftDifference(Document):
 
 
 class Drift(Sent):
-    """A camera's recommended results, the oldest first, with what their order says in a sentence."""
+    """A camera's recommended results, the oldest first, with what their order says in a sentence.
+
+    ``next`` is given as ``after`` to get the results before these, and is null if there are none. Each answer
+    compares with the first of its own results that was not withdrawn.
+    """
 
     vehicle_id: UUID
     camera: str
     sentence: str
     steps: list[DriftStep]
+    next: str | None = None

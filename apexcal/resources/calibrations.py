@@ -8,6 +8,7 @@ from uuid import UUID
 
 from apexcal.documents.base import Page
 from apexcal.documents.calibrations import CalibrationTemplate, CalibrationView, SlotView
+from apexcal.documents.comparisons import ResultComparison
 from apexcal.documents.correspondence_sets import SetView, SetWithPairs
 from apexcal.documents.exports import VehicleCalibration
 from apexcal.documents.overlays import OverlayView
@@ -105,6 +106,10 @@ class Calibrations:
     def result(self, result_id: UUID | str) -> ResultView:
         """What a run found: parameters, transform, standard deviations, residuals, alarms."""
         return self._http.get(at("results", result_id), ResultView)
+
+    def compare(self, result_id: UUID | str, other_id: UUID | str) -> ResultComparison:
+        """How far a result is from another one of its camera: mount, lens, and pixels over the image."""
+        return self._http.get(at("results", result_id, "comparison"), ResultComparison, other=str(other_id))
 
     def make_report(self, result_id: UUID | str) -> ReportView:
         """Ask for the report of a result, which must be a fit to all pairs. An existing report is replaced."""

@@ -49,6 +49,10 @@ class Validations:
         """The validations of a vehicle, newest first, without single pairs."""
         return self._http.items(at("vehicles", vehicle_id, "validations"), ValidationView)
 
-    def drift(self, vehicle_id: UUID | str, camera: str, *, limit: int = 20) -> Drift:
-        """A camera's newest recommended results, oldest first, each compared with the one before and the first."""
-        return self._http.get(at("vehicles", vehicle_id, "drift"), Drift, camera=camera, limit=limit)
+    def drift(self, vehicle_id: UUID | str, camera: str, *, limit: int = 20, after: str | None = None) -> Drift:
+        """A camera's newest recommended results, oldest first, each compared with the one before and the first.
+
+        ``after``: the ``next`` of an answer, to get the results before these.
+        """
+        asked = {"limit": limit} if after is None else {"limit": limit, "after": after}
+        return self._http.get(at("vehicles", vehicle_id, "drift"), Drift, camera=camera, **asked)

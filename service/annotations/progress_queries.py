@@ -18,8 +18,8 @@ from service.db.people import Person
 from service.db.recordings import Recording, Sensor
 from service.detections.views import marked_corners
 
-# More do not determine a camera any better.
-_MOST_PAIRS = 200
+# The pages fit a camera to so many.
+_MOST_PAIRS = 100
 
 
 def count_vertices(session: Session, detection: Detection, camera_id: UUID) -> int:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from apexcal.documents.results import FIELD_AZIMUTHS_DEG, FIELD_ELEVATIONS_DEG, FIELD_RANGES_M
 from service.calibration_runs.model_spread import MOUNT, difference
 from service.calibration_runs.transforms import write
 from service.db.base import Json
@@ -15,6 +16,7 @@ from service.db.base import Json
 Floats = NDArray[np.float64]
 # A chi-square of 1 to 6 degrees of freedom exceeds these once in a thousand times.
 _ONCE_IN_A_THOUSAND: Final = (10.828, 13.816, 16.266, 18.467, 20.515, 22.458)
+_COEFFICIENTS: Final = ("skew", "k1", "k2", "k3", "k4", "k5")
 
 
 def compared(document: Json, other: Json, spread: Json | None, other_spread: Json | None) -> Json | None:
@@ -49,9 +51,12 @@ def compared_with_stated(document: Json, spread: Json | None, R: Floats, t: Floa
 
 
 def _distances(apart: Mapping[str, float]) -> Json:
+    turn, shift = [apart[name] for name in MOUNT[:3]], [1e3 * apart[name] for name in MOUNT[3:]]
     return {
-        "rotation_deg": float(np.linalg.norm([apart[name] for name in MOUNT[:3]])),
-        "translation_mm": 1e3 * float(np.linalg.norm([apart[name] for name in MOUNT[3:]])),
+        "rotation_deg": float(np.linalg.norm(turn)),
+        "translation_mm": float(np.linalg.norm(shift)),
+        "turn_deg": turn,
+        "shift_mm": shift,
     }
 
 
@@ -73,20 +78,81 @@ def _covariance(document: Json, spread: Json | None, names: list[str]) -> Floats
     return C + np.diag(np.maximum(whole - np.diag(C), 0.0))
 
 
-def _field(one: Json | None, other: Json | None) -> Json:
-    """Older results do not have it."""
-    none: Json = {"field_px": None, "field_sigmas": None}
-    if not one or not other:
-        return none
-    _, here, there = np.intersect1d(one["number"], other["number"], return_indices=True)
-    if not here.size:
-        return none
-    columns = {
-        name: np.array(one[name], np.float64)[here] - np.array(other[name], np.float64)[there] for name in ("u", "v")
-    }
-    distance = np.hypot(columns["u"], columns["v"])
-    sigma = np.hypot(np.array(one["sigma_px"], np.float64)[here], np.array(other["sigma_px"], np.float64)[there])
+def side_by_side(document: Json, other: Json, spread: Json | None, other_spread: Json | None) -> Json:
+    """All members of a ``ResultComparison`` that are measured, also where a result states no deviations."""
+    apart = difference(document, other)
+    stated = compared(document, other, spread, other_spread) or {"sigmas": None, "differs": None}
+    shared = _shared_points(document.get("field"), other.get("field"))
     return {
-        "field_px": float(np.sqrt(np.mean(distance**2))),
-        "field_sigmas": float(np.sqrt(np.mean(distance**2 / np.maximum(2.0 * sigma**2, 1e-12)))),
+        **_distances(apart),
+        **_field(document.get("field"), other.get("field")),
+        **stated,
+        "parameters": _parameters(apart | _distortion(document, other), (document, spread), (other, other_spread)),
+        "field": shared and {name: values.tolist() for name, values in shared.items()},
+    }
+
+
+def _parameters(apart: Mapping[str, float], *sides: tuple[Json, Json | None]) -> list[Json]:
+    found: list[Json] = []
+    for name, value in apart.items():
+        own, other = (_std(document, spread, name) for document, spread in sides)
+        unit, scale = _unit(name)
+        std = float(np.hypot(own, other)) if own and other else None
+        found.append(
+            {
+                "name": name,
+                "unit": unit,
+                "difference": scale * value,
+                "std": std and scale * std,
+                "sigmas": std and abs(value) / std,
+            }
+        )
+    return found
+
+
+def _unit(name: str) -> tuple[str, float]:
+    """In which a parameter's difference is stated, and how many make one of the unit of its deviations."""
+    if name in MOUNT[3:]:
+        return "mm", 1e3
+    if name in MOUNT:
+        return "deg", 1.0
+    return ("px" if name in ("f_x", "f_y", "c_x", "c_y") else ""), 1.0
+
+
+def _distortion(document: Json, other: Json) -> dict[str, float]:
+    """By coefficient; of two models they mean different things."""
+    one, two = document["intrinsics"], other["intrinsics"]
+    if one["model"] != two["model"]:
+        return {}
+    return {name: one[name] - two[name] for name in _COEFFICIENTS if name in one and name in two}
+
+
+def _shared_points(one: Json | None, other: Json | None) -> dict[str, Floats] | None:
+    """The columns of a ``FieldDifference``; older results have no field."""
+    if not one or not other:
+        return None
+    number, here, there = np.intersect1d(one["number"], other["number"], return_indices=True)
+    if not here.size:
+        return None
+    own = {name: np.array(one[name], np.float64)[here] for name in ("u", "v", "sigma_px")}
+    their = {name: np.array(other[name], np.float64)[there] for name in own}
+    return {
+        "distance_m": np.array(FIELD_RANGES_M)[number // (len(FIELD_ELEVATIONS_DEG) * len(FIELD_AZIMUTHS_DEG))],
+        "u": own["u"],
+        "v": own["v"],
+        "du": own["u"] - their["u"],
+        "dv": own["v"] - their["v"],
+        "sigma_px": np.hypot(own["sigma_px"], their["sigma_px"]),
+    }
+
+
+def _field(one: Json | None, other: Json | None) -> Json:
+    """Over the points that both see; null if there are none."""
+    points = _shared_points(one, other)
+    if points is None:
+        return {"field_px": None, "field_sigmas": None}
+    squares = points["du"] ** 2 + points["dv"] ** 2
+    return {
+        "field_px": float(np.sqrt(np.mean(squares))),
+        "field_sigmas": float(np.sqrt(np.mean(squares / np.maximum(2.0 * points["sigma_px"] ** 2, 1e-12)))),
     }

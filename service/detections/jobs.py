@@ -1,11 +1,11 @@
-"""Jobs that look for vertices: each in a shard of a recording's sweeps."""
+"""Jobs that look for vertices, each in a shard of a recording's sweeps; and those that make vertices of corners."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from uuid import UUID
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
@@ -15,9 +15,13 @@ from service.db.clock import now
 from service.db.detections import Detection, Vertex
 from service.db.jobs import Job
 from service.db.recordings import Sensor
-from service.jobs.bundles import shards
+from service.jobs.bundles import cut, shards
 from service.jobs.kinds import CannotRetryError, Kind
 from service.jobs.queue import enqueue_all
+
+AT_ONCE = 250
+"""Tips whose corners one transaction makes. With three corners and two cameras these are 3000 rows: about half a
+second on a busy machine, in which SQLite lets nobody else write."""
 
 
 def queue_detection(session: Session, row: Detection, workers: int) -> list[Job]:
@@ -29,6 +33,29 @@ def queue_detection(session: Session, row: Detection, workers: int) -> list[Job]
     jobs = enqueue_all(session, kind="detect", fleet_id=row.fleet_id, subject_id=row.id, payloads=payloads)
     hint(session, row.fleet_id, "detection", row.id)
     return jobs
+
+
+def queue_corners(session: Session, row: Detection) -> list[Job]:
+    """Queue what makes the asked corners' vertices of all ranks that are not made at once."""
+    last = session.scalar(select(func.max(Vertex.rank)).where(Vertex.detection_id == row.id))
+    parts = cut((-1 if last is None else last) + 1, AT_ONCE)[1:]
+    payloads = [{"first": part.start, "stop": part.stop} for part in parts]
+    return enqueue_all(session, kind="corners", fleet_id=row.fleet_id, subject_id=row.id, payloads=payloads)
+
+
+def _end_corners(session: Session, detection_id: UUID, state: WorkState, problem: Json | None) -> None:
+    """The detection stays done, whatever became of its corners; its page counts them anew."""
+    fleet_id = session.scalar(select(Detection.fleet_id).where(Detection.id == detection_id))
+    if fleet_id is not None:
+        hint(session, fleet_id, "detection", detection_id)
+
+
+def _retry_corners(session: Session, job: Job) -> Sequence[Job]:
+    """All ranks again: what is there already is not made twice."""
+    row = session.get(Detection, job.subject_id, with_for_update=True)
+    if row is None:
+        raise CannotRetryError("its detection is deleted")
+    return queue_corners(session, row)
 
 
 def _end(session: Session, detection_id: UUID, state: WorkState, problem: Json | None) -> None:
@@ -69,4 +96,4 @@ def _retry(session: Session, job: Job) -> Sequence[Job]:
     return enqueue_all(session, kind="detect", fleet_id=row.fleet_id, subject_id=row.id, payloads=payloads)
 
 
-KINDS = (Kind("detect", "detect", _end, _retry),)
+KINDS = (Kind("detect", "detect", _end, _retry), Kind("corners", "detect", _end_corners, _retry_corners))

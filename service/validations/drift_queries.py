@@ -6,13 +6,17 @@ from datetime import datetime
 from typing import Any, Final, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import func, select
+from sqlalchemy import ColumnElement, Select, and_, func, or_, select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.publications import WithdrawalView
 from apexcal.documents.states import WorkState
 from apexcal.documents.validations import Drift, DriftStep
+from service.db.aliases import Withdrawal
 from service.db.base import Json
-from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.calibrations import FULL, NEWNESS, Calibration, CalibrationRun, CorrespondenceSet, Publication, Result
+from service.db.people import Person
+from service.http.problems import Problem
 
 # What is compared of a result; its document also has the errors of all its pairs.
 COMPARED: Final = ("intrinsics", "transform", "std", "covariance", "field")
@@ -27,19 +31,43 @@ class _Recommended(NamedTuple):
     document: Json
     at: datetime
     spread: Json | None
+    withdrawn: WithdrawalView | None
 
 
-def drift_of(session: Session, vehicle_id: UUID, camera: str, limit: int) -> Drift:
-    """The newest recommended results of a camera, in the order of their pairs, each compared."""
-    found = _recommended(session, vehicle_id, camera, limit)
-    steps = [_step(found, place) for place in range(len(found))]
-    return Drift(vehicle_id=vehicle_id, camera=camera, sentence=_sentence(camera, steps), steps=steps)
+def drift_of(session: Session, vehicle_id: UUID, camera: str, limit: int, after: str | None = None) -> Drift:
+    """The newest recommended results of a camera, in the order of their pairs, each compared.
+
+    ``after`` is the ``next`` of an answer: then the newest of those before it. Raises :class:`Problem` 422
+    ``invalid_cursor``.
+    """
+    statement = _dated(vehicle_id, camera)
+    if after is not None:
+        statement = statement.having(_before(session, vehicle_id, camera, after))
+    newest_first = (_pairs_at().desc(), Calibration.id.desc())
+    # One more: the first of the answer is compared with the one before it too.
+    rows = session.execute(statement.order_by(*newest_first).limit(limit + 1)).all()
+    found = _recommended(session, camera, [(summary, at) for _, summary, at in rows][::-1])
+    within = {row[0] for row in rows[:limit]}
+    shown = [place for place, one in enumerate(found) if one.calibration_id in within]
+    steps = [_step(found, shown, place) for place in shown]
+    return Drift(
+        vehicle_id=vehicle_id,
+        camera=camera,
+        sentence=_sentence(camera, steps),
+        steps=steps,
+        next=rows[limit - 1][0].hex if len(rows) > limit else None,
+    )
 
 
-def _recommended(session: Session, vehicle_id: UUID, camera: str, limit: int) -> list[_Recommended]:
-    pairs_at = func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at)
-    statement = (
-        select(Calibration.summary, func.max(pairs_at).label("at"))
+def _pairs_at() -> ColumnElement[datetime]:
+    """When the newest pairs of a calibration were brought."""
+    return func.max(func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at))
+
+
+def _dated(vehicle_id: UUID, camera: str) -> Select[UUID, Json | None, datetime]:
+    """Calibrations of a camera with their summaries, and when their pairs were brought."""
+    return (
+        select(Calibration.id, Calibration.summary, _pairs_at().label("at"))
         .join(CalibrationRun, CalibrationRun.calibration_id == Calibration.id)
         .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
         .where(
@@ -49,11 +77,26 @@ def _recommended(session: Session, vehicle_id: UUID, camera: str, limit: int) ->
             CalibrationRun.fold == FULL,
         )
         .group_by(Calibration.id)
-        .order_by(func.max(pairs_at).desc(), Calibration.id.desc())
-        .limit(limit)
     )
+
+
+def _before(session: Session, vehicle_id: UUID, camera: str, cursor: str) -> Any:
+    try:
+        edge = session.execute(_dated(vehicle_id, camera).where(Calibration.id == UUID(hex=cursor))).one_or_none()
+    except ValueError:
+        edge = None
+    if edge is None:
+        raise Problem(
+            422, "invalid_cursor", f"`after` is no cursor of this list: {cursor!r}.", "Give the `next` of an answer."
+        )
+    id, _, at = edge
+    return or_(_pairs_at() < at, and_(_pairs_at() <= at, Calibration.id < id))
+
+
+def _recommended(session: Session, camera: str, dated: list[tuple[Json | None, datetime]]) -> list[_Recommended]:
+    """The recommended results of calibrations, in their order."""
     chosen: dict[UUID, tuple[datetime, Json | None]] = {}
-    for summary, at in session.execute(statement):
+    for summary, at in dated:
         of_camera: Json = (summary or {}).get("cameras", {}).get(camera) or {}
         model: Json | None = of_camera.get("models", {}).get(of_camera.get("recommended"))
         if model:
@@ -62,17 +105,42 @@ def _recommended(session: Session, vehicle_id: UUID, camera: str, limit: int) ->
         Result.id, Result.calibration_id, Result.model, *(Result.document[name] for name in COMPARED)
     ).where(Result.id.in_(chosen))
     known: dict[UUID, Any] = {row[0]: row for row in session.execute(of_results)}
+    withdrawn = _withdrawn(session, list(known))
     found: list[_Recommended] = []
     for result_id, (at, spread) in chosen.items():
         if result_id in known:
             _, calibration_id, name, *parts = known[result_id]
             document: Json = dict(zip(COMPARED, parts, strict=True))
-            found.append(_Recommended(result_id, calibration_id, name, document, at, spread))
-    return found[::-1]
+            found.append(
+                _Recommended(result_id, calibration_id, name, document, at, spread, withdrawn.get(result_id))
+            )
+    return found
 
 
-def _step(found: list[_Recommended], place: int) -> DriftStep:
+def _withdrawn(session: Session, result_ids: list[UUID]) -> dict[UUID, WithdrawalView | None]:
+    """By result, where its newest publication was withdrawn."""
+    of_publication = and_(
+        *(Withdrawal.vehicle_id == Publication.vehicle_id, Withdrawal.camera == Publication.camera),
+        Withdrawal.number == Publication.number,
+    )
+    rows = session.execute(
+        select(Publication.result_id, Withdrawal, Person.name)
+        .outerjoin(Withdrawal, of_publication)
+        .outerjoin(Person, Person.id == Withdrawal.said_by)
+        .where(Publication.result_id.in_(result_ids))
+        .order_by(*NEWNESS)
+    )
+    return {
+        result_id: row and WithdrawalView(withdrawn_at=row.created_at, withdrawn_by=by, reason=row.reason)
+        for result_id, row, by in rows
+    }
+
+
+def _step(found: list[_Recommended], shown: list[int], place: int) -> DriftStep:
+    """``found[place]`` beside the one before it and the first shown. Withdrawn results are no standard."""
     own = found[place]
+    earlier = [at for at in range(place) if found[at].withdrawn is None]
+    first = next((at for at in shown if at < place and found[at].withdrawn is None), None)
     return DriftStep(
         result_id=own.id,
         calibration_id=own.calibration_id,
@@ -80,8 +148,10 @@ def _step(found: list[_Recommended], place: int) -> DriftStep:
         at=own.at,
         intrinsics=own.document["intrinsics"],
         transform=own.document["transform"],
-        from_previous=_apart(own, found[place - 1]) if place else None,  # pyright: ignore[reportArgumentType]
-        from_first=_apart(own, found[0]) if place else None,  # pyright: ignore[reportArgumentType]
+        std=(own.spread or own.document).get("std"),  # pyright: ignore[reportArgumentType] - stored as it is
+        from_previous=_apart(own, found[earlier[-1]]) if earlier else None,  # pyright: ignore[reportArgumentType]
+        from_first=None if first is None else _apart(own, found[first]),  # pyright: ignore[reportArgumentType]
+        withdrawn=own.withdrawn,
     )
 
 
@@ -93,23 +163,25 @@ def _apart(one: _Recommended, other: _Recommended) -> Json | None:
 
 
 def _sentence(camera: str, steps: list[DriftStep]) -> str:
-    if len(steps) < 2:
-        return (
-            f"{camera} has {len(steps) or 'no'} recommended result{'' if len(steps) == 1 else 's'}: drift needs two."
-        )
-    jumps = [step for step in steps[1:] if _differs(step.from_previous)]
-    last: Json | None = steps[-1].from_first  # pyright: ignore[reportAssignmentType] - stored as it is
-    said = f"Over {len(steps)} results of {camera} "
+    standing = [step for step in steps if step.withdrawn is None]
+    left = len(steps) - len(standing)
+    withdrawn = f" {left} withdrawn result{' is' if left == 1 else 's are'} left out." if left else ""
+    if len(standing) < 2:
+        count = len(standing) or "no"
+        return f"{camera} has {count} recommended result{'' if count == 1 else 's'}: drift needs two.{withdrawn}"
+    jumps = [step for step in standing if _differs(step.from_previous)]
+    last: Json | None = standing[-1].from_first  # pyright: ignore[reportAssignmentType] - stored as it is
+    said = f"Over {len(standing)} results of {camera} "
     if last is None:
-        return said + "drift cannot be judged: not all of them state standard deviations."
+        return f"{said}drift cannot be judged: not all of them state standard deviations.{withdrawn}"
     size = f"{last['rotation_deg']:.2f} degrees and {last['translation_mm']:.0f} mm"
     size += f" ({last['sigmas']:.1f} standard deviations)"
     if jumps:
         when = ", ".join(f"{step.at:%Y-%m-%d}" for step in jumps)
-        return f"{said}the mount moved (at {when}). The last one differs from the first by {size}."
+        return f"{said}the mount moved (at {when}). The last one differs from the first by {size}.{withdrawn}"
     if last["differs"]:
-        return f"{said}no step is significant, but the last one differs from the first by {size}."
-    return f"{said}the mount did not move significantly: the last one differs from the first by {size}."
+        return f"{said}no step is significant, but the last one differs from the first by {size}.{withdrawn}"
+    return f"{said}the mount did not move significantly: the last one differs from the first by {size}.{withdrawn}"
 
 
 def _differs(difference: object) -> bool:

@@ -1,4 +1,4 @@
-"""Validations of a vehicle's cameras, and how their results drift."""
+"""Validations of a vehicle's cameras, comparisons of two results, and how results drift."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
+from apexcal.documents.comparisons import ResultComparison
 from apexcal.documents.roles import rank
 from apexcal.documents.validations import Drift, ValidationRequest, ValidationView
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.broker.hints import hint
-from service.db.calibrations import CorrespondenceSet
+from service.db.calibrations import CorrespondenceSet, Result
 from service.db.fleets import Vehicle
 from service.db.jobs import Job
 from service.db.validations import Validation
@@ -23,6 +24,7 @@ from service.detections.queries import find_camera, ready_recording
 from service.http.bodies import DOCUMENT
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem
+from service.validations.comparison_queries import comparison_of
 from service.validations.drift_queries import drift_of
 from service.validations.jobs import queue_validation
 from service.validations.queries import validated
@@ -115,13 +117,22 @@ def read_validation(validation_id: UUID, access: ReadAccess, request: Request) -
     return view
 
 
+@router.get("/results/{result_id}/comparison")
+def compare_results(
+    result_id: UUID, access: ReadAccess, other: Annotated[UUID, Query(description="the id of another result")]
+) -> ResultComparison:
+    """How far a result is from another one of its camera: the mount, the lens, and pixels over the image."""
+    return comparison_of(access.session, access.find(Result, result_id), access.find(Result, other))
+
+
 @router.get("/vehicles/{vehicle_id}/drift")
 def read_drift(
     vehicle_id: UUID,
     access: ReadAccess,
     camera: Annotated[Sought, Query(description="a camera's name in the rig")],
     limit: Annotated[int, Query(ge=2, le=100, description="how many of the newest results at most")] = 20,
+    after: Annotated[str | None, Query(max_length=200, description="the `next` of the answer before")] = None,
 ) -> Drift:
     """A camera's recommended results in their order, and how far each is from the one before and from the first."""
     vehicle = access.find(Vehicle, vehicle_id)
-    return drift_of(access.session, vehicle.id, camera, limit)
+    return drift_of(access.session, vehicle.id, camera, limit, after)

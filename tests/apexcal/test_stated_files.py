@@ -72,6 +72,19 @@ def test_compare_with_a_file(car, tmp_path):
     assert refused.exit_code == 1 and "no named values" in refused.stderr
 
 
+def test_compare_with_another_result(car, tmp_path):
+    (one,) = car.viewer.get(f"/vehicles/{car.rig.vehicle_id}/cameras/front/publications").json()["items"]
+    asked = ["compare", "--result", one["result_id"]]
+    same = run(car, *asked, "--with", one["result_id"])
+    assert same.exit_code == 0, same.stderr
+    assert "differ by 0.000 degrees and 0.0 mm" in same.stdout and "same pairs" in same.stdout
+    assert json.loads(run(car, *asked, "--with", one["result_id"], "--json").stdout)["shares_pairs"]
+    file = tmp_path / "front.yaml"
+    file.write_text("nothing")
+    for wrong in ([], [str(file), "--with", one["result_id"]]):
+        assert run(car, *asked, *wrong).exit_code == 2
+
+
 def test_a_rig_from_a_urdf(car, tmp_path):
     urdf, rig = tmp_path / "car.urdf", tmp_path / "rig.json"
     urdf.write_text(URDF)

@@ -5,6 +5,7 @@ Those of 1280 px go to docs/images/pages, all others to var/screenshots. No page
 """
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -33,6 +34,11 @@ def paths(track: Track) -> dict[str, str]:
     ask_marks(track, 2)
     pairs = owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 130))
     wanted = {"models": ["pinhole", "brown_conrady"], "folds": 3, "publish": "recommended"}
+    # Earlier results: something to compare with, and lines of drift.
+    for count in (110, 120, 125):
+        made = owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, count))
+        plain = {"models": ["brown_conrady"], "folds": 2}
+        owner.wait(owner.calibrations.create(track.vehicle_id, [made.id], **plain), timeout_s=240)
     calibration = owner.wait(owner.calibrations.create(track.vehicle_id, [pairs.id], **wanted), timeout_s=240)
     owner.wait(owner.validations.ask(track.vehicle_id, "pairs", "front", set_id=pairs.id), timeout_s=60)
     request = owner.fleet_requests.create(track.fleet_id, models=["pinhole"], folds=0)
@@ -45,6 +51,7 @@ def paths(track: Track) -> dict[str, str]:
         "vehicle": f"/vehicles/{track.vehicle_id}",
         **{step: f"/recordings/{track.recording_id}?step={step}" for step in STEPS},
         "result": f"/calibrations/{calibration.id}",
+        "comparison": f"/calibrations/{calibration.id}",
     }
 
 
@@ -74,6 +81,9 @@ def test_pages(sign_in: SignIn, track: Track, paths: dict[str, str], scheme: str
                 continue
             page.goto(f"{track.url}{path}")
             expect(page.get_by_role("heading", level=1)).to_be_visible()
+            if name == "comparison":
+                page.get_by_text("Compare with another result").click()
+                expect(page.get_by_role("img", name=re.compile("Differences over the image"))).to_be_visible()
             take(page, name, scheme, width, full=True)
 
 

@@ -173,29 +173,29 @@ def test_a_rig_of_the_recordings_tree_its_serials_and_gates(sign_in: SignIn, tra
     expect(page.get_by_text("nominal T_camera_lidar of front")).to_be_visible()
     look(page, "rig draft")
     page.get_by_role("button", name="Create this rig").click()
-    page.locator("summary").filter(has_text="of its tree").click()
-    panel = page.locator("details").filter(has_text="of its tree")
+    page.locator("summary").filter(has_text="from its frames").click()
+    panel = page.locator("details").filter(has_text="from its frames")
     panel.get_by_label("LiDAR", exact=True).fill("L-77")
     panel.get_by_label("Mean error of held-out pairs").fill("0.8")
     look(page, "serials and gate")
     with page.expect_response(re.compile(r"/rigs$")):  # the page reads the rig's new version
         panel.get_by_role("button", name="Save the serial numbers").click()
     expect(panel.get_by_role("button", name="Save the serial numbers")).to_be_disabled()
-    panel.get_by_role("button", name="State the gate").click()
-    expect(panel.get_by_role("button", name="As it was")).to_have_count(0)
-    (rig,) = [one for one in track.owner.vehicles.rigs(given.vehicle) if one.name == "of its tree"]
+    panel.get_by_role("button", name="Save the limits").click()
+    expect(panel.get_by_role("button", name="Discard changes")).to_have_count(0)
+    (rig,) = [one for one in track.owner.vehicles.rigs(given.vehicle) if one.name == "from its frames"]
     assert rig.lidar.serial == "L-77" and rig.gate.heldout_mean_px == 0.8
     assert rig.cameras[0].joint is not None and rig.cameras[0].nominal.from_frame == "velodyne"
 
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.get_by_label("Share of the image with pairs").fill("0.01")
     look(page, "fleet's gate")
-    page.get_by_role("button", name="State the gate").click()
-    expect(page.get_by_role("button", name="As it was")).to_have_count(0)
+    page.get_by_role("button", name="Save the limits").click()
+    expect(page.get_by_role("button", name="Discard changes")).to_have_count(0)
     assert track.owner.fleets.get(track.fleet_id).gate.coverage == 0.01
     page.get_by_label("Share of the image with pairs").fill("")
-    page.get_by_role("button", name="State the gate").click()
-    expect(page.get_by_role("button", name="As it was")).to_have_count(0)
+    page.get_by_role("button", name="Save the limits").click()
+    expect(page.get_by_role("button", name="Discard changes")).to_have_count(0)
     assert track.owner.fleets.get(track.fleet_id).gate is None
 
 

@@ -3,19 +3,18 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from math import cos, radians, sin
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.camera_models import ANGLES
+from apexcal.documents.results import FIELD_AZIMUTHS_DEG, FIELD_ELEVATIONS_DEG, FIELD_RANGES_M
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import predict, residuals_and_jacobian
 from workers.solver.uncertainty import turns_are_free
 
 Floats = NDArray[np.float64]
-_STEP_DEG: Final = 10
-_RANGES_M: Final = (5.0, 20.0)
 
 
 def field(problem: FitProblem, document: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -63,8 +62,8 @@ def _points() -> Floats:
     return np.array(
         [
             (r * cos(radians(e)) * cos(radians(a)), r * cos(radians(e)) * sin(radians(a)), r * sin(radians(e)))
-            for r in _RANGES_M
-            for e in range(-90 + _STEP_DEG, 90, _STEP_DEG)
-            for a in range(-180, 180, _STEP_DEG)
+            for r in FIELD_RANGES_M
+            for e in FIELD_ELEVATIONS_DEG
+            for a in FIELD_AZIMUTHS_DEG
         ]
     )

@@ -47,6 +47,7 @@ _ROOMS = {
     "preview": "studying",
     "suggestion": "studying",
     "detect": "detecting",
+    "corners": "cornering",
     "clock_offset": "studying",
     "solve": "solving",
     "consistency": "comparing",
@@ -57,7 +58,7 @@ _ROOMS = {
 }
 WORK: dict[str, Work] = {kind: _of(room, kind) for kind, room in _ROOMS.items()}
 # The modules that need no kernels.
-_READING = {"ingesting", "packing", "copying"}
+_READING = {"ingesting", "packing", "copying", "cornering"}
 
 # A stumble of the surroundings, not of the work: worth another try a little later.
 _PASSING = (OperationalError, ConnectionError, TimeoutError, OSError, ReservationEndedError)

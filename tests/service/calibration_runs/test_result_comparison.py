@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from service.calibration_runs.result_comparison import compared
+from service.calibration_runs.result_comparison import compared, side_by_side
 
 NAMES = ["rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z", "f_x"]
 C = np.diag([0.05, 0.04, 0.03, 0.004, 0.005, 0.006, 1.0]) ** 2
@@ -15,7 +15,7 @@ def result(turn_deg, t, u=0.0):
     turned = Rotation.from_rotvec(np.radians(turn_deg)) * Rotation.from_euler("y", 80, degrees=True)
     return {
         "transform": {"rotation": {"matrix": turned.as_matrix().tolist()}, "translation_m": t},
-        "intrinsics": {"f_x": 600.0},
+        "intrinsics": {"model": "pinhole", "f_x": 600.0, "c_x": 300.0 + u, "k1": 0.1},
         "std": dict(zip(NAMES, np.sqrt(np.diag(C)).tolist(), strict=True)),
         "covariance": {"names": NAMES, "units": [], "matrix": C.tolist()},
         "field": {
@@ -58,3 +58,33 @@ def test_results_of_before_and_without_deviations():
     one, other = result([0.0] * 3, [0.0] * 3), result([0.1, 0.0, 0.0], [0.0] * 3)
     assert compared({k: v for k, v in one.items() if k != "field"}, other, None, None)["field_px"] is None
     assert compared(one, other | {"std": None}, None, None) is None
+
+
+def test_two_results_side_by_side():
+    one, other = result([0.0, 0.0, 0.0], [0.1, 0.2, 0.3]), result([0.02, 0.0, 0.0], [0.1, 0.203, 0.3], u=3.0)
+    one["field"]["number"] = other["field"]["number"] = [3, 611, 612]
+    found = side_by_side(one, other, None, None)
+    assert found["turn_deg"] == pytest.approx([-0.02, 0.0, 0.0], abs=1e-9)
+    assert found["shift_mm"] == pytest.approx([0.0, -3.0, 0.0], abs=1e-9)
+    by_name = {each["name"]: each for each in found["parameters"]}
+    t_y = by_name["t_y"]
+    assert (t_y["unit"], t_y["difference"]) == ("mm", pytest.approx(-3.0))
+    assert t_y["std"] == pytest.approx(5.0 * 2**0.5) and t_y["sigmas"] == pytest.approx(3.0 / (5.0 * 2**0.5))
+    # No deviation of c_x and k1 is stated; k1 means the same in both models.
+    assert (by_name["c_x"]["difference"], by_name["c_x"]["sigmas"]) == (-3.0, None)
+    assert by_name["k1"]["difference"] == 0.0
+    field = found["field"]
+    # Points are counted by range first: 612 at 5 m, then those at 20 m.
+    assert field["distance_m"] == [5.0, 5.0, 20.0]
+    assert field["du"] == [-3.0, -3.0, 0.0] and field["dv"] == [0.0, 0.0, 0.0]
+    assert field["sigma_px"] == pytest.approx([2**0.5 * sigma for sigma in (0.5, 1.0, 2.0)])
+    assert found["field_px"] == pytest.approx((2 * 9 / 3) ** 0.5)
+
+
+def test_two_models_side_by_side_and_one_without_deviations():
+    one, other = result([0.0] * 3, [0.0] * 3), result([0.1, 0.0, 0.0], [0.0] * 3)
+    other["intrinsics"] |= {"model": "kannala_brandt"}
+    found = side_by_side(one, other | {"std": None, "field": None}, None, None)
+    assert found["rotation_deg"] == pytest.approx(0.1)
+    assert (found["sigmas"], found["differs"], found["field"], found["field_px"]) == (None, None, None, None)
+    assert "k1" not in [each["name"] for each in found["parameters"]]

@@ -4,6 +4,7 @@ import re
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
+from uuid import UUID
 
 import pytest
 from sqlalchemy import event, select
@@ -149,7 +150,7 @@ def seed_results(api, rig, mounts):
             }
             session.add(result)
             session.flush()
-            model = {"result_id": str(result.id)}
+            model = {"result_id": str(result.id), "objections": []}
             calibration.summary = {"cameras": {"front": {"recommended": "pinhole", "models": {"pinhole": model}}}}
 
 
@@ -197,3 +198,70 @@ def test_drift_compares_each_result_with_the_one_before_and_the_first(api, engin
         assert step["from_first"]["translation_mm"] == pytest.approx(
             1e3 * abs(step["transform"]["translation_m"][0] - mounts[0])
         )
+
+
+def drift_of(engineer, rig, **asked):
+    return engineer.get(f"/vehicles/{rig.vehicle_id}/drift", params={"camera": "front", **asked}).json()
+
+
+def test_drift_has_pages_and_compares_over_their_borders(api, engineer, rig):
+    mounts = [0.0, 0.001, 0.060, 0.061, 0.062]
+    seed_results(api, rig, mounts)
+    newest = drift_of(engineer, rig, limit=2)
+    middle = drift_of(engineer, rig, limit=2, after=newest["next"])
+    oldest = drift_of(engineer, rig, limit=2, after=middle["next"])
+    pages = [[step["transform"]["translation_m"][0] for step in one["steps"]] for one in (oldest, middle, newest)]
+    assert pages == [[0.0], [0.001, 0.060], [0.061, 0.062]]
+    assert oldest["next"] is None and oldest["steps"][0]["from_previous"] is None
+    # The first of a page has no first before it, but one before.
+    first = newest["steps"][0]
+    assert first["from_first"] is None and first["from_previous"]["shift_mm"][0] == pytest.approx(1.0)
+    assert newest["steps"][0]["std"]["t_x"] == 0.005
+    refused = engineer.get(f"/vehicles/{rig.vehicle_id}/drift", params={"camera": "front", "after": rig.id.hex})
+    assert (refused.status_code, refused.json()["code"]) == (422, "invalid_cursor")
+    assert drift_of(engineer, rig, after="nothing")["code"] == "invalid_cursor"
+
+
+def test_drift_marks_what_was_withdrawn_and_compares_nothing_with_it(api, fleet, engineer, rig):
+    seed_results(api, rig, [0.0, 0.060, 0.001])
+    reviewer = api.member(fleet, "reviewer")
+    moved = drift_of(engineer, rig)["steps"][1]["result_id"]
+    said = reviewer.post(f"/results/{moved}/publication", {"reason": "to be looked at"})
+    assert said.status_code == 201, said.text
+    publication = said.json()["id"]
+    assert drift_of(engineer, rig)["steps"][1]["withdrawn"] is None
+    gone = reviewer.post(f"/publications/{publication}/withdrawal", {"reason": "the board was bent"})
+    assert gone.status_code in (200, 201), gone.text
+    drift = drift_of(engineer, rig)
+    _, withdrawn, last = drift["steps"]
+    assert withdrawn["withdrawn"]["reason"] == "the board was bent"
+    assert withdrawn["from_previous"]["differs"]
+    assert last["from_previous"]["shift_mm"][0] == pytest.approx(1.0), "compared with the first"
+    assert "did not move" in drift["sentence"] and "1 withdrawn result is left out" in drift["sentence"]
+    again = reviewer.post(f"/results/{moved}/publication", {"override": {"reason": "it was not"}})
+    assert again.status_code == 201, again.text
+    assert drift_of(engineer, rig)["steps"][1]["withdrawn"] is None
+
+
+def test_two_results_of_a_camera_are_compared(api, fleet, engineer, rig):
+    seed_results(api, rig, [0.0, 0.060])
+    one, other = (step["result_id"] for step in drift_of(engineer, rig)["steps"])
+    found = api.member(fleet, "viewer").get(f"/results/{one}/comparison", params={"other": other}).json()
+    assert found["translation_mm"] == pytest.approx(60.0)
+    assert found["differs"] and not found["shares_pairs"] and "more than chance" in found["sentence"]
+    assert found["parameters"][3] == {
+        "name": "t_x",
+        "unit": "mm",
+        "difference": pytest.approx(-60.0),
+        "std": pytest.approx(5.0 * 2**0.5),
+        "sigmas": pytest.approx(60.0 / (5.0 * 2**0.5)),
+    }
+    itself = engineer.get(f"/results/{one}/comparison", params={"other": one}).json()
+    assert itself["shares_pairs"] and itself["sigmas"] == 0.0
+    with api.database.writing() as session:
+        row = session.get(Result, UUID(other))
+        row.camera = "rear"
+    refused = engineer.get(f"/results/{one}/comparison", params={"other": other})
+    assert (refused.status_code, refused.json()["code"]) == (422, "result_of_another_camera")
+    stranger = api.member(api.fleet(), "engineer")
+    assert stranger.get(f"/results/{one}/comparison", params={"other": other}).status_code == 404

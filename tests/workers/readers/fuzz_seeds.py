@@ -54,7 +54,13 @@ def rosbag1_packed(folder):
 
 
 def pcap(folder):
-    for sensor, mode in (("vlp16", 0x37), ("hdl32e", 0x39)):
+    for sensor, mode in (
+        ("vlp16", 0x37),
+        ("hdl32e", 0x39),
+        ("vlp32c", 0x37),
+        ("hdl64e", 0x37),
+        ("alpha_prime", 0x38),
+    ):
         yield write_pcap(folder / sensor, captured(packets(sensor, 1.4, mode=mode))).read_bytes()
 
 
@@ -79,6 +85,24 @@ def members():
     rows = [f"{name},{START_NS + i * PERIOD_NS}" for i, name in enumerate(n for n in files if "/" in n)]
     files["timestamps.csv"] += "\n".join(rows).encode()
     return files
+
+
+_PLY_FORMS = {"<": "binary_little_endian", ">": "binary_big_endian", "": "ascii"}
+
+
+def ply(order):
+    """A cloud as PLY, its numbers in this order of bytes or as text."""
+    rows = np.column_stack([few()[name] for name in _COLUMNS]).astype(np.float32)
+    lines = ["ply", f"format {_PLY_FORMS[order]} 1.0", f"element vertex {len(rows)}"]
+    lines += [*(f"property float {name}" for name in _COLUMNS), "end_header", ""]
+    text = "".join(" ".join(f"{value:.4g}" for value in row) + "\n" for row in rows).encode()
+    return "\n".join(lines).encode() + (rows.astype(f"{order}f4").tobytes() if order else text)
+
+
+def ply_members():
+    """Clouds as PLY in every form; times in the names."""
+    files = {f"clouds/{START_NS + i * PERIOD_NS}.ply": ply(order) for i, order in enumerate(_PLY_FORMS)}
+    return files | _images()
 
 
 def tar_of(files, mode="w"):
@@ -215,6 +239,7 @@ REPACKED = {
     "ROS 2 folder": (tar_of, ros2_members),
     "arrays": (tar_of, array_members),
     "tables": (tar_of, table_members),
+    "PLY": (tar_of, ply_members),
     "bag and video": (tar_of, video_members),
 }
 SEEDS = {

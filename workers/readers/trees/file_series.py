@@ -63,7 +63,19 @@ def group_files(paths: Sequence[str]) -> list[Group]:
             groups += [Group(kind, name, folder, sorted(files)) for name, files in by_name.items()]
         else:
             groups.append(Group(kind, plain, folder, sorted(path for files in stems.values() for path in files)))
-    return groups
+    return _told_apart(groups)
+
+
+def _told_apart(groups: Sequence[Group]) -> list[Group]:
+    """Groups with names of their own. Files beside a folder `clouds` have its name, too: the later are numbered."""
+    named: dict[str, Group] = {}
+    for group in groups:
+        name, number = group.name, 1
+        while name in named:
+            number += 1
+            name = f"{group.name}_{number}"
+        named[name] = replace(group, name=name)
+    return list(named.values())
 
 
 def _plain_name(kind: Kind, folder: str, both: bool) -> str:

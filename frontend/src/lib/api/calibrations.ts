@@ -9,10 +9,12 @@ import {
   type CalibrationRequest,
   type CorrespondenceSet,
   type CurrentCalibration,
+  type OverlayFile,
   type Publication,
   type ReadFiles,
   type Report,
   type Result,
+  type ResultComparison,
   type StatedComparison,
   type StatedFiles,
 } from "./types.ts";
@@ -50,6 +52,10 @@ export const cancelCalibration = (calibration_id: string): Promise<unknown> =>
 
 export const result = (result_id: string): Read<Result> => read("/v1/results/{result_id}", { result_id });
 
+/** How far a result is from another one of its camera. */
+export const comparison = (result_id: string, other: string): Read<ResultComparison> =>
+  read("/v1/results/{result_id}/comparison", { result_id: other ? result_id : "" }, { other });
+
 /** Has the report of a result made; it is followed with `report`. */
 export const makeReport = (result_id: string): Promise<Report> =>
   bodyOf(client.POST("/v1/results/{result_id}/report", { params: { path: { result_id } }, ...once() }));
@@ -58,6 +64,21 @@ export const report = (report_id: string): Promise<Report> =>
   bodyOf(client.GET("/v1/reports/{report_id}", { params: { path: { report_id } } }));
 
 export const reportUrl = (id: string): string => `/v1/results/${id}/report`;
+
+/** Has a worker draw a frame with the sweep nearest to it; it is followed with `overlay`. */
+export const drawOverlay = (result_id: string, recording_id: string, frame: number): Promise<OverlayFile> =>
+  bodyOf(
+    client.POST("/v1/results/{result_id}/overlays", {
+      params: { path: { result_id } },
+      body: { frame, recording_id },
+      ...once(),
+    }),
+  );
+
+export const overlay = (overlay_id: string): Promise<OverlayFile> =>
+  bodyOf(client.GET("/v1/overlays/{overlay_id}", { params: { path: { overlay_id } } }));
+
+export const overlayUrl = (id: string): string => `/v1/overlays/${id}/image`;
 
 /** Asks for a result's calibration again, without those of its pairs that have these numbers. */
 export async function calibrateWithout(found: Result, pairs: number[]): Promise<{ id: string }> {

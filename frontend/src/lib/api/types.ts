@@ -90,12 +90,17 @@ export type CameraPair = Schemas["CameraPair"];
 export type RigConsistency = Schemas["RigSummary"];
 export type Result = Schemas["ResultView"];
 export type Outlier = Schemas["Outlier"];
+export type OverlayFile = Schemas["OverlayView"];
 export type Report = Schemas["ReportView"];
 export type Publication = Schemas["PublicationView"];
 export type AliasMove = Schemas["AliasMoveView"];
 export type StatedFiles = Schemas["CalibrationFiles"];
 export type ReadFiles = Schemas["ReadFiles"];
 export type StatedComparison = Schemas["StatedComparison"];
+export type ResultComparison = Schemas["ResultComparison"];
+export type FieldDifference = Schemas["FieldDifference"];
+export type Drift = Schemas["Drift"];
+export type DriftStep = Schemas["DriftStep"];
 export type CurrentCalibration = Schemas["CurrentCalibration"];
 /** The camera models, in the order in which people read them. */
 export const MODELS = ["pinhole", "brown_conrady", "kannala_brandt"] as const;

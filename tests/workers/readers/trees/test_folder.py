@@ -81,6 +81,15 @@ def test_clouds_and_images_in_one_subfolder_have_names_of_their_own(tmp_path):
     assert [s.name for s in FolderRecording(tmp_path, ReadOptions()).sensors] == ["images", "clouds"]
 
 
+def test_files_beside_a_folder_that_has_their_name_are_another_sensor(tmp_path):
+    for place in ("", "clouds", "walk", "walk/data"):
+        for number in (1, 2):
+            write_pcd(tmp_path / "drive" / place / f"{number}.pcd")
+    recording = FolderRecording(tmp_path / "drive", ReadOptions())
+    assert names(recording) == [("lidar", name, 2) for name in ("clouds", "clouds_2", "walk", "walk_2")]
+    assert [len(list(recording.sweeps(lidar))) for lidar in recording.sensors] == [2, 2, 2, 2]
+
+
 def test_numbered_files_are_simultaneous_and_each_sweep_one_moment(tmp_path):
     for i in (2, 10, 9):
         write_pcd(tmp_path / f"pose{i}.pcd")

@@ -1,0 +1,135 @@
+"""Vertices of the corners that people are to mark: made beside the tips, for some ranks at a time."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import case, insert, select, update
+from sqlalchemy.orm import Session
+
+from apexcal.documents.corners import TOP, CornerName, how_far
+from service.db.annotations import MarkingFrontier
+from service.db.base import Json
+from service.db.detections import Apex, Detection, Vertex, VertexFrame
+from service.db.ids import new_id
+
+Known = tuple[UUID, tuple[float, float, float]]
+"""An apex's id and place."""
+
+
+def make_corners(session: Session, detection: Detection, ranks: range) -> None:
+    """Give the tips of these ranks a vertex for each asked corner that they state, unless there is one already.
+
+    The caller holds the recording's lock: runs of one recording share its apexes.
+    """
+    of_ranks = (Vertex.detection_id == detection.id, Vertex.rank >= ranks.start, Vertex.rank < ranks.stop)
+    there = {(rank, corner) for rank, corner in session.execute(select(Vertex.rank, Vertex.corner).where(*of_ranks))}
+    tips = session.scalars(select(Vertex).where(*of_ranks, Vertex.corner == TOP)).all()
+    wanted = [name for name in detection.marked_corners or () if name != TOP]
+    new = [
+        (tip, stated)
+        for tip in tips
+        for corner in wanted
+        if (tip.rank, corner) not in there and (stated := named(tip.corners, corner)) is not None
+    ]
+    if not new:
+        return
+    known = _apexes(session, detection.recording_id, {tip.sweep_index for tip, _ in new})
+    frames: dict[UUID, list[VertexFrame]] = defaultdict(list)
+    of_tips = select(VertexFrame).join(Vertex, Vertex.id == VertexFrame.vertex_id)
+    for frame in session.scalars(of_tips.where(*of_ranks, Vertex.corner == TOP)):
+        frames[frame.vertex_id].append(frame)
+    apexes: list[Json] = []
+    vertices: list[Json] = []
+    paired: list[Json] = []
+    for tip, stated in new:
+        apex_id = _same(known[tip.sweep_index, stated["corner"]], stated)
+        if apex_id is None:
+            apexes.append(_apex(tip, detection.recording_id, stated))
+            apex_id = apexes[-1]["id"]
+        vertices.append(_vertex(tip, apex_id, stated))
+        paired += [_frame(frame, vertices[-1]["id"], stated["corner"]) for frame in frames[tip.id]]
+    rows: tuple[tuple[type[Any], list[Json]], ...] = ((Apex, apexes), (Vertex, vertices), (VertexFrame, paired))
+    for table, values in rows:
+        if values:
+            session.execute(insert(table), values)
+    _take_back_frontiers(session, detection, ranks.start)
+
+
+def named(corners: Sequence[Json] | None, name: CornerName) -> Json | None:
+    """What a vertex states of a corner."""
+    return next((one for one in corners or () if one["corner"] == name), None)
+
+
+def _take_back_frontiers(session: Session, detection: Detection, rank: int) -> None:
+    """Whoever had no vertex left from this rank on may have one now."""
+    session.execute(
+        update(MarkingFrontier)
+        .where(MarkingFrontier.detection_id == detection.id)
+        .values(rank=case((MarkingFrontier.rank > rank, rank), else_=MarkingFrontier.rank), nothing_at=None)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def _apexes(session: Session, recording_id: UUID, sweeps: set[int]) -> dict[tuple[int, str], list[Known]]:
+    known: dict[tuple[int, str], list[Known]] = defaultdict(list)
+    asked = select(Apex.sweep_index, Apex.corner, Apex.id, Apex.x, Apex.y, Apex.z).where(
+        Apex.recording_id == recording_id, Apex.sweep_index.in_(sorted(sweeps)), Apex.corner != TOP
+    )
+    for sweep, corner, apex_id, x, y, z in session.execute(asked):
+        known[sweep, corner].append((apex_id, (x, y, z)))
+    return known
+
+
+def _same(apexes: Sequence[Known], stated: Json) -> UUID | None:
+    place = (stated["x"], stated["y"], stated["z"])
+    near = [(away, apex_id) for apex_id, xyz in apexes if (away := how_far(xyz, place)) is not None]
+    return min(near, key=lambda pair: pair[0])[1] if near else None
+
+
+def _apex(tip: Vertex, recording_id: UUID, stated: Json) -> Json:
+    place = {axis: stated[axis] for axis in "xyz"}
+    return {
+        "id": new_id(),
+        "recording_id": recording_id,
+        "sweep_index": tip.sweep_index,
+        "corner": stated["corner"],
+        **place,
+    }
+
+
+def _vertex(tip: Vertex, apex_id: UUID, stated: Json) -> Json:
+    return {
+        "id": new_id(),
+        "detection_id": tip.detection_id,
+        "apex_id": apex_id,
+        "rank": tip.rank,
+        "sweep_index": tip.sweep_index,
+        "time_ns": tip.time_ns,
+        "x": stated["x"],
+        "y": stated["y"],
+        "z": stated["z"],
+        "ring": tip.ring,
+        "points": tip.points,
+        "quality": tip.quality,
+        "flags": list(tip.flags),
+        "covariance": stated["covariance"],
+        "corner": stated["corner"],
+    }
+
+
+def _frame(of_tip: VertexFrame, vertex_id: UUID, corner: CornerName) -> Json:
+    moved = named(of_tip.corners, corner) or {}
+    return {
+        "vertex_id": vertex_id,
+        "sensor_id": of_tip.sensor_id,
+        "frame_index": of_tip.frame_index,
+        "gap_ns": of_tip.gap_ns,
+        "x": moved.get("x"),
+        "y": moved.get("y"),
+        "z": moved.get("z"),
+        "covariance": moved.get("covariance"),
+    }

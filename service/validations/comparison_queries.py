@@ -1,0 +1,90 @@
+"""How far a result is from another one of its camera."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.comparisons import ResultComparison
+from service.calibration_runs.objection_queries import spread_of_result
+from service.db.base import Json
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.http.problems import Problem, not_found
+
+
+class _Origin(NamedTuple):
+    """What a result was fitted to."""
+
+    vehicle_id: UUID
+    set_id: UUID
+    recording_id: UUID | None
+    problem: Json
+
+    def shares_pairs(self, other: _Origin) -> bool:
+        return self.set_id == other.set_id or (
+            self.recording_id is not None and self.recording_id == other.recording_id
+        )
+
+
+def comparison_of(session: Session, result: Result, other: Result) -> ResultComparison:
+    """Raises :class:`Problem` 422 ``result_of_another_camera``: sensors of two places cannot be compared."""
+    # Imported here: it needs NumPy, which takes a twentieth of the service's start.
+    from service.calibration_runs.result_comparison import side_by_side
+
+    own, their = _origin(session, result), _origin(session, other)
+    if (own.vehicle_id, result.camera) != (their.vehicle_id, other.camera):
+        raise Problem(
+            422,
+            "result_of_another_camera",
+            "The two results belong to different cameras or vehicles, so their mounts differ.",
+            "Compare two results of one camera of one vehicle.",
+        )
+    spreads = spread_of_result(session, result), spread_of_result(session, other)
+    found = side_by_side(result.document, other.document, *spreads)
+    shares_pairs = own.shares_pairs(their)
+    return ResultComparison(
+        result_id=result.id,
+        other_id=other.id,
+        vehicle_id=own.vehicle_id,
+        camera=result.camera,
+        model=result.model,
+        other_model=other.model,
+        sentence=_sentence(result.camera, found, shares_pairs=shares_pairs),
+        shares_pairs=shares_pairs,
+        # Results of older versions do not state it; what was fitted does.
+        image_size=result.document["intrinsics"].get("image_size") or own.problem.get("image_size"),
+        **found,
+    )
+
+
+def _origin(session: Session, result: Result) -> _Origin:
+    row = session.execute(
+        select(Calibration.vehicle_id, CorrespondenceSet.id, CorrespondenceSet.recording_id, CalibrationRun.problem)
+        .select_from(CalibrationRun)
+        .join(Calibration, Calibration.id == CalibrationRun.calibration_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .where(CalibrationRun.id == result.run_id)
+    ).one_or_none()
+    if row is None:
+        # Deleted at this moment.
+        raise not_found()
+    return _Origin(*row)
+
+
+def _sentence(camera: str, found: Json, *, shares_pairs: bool) -> str:
+    said = (
+        f"The mounts of {camera} differ by {found['rotation_deg']:.3f} degrees and {found['translation_mm']:.1f} mm"
+    )
+    if found["sigmas"] is None:
+        return f"{said}. One of the results states no standard deviations, so this cannot be judged."
+    said += f", {found['sigmas']:.1f} standard deviations of what both state: "
+    said += "more than chance." if found["differs"] else "chance explains it."
+    if shares_pairs:
+        said += (
+            " Both were fitted to the same pairs or to pairs of one recording. They share errors, so the difference "
+            "is more standard deviations than that."
+        )
+    return said

@@ -1,0 +1,111 @@
+"""Two results of a camera side by side, and a camera's results over time, in a browser."""
+
+import json
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from apexcal.documents.results import ResultView
+from tests.e2e.conftest import Track
+from tests.e2e.test_report import AXE
+from tests.faults.jobs import LEVEL_RIG, pairs
+
+SignIn = Callable[[str, str], Page]
+MOVED_M = 0.06
+
+
+@pytest.fixture(scope="module")
+def results(track: Track) -> list[ResultView]:
+    """Three recommended results of a vehicle of their own; before the last one the LiDAR moved 6 cm to the right."""
+    owner = track.owner
+    vehicle = owner.vehicles.create(track.fleet_id, "Drifter")
+    rig = owner.vehicles.create_rig(vehicle.id, LEVEL_RIG)
+    found: list[ResultView] = []
+    for seed, moved in ((11, 0.0), (12, 0.0), (13, MOVED_M)):
+        seen = [pair | {"y": pair["y"] + moved} for pair in pairs(150, seed)]
+        made = owner.correspondence_sets.import_pairs(rig.id, "front", seen)
+        done = owner.wait(owner.calibrations.create(vehicle.id, [made.id], ["pinhole"], folds=2), timeout_s=90)
+        assert done.summary
+        found.append(owner.calibrations.result(done.summary.cameras["front"].models["pinhole"].result_id))
+    return found
+
+
+def check(page: Page) -> None:
+    """Accessible, and no wider than the window, at each width in both themes."""
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        for width in (390, 1280, 1920):
+            page.set_viewport_size({"width": width, "height": 900})
+            page.evaluate(AXE.read_text())
+            found = page.evaluate("() => axe.run()")
+            said = [(one["id"], [node["html"][:200] for node in one["nodes"]]) for one in found["violations"]]
+            assert said == [], (scheme, width, json.dumps(said, indent=1))
+            assert page.evaluate("document.scrollingElement.scrollWidth") <= width, (scheme, width)
+    page.set_viewport_size({"width": 1280, "height": 900})
+
+
+def test_two_results_are_compared_over_the_image(sign_in: SignIn, track: Track, results: list[ResultView]) -> None:
+    first, _, last = results
+    page = sign_in("Cora", "viewer")
+    page.goto(f"{track.url}/calibrations/{last.calibration_id}")
+    page.get_by_text("Compare with another result").click()
+    # Without a current calibration the newest other one is compared; the oldest is chosen.
+    beside = page.get_by_label("This result minus")
+    beside.select_option(str(first.id))
+    expect(page.get_by_text(re.compile(r"The mounts of front differ by .*more than chance\."))).to_be_visible()
+    difference = np.array(last.transform.translation_m) - np.array(first.transform.translation_m)
+    row = page.get_by_role("row").filter(has_text="t_x").filter(has_text="mm")
+    assert abs(1e3 * difference[0] - 1e3 * MOVED_M) < 25, difference
+    expect(row.first).to_contain_text(f"+{1e3 * difference[0]:.2f} mm")
+
+    # One arrow for each point that both show at this distance, from the other one's pixel to this one's.
+    assert first.field and last.field
+    both = sorted(set(first.field.number) & set(last.field.number))
+    near = [number for number in both if number < 612]  # 17 elevations of 36 azimuths each
+    drawing = page.get_by_role("img", name=re.compile("Differences over the image at 5 m"))
+    arrows = drawing.locator("g")
+    expect(arrows).to_have_count(len(near))
+    said = arrows.first.locator("title").text_content() or ""
+    here, there = last.field.number.index(near[0]), first.field.number.index(near[0])
+    apart = np.hypot(last.field.u[here] - first.field.u[there], last.field.v[here] - first.field.v[there])
+    assert said.strip().startswith(f"{apart:.2f} px apart at {round(last.field.u[here])}")
+    # The shift of 6 cm is 500 * 0.06 / 5 px near, and a quarter of it far away.
+    assert "more than chance" in (drawing.get_attribute("aria-label") or "")
+    page.get_by_role("button", name="20 m").click()
+    expect(page.get_by_role("img", name=re.compile("Differences over the image at 20 m"))).to_be_visible()
+    check(page)
+
+
+def test_drift_is_drawn_and_what_was_withdrawn_is_marked(
+    sign_in: SignIn, track: Track, results: list[ResultView]
+) -> None:
+    vehicle = results[0].vehicle_id
+    page = sign_in("Dora", "engineer")
+    page.goto(f"{track.url}/vehicles/{vehicle}")
+    expect(page.get_by_text(re.compile("Over 3 results of front the mount moved"))).to_be_visible()
+    shifts = page.get_by_role("img", name=re.compile("shift from the first, mm, over time"))
+    # Three lines of three results; the upright line is where the mount moved.
+    expect(shifts.locator("circle.target")).to_have_count(9)
+    expect(shifts.locator(".jump")).to_have_count(1)
+    page.get_by_text("The numbers").click()
+    drift = track.owner.validations.drift(vehicle, "front")
+    last = drift.steps[-1].from_first
+    assert last and last.shift_mm
+    expect(page.get_by_role("row").nth(1)).to_be_visible()
+    numbers = page.get_by_role("table").filter(has_text="From the one before").get_by_role("row").nth(1)
+    expect(numbers).to_contain_text(f"{last.rotation_deg:.3f}°, {last.translation_mm:.1f} mm")
+    ends = f"x ends at {last.shift_mm[0]:.1f}, y ends at {last.shift_mm[1]:.1f}, z ends at {last.shift_mm[2]:.1f}"
+    assert ends in (shifts.get_attribute("aria-label") or "")
+    check(page)
+
+    published = track.owner.calibrations.publish(results[2].id, "to be withdrawn", override=True)
+    track.owner.calibrations.withdraw(published.id, "the board was bent")
+    page.reload()
+    expect(page.get_by_text(re.compile("Over 2 results.*1 withdrawn result is left out"))).to_be_visible()
+    expect(shifts.locator("path.withdrawn")).to_have_count(3)
+    expect(shifts.locator(".jump")).to_have_count(0)
+    page.get_by_text("The numbers").click()
+    expect(numbers).to_contain_text("withdrawn: the board was bent")
