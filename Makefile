@@ -32,9 +32,9 @@ test: setup frontend  ## all tests but the long ones, each draw the same at ever
 
 test-long: setup frontend  ## all tests, with new draws
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ARGS)
-# Three at a time, because they wait for a third of their time; in the order of tests/support/side_by_side.py.
+# Four at a time: three start services and mostly wait, the fourth computes; in the order of tests/support/side_by_side.py.
 # SIDE_BY_SIDE= runs them one after the other.
-SIDE_BY_SIDE ?= -n 3 --dist loadfile
+SIDE_BY_SIDE ?= -n 4 --dist loadfile
 # One thread for linear algebra, as in every worker: idle threads of several processes would keep spinning. The modules
 # that pytest rewrites are kept compiled, whatever the caller's environment says.
 test test-long: export OPENBLAS_NUM_THREADS = 1

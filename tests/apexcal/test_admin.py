@@ -14,7 +14,7 @@ from service.admin.errors import AdminError
 from service.admin.people_commands import public_url
 from service.settings import Settings
 from tests.apexcal.conftest import Embedded
-from tests.apexcal.test_cli import apexcal
+from tests.apexcal.test_cli import program
 
 
 @pytest.mark.parametrize(
@@ -31,9 +31,9 @@ def test_the_folder_may_stand_anywhere(words: list[str], moved: list[str]):
 
 
 def test_a_link_of_the_operator_leads_to_the_running_service(embedded: Embedded):
-    listed = apexcal("admin", "users", "list", "--json", "--data", embedded.data)
+    listed = program("admin", "users", "list", "--json", "--data", embedded.data)
     assert listed.returncode == 0, listed.stderr
-    made = apexcal("admin", "users", "link", json.loads(listed.stdout)[0]["id"], "--data", embedded.data)
+    made = program("admin", "users", "link", json.loads(listed.stdout)[0]["id"], "--data", embedded.data)
     assert made.returncode == 0, made.stderr
     assert f"{embedded.url}/sign-in#" in made.stdout
     assert made.stderr == ""

@@ -9,7 +9,7 @@ import pytest
 
 from apexcal.embedded.folder import DataFolder
 from tests.apexcal.conftest import SERVE, Embedded, start, stop
-from tests.apexcal.test_cli import apexcal
+from tests.apexcal.test_cli import program
 
 
 def open_to_others(path: Path) -> bool:
@@ -48,7 +48,7 @@ def test_all_that_is_made_in_a_folder_that_was_open_is_its_owners_alone(tmp_path
 
 def test_a_backup_is_its_owners_alone(embedded: Embedded, tmp_path: Path) -> None:
     target = tmp_path / "backup"
-    done = apexcal("admin", "backup", target, "--data", embedded.data)
+    done = program("admin", "backup", target, "--data", embedded.data)
     assert done.returncode == 0, done.stderr
     made = [target, *target.rglob("*")]
     assert len(made) > 10 and not [path for path in made if open_to_others(path)]

@@ -95,6 +95,7 @@ def test_it_fails_with_its_reason_and_keeps_the_original(api, context, tmp_path,
     assert engineer.get(f"/recordings/{made['id']}/original").content == data
 
 
+@one_database
 @pytest.mark.usefixtures("broker")
 def test_which_is_which_is_asked_with_what_there_is(api, context, tmp_path):
     engineer = api.member(api.fleet(), "engineer")
@@ -116,6 +117,7 @@ def test_which_is_which_is_asked_with_what_there_is(api, context, tmp_path):
     assert ready["sensors"][0]["facts"]["overlap_share"] > 0.9 and ready["facts"]["together_s"] > 0.3
 
 
+@one_database
 @pytest.mark.usefixtures("broker")
 def test_a_whole_whose_checksum_is_wrong_fails_before_it_is_read(api, context, tmp_path):
     engineer = api.member(api.fleet(), "engineer")
@@ -139,6 +141,7 @@ def test_what_the_owner_knows_of_the_file_reaches_the_reader(api, context, tmp_p
     assert lidar["facts"]["time_source"] == source
 
 
+@one_database
 @pytest.mark.usefixtures("broker")
 def test_a_good_one_is_ready_and_its_frames_are_served_as_they_were(api, context, tmp_path):
     engineer = api.member(api.fleet(), "engineer")

@@ -13,6 +13,7 @@ from service.db.fleets import Fleet
 from service.db.models import Blob, Report
 from tests.contract.test_work import SCHEDULE, pairs_of_a_pinhole
 from tests.service.detections.seeding import seed_rig
+from tests.support.databases import one_database
 from tests.support.work import work
 
 pytestmark = pytest.mark.usefixtures("broker")
@@ -79,6 +80,7 @@ def test_a_report_is_made_kept_and_replaced(api, context, made):
     assert api.member(fleet, "viewer").get(f"/results/{result}/report").status_code == 200
 
 
+@one_database
 def test_a_result_of_an_older_version_has_a_report(api, context, made):
     engineer, result, _ = made
     with api.database.writing() as session:
@@ -92,6 +94,7 @@ def test_a_result_of_an_older_version_has_a_report(api, context, made):
     assert '"image_size":[' in engineer.get(f"/results/{result}/report").text
 
 
+@one_database
 def test_a_report_shows_what_other_data_say(api, context, made):
     engineer, result, _ = made
     found = engineer.get(f"/results/{result}").json()
@@ -133,6 +136,7 @@ def test_reports_count_to_the_quota(api, context, made):
     assert (refused.status_code, refused.json()["code"]) == (403, "fleet_quota_exceeded")
 
 
+@one_database
 def test_of_marks_only_reviewers_see_it_and_only_of_a_whole_fit(api, context, made):
     engineer, result, fleet = made
     engineer.post(f"/results/{result}/report")
@@ -150,6 +154,7 @@ def test_of_marks_only_reviewers_see_it_and_only_of_a_whole_fit(api, context, ma
     assert engineer.post(f"/results/{fold}/report").json()["code"] == "not_a_fit_to_all_pairs"
 
 
+@one_database
 def test_pairs_are_left_out_and_the_calibration_asked_for_again(api, context, made):
     engineer, result, _ = made
     found = engineer.get(f"/results/{result}").json()

@@ -9,6 +9,7 @@ from sqlalchemy import select
 from service.db.models import Calibration, Job
 from service.jobs.claims import claim, finishing
 from service.jobs.sweep import sweep
+from tests.support.databases import one_database
 from tests.support.work import work
 from tests.workers.solver.two_cameras import FRONT, LEFT, SIZE, walked
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
@@ -83,6 +84,7 @@ def test_two_cameras_are_compared_when_both_are_done(api, context):
     assert provenance["request"]["seed"] == result["seed"] == done["request"]["seed"]
 
 
+@one_database
 def test_a_rig_that_states_something_else_is_an_alarm_that_publishes_nothing(api, context):
     wrong = copy.deepcopy(TRUE)
     wrong["translation_m"][0] += 1.0

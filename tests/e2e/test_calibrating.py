@@ -187,7 +187,9 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
     second, _ = add_cart(track, "Cart 2", 40)
     add_cart(track, "Cart 3", 5)
     # Keeps the only worker until the second cart has lost all of its own.
-    slow = track.owner.calibrations.create(first, [first_set], models=["pinhole"], folds=0, schedule=SLOW)
+    slow = track.owner.calibrations.create(
+        first, [first_set], models=["pinhole"], folds=0, schedule=SLOW | {"generations": 1000}
+    )
     page = sign_in("Mia", "engineer")
     page.get_by_role("link", name="Fleet requests").click()
     ask_for_the_carts(page, models=1, folds=0)

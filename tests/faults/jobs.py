@@ -17,8 +17,8 @@ from apexcal.documents.fleets import RigOut, VehicleOut
 from apexcal.rigs import read_rig
 
 REGION = {"and": [{"quantity": "x", "op": ">", "value": 1.0}, {"quantity": "z", "op": ">", "value": -1.2}]}
-# A slot of about half a second, so that a kill finds somebody at work.
-SLOW = {"slots": 4, "population": 2000, "generations": 1000, "max_iterations": 2}
+# A slot of about a quarter of a second, so that a kill finds somebody at work.
+SLOW = {"slots": 4, "population": 2000, "generations": 400, "max_iterations": 2}
 
 
 class Walk(NamedTuple):

@@ -62,7 +62,7 @@ def test_a_worker_process_killed_within_a_slot(farm: Farm, undisturbed):
 @both_in_the_long_form
 def test_the_whole_worker_killed(farm: Farm, undisturbed):
     calibration = ask(farm.client, next(_names))
-    time.sleep(0.5)
+    wait_until(lambda: _running(farm) != [], "work", 120)
     farm.kill("worker")
     farm.start("worker")
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)

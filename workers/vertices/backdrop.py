@@ -92,18 +92,24 @@ class Backdrop:
             _fill(sweep.xyz, sweep.ring, near[place], far[place])
         return replace(self, stamps_ns=[sweep.stamp_ns for sweep in sweeps], near=near, far=far)
 
-    def compare(self, sweep: Sweep) -> Compared:
-        """What is still and what moved in a sweep of the recording; everything is neither without another sweep."""
+    def compare(self, sweep: Sweep, kept: Mask | None = None) -> Compared:
+        """What is still and what moved in a sweep of the recording; everything is neither without another sweep.
+
+        Args:
+            kept: (N,) points to look at; all others are neither.
+        """
+        kept = np.ones(len(sweep.xyz), np.bool_) if kept is None else kept
+        still, moved = np.zeros((2, len(kept)), np.bool_)
         others = np.array(
             [place for place, stamp_ns in enumerate(self.stamps_ns) if stamp_ns != sweep.stamp_ns], np.int64
         )
         if not others.size:
-            nothing = np.zeros(len(sweep.xyz), np.bool_)
-            return Compared(nothing, nothing.copy())
-        same, beyond, none = _look(sweep.xyz, sweep.ring, self.near, self.far, others, self.tolerance_m)
+            return Compared(still, moved)
+        same, beyond, none = _look(sweep.xyz[kept], sweep.ring[kept], self.near, self.far, others, self.tolerance_m)
         count = others.size
-        still = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= _SAME_SHARE * (same + beyond + none))
-        return Compared(still, ~still & (beyond + none >= max(1.0, _BEHIND_SHARE * count)))
+        still[kept] = (same >= max(1.0, _SEEN_SHARE * count)) & (same >= _SAME_SHARE * (same + beyond + none))
+        moved[kept] = ~still[kept] & (beyond + none >= max(1.0, _BEHIND_SHARE * count))
+        return Compared(still, moved)
 
     def fixed(self, sweep: Sweep, kept: Mask) -> Mask:
         """Which of the points ``kept`` (N,) are the same in nearly all sweeps that can see their place."""

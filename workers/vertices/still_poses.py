@@ -91,7 +91,7 @@ class StillPoses:
         Of a single pose, walls and what else is too large for a board with its bearer is backdrop.
         """
         if not self.single:
-            return kept & ~self.backdrop.compare(sweep).still
+            return kept & ~self.backdrop.compare(sweep, kept).still
         pieces = upright_pieces(sweep, kept, self.grid)
         return np.logical_or.reduce(pieces) if pieces else kept
 
@@ -180,7 +180,8 @@ def _same_pose(one: Sweep, other: Sweep, region: Region, backdrop: Backdrop) -> 
     """Whether there is something before the backdrop in the region, and it is the same in both sweeps."""
     both = backdrop.again([one, other])
     for sweep, place in ((one, 1), (other, 0)):
-        if both.same(sweep, region.mask(sweep.xyz) & ~backdrop.compare(sweep).still, place) < _SAME_POSE:
+        kept = region.mask(sweep.xyz)
+        if both.same(sweep, kept & ~backdrop.compare(sweep, kept).still, place) < _SAME_POSE:
             return False
     return True
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from uuid import UUID
@@ -122,11 +123,14 @@ def let_backoff_end(database: Database) -> None:
 
 @contextmanager
 def statements(database: Database) -> Iterator[list[str]]:
-    """The first words of the statements that reach the database meanwhile, but for the beginning of transactions."""
+    """The first words of the statements that reach the database meanwhile.
+
+    Without the beginning of transactions, and without a lease's looks, whose number is that of the seconds passed.
+    """
     seen: list[str] = []
 
     def note(connection: object, cursor: object, statement: str, *_: object) -> None:
-        if not statement.startswith("BEGIN"):
+        if not (statement.startswith("BEGIN") or threading.current_thread().name.startswith("lease-")):
             seen.append(statement.split()[0])
 
     event.listen(database.engine, "before_cursor_execute", note)

@@ -1,6 +1,7 @@
 """The refined detector on simulated walks, and on the 20 real poses."""
 
 import csv
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -69,7 +70,8 @@ def test_a_vertex_says_when_and_from_what_it_was_measured():
 
 def test_shards_give_what_the_whole_gives(whole):
     recorded, found = whole
-    parts = [detected(recorded, indices=range(first, first + 75), margin=3) for first in range(0, 300, 75)]
+    ends = (0, 75, 150, 300)
+    parts = [detected(recorded, indices=range(*part), margin=3) for part in pairwise(ends)]
     assert [vertex for part in parts for vertex in part.vertices] == found.vertices
     reasons = [part.rejected for part in parts]
     assert {name: sum(part.get(name, 0) for part in reasons) for name in found.rejected} == found.rejected
