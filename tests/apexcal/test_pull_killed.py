@@ -99,7 +99,7 @@ def test_the_network_is_gone(trouble):
 def test_the_answer_is_cut_off_in_its_middle(trouble):
     trouble.car.publish()
     with cut_off(trouble.car.url) as url:
-        said = trouble.kill("--timeout", "2", stride=7, url=url)
+        said = trouble.kill("--timeout", "2", url=url)
     assert said["found"] == [[trouble.good, True]] and said["exit_code"] == 3
     assert trouble.car.pull().exit_code == 0 and trouble.digest() != trouble.good
 
