@@ -270,8 +270,8 @@ def test_a_bag_with_its_tree_goes_in_and_a_verified_urdf_comes_out(
     x, y, z = T[:3, :3] @ np.array([[one[axis] for one in seen] for axis in "xyz"]) + T[:3, 3:]
     current = track.owner.calibrations.current(vehicle, "front")
     lens = current.intrinsics
-    u = lens["f_x"] * x / z + lens["c_x"] - [one["u"] for one in seen]
-    v = lens["f_y"] * y / z + lens["c_y"] - [one["v"] for one in seen]
+    u = lens.f_x * x / z + lens.c_x - [one["u"] for one in seen]
+    v = lens.f_y * y / z + lens.c_y - [one["v"] for one in seen]
     assert np.sqrt(np.mean(u**2 + v**2)) == pytest.approx(current.quality.rms_px, abs=1e-4)
     assert current.quality.rms_px < 1.6
 
