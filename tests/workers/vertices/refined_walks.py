@@ -30,12 +30,25 @@ class Recorded:
 
 
 @cache
-def walk(seed, seconds, *, sensor="vlp16", rings=None, noise_m=0.008, plan="field", disturbances=None, mount=None):
+def walk(
+    seed,
+    seconds,
+    *,
+    sensor="vlp16",
+    rings=None,
+    noise_m=0.008,
+    plan="field",
+    disturbances=None,
+    mount=None,
+    flaws=None,
+):
     spoiled = disturbances or Disturbances()
     scene = scene_with(spoiled.poles, seed)
     way = walker(seed, seconds, plan=plan, disturbances=spoiled)
     model = with_rings(SENSORS[sensor], rings) if rings else SENSORS[sensor]
-    lidar = Lidar(model, scene, way, sector_deg=55, noise_m=noise_m, seed=seed, disturbances=spoiled, mount=mount)
+    lidar = Lidar(
+        model, scene, way, sector_deg=55, noise_m=noise_m, seed=seed, disturbances=spoiled, mount=mount, flaws=flaws
+    )
     sweeps, apexes, moments, counts, corners = [], [], [], [], []
     for index in range(round(seconds * 10)):
         start_s = 0.1 * index

@@ -5,6 +5,7 @@ import pytest
 
 from tests.workers.vertices.refined_walks import walk
 from tests.workers.vertices.sweeps import sweep
+from workers.simulation.flaws import Flaws
 from workers.simulation.lidar import SENSORS
 from workers.vertices.refined.window import open_window
 from workers.vertices.sensor_grid import learn_grid
@@ -121,3 +122,26 @@ def test_two_returns_of_a_shot_are_one_ray():
     assert both.step == pytest.approx(alone.step, rel=1e-6)
     windows = [open_window(s, np.ones(len(s.ring), np.bool_), alone, 0.0, 0.2) for s in (first, twice)]
     np.testing.assert_array_equal(windows[0].distance, windows[1].distance)
+
+
+def test_shots_without_a_return_lie_where_a_wandering_motor_had_them():
+    recorded = walk(3, 0.5, flaws=Flaws(wander_deg=0.3))
+    grid = learn_grid(recorded.sweeps)
+    seen = recorded.sweeps[2]
+    window = open_window(seen, np.ones(len(seen.ring), np.bool_), grid, 0.0, np.radians(30.0))
+    row, column = np.nonzero((window.point >= 0) & (np.abs(window.azimuth) < np.radians(29.0)))
+    # Each return in turn is taken away: its shot must be known from the others.
+    away = np.random.default_rng(1).choice(row.size, 40, replace=False)
+    off = []
+    for k in away:
+        kept = np.arange(len(seen.ring)) != window.point[row[k], column[k]]
+        fewer = replace(
+            seen,
+            xyz=seen.xyz[kept],
+            ring=seen.ring[kept],
+            intensity=seen.intensity[kept],
+            offset_ns=seen.offset_ns[kept],
+        )
+        without = open_window(fewer, np.ones(len(fewer.ring), np.bool_), grid, 0.0, np.radians(30.0))
+        off.append(np.abs(without.azimuth[row[k]] - window.azimuth[row[k], column[k]]).min())
+    assert np.degrees(max(off)) < 0.02

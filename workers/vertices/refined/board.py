@@ -39,6 +39,9 @@ _HOPELESS = 12.0  # log odds from which the other way to hold the board is not f
 _COARSE, _FINE = 24, 36  # cells along either side of the grid
 _ROLLS = 9
 _ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
+# Pulses last 4 to 6 ns; echoes that are less than c t / 2 apart become one.
+_PULSE_M = 0.9
+_OFF = 4.0  # standard deviations behind the plane: the return is not of the board alone
 _ASTRAY_M = 0.12  # hits that are not the board's lie this far beside it at most
 _ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
 
@@ -107,6 +110,7 @@ def _with_rays(
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
     reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
+    behind = reach * (window.distance[at] * u - 1.0)
     widest = float(np.max((1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]))
     plane = Plane(
         R_window_lidar=window.R_window_lidar,
@@ -117,6 +121,7 @@ def _with_rays(
         up=up[at],
         reach=reach,
         ratio=ratio[at],
+        mixed=(behind > _OFF * model.sigma) & (behind < _PULSE_M),
         hits=np.stack([left[hits], up[hits]]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
@@ -188,7 +193,7 @@ def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
 ) -> tuple[int, tuple[int, int]]:
     """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
-    on_board = _covered(plane.left, plane.up, plane.reach, model, edges, corner)
+    on_board = _covered(plane.left, plane.up, _grown(plane, model), plane.reach, model, edges, corner)
     hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
     # Near a soft edge either answer is as expected.
     inside, outside = missed & (on_board > 1.0 - _UNLIKELY), hit & (on_board < _UNLIKELY)
@@ -198,16 +203,31 @@ def _against(
     # A wall is met far beside the board too, not only at the ends of its stretches.
     left, up = plane.hits[0], plane.hits[1]
     reach = np.full_like(left, float(np.median(plane.reach)))
-    beside = _covered(left, up, reach, model, edges, corner)
+    beside = _covered(left, up, reach * model.growth, reach, model, edges, corner)
     return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper
 
 
+def _grown(plane: Plane, model: BoardModel) -> Floats:
+    """(N,) metres by which the edges seem to lie farther out at each ray.
+
+    A beam that meets the edge and something close behind it gives one return between the two, which is off the plane.
+    So such returns begin as far inside of the edge as other beams reach outside.
+    """
+    return plane.reach * model.growth * np.where(plane.mixed, -1.0, 1.0)
+
+
 def _covered(
-    left: Floats, up: Floats, reach: Floats, model: BoardModel, edges: tuple[float, float], corner: Floats
+    left: Floats,
+    up: Floats,
+    grow: Floats,
+    reach: Floats,
+    model: BoardModel,
+    edges: tuple[float, float],
+    corner: Floats,
 ) -> Floats:
     """(N,) probability that rays which meet the plane there lie on the board in the middle of its posterior."""
     p, q = _turns(corner[3:4])[0] @ np.array([left - corner[1], up - corner[2]])
-    grow, soft = reach * model.growth, reach * model.soft
+    soft = reach * model.soft
     far = np.hypot(soft, model.slack)
     on_board = np.ones(p.size)
     for along, edge in ((p, edges[0]), (q, edges[1])):
@@ -241,7 +261,7 @@ def _corner(
     right, wrong = 1.0 - model.wrong, model.wrong
     ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
     rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, max(_ROLLS, 1 + round(sigma / _ROLL_STEP)))
-    grow, soft = plane.reach * model.growth, plane.reach * model.soft
+    grow, soft = _grown(plane, model), plane.reach * model.soft
     turns = _turns(rolls)
     # Of each roll: the apexes whose board holds all hits.
     along = turns @ np.array([plane.left, plane.up])[:, hits]

@@ -100,6 +100,7 @@ class Plane:
         left, up: (N,) metres, where each ray meets the plane, from the foot of the sensor's perpendicular.
         reach: (N,) metres, distance from the sensor to that place.
         ratio: (N,) likelihood of the ray's return, or of none, with the board over that without the board.
+        mixed: (N,) whether the ray's return may be of the board and of something close behind it, together.
         hits: (2, H) metres to the left and up, of all returns that lie in the plane where the board was followed.
         rings: how many rings meet the board.
         top_ring: the highest of these rings.
@@ -117,6 +118,7 @@ class Plane:
     up: Floats
     reach: Floats
     ratio: Floats
+    mixed: NDArray[np.bool_]
     hits: Floats
     rings: int
     top_ring: int

@@ -58,7 +58,7 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
             plane = sighting.plane
             if plane.rings >= _MIN_RINGS and plane.points >= _MIN_POINTS and not plane.like_a_person:
                 near.append((plane.points, index, sighting.window))
-                places.append((sweep.stamp_ns, *_place(plane)))
+                places.append((sweep.stamp_ns, *_place(sighting)))
     model = replace(model, poses=jumps(places))
     windows = [
         window
@@ -75,9 +75,15 @@ def _spread(count: int, most: int) -> list[int]:
     return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()}) if count else []
 
 
-def _place(plane: Plane) -> tuple[float, float]:
-    """Where the plane stands, x and y in metres."""
-    x, y = (plane.R_window_lidar[0, :2] / plane.w[0]).tolist()
+def _place(sighting: Sighting) -> tuple[float, float]:
+    """Where the middle of the plane's points stands, x and y in metres; a window's middle moves with its cells."""
+    window, ends = sighting.window, sighting.ends
+    runs = [(r, slice(first, last + 1)) for r, (first, last) in enumerate(ends.tolist()) if first >= 0]
+    azimuth, slope, distance = (
+        np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
+    )
+    points = np.array([np.cos(azimuth), np.sin(azimuth), slope]) * distance
+    x, y, _ = (window.R_window_lidar.T @ points[:, distance > 0.0].mean(axis=1)).tolist()
     return x, y
 
 

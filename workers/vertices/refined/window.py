@@ -14,6 +14,7 @@ from workers.vertices.sensor_grid import MOST_RINGS, SensorGrid
 
 Floats = NDArray[np.float64]
 _TWO_PI = 2.0 * math.pi
+_BLOCK_RAD = math.radians(3.0)  # a motor wanders over tens of degrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +65,8 @@ def open_window(
     if level[2, 2] == 1.0:
         return Window(turn, steps, ring, *image)
     ahead = level @ turn[0]
+    if math.hypot(ahead[0], ahead[1]) < 1e-9:  # a sensor on its side that looks up or down
+        ahead = level[:, 2]
     flat = math.hypot(ahead[0], ahead[1])
     c, s = ahead[0] / flat, ahead[1] / flat
     R_window_lidar = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ level
@@ -87,7 +90,7 @@ def _levelled(azimuth: Floats, slope: Floats, distance: Floats, turn: Floats) ->
     """Azimuth, slope and horizontal distance in the axes to which ``turn`` (3, 3) leads."""
     none = azimuth == math.pi
     rays = np.stack([np.cos(azimuth), np.sin(azimuth), slope], axis=-1) @ turn.T
-    flat = np.hypot(rays[..., 0], rays[..., 1])
+    flat = np.maximum(np.hypot(rays[..., 0], rays[..., 1]), 1e-9)
     turned = np.where(none, math.pi, np.arctan2(rays[..., 1], rays[..., 0]))
     return turned, np.where(none, 0.0, rays[..., 2] / flat), distance * flat
 
@@ -116,20 +119,24 @@ def _image(
 ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_], NDArray[np.int64]]:  # fmt: skip
     rings = elevation.size
     reach = math.tan(half)
-    rate = _TWO_PI / steps
     kept = np.empty(ring.size, np.int64)
     angle = np.empty(ring.size)
     count = 0
-    cosine, sine = np.zeros(rings), np.zeros(rings)
     for i in range(ring.size):
         x, y = np.float64(xyz[i, 0]), np.float64(xyz[i, 1])
         along, across = x * c0 + y * s0, y * c0 - x * s0
         if ring[i] < rings and along > 0.0 and abs(across) <= reach * along:
-            a = math.atan2(across, along)
-            kept[count], angle[count] = i, a
+            kept[count], angle[count] = i, math.atan2(across, along)
             count += 1
-            cosine[ring[i]] += math.cos(rate[ring[i]] * a)
-            sine[ring[i]] += math.sin(rate[ring[i]] * a)
+    kept, angle = kept[:count], angle[:count]
+    late = _wandered(angle, ring[kept], shift, steps, half)
+    rate = _TWO_PI / steps
+    cosine, sine = np.zeros(rings), np.zeros(rings)
+    for j in range(count):
+        r = ring[kept[j]]
+        even = angle[j] - _at(late, angle[j], half)
+        cosine[r] += math.cos(rate[r] * even)
+        sine[r] += math.sin(rate[r] * even)
     phase = _ring_phases(cosine, sine, shift, steps)
     middle = math.ceil(half / steps.min()) + 1
     columns = 2 * middle + 1
@@ -137,7 +144,8 @@ def _image(
     for r in range(rings):
         for c in range(columns):
             if abs(c - middle) * steps[r] <= half + 2.0 * steps[r] and not math.isnan(elevation[r]):
-                azimuth[r, c] = phase[r] + (c - middle) * steps[r]
+                even = phase[r] + (c - middle) * steps[r]
+                azimuth[r, c] = even + _at(late, even, half)
                 slope[r, c] = math.tan(elevation[r])
             else:
                 azimuth[r, c], slope[r, c] = math.pi, 0.0
@@ -147,13 +155,50 @@ def _image(
     for j in range(count):
         i = kept[j]
         r = np.int64(ring[i])
-        c = math.floor((angle[j] - phase[r]) / steps[r] + 0.5) + middle
+        c = math.floor((angle[j] - _at(late, angle[j], half) - phase[r]) / steps[r] + 0.5) + middle
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
         h = math.sqrt(x * x + y * y)
         if 0 <= c < columns and h > 0.0 and (point[r, c] < 0 or h < distance[r, c]):
             azimuth[r, c], slope[r, c], distance[r, c] = angle[j], z / h, h
             within[r, c], point[r, c] = inside[i], i
     return azimuth, slope, distance, within, point
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _wandered(angle: Floats, ring: NDArray[np.uint16], shift: Floats, steps: Floats, half: float) -> Floats:
+    """Radians by which the motor is ahead of even steps, at even places from ``-half`` to ``half``."""
+    places = 2 * math.ceil(half / _BLOCK_RAD) + 1
+    step = np.median(steps)
+    cosine, sine = np.zeros(places), np.zeros(places)
+    for j in range(angle.size):
+        if steps[ring[j]] == step:
+            place = round((angle[j] + half) / (2.0 * half) * (places - 1))
+            turned = (angle[j] - shift[ring[j]]) * _TWO_PI / step
+            cosine[place] += math.cos(turned)
+            sine[place] += math.sin(turned)
+    late = np.zeros(places)
+    middle = places // 2
+    for direction in (1, -1):
+        before, c, s = 0.0, cosine[middle], sine[middle]
+        place = middle + direction
+        while 0 <= place < places:
+            # Between two places the motor wanders by less than half a step.
+            if cosine[place] != 0.0 or sine[place] != 0.0:
+                if c != 0.0 or s != 0.0:
+                    further = math.atan2(sine[place] * c - cosine[place] * s, cosine[place] * c + sine[place] * s)
+                    before += further * step / _TWO_PI
+                c, s = cosine[place], sine[place]
+            late[place] = before
+            place += direction
+    return late
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _at(late: Floats, angle: float, half: float) -> float:
+    """``late`` of `_wandered` at an angle."""
+    x = min(max((angle + half) / (2.0 * half), 0.0), 1.0) * (late.size - 1)
+    k = min(int(x), late.size - 2)
+    return late[k] + (x - k) * (late[k + 1] - late[k])
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
