@@ -203,6 +203,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
 
     for room in (problems, store_problems, etags, idempotency):
         room.install(app)
+    app.add_middleware(vehicle_routes.UsualFirst, retrieval=app.state.retrieval)
     app.add_middleware(headers.SafeHeaders, stores=[app.state.store.origin] if app.state.store.signs else [])
     app.add_middleware(draining.PoliteClosing, drain=drain)
     app.add_middleware(watching.Watched, figures=metrics_routes.install(app, version("apexcal")))

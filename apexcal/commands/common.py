@@ -20,6 +20,7 @@ from rich.segment import Segment
 from apexcal.cli import FAILED, UNREACHABLE, USAGE
 from apexcal.documents.served_folder import is_served, read_status
 from apexcal.errors import InputError, as_sentence
+from apexcal.kept_file import replace_whole
 
 UrlOption = Annotated[
     str, typer.Option("--url", envvar="APEXCAL_URL", help="Address of the service.", show_default=False)
@@ -91,6 +92,18 @@ def write_target(file: Path, text: str) -> None:
     """Write the outcome of a command to a file, or end the command as failed."""
     try:
         file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        complain(f"cannot write {file}: {(error.strerror or '').lower()}")
+
+
+def write_content(file: Path, content: bytes) -> None:
+    """Write a file that a command made, and its folder; an existing one is replaced whole, or the command fails."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if file.is_file() and not file.is_symlink():
+            replace_whole(file, content, file.name)
+        else:  # new, a link, or a device such as /dev/stdout
+            file.write_bytes(content)
     except OSError as error:
         complain(f"cannot write {file}: {(error.strerror or '').lower()}")
 

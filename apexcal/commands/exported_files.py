@@ -6,8 +6,7 @@ import io
 import zipfile
 from pathlib import Path, PurePosixPath
 
-from apexcal.commands.common import check_target, complain, console, usage
-from apexcal.kept_file import replace_whole
+from apexcal.commands.common import check_target, complain, console, usage, write_content
 from apexcal.resources.exports import Exported
 
 
@@ -28,7 +27,7 @@ def _write_one(content: bytes, output: Path | None, force: bool) -> None:
         print(content.decode(), end="")
         return
     check_target(output, force)
-    _write(output, content)
+    write_content(output, content)
     console(errors=True).print(f"Wrote {output}.", soft_wrap=True)
 
 
@@ -42,16 +41,5 @@ def _write_below(files: dict[str, bytes], folder: Path, force: bool) -> None:
         if (folder / name).exists() and not force:
             usage(f"{folder / name} exists already", "Name another folder, or say --force")
     for name, content in files.items():
-        _write(folder / name, content)
+        write_content(folder / name, content)
     console(errors=True).print(f"Wrote {', '.join(files)} below {folder}.", soft_wrap=True)
-
-
-def _write(file: Path, content: bytes) -> None:
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        if file.is_file() and not file.is_symlink():
-            replace_whole(file, content, file.name)
-        else:  # new, a link, or a device such as /dev/stdout
-            file.write_bytes(content)
-    except OSError as error:
-        complain(f"cannot write {file}: {(error.strerror or '').lower()}")

@@ -7,10 +7,18 @@ from typing import Annotated
 
 import typer
 
-from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, check_target, complain, say
+from apexcal.commands.common import (
+    DataOption,
+    JsonOption,
+    TokenOption,
+    UrlOption,
+    bar,
+    check_target,
+    say,
+    write_content,
+)
 from apexcal.commands.connect import check_id, connected, find_recording
 from apexcal.embedded.folder import DEFAULT
-from apexcal.kept_file import replace_whole
 
 
 def overlay(
@@ -36,10 +44,7 @@ def overlay(
         content = client.calibrations.overlay(made.id)
         if not keep:
             client.calibrations.delete_overlay(made.id)
-    try:
-        replace_whole(output, content, output.name) if output.is_file() else output.write_bytes(content)
-    except OSError as error:
-        complain(f"cannot write {output}: {(error.strerror or '').lower()}")
+    write_content(output, content)
     assert made.result is not None
     drawn = made.result
     say(

@@ -7,10 +7,18 @@ from typing import Annotated
 
 import typer
 
-from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, check_target, complain, say
+from apexcal.commands.common import (
+    DataOption,
+    JsonOption,
+    TokenOption,
+    UrlOption,
+    bar,
+    check_target,
+    say,
+    write_content,
+)
 from apexcal.commands.connect import check_id, connected
 from apexcal.embedded.folder import DEFAULT
-from apexcal.kept_file import replace_whole
 
 
 def report(
@@ -28,8 +36,5 @@ def report(
         asked = client.calibrations.make_report(check_id(result, "result"))
         made = client.wait(asked, on_progress=progress)
         content = client.calibrations.report(result)
-    try:
-        replace_whole(output, content, output.name) if output.is_file() else output.write_bytes(content)
-    except OSError as error:
-        complain(f"cannot write {output}: {(error.strerror or '').lower()}")
+    write_content(output, content)
     say(made, as_json, f"The report is in {output}. Its verdict: {made.verdict}.")

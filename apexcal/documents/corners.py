@@ -6,10 +6,11 @@ to the left and to the right as the LiDAR sees the board (z up). ``bottom`` is t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import dist, hypot, radians
-from typing import Final, Literal, get_args
+from typing import Final, Literal, TypeVar, get_args
 
+Key = TypeVar("Key")
 CornerName = Literal["top", "left", "right", "bottom"]
 CORNERS: Final[tuple[CornerName, ...]] = get_args(CornerName)
 TOP: Final[CornerName] = "top"
@@ -24,3 +25,9 @@ def how_far(known: Sequence[float], found: Sequence[float]) -> float | None:
     """Metres between two places of a corner in one sweep (LiDAR frame); None if they are two different ones."""
     away = dist(known, found)
     return away if away <= max(_SAME_M, _SAME_RAD * hypot(*found)) else None
+
+
+def nearest(known: Iterable[tuple[Key, Sequence[float]]], found: Sequence[float]) -> Key | None:
+    """Whose place in the same sweep is the same corner; the nearest one, or None."""
+    near = [(away, key) for key, place in known if (away := how_far(place, found)) is not None]
+    return min(near, key=lambda pair: pair[0])[1] if near else None

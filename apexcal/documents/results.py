@@ -160,13 +160,26 @@ class Compared(Document):
     differs: bool
 
 
+class OverTime(Document):
+    """What stretches of a walk share besides what its groups (the corners of a sweep) share.
+
+    ``widening`` is the ratio of the pixels' deviations over the marks to those of groups that err independently.
+    """
+
+    blocks: int
+    shift_px: float
+    evidence: float
+    counted: bool
+    widening: float
+
+
 class SharedErrors(Document):
     """What pairs of one block share: ``group`` as the pairs name it, or a stretch of a walk (``time``, ``order``).
 
     ``deviations`` from block to block: ``offset_m`` and ``turn_deg`` of a group, ``shift_px`` of a stretch.
     ``noise_px`` is each mark's own noise. ``evidence`` is twice the log likelihood ratio to independent errors.
     ``widening`` is the ratio of the pixels' deviations over the marks to those of independent errors. The result's
-    deviations include the shared errors if ``counted``.
+    deviations include the shared errors if ``counted``. ``over_time`` is there for many groups.
     """
 
     blocks: int
@@ -176,6 +189,7 @@ class SharedErrors(Document):
     evidence: float
     counted: bool
     widening: float
+    over_time: OverTime | None = None
 
 
 class Halves(Document):

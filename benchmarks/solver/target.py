@@ -55,9 +55,13 @@ class Optimum:
 def optimum(problem: FitProblem, near: Floats) -> Optimum:
     """From the parameters (D,) that made the marks: SciPy's trust region method and differences, none of our solver.
 
-    The mean distance is the sum of squares of the distances' roots.
+    It stays inside the problem's bounds, as every search does. The mean distance is the sum of squares of the
+    distances' roots.
     """
     scale = np.maximum(np.abs(near), 1e-2)
+    lower, upper = problem.lower, problem.upper
+    if problem.any_rotation:
+        lower[:3], upper[:3] = -np.inf, np.inf
 
     def apart(x: Floats) -> Floats:
         p = x * scale
@@ -68,6 +72,7 @@ def optimum(problem: FitProblem, near: Floats) -> Optimum:
         return (np.sum(apart(x) ** 2, axis=1) + _ROUND) ** 0.25
 
     tight = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12, "x_scale": "jac", "max_nfev": 400}
+    tight["bounds"] = (lower / scale, upper / scale)
     squares = optimize.least_squares(lambda x: apart(x).ravel(), near / scale, **tight)
     mean = optimize.least_squares(roots, squares.x, **tight)
     rms = float(np.sqrt(2.0 * squares.cost / len(problem.points)))

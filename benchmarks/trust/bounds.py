@@ -1,6 +1,8 @@
-"""How often the best test could notice a rolling shutter from the pairs."""
+"""How often the best test could notice a fault from the pairs."""
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 from scipy.stats import norm
@@ -9,6 +11,11 @@ from benchmarks.trust.judging import Judged
 from workers.reports.checks import by_clock
 from workers.reports.contents import estimate_of
 from workers.reports.further_unknowns import tested
+from workers.solver.error_model import weighed
+from workers.solver.residuals import by_point
+from workers.solver.weighting import whitened
+
+_ACCUSED: Final = 1.0 / 40.0
 
 
 def shutter_power(found: Judged, line_time_us: float, *, offset_known: bool) -> float:
@@ -26,3 +33,30 @@ def shutter_power(found: Judged, line_time_us: float, *, offset_known: bool) -> 
     shift = line_time_us / result.deviations[0]
     limit = norm.isf(0.0025)
     return float(norm.sf(limit - shift) + norm.cdf(-limit - shift))
+
+
+def poses_power(found: Judged, pose_m: float, draws: int = 20_000) -> float:
+    """The share of draws in which offsets of poses, of this deviation along each axis, would be noticed.
+
+    The power of the most powerful test (Neyman and Pearson 1933), which knows the offsets' deviation and the marks'
+    noise, among those that accuse one of 40 sound results, as the solver's alarm does. Linearised at the fit.
+    """
+    estimate = estimate_of(found.fitted)
+    if estimate.plain is None or estimate.holding.blocks is None:
+        return 0.0
+    problem = whitened(estimate.holding, estimate.held_at)
+    used = problem.weights > 0.0
+    rows = weighed(problem, by_point(problem, estimate.held_at))[used]
+    pose = np.asarray(estimate.holding.blocks.labels)[used]
+    shared = np.zeros((len(rows), 2, int(pose.max()) + 1, 3))
+    shared[np.arange(len(rows)), :, pose] = rows
+    own = estimate.plain.fit.jacobian[used].reshape(2 * len(rows), -1)
+    basis = np.linalg.qr(own)[0]
+    B = pose_m * shared.reshape(2 * len(rows), -1)
+    B -= basis @ (basis.T @ B)
+    # Variances that the offsets add along each direction of the residuals, in those of the noise.
+    added = np.linalg.svd(B, compute_uv=False) ** 2 / estimate.plain.noise
+    squares = np.random.default_rng(1).normal(size=(draws, len(added))) ** 2
+    weights = added / (1.0 + added)
+    limit = np.quantile(squares @ weights, 1.0 - _ACCUSED)
+    return float(np.mean(squares @ added > limit))

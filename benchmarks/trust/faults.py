@@ -14,7 +14,7 @@ from apexcal.documents.pairs import CLOCK_SIGMA
 from benchmarks.coverage.calibrations import Bench
 from benchmarks.coverage.marks import Errors, columns
 from benchmarks.coverage.walks import Paired, Walked, offset_of, pair, pair_at
-from benchmarks.trust.bounds import shutter_power
+from benchmarks.trust.bounds import poses_power, shutter_power
 from benchmarks.trust.judging import Judged, agrees_elsewhere, judge
 
 Floats = NDArray[np.float64]
@@ -67,7 +67,8 @@ def cells(walked: Walked, draw: int) -> Iterator[Cell]:
     late = pair(walked, lens, CLOCK_MS)
     yield named("clock", "clock", columns(late, Errors(), random), late)
     yield named("middle", "coverage", _in_the_middle(columns(paired, Errors(), random), paired))
-    yield named("bent_board", "shared_errors", columns(paired, Errors(pose_m=BENT_M), random))
+    bent = judge(bench, paired, columns(paired, Errors(pose_m=BENT_M), random), {"models": [lens]})
+    yield Cell("bent_board", "shared_errors" in bent.failed, bent, bound=poses_power(bent, BENT_M))
     yield from _shutters(bench, paired, lens, random)
 
 

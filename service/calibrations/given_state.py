@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from uuid import UUID
 
 from sqlalchemy import (
@@ -18,8 +17,10 @@ from sqlalchemy import (
     Uuid,
     and_,
     bindparam,
+    cast,
     column,
     func,
+    or_,
     select,
     type_coerce,
 )
@@ -28,9 +29,14 @@ from apexcal.documents.publications import CURRENT
 from service.auth.secrets import secret_hash
 from service.db.aliases import AliasMove, Withdrawal
 from service.db.calibrations import NEWNESS, Calibration, Publication, Result
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.db.people import ApiToken, Membership, Person
+
+if TYPE_CHECKING:
+    from psycopg.pq.abc import PGresult
+
+_Row = tuple[int, bool, bool, UUID | None, str]
 
 
 class Look(NamedTuple):
@@ -53,7 +59,8 @@ class Seen(NamedTuple):
 
 
 def _statement(dialect: str, alias: str) -> Select[*tuple[Any, ...]]:
-    """Rows (place of the question; token's state; membership; vehicle's state), one for each camera of each rig.
+    """Rows (place of the question; whether the token is known, and may see the vehicle; the vehicle's fleet; as text
+    what decides the answer), one for each camera of each rig.
 
     For an alias its last move stands in place of the publication.
     """
@@ -69,24 +76,26 @@ def _statement(dialect: str, alias: str) -> Select[*tuple[Any, ...]]:
         questions = questions.render_derived()
         place, digest, vehicle_id = questions.c.place - 1, questions.c.digest, questions.c.vehicle_id
     decided = _of_current() if alias == CURRENT else _of_alias()
+    state = (Vehicle.id, Vehicle.fleet_id, Vehicle.version, Rig.id, Rig.version, RigCamera.name, *decided)
+    # A text, so that each way of reading it gives the same digest.
+    as_text = func.json_array(*state) if dialect == "sqlite" else cast(func.json_build_array(*state), String)
+    may_see = and_(
+        ApiToken.id.is_not(None),
+        or_(ApiToken.fleet_id.is_(None), ApiToken.fleet_id == Vehicle.fleet_id),
+        or_(Person.is_owner, Membership.role.is_not(None)),
+    )
+    holds = or_(ApiToken.expires_at.is_(None), ApiToken.expires_at > now())
     in_fleet = and_(Membership.person_id == Person.id, Membership.fleet_id == Vehicle.fleet_id)
     return (
-        select(
-            *(place, ApiToken.id, ApiToken.fleet_id, ApiToken.expires_at, Person.is_owner, Membership.role),
-            *(Vehicle.id, Vehicle.fleet_id, Vehicle.version, Rig.id, Rig.version, RigCamera.name, *decided),
-        )
+        select(place, ApiToken.id.is_not(None), may_see, Vehicle.fleet_id, as_text)
         .select_from(questions)
-        .outerjoin(ApiToken, and_(ApiToken.secret_hash == digest, ApiToken.revoked_at.is_(None)))
+        .outerjoin(ApiToken, and_(ApiToken.secret_hash == digest, ApiToken.revoked_at.is_(None), holds))
         .outerjoin(Person, Person.id == ApiToken.person_id)
         .outerjoin(Vehicle, Vehicle.id == vehicle_id)
         .outerjoin(Membership, in_fleet)
         .outerjoin(Rig, Rig.vehicle_id == Vehicle.id)
         .outerjoin(RigCamera, RigCamera.rig_id == Rig.id)
     )
-
-
-# How many columns say who asks, before those that decide the answer.
-_WHO = 6
 
 
 def _of_current() -> tuple[Any, Any, Any]:
@@ -124,12 +133,8 @@ _STATEMENTS = {
 }
 
 
-def read_states(connection: Connection, alias: str, looks: Sequence[Look], cursor: Any = None) -> list[Seen]:
-    """What is there now for each look, all of one alias, in their order.
-
-    ``cursor``: of PostgreSQL's driver, for callers that read often, because SQLAlchemy takes three times as long.
-    Then it raises the driver's errors.
-    """
+def read_states(connection: Connection, alias: str, looks: Sequence[Look]) -> list[Seen]:
+    """What is there now for each look, all of one alias, in their order."""
     dialect = connection.dialect.name
     hashes = [secret_hash(look.secret) for look in looks]
     given: dict[str, Any] = {} if alias == CURRENT else {"alias": alias}
@@ -138,50 +143,55 @@ def read_states(connection: Connection, alias: str, looks: Sequence[Look], curso
         given["questions"] = json.dumps(list(pairs))
     else:
         given |= {"hashes": hashes, "vehicles": [look.vehicle_id for look in looks]}
-    if cursor is None:
-        rows: Iterable[Sequence[Any]] = connection.execute(_STATEMENTS[dialect, alias == CURRENT], given)
-    else:
-        spoken = _Spoken.of(connection.dialect, alias == CURRENT)
-        rows = map(spoken.as_read, cursor.execute(spoken.text, {**spoken.values, **given}, prepare=True))
-    found: list[list[Sequence[Any]]] = [[] for _ in looks]
+    rows = connection.execute(_STATEMENTS[dialect, alias == CURRENT], given)
+    return _of_rows(len(looks), ((row[0], bool(row[1]), bool(row[2]), row[3], row[4]) for row in rows))
+
+
+class Prepared(NamedTuple):
+    """A statement as PostgreSQL prepares it, with ``$1`` for its first value, and its values."""
+
+    text: str
+    constants: Mapping[str, Any]
+
+    @staticmethod
+    def of(dialect: Dialect, is_current: bool) -> Prepared:
+        """The statement for many looks, in the dialect of psycopg, which writes ``%(name)s`` for a value."""
+        compiled = _STATEMENTS[dialect.name, is_current].compile(dialect=dialect)
+        numbered = {name: f"${number}" for number, name in enumerate(compiled.params, 1)}
+        return Prepared(str(compiled) % numbered, compiled.params)
+
+    def values(self, alias: str, looks: Sequence[Look]) -> list[bytes]:
+        """The values of ``$1`` and so on for these looks, all of one alias."""
+        hashes = ",".join(secret_hash(look.secret) for look in looks)
+        vehicles = ",".join(str(look.vehicle_id) for look in looks)
+        given = {**self.constants, "alias": alias, "hashes": f"{{{hashes}}}", "vehicles": f"{{{vehicles}}}"}
+        return [str(given[name]).encode() for name in self.constants]
+
+    @staticmethod
+    def seen(count: int, found: PGresult) -> list[Seen]:
+        """What PostgreSQL answered about so many looks."""
+
+        def rows() -> Iterator[_Row]:
+            for row in range(found.ntuples):
+                place, is_known, may_see, fleet_id, state = (found.get_value(row, i) or b"" for i in range(5))
+                fleet = UUID(fleet_id.decode()) if fleet_id else None
+                yield int(place), is_known == b"t", may_see == b"t", fleet, state.decode()
+
+        return _of_rows(count, rows())
+
+
+def _of_rows(count: int, rows: Iterable[_Row]) -> list[Seen]:
+    """What is there for each of so many looks; each has a row at least."""
+    found: list[list[_Row]] = [[] for _ in range(count)]
     for row in rows:
-        found[row[0]].append(tuple(row))
+        found[row[0]].append(row)
     return [_seen(rows) for rows in found]
 
 
-class _Spoken(NamedTuple):
-    """A statement as the driver takes it: its text, its constant values, and what its types make of a row."""
-
-    text: str
-    values: Mapping[str, Any]
-    processors: tuple[tuple[int, Callable[[Any], Any]], ...]
-
-    @staticmethod
-    @lru_cache(maxsize=4)
-    def of(dialect: Dialect, is_current: bool) -> _Spoken:
-        """The statement in this dialect."""
-        statement = _STATEMENTS[dialect.name, is_current]
-        compiled = statement.compile(dialect=dialect)
-        made = (
-            (i, c.type.dialect_impl(dialect).result_processor(dialect, None))
-            for i, c in enumerate(statement.selected_columns)
-        )
-        return _Spoken(str(compiled), compiled.params, tuple((i, one) for i, one in made if one))
-
-    def as_read(self, row: Sequence[Any]) -> list[Any]:
-        """The row as SQLAlchemy would give it."""
-        read = list(row)
-        for place, process in self.processors:
-            read[place] = process(read[place])
-        return read
-
-
-def _seen(rows: Sequence[Sequence[Any]]) -> Seen:
-    _, token_id, only_fleet, expires_at, is_owner, role, vehicle_id, fleet_id, *_ = rows[0]
-    is_known = token_id is not None and not (expires_at is not None and expires_at <= utc_now())
-    may_see = is_known and only_fleet in (None, fleet_id) and (is_owner or role is not None)
-    if vehicle_id is None:
+def _seen(rows: Sequence[_Row]) -> Seen:
+    _, is_known, may_see, fleet_id, _ = rows[0]
+    if fleet_id is None:
         return Seen(is_known, False, None, "")
     # Sorted here, because the statement has no ORDER BY.
-    state = sorted(repr(row[_WHO:]) for row in rows)
+    state = sorted(row[4] for row in rows)
     return Seen(is_known, may_see, fleet_id, sha256("\n".join(state).encode()).hexdigest())

@@ -78,7 +78,8 @@ def _move_view(row: Row[AliasMove, UUID, str, str], *, is_current: bool) -> Alia
     return AliasMoveView(
         **_shared(move, calibration_id, model),
         alias=move.alias,
-        led_to=move.led_to,
+        # Older versions of the service write no led_to.
+        led_to=move.led_to or move.result_id,
         moved_at=move.created_at,
         moved_by=moved_by,
         is_current=is_current,

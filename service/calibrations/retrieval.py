@@ -10,8 +10,10 @@ from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
+from apexcal.documents.publications import CURRENT
 from service.auth.access import Identity, identify
 from service.auth.secrets import TOKEN_PREFIX
 from service.calibrations.given_state import Look, Seen, read_states
@@ -30,6 +32,7 @@ from service.http.problems import Problem, not_found
 _FORM = "1"
 # Publications come minutes apart; a state that changes at every read is a fault.
 _TRIES = 3
+_USUAL = Asked((), CURRENT, None, {})
 
 
 class Retrieval:
@@ -44,21 +47,27 @@ class Retrieval:
         """End the threads that read."""
         self._states.close()
 
+    async def answer_at_once(self, request: Request, vehicle_id: UUID) -> Response | None:
+        """The answer to a car's usual question, if the car has it or it is kept. None for all else, refusals too."""
+        secret = _token(request)
+        if secret is None:
+            return None
+        try:
+            seen = await self._states.read(Look(secret, vehicle_id, CURRENT))
+        except DBAPIError:
+            return None
+        return self._at_hand(request, _etag(vehicle_id, _USUAL, None, seen.digest), None) if seen.may_see else None
+
     async def answer(self, request: Request, vehicle_id: UUID, asked: Asked, wanted: str | None) -> Response:
         """The answer to a request. Raises :class:`Problem`."""
-        kind, _, bearer = request.headers.get("authorization", "").partition(" ")
-        by_token = kind.lower() == "bearer" and bearer.startswith(TOKEN_PREFIX)
-        seen = await self._states.read(Look(bearer if by_token else "", vehicle_id, asked.alias))
+        seen = await self._states.read(Look(_token(request) or "", vehicle_id, asked.alias))
         if not seen.may_see:
             _check(None if seen.is_known else await run_in_threadpool(identify, request), seen)
         if asked.as_of is not None:
             return await run_in_threadpool(self._make_then, request, vehicle_id, asked, wanted)
-        etag = _etag(vehicle_id, asked, wanted, seen.digest)
-        if _has(request, etag):
-            return Response(status_code=304, headers=_headers(etag))
-        kept = None if wanted else self._kept.get(etag)
-        if kept is not None:
-            return _unless_any(request, Response(kept, media_type="application/json", headers=_headers(etag)), etag)
+        at_hand = self._at_hand(request, _etag(vehicle_id, asked, wanted, seen.digest), wanted)
+        if at_hand is not None:
+            return at_hand
         made, etag = await run_in_threadpool(self._make, vehicle_id, asked, wanted, seen.digest)
         if wanted is None:
             self._kept.put(etag, bytes(made.body))
@@ -76,6 +85,15 @@ class Retrieval:
         if _has(request, etag):
             return Response(status_code=304, headers=_headers(etag))
         return _unless_any(request, *self._make(vehicle_id, asked, wanted, seen.digest))
+
+    def _at_hand(self, request: Request, etag: str, wanted: str | None) -> Response | None:
+        """The answer with this ETag, if the client has it or it is kept."""
+        if _has(request, etag):
+            return Response(status_code=304, headers=_headers(etag))
+        kept = None if wanted else self._kept.get(etag)
+        if kept is None:
+            return None
+        return _unless_any(request, Response(kept, media_type="application/json", headers=_headers(etag)), etag)
 
     def _look(self, vehicle_id: UUID, alias: str) -> Seen:
         with self._database.alone() as connection:
@@ -106,6 +124,12 @@ class Retrieval:
                 return made, etag
             digest = after
         raise Problem(409, "conflict", "The vehicle's calibration is changing at this moment.", "Ask again.")
+
+
+def _token(request: Request) -> str | None:
+    """The API token that the request carries."""
+    kind, _, bearer = request.headers.get("authorization", "").partition(" ")
+    return bearer if kind.lower() == "bearer" and bearer.startswith(TOKEN_PREFIX) else None
 
 
 def _made(session: Session, vehicle: Vehicle, asked: Asked, wanted: str | None, etag: str) -> Response:

@@ -1,4 +1,4 @@
-"""Reads states for many requests at once, over connections that stay open.
+"""Reads states for many requests at once.
 
 A request waits for a statement that begins after it came, so no answer is older than the request. While one runs,
 further requests gather for the next. Nothing is kept between two statements, so the next one sees every change,
@@ -8,131 +8,113 @@ whoever made it.
 from __future__ import annotations
 
 import asyncio
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+import logging
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING
 
-from sqlalchemy import Connection
-from sqlalchemy.exc import DBAPIError
+from psycopg import OperationalError
 
-from service.calibrations.given_state import Look, Seen, read_states
+from apexcal.documents.publications import CURRENT
+from service.calibrations.given_state import Look, Prepared, Seen, read_states
+from service.db.loop_connection import LoopConnection
 from service.db.session import Database
 
-# Statements under way at once: one is read while the next is sent.
-_AT_ONCE = 2
+if TYPE_CHECKING:
+    from psycopg.pq.abc import PGresult
+
+# Their values, 6.5 kB, fit into a socket's buffer.
 _MOST = 64
+
+_Asked = tuple[Look, asyncio.Future[Seen]]
+
+log = logging.getLogger(__name__)
 
 
 class StateReader:
-    """Gathers requests and reads for them. It belongs to one event loop."""
+    """Gathers requests and reads for them. It belongs to one event loop.
+
+    The loop itself reads PostgreSQL, over a connection that stays open. A thread reads SQLite, and PostgreSQL while
+    there is no such connection.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._pool = ThreadPoolExecutor(_AT_ONCE, "given-state")
-        self._kept: list[_Kept] = []
-        self._waiting: list[tuple[Look, asyncio.Future[Seen]]] = []
-        self._under_way = 0
+        self._pool = ThreadPoolExecutor(1, "given-state")
+        self._waiting: dict[str, list[_Asked]] = {}
+        self._is_reading = False
+        self._connection: LoopConnection | None = None
+        self._statements: dict[bool, Prepared] = {}
 
     async def read(self, look: Look) -> Seen:
         """What is there now. Raises what the database raises."""
         found: asyncio.Future[Seen] = asyncio.get_running_loop().create_future()
-        self._waiting.append((look, found))
+        self._waiting.setdefault(look.alias, []).append((look, found))
         self._go_on()
         return await found
 
     def close(self) -> None:
-        """End the threads and give their connections back."""
+        """End the thread and the connection."""
         self._pool.shutdown(cancel_futures=True)
-        self._give_back()
-
-    def _give_back(self) -> None:
-        while True:
-            try:
-                kept = self._kept.pop()
-            except IndexError:  # the other thread may have taken the last one
-                return
-            kept.stack.close()
+        if self._connection is not None:
+            self._connection.close()
 
     def _go_on(self) -> None:
-        if not self._waiting or self._under_way == _AT_ONCE:
+        """Read for those of one alias who wait, if nothing is being read."""
+        if self._is_reading or not self._waiting:
             return
-        batch, self._waiting = self._waiting[:_MOST], self._waiting[_MOST:]
-        self._under_way += 1
-        reading = asyncio.get_running_loop().run_in_executor(self._pool, self._read, [look for look, _ in batch])
-        reading.add_done_callback(lambda done: self._answer([future for _, future in batch], done))
+        self._is_reading = True
+        alias = next(iter(self._waiting))
+        asked = self._waiting.pop(alias)
+        batch, rest = asked[:_MOST], asked[_MOST:]
+        if rest:  # after the other aliases
+            self._waiting[alias] = rest
+        if self._connection is None or not self._connection.is_open:
+            self._read_in_thread(batch)
+            return
+        statement = self._statements[alias == CURRENT]
+        values = statement.values(alias, [look for look, _ in batch])
+        self._connection.execute(statement.text, values, lambda found: self._came(batch, found))
 
-    def _answer(self, waiting: Sequence[asyncio.Future[Seen]], done: asyncio.Future[list[Seen]]) -> None:
-        self._under_way -= 1
-        self._go_on()
-        error = None if done.cancelled() else done.exception()
-        for place, future in enumerate(waiting):
-            if future.done():  # its client has left
-                continue
-            if done.cancelled():
-                future.cancel()
-            elif error:
-                future.set_exception(error)
-            else:
-                future.set_result(done.result()[place])
+    def _came(self, batch: Sequence[_Asked], found: PGresult | OperationalError) -> None:
+        if isinstance(found, OperationalError):
+            # The connection may have ended. Another one shows what is wrong, in SQLAlchemy's errors.
+            self._read_in_thread(batch)
+        else:
+            self._answer(batch, Prepared.seen(len(batch), found))
 
-    def _read(self, looks: Sequence[Look]) -> list[Seen]:
-        try:
-            return self._read_once(looks)
-        except (DBAPIError, self._database.engine.dialect.loaded_dbapi.Error):
-            # The kept connections may have ended. A fresh one shows what is wrong, in SQLAlchemy's errors.
-            self._give_back()
-            with self._database.alone() as connection:
-                return _read_all(connection, None, looks)
+    def _read_in_thread(self, batch: Sequence[_Asked]) -> None:
+        looks = [look for look, _ in batch]
+        reading = asyncio.get_running_loop().run_in_executor(self._pool, self._read_once, looks)
+
+        def done(_: object) -> None:
+            found = asyncio.CancelledError() if reading.cancelled() else reading.exception() or reading.result()
+            self._answer(batch, found)
+
+        reading.add_done_callback(done)
 
     def _read_once(self, looks: Sequence[Look]) -> list[Seen]:
-        with self._connection() as kept:
-            return _read_all(kept.connection, kept.cursor, looks)
+        """Read over a connection of the pool, and connect for those who ask later."""
+        with self._database.alone() as connection:
+            found = read_states(connection, looks[0].alias, looks)
+            dialect = connection.dialect
+        if dialect.name == "postgresql":
+            self._statements = {is_current: Prepared.of(dialect, is_current) for is_current in (True, False)}
+            try:
+                self._connection = LoopConnection(self._database, [one.text for one in self._statements.values()])
+            except OperationalError:
+                log.warning("no connection for reading states; it is tried again", exc_info=True)
+        return found
 
-    @contextmanager
-    def _connection(self) -> Iterator[_Kept]:
-        """A connection that stays open: taking one from the pool costs as much as the statement. Errors close it."""
-        try:
-            kept = self._kept.pop()
-        except IndexError:
-            kept = _Kept.open(self._database)
-        try:
-            yield kept
-        except BaseException:
-            kept.stack.close()
-            raise
-        self._kept.append(kept)
-
-
-class _Kept(NamedTuple):
-    connection: Connection
-    stack: ExitStack
-    cursor: Any
-
-    @staticmethod
-    def open(database: Database) -> _Kept:
-        stack = ExitStack()
-        connection = stack.enter_context(database.alone())
-        cursor = None
-        if connection.dialect.name == "postgresql":
-            # Otherwise PostgreSQL plans at each execution, which takes ten times as long as the execution. It expects
-            # ten rows of an array of unknown length, so a general plan seems to cost more than one for the usual row.
-            connection.exec_driver_sql("SET plan_cache_mode = force_generic_plan")
-            # The setting must not reach other statements: the connection is closed, and does not return to the pool.
-            connection.detach()
-            # One cursor for all statements: each new one works out again how its values are sent.
-            cursor = connection.connection.cursor()
-        return _Kept(connection, stack, cursor)
-
-
-def _read_all(connection: Connection, cursor: Any, looks: Sequence[Look]) -> list[Seen]:
-    """One statement for each alias."""
-    by_alias: dict[str, list[int]] = defaultdict(list)
-    for place, look in enumerate(looks):
-        by_alias[look.alias].append(place)
-    found: dict[int, Seen] = {}
-    for alias, places in by_alias.items():
-        states = read_states(connection, alias, [looks[place] for place in places], cursor)
-        found.update(zip(places, states, strict=True))
-    return [found[place] for place in range(len(looks))]
+    def _answer(self, batch: Sequence[_Asked], found: Sequence[Seen] | BaseException) -> None:
+        self._is_reading = False
+        self._go_on()
+        for place, (_, future) in enumerate(batch):
+            if future.done():  # its client has left
+                continue
+            if isinstance(found, asyncio.CancelledError):
+                future.cancel()
+            elif isinstance(found, BaseException):
+                future.set_exception(found)
+            else:
+                future.set_result(found[place])

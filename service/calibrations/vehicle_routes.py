@@ -2,61 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
-from typing import Annotated, Any
+import re
+from typing import Annotated
 from uuid import UUID
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import Response
-from fastapi.routing import APIRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from apexcal.documents.base import Sought, Stored
 from apexcal.documents.exports import VehicleCalibration
-from apexcal.documents.publications import CURRENT
 from service.auth.access import ReadAccess
 from service.calibrations.asked import AskedOfVehicle
 from service.calibrations.retrieval import Retrieval
 from service.calibrations.vehicle_queries import vehicle_of
 from service.exports.answers import WantedFormat, format_of_accept
-from service.exports.given_queries import Asked
 
-_USUAL = Asked((), CURRENT, None, {})
-
-
-class _UsualFirst(APIRoute):
-    """Answers a car's usual request, which has no query, before FastAPI looks for six parameters.
-
-    Looking for them takes a quarter of the time of an answer 304.
-    """
-
-    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """What FastAPI calls for a request."""
-        whole = super().get_route_handler()
-
-        async def handle(request: Request) -> Response:
-            vehicle_id = _usual_vehicle(request)
-            if vehicle_id is None:
-                return await whole(request)
-            retrieval: Retrieval = request.app.state.retrieval
-            return await retrieval.answer(request, vehicle_id, _USUAL, None)
-
-        return handle
-
-
-def _usual_vehicle(request: Request) -> UUID | None:
-    """The vehicle that is asked for in JSON and without a query; None for any other question."""
-    named = request.path_params.get("vehicle_id")
-    if named is None or request.scope["query_string"] or format_of_accept(request) is not None:
-        return None
-    try:
-        found = UUID(named)
-    except ValueError:
-        return None
-    # Python takes more for an id than FastAPI does, which decides on any other spelling than the usual one.
-    return found if str(found) == named.lower() else None
-
-
-router = APIRouter(tags=["calibrations"], route_class=_UsualFirst)
+router = APIRouter(tags=["calibrations"])
 
 _NAME = "the vehicle, by its name or id"
 _FLEET = "its fleet, by name or id; needed where vehicles of several fleets have this name"
@@ -91,3 +53,36 @@ def find_vehicle_calibration(
     retrieval: Retrieval = request.app.state.retrieval
     found = vehicle_of(access, vehicle, fleet, sensor)
     return retrieval.answer_now(request, access.identity, found.id, asked, wanted)
+
+
+_ROUTE = router.routes[0]
+_USUAL_PATH = re.compile("/v1/vehicles/([0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12})/calibration")
+
+
+class UsualFirst:
+    """ASGI middleware. Answers a car's usual request, one in JSON and without a query, before the router sees it.
+
+    The way through the router takes a third of the time of an answer 304. What is not answered at once goes that way.
+    """
+
+    def __init__(self, app: ASGIApp, retrieval: Retrieval) -> None:
+        self._app = app
+        self._retrieval = retrieval
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one connection."""
+        answer = await self._answer(scope) if scope["type"] == "http" and scope["method"] == "GET" else None
+        if answer is None:
+            await self._app(scope, receive, send)
+            return
+        scope["route"] = _ROUTE
+        await answer(scope, receive, send)
+
+    async def _answer(self, scope: Scope) -> Response | None:
+        usual = _USUAL_PATH.fullmatch(scope["path"])
+        if usual is None or scope["query_string"]:
+            return None
+        request = Request(scope)
+        if format_of_accept(request) is not None:
+            return None
+        return await self._retrieval.answer_at_once(request, UUID(usual[1]))

@@ -135,6 +135,12 @@ class Database:
         with self._alone.connect() as connection:
             yield connection
 
+    def driver_connection(self) -> Any:
+        """A connection of the driver, outside the pool, for the caller to close. Raises the driver's errors."""
+        dialect, url = self.engine.dialect, self.engine.url
+        arguments, named = dialect.create_connect_args(url)
+        return dialect.connect(*arguments, **named, **connect_args(url, patient=False))
+
     def _deliver(self, outbox: dict[str, list[Any]]) -> None:
         for name, items in outbox.items():
             courier = self.couriers.get(name)

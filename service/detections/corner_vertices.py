@@ -10,7 +10,7 @@ from uuid import UUID
 from sqlalchemy import case, insert, select, update
 from sqlalchemy.orm import Session
 
-from apexcal.documents.corners import TOP, CornerName, how_far
+from apexcal.documents.corners import TOP, CornerName, nearest
 from service.db.annotations import MarkingFrontier
 from service.db.base import Json
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
@@ -46,7 +46,7 @@ def make_corners(session: Session, detection: Detection, ranks: range) -> None:
     vertices: list[Json] = []
     paired: list[Json] = []
     for tip, stated in new:
-        apex_id = _same(known[tip.sweep_index, stated["corner"]], stated)
+        apex_id = nearest(known[tip.sweep_index, stated["corner"]], [stated[axis] for axis in "xyz"])
         if apex_id is None:
             apexes.append(_apex(tip, detection.recording_id, stated))
             apex_id = apexes[-1]["id"]
@@ -82,12 +82,6 @@ def _apexes(session: Session, recording_id: UUID, sweeps: set[int]) -> dict[tupl
     for sweep, corner, apex_id, x, y, z in session.execute(asked):
         known[sweep, corner].append((apex_id, (x, y, z)))
     return known
-
-
-def _same(apexes: Sequence[Known], stated: Json) -> UUID | None:
-    place = (stated["x"], stated["y"], stated["z"])
-    near = [(away, apex_id) for apex_id, xyz in apexes if (away := how_far(xyz, place)) is not None]
-    return min(near, key=lambda pair: pair[0])[1] if near else None
 
 
 def _apex(tip: Vertex, recording_id: UUID, stated: Json) -> Json:

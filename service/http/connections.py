@@ -16,15 +16,17 @@ from contextlib import suppress
 from fcntl import ioctl
 from ipaddress import ip_address, ip_network
 from termios import TIOCOUTQ
+from typing import Literal
 
-import h11
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from service.settings import get_settings
 
 # Apache's mod_reqtimeout gives the head of a request 20 s, and asks for 500 bytes a second.
 HEAD_S = 20.0
 _BYTES_PER_S = 500
+# Bytes of a head that is not complete. llhttp has no limit; h11, which was used before, took 16 KiB.
+_LONGEST_HEAD = 16 * 1024
 # As nginx: 60 s for the next bytes of a body, and for a client that takes none of an answer. Bad lines pause.
 WINDOW_S = 60.0
 # For the rest of a body that was answered already, such as a part from somebody who is not signed in.
@@ -34,8 +36,11 @@ _VANISHED_MS = 60_000
 # What a process opens beside connections: database, broker, objects in transit.
 _OTHER_FILES = 256
 
+# What the client sends next, or waits for.
+_Expected = Literal["head", "body", "answer"]
 
-class PatientProtocol(H11Protocol):
+
+class PatientProtocol(HttpToolsProtocol):
     """One connection. At each moment it waits for one thing of its client at most, and not for ever."""
 
     since = 0.0
@@ -44,6 +49,8 @@ class PatientProtocol(H11Protocol):
     _writing: asyncio.TimerHandle | None = None
     _arrived = 0
     _unsent = 0
+    _expected: _Expected = "head"
+    _head_bytes = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take the connection; where it is one too many, end one that has asked for nothing."""
@@ -53,7 +60,7 @@ class PatientProtocol(H11Protocol):
         _notice_the_vanished(transport)
         self._origin = _origin(self.client)
         self.since = self.loop.time()
-        self._wait(HEAD_S, self._end)
+        self._wait_for_head()
         self._make_room()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -64,21 +71,45 @@ class PatientProtocol(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Go on with the request, and see what is waited for now."""
-        before = self.conn.their_state
+        before = self._expected
         self._arrived += len(data)
         super().data_received(data)
+        if self.transport.is_closing():
+            return
+        self._head_bytes = self._head_bytes + len(data) if self._expected == "head" else 0
+        if self._head_bytes > _LONGEST_HEAD:
+            self.send_400_response("The request's head is too long.")
         self._check_request(before)
+
+    def on_message_begin(self) -> None:
+        """A request begins."""
+        super().on_message_begin()
+        self._expected = "head"
+
+    def on_headers_complete(self) -> None:
+        """Serve the request. Raises ValueError, which becomes 400, where it does not name one host (RFC 9112)."""
+        hosts = sum(name == b"host" for name, _ in self.headers)
+        assert self.parser is not None
+        if hosts > 1 or (hosts == 0 and self.parser.get_http_version() == "1.1"):
+            raise ValueError(f"{hosts} Host headers")
+        super().on_headers_complete()
+        self._expected = "body"
+
+    def on_message_complete(self) -> None:
+        """The request is complete."""
+        super().on_message_complete()
+        self._expected = "answer"
 
     def on_response_complete(self) -> None:
         """Wait for the next request; not for long where this one's body is still coming."""
         super().on_response_complete()
         self.since = self.loop.time()
-        if self.conn.their_state is h11.SEND_BODY and self.cycle.response_complete:
-            self._wait(UNWANTED_S, self._end)
-        elif self.conn.their_state is h11.SEND_BODY:  # the next request's: it came with this one
-            self._wait_for_body()
-        else:  # uvicorn ends what stays idle
+        if self._expected != "body":  # uvicorn ends what stays idle
             self._stop_waiting()
+        elif self.is_idle:
+            self._wait(UNWANTED_S, self._end)
+        else:  # the next request's: it came with this one
+            self._wait_for_body()
 
     def pause_writing(self) -> None:
         """The client takes no more at the moment: see in a while that it went on."""
@@ -102,15 +133,21 @@ class PatientProtocol(H11Protocol):
         """Whether the client leaves its answer lying."""
         return self._writing is not None
 
-    def _check_request(self, before: object) -> None:
-        now = self.conn.their_state
-        if now is h11.SEND_BODY:
-            if before is not h11.SEND_BODY:
-                self._wait_for_body()
-        elif now is not h11.IDLE:
+    def _check_request(self, before: _Expected) -> None:
+        if self._expected == "answer":
             self._stop_waiting()
-        elif before is not h11.IDLE or self._reading is None:
-            self._wait(HEAD_S, self._end)
+        elif self._expected == "body":
+            if before != "body":
+                self._wait_for_body()
+        elif before != "head" or self._reading is None:
+            self._wait_for_head()
+
+    def _check_head(self) -> None:
+        # The beginning of the next request may have come with the one that is being answered.
+        if self.is_idle:
+            self._end()
+        else:
+            self._wait_for_head()
 
     def _check_body(self) -> None:
         # Where the service does not read, or has not told the client to send, the client is not slow.
@@ -132,6 +169,9 @@ class PatientProtocol(H11Protocol):
         with suppress(OSError):
             ioctl(self.transport.get_extra_info("socket").fileno(), TIOCOUTQ, in_kernel)
         return self.transport.get_write_buffer_size() + in_kernel[0]
+
+    def _wait_for_head(self) -> None:
+        self._wait(HEAD_S, self._check_head)
 
     def _wait_for_body(self) -> None:
         self._arrived = 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 # Parts of an upload are hashed by WebAssembly in a worker; `wasm-unsafe-eval` allows that and no evaluated script.
@@ -29,7 +28,9 @@ class SafeHeaders:
     def __init__(self, app: ASGIApp, stores: Sequence[str] = ()) -> None:
         self._app = app
         connect = " ".join(("; connect-src 'self'", *stores)) if stores else ""
-        self._headers = {"Content-Security-Policy": CONTENT_SECURITY_POLICY + connect, **_ALWAYS}
+        always = {"Content-Security-Policy": CONTENT_SECURITY_POLICY + connect, **_ALWAYS}
+        self._pages = [(name.lower().encode(), value.encode()) for name, value in always.items()]
+        self._api = [*self._pages, (b"cache-control", b"private, no-cache")]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one connection."""
@@ -39,11 +40,9 @@ class SafeHeaders:
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in self._headers.items():
-                    headers.setdefault(name, value)
-                if scope["path"].startswith("/v1/"):
-                    headers.setdefault("Cache-Control", "private, no-cache")
+                given = {name for name, _ in message.get("headers", ())}
+                ours = self._api if scope["path"].startswith("/v1/") else self._pages
+                message["headers"] = [*message.get("headers", ()), *(one for one in ours if one[0] not in given)]
             await send(message)
 
         await self._app(scope, receive, send_with_headers)

@@ -9,12 +9,11 @@ from __future__ import annotations
 import json
 import logging
 import sys
+from datetime import UTC, datetime
+from time import localtime, strftime
 from typing import Any
 
-from structlog.contextvars import bound_contextvars, merge_contextvars
-from structlog.processors import ExceptionRenderer, JSONRenderer, TimeStamper
-from structlog.stdlib import ExtraAdder, ProcessorFormatter
-from structlog.typing import EventDict, Processor
+from structlog.contextvars import bound_contextvars, get_contextvars
 
 # Celery says of every message that it came and that it went; the job's own lines say more.
 _CHATTY = ("celery.worker.strategy", "celery.app.trace")
@@ -30,57 +29,57 @@ def visible(text: str) -> str:
     return "".join(one if one.isprintable() else json.dumps(one)[1:-1] for one in text)
 
 
-def formatter(form: str) -> ProcessorFormatter:
+def formatter(form: str) -> logging.Formatter:
     """What makes a line of a record, as ``json`` or ``text``."""
-    return ProcessorFormatter(processors=_JSON if form == "json" else _TEXT, foreign_pre_chain=[merge_contextvars])
+    return _Objects() if form == "json" else _Lines()
 
 
-def _without_extras_of_others(_: Any, __: str, line: EventDict) -> EventDict:
-    """Uvicorn gives its messages a second time, with colours."""
-    return {name: value for name, value in line.items() if not name.startswith(("color_", "_")) or name == "_record"}
+class _Objects(logging.Formatter):
+    """An object a line."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The fields of an object in their order."""
+        own = {
+            "time": datetime.fromtimestamp(record.created, UTC).isoformat().replace("+00:00", "Z"),
+            "level": record.levelname,
+            "logger": record.name,
+            "process": record.process,
+            "message": record.getMessage(),
+        }
+        return visible(_JSON.encode({**own, **get_contextvars(), **_extras(record), **_below(self, record)}))
 
 
-def _as_object(_: Any, __: str, line: EventDict) -> EventDict:
-    """The fields of an object in their order."""
-    record: logging.LogRecord = line.pop("_record")
-    return {
-        "time": line.pop("time"),
-        "level": record.levelname,
-        "logger": record.name,
-        "process": record.process,
-        "message": line.pop("event"),
-        **line,
-    }
-
-
-def _as_text(_: Any, __: str, line: EventDict) -> str:
+class _Lines(logging.Formatter):
     """A line for people, what it is about in brackets; below it a traceback, indented: it may look like a line."""
-    record: logging.LogRecord = line.pop("_record")
-    time, event = line.pop("time"), line.pop("event")
-    below = [text for name in ("exception", "stack_info") if (text := line.pop(name, None))]
-    found = " ".join(f"{name}={value}" for name, value in line.items() if not name.startswith("_"))
-    first = visible(f"{time} {record.levelname} {record.name}{f' [{found}]' if found else ''} {event}")
-    return "\n".join([first, *(f"  {visible(one)}" for text in below for one in text.split("\n"))])
+
+    def format(self, record: logging.LogRecord) -> str:
+        """A line, or several."""
+        time = strftime("%Y-%m-%d %H:%M:%S", localtime(record.created))
+        found = " ".join(f"{name}={value}" for name, value in get_contextvars().items())
+        about = f" [{found}]" if found else ""
+        first = visible(f"{time} {record.levelname} {record.name}{about} {record.getMessage()}")
+        below = _below(self, record).values()
+        return "\n".join([first, *(f"  {visible(one)}" for text in below for one in text.split("\n"))])
 
 
-def _all_visible(_: Any, __: str, line: Any) -> str:
-    return visible(line)
+_JSON = json.JSONEncoder(default=str, ensure_ascii=False)
+_USUAL = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "asctime", "taskName"}
 
 
-_JSON: tuple[Processor, ...] = (
-    ExtraAdder(),
-    _without_extras_of_others,
-    TimeStamper(fmt="iso", key="time"),
-    ExceptionRenderer(),
-    _as_object,
-    JSONRenderer(default=str, ensure_ascii=False),
-    _all_visible,
-)
-_TEXT: tuple[Processor, ...] = (
-    TimeStamper(fmt="%Y-%m-%d %H:%M:%S", utc=False, key="time"),
-    ExceptionRenderer(),
-    _as_text,
-)
+def _extras(record: logging.LogRecord) -> dict[str, Any]:
+    """What the caller gave beside the message. Uvicorn gives its messages a second time, with colours."""
+    given = ((name, value) for name, value in record.__dict__.items() if name not in _USUAL)
+    return {name: value for name, value in given if not name.startswith(("color_", "_"))}
+
+
+def _below(formatter: logging.Formatter, record: logging.LogRecord) -> dict[str, str]:
+    """The traceback and the stack, where the record has them."""
+    found = {}
+    if record.exc_info and record.exc_info[0] is not None:
+        found["exception"] = formatter.formatException(record.exc_info)
+    if record.stack_info:
+        found["stack_info"] = record.stack_info
+    return found
 
 
 def configure(form: str, level: int = logging.INFO) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from typing import Annotated
-from urllib.parse import quote
 from uuid import UUID
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -12,14 +11,12 @@ from fastapi.responses import JSONResponse, StreamingResponse
 
 from apexcal.documents.copies import CopyRequest, CopyView
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
-from service.db.recordings import Blob
 from service.db.session import Database
-from service.db.studies import Study, StudyFile
+from service.db.studies import StudyFile
 from service.detections.queries import ready_recording
 from service.http.pages import Page, Paging
-from service.http.problems import Problem
 from service.storage.store import Store
-from service.studies.queries import delete_study, list_studies, new_study, read_study
+from service.studies.queries import delete_study, disposition, list_studies, new_study, read_study, study_file
 from service.studies.views import copy_view
 
 router = APIRouter(tags=["studies"])
@@ -59,28 +56,15 @@ def read_copy(copy_id: UUID, access: ReadAccess) -> CopyView:
 @router.delete("/calibrated-copies/{copy_id}", status_code=204)
 def delete_copy(copy_id: UUID, access: WriteAccess) -> Response:
     """Delete a copy and its file, or end its making. [engineer]"""
-    found, _ = read_study(access, copy_id, _KIND)
-    access.need(found.fleet_id, "engineer")
-    delete_study(access.session, found)
-    return Response(status_code=204)
+    return delete_study(access, copy_id, _KIND, "engineer")
 
 
 def _file(copy_id: UUID, request: Request, identity: CurrentIdentity) -> tuple[StudyFile, int]:
     """The copy's file and its size. The session ends here, before any byte is read."""
     database: Database = request.app.state.database
     with database.reading() as session:
-        access = Access(session, identity)
-        row = access.find(Study, copy_id, "engineer")
-        made = session.get(StudyFile, row.id)
-        if made is None:
-            raise Problem(
-                409,
-                "copy_not_ready",
-                f"This copy is {row.state}; it has no file.",
-                "Wait until its state is done.",
-                state=row.state,
-            )
-        return made, session.get_one(Blob, made.blob_key).size
+        _, made, size = study_file(Access(session, identity), copy_id, _KIND, "engineer", "copy")
+        return made, size
 
 
 @router.get("/calibrated-copies/{copy_id}/file", response_class=StreamingResponse)
@@ -94,10 +78,7 @@ async def get_copy_file(request: Request, found: Annotated[tuple[StudyFile, int]
     return StreamingResponse(
         _after(first, pieces),
         media_type="application/octet-stream",
-        headers={
-            "Content-Length": str(size),
-            "Content-Disposition": f"attachment; filename*=UTF-8''{quote(made.file_name, safe='')}",
-        },
+        headers={"Content-Length": str(size), "Content-Disposition": disposition(made, "attachment")},
     )
 
 

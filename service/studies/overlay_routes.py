@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
-from urllib.parse import quote
 from uuid import UUID
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -13,15 +12,13 @@ from apexcal.documents.overlays import OverlayRequest, OverlayView
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.db.calibrations import Result
-from service.db.recordings import Blob
 from service.db.session import Database
 from service.db.studies import StudyFile
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging
-from service.http.problems import Problem
 from service.storage.store import Store
 from service.studies.overlay_plan import pairs_of, plan_overlay
-from service.studies.queries import delete_study, list_studies, new_study, read_study
+from service.studies.queries import delete_study, disposition, list_studies, new_study, read_study, study_file
 from service.studies.views import overlay_view
 
 router = APIRouter(tags=["studies"])
@@ -57,38 +54,23 @@ def read_overlay(overlay_id: UUID, access: ReadAccess) -> OverlayView:
 @router.delete("/overlays/{overlay_id}", status_code=204)
 def delete_overlay(overlay_id: UUID, access: WriteAccess) -> Response:
     """Delete an overlay and its image, or end its making. [reviewer]"""
-    found, _ = read_study(access, overlay_id, _KIND)
-    access.need(found.fleet_id, "reviewer")
-    delete_study(access.session, found)
-    return Response(status_code=204)
+    return delete_study(access, overlay_id, _KIND, "reviewer")
 
 
 class _Kept(NamedTuple):
-    """An image's place, looked up in a session that has ended."""
+    """An image and its digest, looked up in a session that has ended."""
 
-    key: str
+    made: StudyFile
     size: int
     sha256: str
-    name: str
 
 
 def _find(overlay_id: UUID, request: Request, identity: CurrentIdentity) -> _Kept:
     database: Database = request.app.state.database
     with database.reading() as session:
         access = Access(session, identity)
-        row, _ = read_study(access, overlay_id, _KIND)
-        access.need(row.fleet_id, "reviewer")
-        made = session.get(StudyFile, row.id)
-        if made is None:
-            raise Problem(
-                409,
-                "overlay_not_ready",
-                f"This overlay is {row.state}; it has no image.",
-                "Wait until its state is done.",
-                state=row.state,
-            )
-        size = session.get_one(Blob, made.blob_key).size
-        kept = _Kept(made.blob_key, size, (row.result or {})["sha256"], made.file_name)
+        row, made, size = study_file(access, overlay_id, _KIND, "reviewer", "overlay")
+        kept = _Kept(made, size, (row.result or {})["sha256"])
         result = session.get(Result, UUID(row.asked["result_id"]))
         if result is not None:
             tell_pairs(access, database, pairs_of(access, result), "result")
@@ -111,6 +93,6 @@ async def get_overlay_image(
     etag = content_etag(kept.sha256)
     conditions.offer(etag)
     store: Store = request.app.state.store
-    data = await store.read(kept.key, 0, kept.size)
-    disposition = f"inline; filename*=UTF-8''{quote(kept.name, safe='')}"
-    return Response(data, media_type="image/png", headers={"ETag": etag, "Content-Disposition": disposition})
+    data = await store.read(kept.made.blob_key, 0, kept.size)
+    headers = {"ETag": etag, "Content-Disposition": disposition(kept.made, "inline")}
+    return Response(data, media_type="image/png", headers=headers)

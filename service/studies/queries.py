@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, TypeVar
+from urllib.parse import quote
 from uuid import UUID
 
+from fastapi import Response
 from sqlalchemy import select
-from sqlalchemy.orm import Session
 
+from apexcal.documents.roles import Role
 from apexcal.documents.studies import StudyView
 from service.auth.access import Access
 from service.db.jobs import Job
-from service.db.recordings import Recording
+from service.db.recordings import Blob, Recording
 from service.db.studies import Study, StudyFile
 from service.http.pages import Page, Window, fetch
-from service.http.problems import not_found
+from service.http.problems import Problem, not_found
 from service.jobs.queue import abandon
 from service.storage.blobs import condemn
 from service.storage.quota import counted
@@ -61,8 +63,35 @@ def read_study(access: Access, study_id: UUID, kind: str) -> tuple[Study, Job | 
     return row, access.session.get(Job, row.job_id) if row.job_id else None
 
 
-def delete_study(session: Session, row: Study) -> None:
-    """Delete a study with the file that it made, or end its making."""
+def study_file(access: Access, study_id: UUID, kind: str, role: Role, what: str) -> tuple[Study, StudyFile, int]:
+    """A study of this kind, the file that it made, and the file's size.
+
+    Raises :class:`Problem` 404, 403, and 409 ``WHAT_not_ready``, where ``what`` names the file for people.
+    """
+    row, _ = read_study(access, study_id, kind)
+    access.need(row.fleet_id, role)
+    made = access.session.get(StudyFile, row.id)
+    if made is None:
+        raise Problem(
+            409,
+            f"{what}_not_ready",
+            f"This {what} is {row.state}; it has no file.",
+            "Wait until its state is done.",
+            state=row.state,
+        )
+    return row, made, access.session.get_one(Blob, made.blob_key).size
+
+
+def disposition(made: StudyFile, how: str) -> str:
+    """The header that names a file for who saves it; ``how`` is `inline` or `attachment`."""
+    return f"{how}; filename*=UTF-8''{quote(made.file_name, safe='')}"
+
+
+def delete_study(access: Access, study_id: UUID, kind: str, role: Role) -> Response:
+    """Delete a study with the file that it made, or end its making. Raises :class:`Problem` 404, 403."""
+    row, _ = read_study(access, study_id, kind)
+    access.need(row.fleet_id, role)
+    session = access.session
     # Jobs first, as workers lock them before the rows that they work for.
     abandon(session, [row.id])
     recording = session.get(Recording, row.recording_id, with_for_update=True)
@@ -73,3 +102,4 @@ def delete_study(session: Session, row: Study) -> None:
     session.flush()
     if recording is not None:
         recording.taken_bytes = counted(session, recording, besides=row.job_id)
+    return Response(status_code=204)

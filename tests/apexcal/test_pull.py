@@ -179,6 +179,22 @@ def test_an_alias_is_pulled_by_its_name(car):
     assert car.pull().exit_code == 0 and car.kept() == result
 
 
+def test_an_alias_whose_result_was_deleted_keeps_the_last_file_and_says_so(car):
+    _, (tried, _) = seed_results(car.api, car.rig)
+    moves = f"/vehicles/{car.rig.vehicle_id}/cameras/front/aliases/canary/moves"
+    assert car.reviewer.post(moves, {"result_id": str(tried), "reason": "To try."}).status_code == 201
+    assert car.pull("--alias", "canary").exit_code == 0 and car.kept() == str(tried)
+    good = car.file.read_bytes()
+    with car.api.database.writing() as session:
+        session.delete(session.get_one(Result, tried))
+    gone = car.pull("--alias", "canary")
+    assert gone.exit_code == 5 and "calibration_deleted" in gone.stderr and car.file.read_bytes() == good
+    car.file.unlink()
+    assert car.pull("--alias", "canary").exit_code == 4 and not car.file.exists()
+    # The others are given as before.
+    assert car.pull().exit_code == 0
+
+
 @contextmanager
 def cut_off(url: str) -> Iterator[str]:
     """A way to the service on which a calibration's answer breaks off in its middle."""

@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import update
 
 from service.db.fleets import Rig, RigCamera
-from tests.apexcal.test_pull import Car
+from tests.apexcal.test_pull import Car, cut_off
 from tests.service.calibrations.given import another_rig
 from tests.support.databases import one_database
 
@@ -94,6 +94,14 @@ def test_a_swapped_sensor(trouble):
 def test_the_network_is_gone(trouble):
     said = trouble.kill(url=NOBODY)
     assert said["found"] == [[trouble.good, True]] and said["exit_code"] == 3
+
+
+def test_the_answer_is_cut_off_in_its_middle(trouble):
+    trouble.car.publish()
+    with cut_off(trouble.car.url) as url:
+        said = trouble.kill("--timeout", "2", url=url)
+    assert said["found"] == [[trouble.good, True]] and said["exit_code"] == 3
+    assert trouble.car.pull().exit_code == 0 and trouble.digest() != trouble.good
 
 
 @pytest.mark.parametrize("room", [0, 900])

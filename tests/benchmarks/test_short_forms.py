@@ -17,6 +17,11 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(2 * _LESS_THAN_A_BENCH_S)]
 
 def _answer(module, **environment):
     """The last line of a bench's answer."""
+    return _lines(module, **environment)[-1]
+
+
+def _lines(module, **environment):
+    """All lines of a bench's answer."""
     done = subprocess.run(
         (sys.executable, "-m", f"benchmarks.{module}"),
         env={**os.environ, "SEED": "5", **environment},
@@ -25,7 +30,7 @@ def _answer(module, **environment):
         timeout=_LESS_THAN_A_BENCH_S,
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.strip().splitlines()[-1])
+    return [json.loads(line) for line in done.stdout.strip().splitlines()]
 
 
 @pytest.mark.parametrize("model", ["pinhole", "brown_conrady", "kannala_brandt"])
@@ -50,8 +55,57 @@ def test_the_slot_beside_its_bare_evaluation():
 
 def test_the_clocks_offset():
     answer = _answer("clock_offset", WALKS="2", ONLY="rows")
-    assert answer["rms_ms"] < 3.0
+    assert answer["rms_ms"] < 2.0
     assert answer["refused_share"] == 0.0
+
+
+def test_the_papers_experiment():
+    answer = _answer("paper", SHORT="1")
+    assert answer["truth_refined_over_strict"] < 0.5
+    # Clicks alone leave the floor, and no fit of the training pairs comes below it but by their own chance.
+    assert 0.85 < answer["heldout_refined_px"] / answer["heldout_floor_px"] < 1.25
+
+
+def test_the_vertices_of_plain_walks():
+    refined = _answer("detection", SHORT="1", ONLY="plain", WALKS="2")["refined"]
+    assert refined["accepted_share"] > 0.65
+    assert refined["rms_deg"] < 0.075
+    assert abs(refined["bias_deg"]) < 0.015
+    assert refined["gross_share"] <= 0.005
+    assert refined["coverage_2sigma"] > 0.94
+
+
+def test_the_search_needs_no_known_mount(tmp_path):
+    curves = _answer("worth", RIGS="3", QUESTIONS="mount", OUT=str(tmp_path))["curves"]
+    assert curves["mount"]["ga"]["success"] == [1.0] * 8
+
+
+def test_our_readers_save_what_libraries_save_and_refuse_what_exhausts_them():
+    container, saved, bombs = "", {}, []
+    for line in _lines("readers", SECONDS="6", DAMAGED="5"):
+        container = line.get("container", container)
+        if "bomb" in line:
+            bombs += [line] if line["way"] == "ours" else []
+        elif "saved_of_cut" in line:
+            saved[container, line["way"]] = line
+    for kind in ("mcap", "foxglove", "pcap"):
+        ours = saved[kind, "ours"]
+        assert ours["to_an_end_of_cut"] == 1.0
+        most = max(one["saved_of_cut"] for (other, _), one in saved.items() if other == kind)
+        assert ours["saved_of_cut"] >= most - 0.01
+    assert len(bombs) >= 9
+    for bomb in bombs:
+        assert bomb["error"], bomb
+        # The costliest takes 0.3 s of a processor; a third of the 3 GiB that an ingestion may have.
+        assert bomb["cpu_s"] < 2.0
+        assert bomb["peak"] < 1024**3
+
+
+def test_the_service_starts_in_half_of_what_it_took():
+    # 10.2 and 8.8 processor seconds before imports were made light; half of that was asked.
+    this = _answer("startup", ROUNDS="1")["this"]
+    assert this["first_start"]["processor_s"] < 5.1
+    assert this["second_start"]["processor_s"] < 4.4
 
 
 def test_a_fleet_and_a_calibration_through_the_farm_have_the_bits_of_bare_processes():

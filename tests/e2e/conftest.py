@@ -94,8 +94,8 @@ def track(served: dict[str, Any], simulated: Callable[[], Path]) -> Iterator[Tra
         region = json.loads((folder / "region.json").read_text())
         rig = owner.vehicles.create_rig(vehicle.id, read_rig(folder / "rig.json", "roof"))
         recording = owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id)
-        recording = owner.wait(recording, timeout_s=90)
-        detection = owner.wait(owner.detections.create(recording.id, region), timeout_s=60)
+        recording = owner.wait(recording, timeout_s=240)
+        detection = owner.wait(owner.detections.create(recording.id, region), timeout_s=240)
         assert detection.counts.paired >= 10, detection.counts
         width, height = rig.cameras[0].image_size
         yield Track(

@@ -83,6 +83,8 @@ def test_pages(sign_in: SignIn, track: Track, paths: dict[str, str], scheme: str
             expect(page.get_by_role("heading", level=1)).to_be_visible()
             if name == "comparison":
                 page.get_by_text("Compare with another result").click()
+                others = page.get_by_label("This result minus")
+                others.select_option(index=others.locator("option").count() - 1)  # the oldest
                 expect(page.get_by_role("img", name=re.compile("Differences over the image"))).to_be_visible()
             take(page, name, scheme, width, full=True)
 

@@ -19,12 +19,14 @@ MOVED_M = 0.06
 
 @pytest.fixture(scope="module")
 def results(track: Track) -> list[ResultView]:
-    """Three recommended results of a vehicle of their own; before the last one the LiDAR moved 6 cm to the right."""
+    """Four recommended results of a vehicle of their own, the middle two of the same pairs; before the last one the
+    LiDAR moved 6 cm to the right.
+    """
     owner = track.owner
     vehicle = owner.vehicles.create(track.fleet_id, "Drifter")
     rig = owner.vehicles.create_rig(vehicle.id, LEVEL_RIG)
     found: list[ResultView] = []
-    for seed, moved in ((11, 0.0), (12, 0.0), (13, MOVED_M)):
+    for seed, moved in ((11, 0.0), (12, 0.0), (12, 0.0), (13, MOVED_M)):
         seen = [pair | {"y": pair["y"] + moved} for pair in pairs(150, seed)]
         made = owner.correspondence_sets.import_pairs(rig.id, "front", seen)
         done = owner.wait(owner.calibrations.create(vehicle.id, [made.id], ["pinhole"], folds=2), timeout_s=90)
@@ -48,7 +50,7 @@ def check(page: Page) -> None:
 
 
 def test_two_results_are_compared_over_the_image(sign_in: SignIn, track: Track, results: list[ResultView]) -> None:
-    first, _, last = results
+    first, *_, last = results
     page = sign_in("Cora", "viewer")
     page.goto(f"{track.url}/calibrations/{last.calibration_id}")
     page.get_by_text("Compare with another result").click()
@@ -85,10 +87,10 @@ def test_drift_is_drawn_and_what_was_withdrawn_is_marked(
     vehicle = results[0].vehicle_id
     page = sign_in("Dora", "engineer")
     page.goto(f"{track.url}/vehicles/{vehicle}")
-    expect(page.get_by_text(re.compile("Over 3 results of front the mount moved"))).to_be_visible()
+    expect(page.get_by_text(re.compile("Over 4 results of front the mount moved"))).to_be_visible()
     shifts = page.get_by_role("img", name=re.compile("shift from the first, mm, over time"))
-    # Three lines of three results; the upright line is where the mount moved.
-    expect(shifts.locator("circle.target")).to_have_count(9)
+    # Three lines of four results; the upright line is where the mount moved.
+    expect(shifts.locator("circle.target")).to_have_count(12)
     expect(shifts.locator(".jump")).to_have_count(1)
     page.get_by_text("The numbers").click()
     drift = track.owner.validations.drift(vehicle, "front")
@@ -101,10 +103,10 @@ def test_drift_is_drawn_and_what_was_withdrawn_is_marked(
     assert ends in (shifts.get_attribute("aria-label") or "")
     check(page)
 
-    published = track.owner.calibrations.publish(results[2].id, "to be withdrawn", override=True)
+    published = track.owner.calibrations.publish(results[-1].id, "to be withdrawn", override=True)
     track.owner.calibrations.withdraw(published.id, "the board was bent")
     page.reload()
-    expect(page.get_by_text(re.compile("Over 2 results.*1 withdrawn result is left out"))).to_be_visible()
+    expect(page.get_by_text(re.compile("Over 3 results.*1 withdrawn result is left out"))).to_be_visible()
     expect(shifts.locator("path.withdrawn")).to_have_count(3)
     expect(shifts.locator(".jump")).to_have_count(0)
     page.get_by_text("The numbers").click()

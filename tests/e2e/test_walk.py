@@ -8,6 +8,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from tests.e2e.conftest import Track
 from tests.e2e.test_region import counted, drag
+from tests.e2e.test_taking import publish_anyway
 
 MARKS = 40
 SignIn = Callable[[str, str], Page]
@@ -142,14 +143,6 @@ def look_at_the_overlay(page: Page) -> None:
 
 
 def publish(page: Page) -> None:
-    """Also against what speaks against forty pairs, with a reason."""
-    page.get_by_role("button", name="Publish for the vehicle").click()
-    dialog = page.get_by_role("dialog")
-    given = page.get_by_text("Published: the current calibration")
-    expect(dialog.or_(given)).to_be_visible()
-    if dialog.count():
-        dialog.get_by_role("textbox").fill("The first walk with this vehicle.")
-        dialog.get_by_role("button", name="Publish").click()
-    expect(given).to_be_visible()
+    publish_anyway(page, "The first walk with this vehicle.")
     page.get_by_role("link", name="Walker").click()
     expect(page.get_by_text("brown_conrady, published")).to_be_visible()

@@ -21,6 +21,10 @@ _FIRST = (
     "tests/service/annotations/",
     "tests/service/calibrations/",
     *(folder for folders in _TOGETHER for folder in folders),
+    "tests/workers/vertices/",
+    "tests/workers/solver/",
+    "tests/workers/readers/",
+    "tests/contract/",
 )
 
 

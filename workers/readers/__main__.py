@@ -24,7 +24,7 @@ from typing import Any, Final
 from workers.readers.confine import confine
 from workers.readers.isolation.isolate import isolate
 from workers.readers.normalised.normalise import normalise
-from workers.readers.output import OutputLimitError, ReserveError, limit_output, written
+from workers.readers.output import OutputLimitError, ReserveError, bytes_written, limit_output
 from workers.readers.progress import Pace, Progress
 from workers.readers.pulse import tell_beats
 from workers.readers.recording import ReadError, ReadOptions
@@ -140,7 +140,7 @@ def _used() -> dict[str, float]:
     status = Path("/proc/self/status")
     lines = status.read_text().splitlines() if status.exists() else []
     peak = next((int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), usage.ru_maxrss)
-    return {"cpu_s": usage.ru_utime + usage.ru_stime, "resident_bytes": peak * 1024, "written_bytes": written()}
+    return {"cpu_s": usage.ru_utime + usage.ru_stime, "resident_bytes": peak * 1024, "written_bytes": bytes_written()}
 
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ def video_is_decoded() -> None:
     _WRITTEN.most = _WRITTEN.most_with_video
 
 
-def written() -> int:
+def bytes_written() -> int:
     """Bytes that this process has written since :func:`limit_output`."""
     return _WRITTEN.count
 

@@ -219,8 +219,10 @@ def together(document: dict[str, Any]) -> Check:
     title, shared = "Errors that pairs share", document.get("shared_errors")
     if not shared:
         return Check("shared_errors", title, "unknown", "The pairs name no poses, or are too few to tell.")
-    begins = ("Pairs of one group err together", "Pairs near in time err together")
-    said = next((alarm for alarm in document.get("alarms", []) if alarm.startswith(begins)), None)
+    begins = tuple(
+        f"{which} err together" for which in ("Pairs of one group", "Pairs near in time", "Groups near in time")
+    )
+    said = " ".join(alarm for alarm in document.get("alarms", []) if alarm.startswith(begins)) or None
     figures = {name: shared[name] for name in ("evidence", "widening", "deviations")}
     if said is None and shared["evidence"] > _TOGETHER.get(len(shared["deviations"]), np.inf):
         sizes = " and ".join(_size(*one) for one in shared["deviations"].items() if one[1] > 0.0)

@@ -23,46 +23,69 @@ class Blocks:
     """Labels (N,) of the pairs' blocks, from 0 in the order of time (or of the pairs), and the kind of the blocks.
 
     `group`: what the pairs themselves name. `time`, `order`: stretches of equal numbers of pairs, by their stamps or
-    by their places.
+    by their places. stretches: labels (N,) of the stretches that many groups are in, each group whole in one, as the
+    sweeps of a walk with four corners each; None for few groups, and where the blocks are stretches.
     """
 
     labels: Indices
     kind: BlockKind
+    stretches: Indices | None = None
 
     def taken(self, rows: Indices) -> Blocks:
         """Those of the pairs at these rows."""
-        return Blocks(_numbered(self.labels[rows]), self.kind)
+        stretches = None if self.stretches is None else _numbered(self.stretches[rows])
+        return Blocks(_numbered(self.labels[rows]), self.kind, stretches)
+
+    @property
+    def over_time(self) -> bool:
+        """Whether there are stretches, alone or of groups."""
+        return self.kind != "group" or self.stretches is not None
 
     @property
     def halves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Every second block, and the earlier half of the blocks: (N,) each, true for the first of the two halves."""
-        count = int(self.labels.max()) + 1
-        return self.labels % 2 == 0, self.labels < (count + 1) // 2
+        """Every second stretch or group, and the earlier half of them: (N,) each, true for the first half."""
+        labels = self.labels if self.stretches is None else self.stretches
+        count = int(labels.max()) + 1
+        return labels % 2 == 0, labels < (count + 1) // 2
 
 
 def blocks_of(pairs: Mapping[str, Sequence[Any]]) -> Blocks | None:
     """The blocks of a correspondence set's pairs (columns); None where they are too few to be cut.
 
-    Groups of a single pair each are no blocks.
+    Groups of a single pair each are no blocks. So many groups as pairs of a walk are needed are those of a walk.
     """
     count = len(pairs["x"])
-    group = pairs.get("group")
+    group, stamps = pairs.get("group"), pairs.get("stamp_ns")
+    ranked = np.arange(count) if stamps is None else np.asarray(stamps, np.int64)
     if group is not None:
         first = {value: row for row, value in reversed(list(enumerate(group)))}
         if 1 < len(first) < count:
             place = {value: label for label, value in enumerate(sorted(first, key=first.__getitem__))}
-            return Blocks(np.array([place[value] for value in group], np.int64), "group")
+            labels = np.array([place[value] for value in group], np.int64)
+            return Blocks(labels, "group", _stretches_of_groups(labels, ranked))
     if count < LEAST_PAIRS:
         return None
-    stamps = pairs.get("stamp_ns")
-    ranked = np.arange(count) if stamps is None else np.asarray(stamps, np.int64)
+    labels = _stretches(ranked)
+    return Blocks(labels, "order" if stamps is None else "time") if labels.max() > 0 else None
+
+
+def _stretches_of_groups(labels: Indices, ranked: Indices) -> Indices | None:
+    count = int(labels.max()) + 1
+    if count < LEAST_PAIRS:
+        return None
+    begins = np.full(count, np.iinfo(np.int64).max)
+    np.minimum.at(begins, labels, ranked)
+    stretches = _stretches(begins)
+    return stretches[labels] if stretches.max() > 0 else None
+
+
+def _stretches(ranked: Indices) -> Indices:
+    """Labels of equal numbers of things in the order of `ranked`. Those of one moment stay together."""
     order = np.argsort(ranked, kind="stable")
     in_order = ranked[order]
-    # Pairs of one moment stay together.
-    rank = np.empty(count, np.int64)
+    rank = np.empty(len(ranked), np.int64)
     rank[order] = np.searchsorted(in_order, in_order)
-    labels = _numbered(rank * STRETCHES // count)
-    return Blocks(labels, "order" if stamps is None else "time") if labels.max() > 0 else None
+    return _numbered(rank * STRETCHES // len(ranked))
 
 
 def _numbered(labels: Indices) -> Indices:

@@ -30,8 +30,9 @@ class ErrorModel:
 
     fit: with columns of unit length; scale (F,): what the parameters (rad, m, px) were divided by for that.
     noise: sigma^2, px^2. common (N, 2, m): what all pairs share, px per standard deviation. The last `estimated` of
-    its columns have one variance, known with `common_freedom` degrees of freedom. shared: what blocks share, of
-    variances (K,), or None. unsure (1 + K, 1 + K): the covariance of the estimates of noise and variances.
+    its columns have one variance, known with `common_freedom` degrees of freedom. shared: what blocks share; groups
+    come before the stretches of the walk that they are in. All components, one after the other, have the variances
+    (K,). unsure (1 + K, 1 + K): the covariance of the estimates of noise and variances.
     moved (F,): what pairs that do not belong moved the estimate by.
     """
 
@@ -40,7 +41,7 @@ class ErrorModel:
     noise: float
     common: Floats
     unsure: Floats
-    shared: Components | None = None
+    shared: tuple[Components, ...] = ()
     variances: Floats = field(default_factory=lambda: np.zeros(0))
     estimated: int = 0
     common_freedom: float = np.inf
@@ -135,11 +136,10 @@ class ErrorModel:
         return inverse @ np.einsum("ncf,ncm->fm", self._rows(used), self.common) / self.noise
 
     def _of_component(self, used: Used | None, k: int) -> Floats:
-        assert self.shared is not None
-        columns = self.shared.component == k
-        of_pairs = np.einsum("nci,ncf->nif", self.shared.shapes[:, :, columns], self._rows(used))
-        of_blocks = np.zeros((int(self.shared.labels.max()) + 1, *of_pairs.shape[1:]))
-        np.add.at(of_blocks, self.shared.labels, of_pairs)
+        one, column = [(one, column) for one in self.shared for column in range(int(one.component.max()) + 1)][k]
+        of_pairs = np.einsum("nci,ncf->nif", one.shapes[:, :, one.component == column], self._rows(used))
+        of_blocks = np.zeros((int(one.labels.max()) + 1, *of_pairs.shape[1:]))
+        np.add.at(of_blocks, one.labels, of_pairs)
         rows = of_blocks.reshape(-1, len(self.scale))
         return rows.T @ rows
 

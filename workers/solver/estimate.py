@@ -167,17 +167,17 @@ def _with_shared_errors(found: Estimate) -> Estimate:
     plain, bias = with_people(here, alone)
     plain = replace(plain, moved=_moved(here, found.parameters, p))
     shared = shared_errors(here, p, plain)
-    counted = shared is not None and shared[0].counted
-    errors = shared[1] if shared is not None and counted else plain
-    if counted or plain.common.shape[2] or np.any(plain.moved):
+    errors = plain if shared is None else shared.errors
+    if errors is not plain or plain.common.shape[2] or np.any(plain.moved):
         unit, covariance = units_of(spread.names), errors.covariance()
         spread = replace(
             spread,
             covariance=covariance * unit[:, None] * unit,
             std=np.sqrt(np.diag(covariance)) * unit,
             freedoms=errors.freedoms(),
+            shift=errors.moved * unit if errors.moved.size else None,
         )
-    named, wider = shared if shared is not None else (None, None)
+    named, wider = (shared.named, shared.wider) if shared is not None else (None, None)
     return replace(found, spread=spread, errors=errors, plain=plain, wider=wider, shared=named, bias=bias)
 
 

@@ -15,7 +15,7 @@ from workers.geometry.projection import distances_px
 from workers.geometry.projections.single_precision import Box, Targets, place_individual
 from workers.geometry.projections.table import PROJECTIONS
 from workers.solver.problem import FitProblem
-from workers.solver.residuals import predict, turned_points
+from workers.solver.residuals import predict
 from workers.solver.weighting import search_weights
 
 Floats = NDArray[np.float64]
@@ -43,8 +43,13 @@ class FitnessData(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fitness:
-    """A search's loss as one object: the model's kernel, what it works on, and the upper bounds (F,) of the free."""
+    """A search's loss as one object: the model's kernel, what it works on, and the upper bounds (F,) of the free.
 
+    weights (N,): of the problem's pairs.
+    """
+
+    problem: FitProblem
+    weights: Floats
     total_distances: CompileResultWAP
     data: FitnessData
     upper: Floats
@@ -59,43 +64,50 @@ class Fitness:
         box = self.data.box
         p = box.base.copy()
         # lower + width may round past the upper bound.
-        p[box.free] = np.clip(box.lower + box.width * fractions.astype(np.float64), box.lower, self.upper)
+        placed = box.lower + box.width * fractions.astype(np.float64)
+        p[box.free] = np.minimum(np.maximum(placed, box.lower), self.upper)
         return p
+
+    def loss_px(self, p: Floats) -> float:
+        """The loss that the search minimises at p (D,), in pixels, double precision, priors included."""
+        problem, data = self.problem, self.data
+        pixels, violation = predict(problem, p)
+        d = distances_px(pixels, violation, problem.pixels, problem.diagonal_px)
+        if problem.loss == "saturating":
+            d = d / (1.0 + d / problem.saturation_px)
+        off = (p - data.prior_mean) * data.prior_strength
+        # Sums in index order whatever the BLAS, so that the bits are the same everywhere.
+        return float((self.weights * d).sum() * data.per_weight + data.prior_share * (off * off).sum())
 
 
 def fitness_of(problem: FitProblem, lower: Floats, upper: Floats) -> Fitness:
     """The loss of a problem for a search inside [lower, upper] (D,)."""
-    free = problem.free
+    free, base = problem.free, problem.lower
+    weights, sigma_px = search_weights(problem)
     bend = 1.0 / problem.saturation_px if problem.loss == "saturating" else 0.0
-    targets = Targets(FORM_ID[problem.search], pack_pairs(problem), np.float32(problem.diagonal_px), np.float32(bend))
-    box = Box(problem.lower, free, lower[free], (upper - lower)[free])
-    per_weight, prior_share = _shares(problem)
-    data = FitnessData(box, targets, per_weight, *prior_rows(problem), prior_share)
-    return Fitness(PROJECTIONS[problem.model].total_distances_pointer, data, upper[free])
+    pack = pack_pairs(problem, weights)
+    targets = Targets(FORM_ID[problem.search], pack, np.float32(problem.diagonal_px), np.float32(bend))
+    box = Box(base, free, lower[free], (upper - lower)[free])
+    total = float(np.sum(weights))
+    # The mean distance is a Laplacian's log-likelihood per pair; a Gaussian prior adds z^2 / 2 in the same units,
+    # for marks whose mean distance is sqrt(pi / 2) sigma_px.
+    prior_share = 0.5 * sqrt(np.pi / 2.0) * sigma_px / total if problem.priors else 0.0
+    data = FitnessData(box, targets, 1.0 / total, *prior_rows(problem), prior_share)
+    return Fitness(problem, weights, PROJECTIONS[problem.model].total_distances_pointer, data, upper[free])
 
 
 def loss_px(problem: FitProblem, parameters: Sequence[float] | Floats) -> float:
-    """The loss that the search minimises, in pixels, double precision, priors included."""
-    p = np.asarray(parameters, dtype=np.float64)
-    pixels, violation = predict(problem, p)
-    d = distances_px(pixels, violation, problem.pixels, problem.diagonal_px)
-    if problem.loss == "saturating":
-        d = d / (1.0 + d / problem.saturation_px)
-    mean, strength = prior_rows(problem)
-    off = (p - mean) * strength
-    per_weight, prior_share = _shares(problem)
-    # Sums in index order whatever the BLAS, so that the bits are the same everywhere.
-    weights = search_weights(problem)[0]
-    return float(np.sum(weights * d) * per_weight + prior_share * np.sum(off * off))
+    """`Fitness.loss_px` of a problem inside its own bounds."""
+    return fitness_of(problem, problem.lower, problem.upper).loss_px(np.asarray(parameters, dtype=np.float64))
 
 
-def pack_pairs(problem: FitProblem) -> Singles:
-    """The pairs as `Targets.pack`."""
+def pack_pairs(problem: FitProblem, weights: Floats) -> Singles:
+    """The pairs as `Targets.pack`, with these weights (N,)."""
     n = len(problem.points)
     pack = np.empty((6, (n + LANES - 1) // LANES * LANES), dtype=np.float32)
-    pack[:3, :n] = turned_points(problem).T
+    pack[:3, :n] = problem.turned_points.T
     pack[3:5, :n] = problem.pixels.T
-    pack[5, :n] = search_weights(problem)[0]
+    pack[5, :n] = weights
     pack[:5, n:] = pack[:5, n - 1 : n]
     pack[5, n:] = 0.0
     return pack
@@ -104,20 +116,11 @@ def pack_pairs(problem: FitProblem) -> Singles:
 def prior_rows(problem: FitProblem) -> tuple[Floats, Floats]:
     """(D,) mean and 1 / sigma of each parameter's prior, 0 where there is none or it is locked."""
     mean, strength = np.zeros(len(problem.names)), np.zeros(len(problem.names))
-    for index, name in enumerate(problem.names):
-        if name in problem.priors and name not in problem.locked:
-            mean[index], sigma = problem.priors[name]
-            strength[index] = 1.0 / sigma
+    for name, (value, sigma) in problem.priors.items():
+        if name not in problem.locked:
+            index = problem.names.index(name)
+            mean[index], strength[index] = value, 1.0 / sigma
     return mean, strength
-
-
-def _shares(problem: FitProblem) -> tuple[float, float]:
-    # 1 / sum of weights, and the priors' share.
-    weights, sigma_px = search_weights(problem)
-    total = float(np.sum(weights))
-    # The mean distance is a Laplacian's log-likelihood per pair; a Gaussian prior adds z^2 / 2 in the same units,
-    # for marks whose mean distance is sqrt(pi / 2) sigma_px.
-    return 1.0 / total, 0.5 * sqrt(np.pi / 2.0) * sigma_px / total if problem.priors else 0.0
 
 
 @njit(nogil=True, error_model="numpy", cache=True)

@@ -77,8 +77,9 @@ class Generation(NamedTuple):
 def genetic_search(fitness: Fitness, schedule: Schedule, key: np.uint64, stop: Stop) -> Found:
     """Search as large as the schedule says. Where `stop` is set meanwhile, what was found means nothing."""
     generation = first_generation(fitness.genes, schedule.population, key)
-    evaluations = evolve(fitness.total_distances, fitness.data, generation, schedule.generations, flag_of(stop))
-    return Found(generation.population[:, np.argmin(generation.losses)].copy(), int(evaluations))
+    stop_flag = flag_of(stop)
+    best, evaluations = evolve(fitness.total_distances, fitness.data, generation, schedule.generations, stop_flag)
+    return Found(generation.population[:, best].copy(), evaluations)
 
 
 def first_generation(genes: int, size: int, key: np.uint64) -> Generation:
@@ -315,8 +316,8 @@ def breed(generation: Generation) -> None:
 @njit(nogil=True, error_model="numpy", fastmath=False, cache=True)
 def evolve(
     total_distances: Any, fitness: FitnessData, generation: Generation, generations: int, stop: NDArray[np.uint8]
-) -> int:
-    """Evaluate and breed so many generations in place, the last one evaluated; returns the evaluations.
+) -> tuple[int, int]:
+    """Evaluate and breed so many generations in place, the last one evaluated; the best one's index, and evaluations.
 
     The first two arguments are those of `evaluate_population`. Where another thread sets stop (1,) it returns within
     an evaluation or a generation's breeding, and what it filled means nothing.
@@ -330,4 +331,4 @@ def evolve(
         breed(generation)
         evaluate_population(total_distances, fitness, generation.population, generation.losses, keep, stop)
         evaluations += size - keep
-    return evaluations
+    return int(np.argmin(generation.losses)), evaluations

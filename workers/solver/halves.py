@@ -55,7 +55,7 @@ def halves_of(found: Estimate) -> list[Halves]:
 
 def too_small(halves: list[Halves], problem: FitProblem) -> list[str]:
     """A sentence for each split whose halves differ by more than is stated."""
-    blocks = "groups" if problem.blocks is not None and problem.blocks.kind == "group" else "stretches of the walk"
+    blocks = "groups" if problem.blocks is not None and not problem.blocks.over_time else "stretches of the walk"
     return [_sentence(one, blocks) for one in halves if not one.holds]
 
 
@@ -152,12 +152,12 @@ def _turned(found: Estimate, errors: ErrorModel, first: Used) -> tuple[float, _R
     problem, p = whitened(found.holding, found.held_at), found.held_at
     turns = residuals_and_jacobian(problem, p, local=True)[1].reshape(len(first), 2, -1)[:, :, :3]
     columns = weighed(problem, np.where(first, 0.5, -0.5)[:, None, None] * turns)
-    if found.plain is None or (problem.blocks is not None and problem.blocks.kind == "group"):
+    if found.plain is None or (problem.blocks is not None and not problem.blocks.over_time):
         wider = errors.with_columns(columns)
     else:
         wider = found.plain.with_columns(columns)
         shared = shared_errors(problem, p, wider)
-        wider = wider if shared is None else shared[1]
+        wider = wider if shared is None else shared.wider
     step, covariance = wider.step()[-3:], wider.covariance()[-3:, -3:]
     parts = [part[-3:, -3:] for part in wider.parts()]
     return float(np.degrees(np.linalg.norm(step))), _root_mahalanobis(wider, step, covariance, parts)

@@ -215,11 +215,17 @@ def _descend(problem: FitProblem, start: Floats, scale: float | None, walls: boo
     lower, upper = (end[free] for end in _walls_of(problem))
     count = 2 * len(problem.points)
 
+    at, known = np.full(len(free), np.nan), (np.empty(0), np.empty((0, 0)))
+
     def both(x: Floats) -> tuple[Floats, Floats]:
-        problem.stop.check()
-        p[free] = x
-        residuals, jacobian = weighted_residuals(problem, p, walls=walls)
-        return (residuals, jacobian) if scale is None else _saturated(residuals, jacobian, count, scale)
+        nonlocal known
+        # SciPy asks for the derivatives where it has just asked for the residuals.
+        if not np.array_equal(at, x):
+            problem.stop.check()
+            at[:] = p[free] = x
+            found = weighted_residuals(problem, p, walls=walls)
+            known = found if scale is None else _saturated(*found, count, scale)
+        return known
 
     def residuals_at(x: Floats) -> Floats:
         return both(x)[0]

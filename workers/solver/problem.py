@@ -1,6 +1,7 @@
 """What is to be fitted: one frozen, checked value that every later step reads."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import isfinite, pi
 
 import numpy as np
@@ -94,7 +95,7 @@ class FitProblem:
                 "Mark more vertices, or lock what is known (intrinsics, lever arm), or choose a smaller model.",
             )
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the parameter vector, in its order."""
         return parameter_names(self.model, self.search)
@@ -102,17 +103,36 @@ class FitProblem:
     @property
     def lower(self) -> NDArray[np.float64]:
         """Lower ends of the initial bounds, in the order of `names`."""
-        return np.array([self.bounds[name][0] for name in self.names])
+        return self._ends[0].copy()
 
     @property
     def upper(self) -> NDArray[np.float64]:
         """Upper ends of the initial bounds, in the order of `names`."""
-        return np.array([self.bounds[name][1] for name in self.names])
+        return self._ends[1].copy()
 
     @property
     def free(self) -> NDArray[np.int64]:
         """Indices into `names` of the parameters that may move."""
-        return np.flatnonzero(self.upper > self.lower).astype(np.int64)
+        return self._free.copy()
+
+    @cached_property
+    def turned_points(self) -> NDArray[np.float64]:
+        """Points (N, 3) turned by the nominal rotation, so that the search's rotation alone is left to apply."""
+        if self.search == "euler":
+            return self.points
+        x, y, z = self.points.T
+        # Written out: a matrix product may go through BLAS, whose bits depend on its build and threads.
+        turned = [R[0] * x + R[1] * y + R[2] * z for R in self.nominal.R]
+        return np.ascontiguousarray(np.stack(turned, axis=1), dtype=np.float64)
+
+    @cached_property
+    def _ends(self) -> NDArray[np.float64]:
+        return np.array([self.bounds[name] for name in self.names], dtype=np.float64).T
+
+    @cached_property
+    def _free(self) -> NDArray[np.int64]:
+        lower, upper = self._ends
+        return np.flatnonzero(upper > lower).astype(np.int64)
 
     @property
     def any_rotation(self) -> bool:

@@ -25,18 +25,6 @@ class _Projected(NamedTuple):
     by_intrinsics: Floats
 
 
-def turned_points(problem: FitProblem) -> Floats:
-    """Points (N, 3) turned by the nominal rotation, so that the search's rotation alone is left to apply."""
-    if problem.search == "euler":
-        return problem.points
-    x, y, z = problem.points.T
-    R = problem.nominal.R
-    # Written out: a matrix product may go through BLAS, whose bits depend on its build and threads.
-    return np.ascontiguousarray(
-        np.stack([R[i, 0] * x + R[i, 1] * y + R[i, 2] * z for i in range(3)], axis=1), dtype=np.float64
-    )
-
-
 def transform_of(problem: FitProblem, p: Floats) -> RigidTransform:
     """T_camera_lidar of a parameter vector (D,)."""
     turn = search_rotation(FORM_ID[problem.search], p)
@@ -48,7 +36,7 @@ def predict(problem: FitProblem, p: Floats) -> tuple[Floats, Floats]:
     """Pixels (N, 2) and violation (N,) of the problem's points; the pixels are undefined where violation > 0."""
     points = np.empty_like(problem.points)
     pixels, violation = np.empty_like(problem.pixels), np.empty(len(points))
-    move_points(FORM_ID[problem.search], p, turned_points(problem), points)
+    move_points(FORM_ID[problem.search], p, problem.turned_points, points)
     PROJECTIONS[problem.model].project_into(p[6:].copy(), points, pixels, violation)
     return pixels, violation
 
@@ -74,7 +62,7 @@ def residuals_and_jacobian(
     n = len(problem.points)
     moved, residuals, jacobian = np.empty((n, 3)), np.empty(2 * n), np.zeros((2 * n, len(p)))
     seen = _Projected(np.empty((n, 2)), np.empty(n), np.empty((n, 2, 3)), np.empty((n, 2, len(k))))
-    move_points(form, p, turned_points(problem), moved)
+    move_points(form, p, problem.turned_points, moved)
     projection.project_into(k, moved, seen.pixels, seen.violation)
     projection.jacobians_into(k, moved, seen.by_point, seen.by_intrinsics)
     axes = np.eye(3) if local else rotation_axes(form, p)

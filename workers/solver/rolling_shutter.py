@@ -91,10 +91,10 @@ def line_time_of(found: Estimate) -> LineTime | None:
     if not np.any(column[problem.weights > 0.0]):
         return None
     wider = found.errors.with_columns(column)
-    if found.plain is not None and problem.blocks is not None and problem.blocks.kind != "group":
+    if found.plain is not None and problem.blocks is not None and problem.blocks.over_time:
         wider = found.plain.with_columns(column)
         shared = shared_errors(problem, p, wider)
-        wider = shared[1] if shared is not None and shared[0].counted else wider
+        wider = shared.errors if shared is not None else wider
     variance, freedom = float(wider.covariance()[-1, -1]), float(wider.freedoms()[-1])
     limit = float(_student_quantile(min(max(freedom, 1.0), 1e6), 1.0 - 0.5 * _FALSE_ALARMS))
     return LineTime(float(wider.step()[-1]), float(np.sqrt(variance)), limit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,14 @@ from workers.solver.blocks import BlockKind, Blocks
 from workers.solver.error_model import ErrorModel, weighed
 from workers.solver.problem import FitProblem
 from workers.solver.residuals import by_point
-from workers.solver.variance_components import Components, Variances, likelihood_ratio, variances_of
+from workers.solver.stretches import with_stretches
+from workers.solver.variance_components import (
+    Components,
+    Variances,
+    likelihood_ratio,
+    uncertainty_of,
+    variances_of,
+)
 
 Floats = NDArray[np.float64]
 _COUNTED: Final = 2.706
@@ -24,13 +31,32 @@ _WIDER: Final = 1.1
 _EXTENT_M: Final = 1e-3  # pairs of one pose nearer together than this tell nothing of its turn
 
 
+class OverTime(NamedTuple):
+    """What stretches of a walk share besides what its groups share, as in `SharedErrors`; widening is by it alone."""
+
+    blocks: int
+    shift_px: float
+    evidence: float
+    counted: bool
+    widening: float
+
+
+class Shared(NamedTuple):
+    """What blocks share; the errors with what of it counts; and with all of it, also if it is too small to count."""
+
+    named: SharedErrors
+    errors: ErrorModel
+    wider: ErrorModel
+
+
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
     """What blocks share, by restricted maximum likelihood.
 
     count, kind: of the blocks. deviations: by component, in its unit (offset_m, turn_deg, shift_px). evidence: twice
     the log likelihood ratio to independent errors. counted: whether the deviations include it. widening: ratio of the
-    pixels' deviations over the marks to those of independent errors. variances: the estimate itself.
+    pixels' deviations over the marks to those of independent errors. variances: the estimate itself. over_time: what
+    stretches of a walk share besides, if many groups are in them.
     """
 
     count: int
@@ -40,10 +66,12 @@ class SharedErrors:
     counted: bool
     widening: float
     variances: Variances
+    over_time: OverTime | None = None
 
     def to_document(self) -> dict[str, Any]:
         """JSON form."""
-        return {
+        said = {"over_time": self.over_time._asdict()} if self.over_time else {}
+        return said | {
             "blocks": self.count,
             "by": self.kind,
             "deviations": self.deviations,
@@ -55,6 +83,19 @@ class SharedErrors:
 
     def alarms(self) -> list[str]:
         """A sentence, if independent errors do not explain the residuals and deviations are much wider for it."""
+        return self._of_blocks() + self._of_stretches()
+
+    def _of_stretches(self) -> list[str]:
+        found = self.over_time
+        if found is None or found.evidence <= _NAMED[1] or found.widening <= _WIDER:
+            return []
+        return [
+            f"Groups near in time err together, by {found.shift_px:.2g} px from one stretch of the walk to the next. "
+            f"The standard deviations count that; they are {found.widening:.1f} times those of groups that err "
+            "independently. Check the clocks, whether the camera moved, and the lens model."
+        ]
+
+    def _of_blocks(self) -> list[str]:
         if self.evidence <= _NAMED[len(self.deviations)] or self.widening <= _WIDER:
             return []
         sizes = " and ".join(
@@ -77,47 +118,66 @@ class SharedErrors:
         ]
 
 
-def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> tuple[SharedErrors, ErrorModel] | None:
-    """What blocks of a whitened problem's pairs share at p (D,), and the model of errors with it.
+def shared_errors(problem: FitProblem, p: Floats, model: ErrorModel) -> Shared | None:
+    """What blocks of a whitened problem's pairs share at p (D,), beside `model`, the errors without it.
 
     Somebody declared that groups share errors, so these always count. Stretches of a walk are our guess: their shared
-    errors count only if independent errors do not explain them. None if there are no blocks.
+    errors count only if those of pairs or groups alone do not explain them. None if there are no blocks.
     """
     if problem.blocks is None:
         return None
     used = problem.weights > 0.0
-    blocks, rows = problem.blocks.taken(np.flatnonzero(used)), np.flatnonzero(used)
+    rows = np.flatnonzero(used)
+    blocks = problem.blocks.taken(rows)
     count = int(blocks.labels.max()) + 1
     if not 1 < count < len(rows):
         return None
-    labels = np.zeros(len(used), np.int64)
-    labels[rows] = blocks.labels
-    components, names = _components(problem, p, labels, used, blocks)
+    components, names = _components(problem, p, _of_all(blocks.labels, used), used, blocks)
     found = variances_of(model.fit, components)
     evidence = likelihood_ratio(model.fit, components, found)
     noise = float(found.variances[0])
-    unsure = np.zeros_like(found.information)
-    free = np.ix_(found.free, found.free)
-    unsure[free] = np.linalg.pinv(found.information[free], hermitian=True)
-    wider = replace(model, noise=noise, shared=components, variances=found.variances[1:], unsure=unsure)
+    wider = replace(
+        model, noise=noise, shared=(components,), variances=found.variances[1:], unsure=uncertainty_of(found)
+    )
     sizes = np.sqrt(found.variances[1:])
     deviations = {
         name: float(np.degrees(size) if name.endswith("_deg") else size)
         for name, size in zip(names, sizes.tolist(), strict=True)
     }
     counted = blocks.kind == "group" or evidence > _COUNTED
-    return SharedErrors(count, blocks.kind, deviations, evidence, counted, _widening(model, wider), found), wider
+    widening = _widening(model, wider)
+    named = SharedErrors(count, blocks.kind, deviations, evidence, counted, widening, found)
+    errors = wider if counted else model
+    if blocks.stretches is None or not blocks.stretches.any():
+        return Shared(named, errors, wider)
+    shifts = _shifts(problem, _of_all(blocks.stretches, used))
+    over, both = with_stretches(model, components, shifts)
+    shift_px = float(np.sqrt(both.variances[-1]))
+    stretches = int(blocks.stretches.max()) + 1
+    named = replace(named, over_time=OverTime(stretches, shift_px, over, over > _COUNTED, _widening(wider, both)))
+    return Shared(named, both if over > _COUNTED else errors, both)
+
+
+def _of_all(labels: NDArray[np.int64], used: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(N,) the labels of the used pairs; the others have weight zero, so that their label does not count."""
+    found = np.zeros(len(used), np.int64)
+    found[used] = labels
+    return found
+
+
+def _shifts(problem: FitProblem, labels: NDArray[np.int64]) -> Components:
+    """A shift (px) of the marks of a walk's stretch."""
+    n = len(labels)
+    return Components(labels, weighed(problem, np.tile(np.eye(2), (n, 1, 1))), np.zeros(2, np.int64))
 
 
 def _components(
     problem: FitProblem, p: Floats, labels: NDArray[np.int64], used: NDArray[np.bool_], blocks: Blocks
 ) -> tuple[Components, list[str]]:
-    """A pose's offset (m) and turn (rad) about its middle; a shift (px) of the marks of a walk's stretch."""
-    n = len(labels)
+    """A pose's offset (m) and turn (rad) about its middle, or the shifts of a walk's stretches."""
     if blocks.kind != "group":
-        return Components(labels, weighed(problem, np.tile(np.eye(2), (n, 1, 1))), np.zeros(2, np.int64)), [
-            "shift_px"
-        ]
+        return _shifts(problem, labels), ["shift_px"]
+    n = len(labels)
     moved = by_point(problem, p)
     total = np.zeros((int(labels.max()) + 1, 4))
     np.add.at(total, labels[used], np.column_stack([problem.points[used], np.ones(int(used.sum()))]))

@@ -11,7 +11,7 @@ from workers.geometry.models import MODELS
 from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
 from workers.geometry.transforms import RigidTransform
 from workers.solver.bounds import preset_bounds
-from workers.solver.fitness import Fitness, fitness_of, loss_px
+from workers.solver.fitness import Fitness, fitness_of
 from workers.solver.genetic import Found, genetic_search
 from workers.solver.problem import FitProblem
 from workers.solver.random_streams import stream_key
@@ -61,7 +61,7 @@ def run_slot(
         found = search(fitness, problem.schedule, stream_key(problem, iteration, slot), problem.stop)
     problem.stop.check()
     p = fitness.parameters(found.best)
-    return SlotOutcome(loss_px(problem, p), tuple(p.tolist()), found.evaluations)
+    return SlotOutcome(fitness.loss_px(p), tuple(p.tolist()), found.evaluations)
 
 
 def warm_up() -> None:

@@ -18,6 +18,9 @@ from workers.solver.weighting import whitened
 Floats = NDArray[np.float64]
 # scipy publishes no types.
 _student_quantile: Callable[[float, float], float] = special.stdtrit
+_student: Callable[[float, float], float] = special.stdtr
+_NEGLIGIBLE: Final = 1e-6
+_HALVINGS: Final = 40
 _ROTATION_AXES: Final = ("rotation_x", "rotation_y", "rotation_z")
 # Smallest singular value, relative to the largest of the Jacobian with columns of unit length, that still counts:
 # below it two parameters do the same to eight digits.
@@ -34,7 +37,8 @@ class Uncertainty:
     rank and condition are those of the Jacobian with columns of unit length (infinite where the rank is not full);
     sigma_px the noise per pixel coordinate that the residuals show (or that was planned), by `freedom` degrees of
     freedom; noise_scale that relative to what the pairs' covariances state, where they state any. undetermined: for
-    each direction that the data leaves open, its largest parts {name: share}.
+    each direction that the data leaves open, its largest parts {name: share}. freedoms (F,): of each variance, where
+    several estimates make it. shift (F,): what pairs that do not belong moved the parameters by; std has it, too.
     """
 
     names: tuple[str, ...]
@@ -48,6 +52,7 @@ class Uncertainty:
     undetermined: tuple[dict[str, float], ...] = ()
     noise_scale: float | None = None
     freedoms: Floats | None = None
+    shift: Floats | None = None
 
     @property
     def correlation(self) -> Floats:
@@ -61,7 +66,9 @@ class Uncertainty:
     def half_width95(self) -> Floats:
         """Half widths (F,) of the 95 % intervals: Student's t where sigma was estimated, else the normal's."""
         if self.freedoms is not None:
-            return np.array([_factor95(freedom) for freedom in self.freedoms.tolist()]) * self.std
+            shift = np.zeros(len(self.std)) if self.shift is None else self.shift
+            each = zip(self.std.tolist(), shift.tolist(), self.freedoms.tolist(), strict=True)
+            return np.array([_half_width95(*one) for one in each])
         return _factor95(self.freedom) * self.std
 
     def worst_correlation(self) -> tuple[str, str, float] | None:
@@ -99,6 +106,26 @@ class Uncertainty:
 
 def _factor95(freedom: float | None) -> float:
     return 1.959963984540054 if freedom is None else float(_student_quantile(max(freedom, 1), 0.975))
+
+
+def _half_width95(std: float, shift: float, freedom: float) -> float:
+    """h with P(|shift + s T| <= h) = 0.95, s^2 = std^2 - shift^2, of a T by Student's t.
+
+    A shift is one number and no draw, so an interval of 1.96 times all of std would hold more often than stated.
+    """
+    if shift == 0.0 or not np.isfinite(std):
+        return _factor95(freedom) * std
+    spread, off = float(np.sqrt(max(std * std - shift * shift, 0.0))), abs(shift)
+    if spread <= _NEGLIGIBLE * off:
+        return off
+    # The freedom is that of all of the variance; the shift's part has no error of its own (Satterthwaite 1946).
+    own = max(freedom * (spread / std) ** 4, 1.0)
+    low, high = off, off + _factor95(own) * spread
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        inside = _student(own, (middle - off) / spread) - _student(own, -(middle + off) / spread)
+        low, high = (middle, high) if inside < 0.95 else (low, middle)
+    return high
 
 
 def uncertainty(problem: FitProblem, p: Floats) -> Uncertainty:

@@ -106,6 +106,14 @@ def variances_of(fit: Linearised, shared: Components) -> Variances:
     return Variances(theta, here.information, free)
 
 
+def uncertainty_of(found: Variances) -> Floats:
+    """(1 + K, 1 + K) the covariance of the estimated variances; zero for those that are zero."""
+    unsure = np.zeros_like(found.information)
+    free = np.ix_(found.free, found.free)
+    unsure[free] = np.linalg.pinv(found.information[free], hermitian=True)
+    return unsure
+
+
 def likelihood_ratio(fit: Linearised, shared: Components, found: Variances) -> float:
     """Twice the log ratio of the restricted likelihoods with shared and with independent errors."""
     sums = _sums(fit, shared)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from uuid import UUID
@@ -12,7 +12,7 @@ import numpy as np
 from sqlalchemy import and_, delete, select, update
 from sqlalchemy.orm import Session
 
-from apexcal.documents.corners import TOP, how_far
+from apexcal.documents.corners import TOP, nearest
 from apexcal.documents.states import UNENDED, WorkState
 from service.db.base import Json
 from service.db.clock import now
@@ -33,6 +33,8 @@ from workers.vertices.vertex import Detections
 from workers.vertices.vertex import Vertex as Found
 
 _REPORT_EVERY = 50
+# An apex's id and place.
+_Known = tuple[UUID, Sequence[float]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,12 +135,13 @@ def _moved(vertex: Found, frame: int, xyz: np.ndarray, covariance: np.ndarray) -
 def _write_vertices(session: Session, asked: Detection, found: Detections, pairs: Pairs) -> None:
     apexes = _known_apexes(session, asked.recording_id, [vertex.sweep_index for vertex in found.vertices])
     for number, vertex in enumerate(found.vertices):
-        apex = _same(apexes[vertex.sweep_index], vertex)
-        if apex is None:
-            x, y, z = vertex.xyz
-            apex = Apex(id=new_id(), recording_id=asked.recording_id, sweep_index=vertex.sweep_index, x=x, y=y, z=z)
-            session.add(apex)
-        row = _vertex_row(asked.id, apex.id, vertex)
+        apex_id = nearest(apexes[vertex.sweep_index], vertex.xyz)
+        if apex_id is None:
+            (x, y, z), apex_id = vertex.xyz, new_id()
+            session.add(
+                Apex(id=apex_id, recording_id=asked.recording_id, sweep_index=vertex.sweep_index, x=x, y=y, z=z)
+            )
+        row = _vertex_row(asked.id, apex_id, vertex)
         session.add(row)
         session.add_all(
             _frame_row(row.id, sensor, pair)
@@ -164,22 +167,17 @@ def _frame_row(vertex_id: UUID, sensor_id: UUID, pair: Pair) -> VertexFrame:
     )
 
 
-def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> dict[int, list[Apex]]:
-    known: dict[int, list[Apex]] = defaultdict(list)
+def _known_apexes(session: Session, recording_id: UUID, sweeps: list[int]) -> dict[int, list[_Known]]:
+    known: dict[int, list[_Known]] = defaultdict(list)
     if sweeps:
-        asked = select(Apex).where(
+        asked = select(Apex.sweep_index, Apex.id, Apex.x, Apex.y, Apex.z).where(
             Apex.recording_id == recording_id,
             Apex.corner == TOP,
             Apex.sweep_index.between(min(sweeps), max(sweeps)),
         )
-        for apex in session.scalars(asked):
-            known[apex.sweep_index].append(apex)
+        for sweep, apex_id, *place in session.execute(asked):
+            known[sweep].append((apex_id, place))
     return known
-
-
-def _same(apexes: list[Apex], vertex: Found) -> Apex | None:
-    near = [(away, apex) for apex in apexes if (away := how_far((apex.x, apex.y, apex.z), vertex.xyz)) is not None]
-    return min(near, key=lambda pair: pair[0])[1] if near else None
 
 
 def _vertex_row(detection_id: UUID, apex_id: UUID, vertex: Found) -> Vertex:

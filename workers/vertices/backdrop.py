@@ -25,6 +25,7 @@ Mask = NDArray[np.bool_]
 
 MOST_COMPARED: Final = 48
 _GRID_SWEEPS: Final = 8
+_MOST_BYTES: Final = 128 * 1024**2  # both images of all sweeps; 48 sweeps of 128 rings at 0.1 degrees take 89 MB
 _FIRINGS: Final = 2  # per cell, so that each cell has a return whatever the phase of the firings
 _ACCURACY_M: Final = 0.03  # data sheets of spinning sensors
 _DEVIATIONS: Final = 4.0  # of the difference of two ranges
@@ -74,7 +75,9 @@ class Backdrop:
         numbers = sorted({int(n) for n in np.linspace(0, count - 1, min(most, count)).round()}) if count else []
         grid = learn_grid(source.sweep(number) for number in numbers[:: max(1, len(numbers) // _GRID_SWEEPS)])
         elevation = grid.elevation if grid.elevation.size else np.zeros(1)
-        shape = elevation.size, max(8, math.ceil(2.0 * math.pi / (_FIRINGS * grid.step)))
+        most_columns = _MOST_BYTES // (2 * 4 * max(len(numbers), 1) * elevation.size)
+        columns = min(math.ceil(2.0 * math.pi / (_FIRINGS * grid.step)), most_columns)
+        shape = elevation.size, max(8, columns)
         near, far = (np.zeros((len(numbers), *shape), np.float32) for _ in range(2))
         stamps_ns: list[int] = []
         for place, number in enumerate(numbers):

@@ -15,7 +15,7 @@ from workers.geometry.ground import STEEPEST_DEG, Plane, ground_plane, is_on
 
 Floats = NDArray[np.float64]
 
-_STEEPEST_DEG: Final = 35.0  # of a mount of which nothing is known
+_LEANS_AT_MOST_DEG: Final = 35.0  # of a mount of which nothing is known
 # Streets fall by up to 2.5 % across and 6 % along (AASHTO Green Book), together 3.7 degrees. Up to such a tilt the
 # ground is no better a sign of gravity than the sensor's z.
 _STREETS_DEG: Final = 4.0
@@ -45,7 +45,7 @@ def find_up(xyz: Floats, ring: NDArray[np.int64], stated: Floats | None = None) 
         turned = _to_level(stated / np.linalg.norm(stated))
         found = _ground(xyz @ turned.T, ring, STEEPEST_DEG)
         return turned[2] if found is None else _corrected(found[0].normal) @ turned
-    upright, flipped = _ground(xyz, ring, _STEEPEST_DEG), _ground(xyz @ _FLIPPED, ring, _STEEPEST_DEG)
+    upright, flipped = _ground(xyz, ring, _LEANS_AT_MOST_DEG), _ground(xyz @ _FLIPPED, ring, _LEANS_AT_MOST_DEG)
     if flipped is not None and (upright is None or flipped[1] > _MUCH_MORE * upright[1]):
         return _corrected(flipped[0].normal) @ _FLIPPED
     return np.array([0.0, 0.0, 1.0]) if upright is None else _corrected(upright[0].normal)

@@ -1,6 +1,7 @@
 """The two detectors that look at the highest ring alone.
 
-``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does.
+``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does. Before a sensor
+that hangs upside down, as the ground tells, the highest ring is the one of the lowest number.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ from numpy.typing import NDArray
 from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
 from workers.vertices.sweep_source import Area, OnSweep, Run, SweepSource
+from workers.vertices.upside_down import hanging
 from workers.vertices.vertex import Rejection, Vertex
 
 
 @dataclass(frozen=True, slots=True)
 class _Candidates:
-    """The points of one sweep inside the region: (N, 3) metres, (N,) ring, (N,) ns after the stamp."""
+    """The points of one sweep inside the region: (N, 3) metres, (N,) ring (upwards), (N,) ns after the stamp."""
 
     xyz: NDArray[np.float64]
     ring: NDArray[np.int64]
@@ -59,12 +61,12 @@ def _tolerant(inside: _Candidates, options: Options) -> NDArray[np.bool_] | Reje
 
 
 def _look(
-    detector: str, select: _Select, sweep: Sweep, area: Area, options: Options, index: int
+    detector: str, select: _Select, sweep: Sweep, area: Area, options: Options, index: int, upwards: int
 ) -> Vertex | Rejection:
     kept = np.flatnonzero(area.inside(sweep))
     inside = _Candidates(
         sweep.xyz[kept].astype(np.float64),
-        sweep.ring[kept].astype(np.int64),
+        upwards * sweep.ring[kept].astype(np.int64),
         sweep.offset_ns[kept].astype(np.int64),
     )
     selected = select(inside, options)
@@ -74,7 +76,7 @@ def _look(
     return Vertex(
         xyz=(x, y, z),
         time_ns=sweep.stamp_ns + round(float(inside.offset_ns[selected].mean())),
-        ring=int(inside.ring[selected][0]),
+        ring=upwards * int(inside.ring[selected][0]),
         sweep_index=index,
         points_used=int(np.count_nonzero(selected)),
         detector=detector,
@@ -85,9 +87,10 @@ def _runner(detector: str, select: _Select) -> Run:
     def run(
         source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep
     ) -> Sequence[Vertex | Rejection]:
+        upwards = 1 if hanging(source) is None else -1
         found: list[Vertex | Rejection] = []
         for index in indices:
-            found.append(_look(detector, select, source.sweep(index), area, options, index))
+            found.append(_look(detector, select, source.sweep(index), area, options, index, upwards))
             on_sweep(index)
         return found
 

@@ -20,6 +20,7 @@ from workers.vertices.pose_suggestion import suggest_poses
 from workers.vertices.still_poses import find_poses
 from workers.vertices.suggested_region import KEPT, Seen, Suggestion, Thing, describe, things_of
 from workers.vertices.sweep_source import SweepSource
+from workers.vertices.upside_down import Turned, hanging, turned_back
 
 _FEWEST: Final = 8
 _COMPARED: Final = 24  # sweeps that tell whether the LiDAR moves
@@ -47,7 +48,13 @@ def suggest(
     Raises:
         InputError: ``too_few_sweeps``, ``nothing_moves``, ``everything_moves``, ``no_board_seen``.
     """
+    grid = hanging(source)
+    if grid is not None:
+        return turned_back(_suggest(Turned(source, grid), samples, on_sweep, still))
+    return _suggest(source, samples, on_sweep, still)
 
+
+def _suggest(source: SweepSource, samples: int, on_sweep: Callable[[int], None] | None, still: bool) -> Suggestion:
     def check() -> None:
         if on_sweep is not None:
             on_sweep(0)

@@ -4,8 +4,8 @@ import type { Vertex } from "./api/types.ts";
 
 export type Corner = Vertex["corner"] & string;
 
-/** In the order in which they are asked for. */
-export const CORNERS: readonly Corner[] = ["top", "right", "left", "bottom"];
+/** In the service's order. */
+export const CORNERS: readonly Corner[] = ["top", "left", "right", "bottom"];
 
 const WORDS: Record<Corner, string> = {
   top: "top vertex",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from sqlalchemy import update
+
+from service.db.aliases import AliasMove
 from service.db.calibrations import Result
 from tests.service.calibrations.given import camera_address, publish, same_moment, withdraw
 from tests.service.calibrations.test_results import FOUND, current_address, seed_results
@@ -87,6 +90,24 @@ def test_an_alias_whose_result_is_deleted_says_that_it_was_deleted(api, rig, rev
     assert move(reviewer, rig, None, reason="The test is over.").json()["led_to"] is None
     removed = viewer.get(current_address(rig), params={"alias": "canary"})
     assert removed.json()["code"] == "calibration_withdrawn" and "The test is over." in removed.json()["detail"]
+
+
+def test_a_move_by_an_older_version_of_the_service_is_read(api, rig, reviewer, viewer):
+    """It writes no ``led_to``; without one a deleted result cannot be told from a removed alias."""
+    _, (tried, _) = seed_results(api, rig)
+    assert move(reviewer, rig, tried).status_code == 201
+    with api.database.writing() as session:
+        session.execute(update(AliasMove).values(led_to=None))
+    assert viewer.get(current_address(rig), params={"alias": "canary"}).json()["result_id"] == str(tried)
+    (listed,) = viewer.get(f"{camera_address(rig)}/aliases").json()["items"]
+    assert listed["led_to"] == listed["result_id"] == str(tried)
+    with api.database.writing() as session:
+        session.delete(session.get_one(Result, tried))
+    gone = viewer.get(current_address(rig), params={"alias": "canary"})
+    assert (gone.status_code, gone.json()["code"]) == (410, "calibration_withdrawn")
+    _, (again, _) = seed_results(api, rig)
+    assert move(reviewer, rig, again, reason="The next one.").status_code == 201
+    assert viewer.get(current_address(rig), params={"alias": "canary"}).json()["result_id"] == str(again)
 
 
 def test_objections_hold_for_aliases_too(api, rig, reviewer, viewer):

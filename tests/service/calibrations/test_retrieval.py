@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 from concurrent.futures import ThreadPoolExecutor
 from uuid import UUID
 
 import psycopg
 import pytest
+import uvloop
 from sqlalchemy import delete, update
 
 from service.auth.secrets import new_secret, secret_hash
-from service.calibrations.given_state import Look, read_states
+from service.calibrations.given_state import Look, Seen, read_states
 from service.calibrations.kept_answers import KeptAnswers
 from service.calibrations.state_reader import StateReader
 from service.db.calibrations import Calibration, Result
@@ -122,19 +124,46 @@ def test_many_at_once_get_each_their_own(api, fleet, reviewer, viewer):
 @pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
 def test_a_connection_that_the_server_ended_is_replaced(api, postgres, rig, reviewer, viewer):
     publish(api, rig, reviewer)
-    assert viewer.get(address(rig)).status_code == 200
-    # Under load it keeps one for each of its threads.
-    states = StateReader(api.database)
-    with states._connection(), states._connection():
-        pass
+    end_all = (
+        "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
+        " WHERE datname = current_database() AND pid <> pg_backend_pid()"
+    )
+    states = api.app.state.retrieval._states
+    connections = set()
     with psycopg.connect(f"host={postgres.folder} user=postgres dbname=apexcal", autocommit=True) as connection:
-        connection.execute(
-            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
-            " WHERE datname = current_database() AND pid <> pg_backend_pid()"
-        )
-    assert viewer.get(address(rig)).status_code == 200
-    assert states._read([Look("", rig.vehicle_id, "current")])[0].fleet_id == rig.fleet_id
-    states.close()
+        for _ in range(3):
+            etag = {"If-None-Match": viewer.get(address(rig)).headers["etag"]}
+            assert viewer.get(address(rig), headers=etag).status_code == 304
+            connections.add(id(states._connection))
+            assert states._connection.is_open
+            connection.execute(end_all)
+            assert viewer.get(address(rig), headers=etag).status_code == 304
+            connection.execute("ALTER TABLE withdrawal RENAME TO elsewhere")
+            assert viewer.get(address(rig), headers=etag).json()["code"] == "schema_mismatch"
+            connection.execute("ALTER TABLE elsewhere RENAME TO withdrawal")
+            assert viewer.get(address(rig), headers=etag).status_code == 304
+    assert len(connections) > 1
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_answers_go_on_while_the_server_ends_connections(api, postgres, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    etag = {"If-None-Match": viewer.get(address(rig)).headers["etag"]}
+    asked = [{"alias": name} for name in ("current", "canary", "current")] * 40
+    with (
+        psycopg.connect(f"host={postgres.folder} user=postgres dbname=apexcal", autocommit=True) as connection,
+        ThreadPoolExecutor(8) as pool,
+    ):
+        answers = [pool.submit(viewer.get, address(rig), headers=etag, params=one) for one in asked]
+        for _ in range(10):
+            connection.execute(
+                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
+                " WHERE datname = current_database() AND query LIKE '%unnest%' AND pid <> pg_backend_pid()"
+            )
+    statuses = [one.result().status_code for one in answers]
+    assert [one for one in statuses if one not in (304, 404, 503)] == []
+    assert statuses.count(304) + statuses.count(404) > len(asked) / 2
+    assert viewer.get(address(rig), headers=etag).status_code == 304
 
 
 def test_the_usual_question_has_the_answer_of_the_same_with_a_query(api, rig, reviewer, viewer):
@@ -146,16 +175,36 @@ def test_the_usual_question_has_the_answer_of_the_same_with_a_query(api, rig, re
     assert file.headers["etag"] != usual.headers["etag"] and file.headers["content-type"] != "application/json"
 
 
-def test_the_drivers_rows_are_those_of_sqlalchemy(api, rig, reviewer, viewer):
+@pytest.mark.parametrize("make_loop", [asyncio.new_event_loop, uvloop.new_event_loop])
+def test_the_loop_reads_what_a_thread_reads(api, rig, reviewer, viewer, make_loop):
     publish(api, rig, reviewer)
     with api.database.writing() as session:
         session.execute(update(ApiToken).values(expires_at=_later()))
-    looks = [Look(token, rig.vehicle_id, "current") for token in (viewer.token, "apx_nobody")]
+    other = UUID(int=rig.vehicle_id.int ^ 1)
+    places = [(viewer.token, rig.vehicle_id), ("apx_nobody", rig.vehicle_id), (viewer.token, other)]
     states = StateReader(api.database)
-    with states._connection() as kept:
-        assert read_states(kept.connection, "current", looks, kept.cursor) == read_states(
-            kept.connection, "current", looks
-        )
+
+    async def read() -> list[Seen]:
+        asked = [Look(*place, alias) for place in places for alias in ("current", "canary", "current")]
+        await states.read(asked[0])  # in a thread, which connects
+        found = await asyncio.gather(*map(states.read, asked))
+        if states._connection is not None:
+            with api.database.alone() as connection:
+                pid = states._connection._driver.info.backend_pid
+                connection.exec_driver_sql(f"SELECT pg_terminate_backend({pid})")
+            assert await asyncio.gather(*map(states.read, asked)) == found
+            assert states._connection.is_open and states._connection._driver.info.backend_pid != pid
+        return found
+
+    with asyncio.Runner(loop_factory=make_loop) as runner:
+        found = runner.run(read())
+    for place, of_place in zip(places, zip(*[iter(found)] * 3, strict=True), strict=True):
+        for alias, seen in zip(("current", "canary", "current"), of_place, strict=True):
+            with api.database.alone() as connection:
+                assert [seen] == read_states(connection, alias, [Look(*place, alias)])
+    assert [(one.is_known, one.may_see) for one in found[::3]] == [(True, True), (False, False), (True, False)]
+    assert len({one.digest for one in found[:2]}) == 2 and found[6].fleet_id is None
+    assert (states._connection is not None) == (api.database.engine.dialect.name == "postgresql")
     states.close()
 
 

@@ -225,3 +225,48 @@ def test_two_requests_at_once_are_both_answered(served: tuple[Api, str], connect
     one.sendall(body[5:])
     answers = all_of(one)
     assert answers.startswith(b"HTTP/1.1 200") and b"HTTP/1.1 201" in answers
+
+
+def test_a_head_that_is_too_long_or_names_no_single_host_is_refused(
+    connect: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "HEAD_S", 60.0)  # only its length may end it
+    endless = connect(b"GET /healthz HTTP/1.1\r\nHost: a\r\n")
+    for _ in range(100):
+        try:
+            endless.sendall(b"X-Long: " + b"a" * 4096 + b"\r\n")
+        except OSError:
+            break
+    answer = all_of(endless)
+    assert answer == b"" or answer.startswith(b"HTTP/1.1 400")
+    for hosts in ("", "Host: a\r\nHost: b\r\n", "Host: a\r\n folded\r\n\x01: a\r\n"):
+        refused = all_of(connect(f"GET /healthz HTTP/1.1\r\n{hosts}\r\n".encode()))
+        assert refused.startswith(b"HTTP/1.1 400"), hosts
+    assert all_of(connect(b"GET /healthz HTTP/1.0\r\n\r\n")).startswith(b"HTTP/1.1 200")
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ("Content-Length: 5", "Transfer-Encoding: chunked"),
+        ("Content-Length: 5", "Content-Length: 6"),
+        ("Content-Length: +5",),
+        ("Transfer-Encoding: chunked, identity",),
+        ("Transfer-Encoding : chunked",),
+        ("X: a\x00b",),
+    ],
+)
+def test_a_request_whose_end_is_unclear_is_refused(connect: Callable, lines: tuple[str, ...]) -> None:
+    """A proxy in front might see another request than we do."""
+    answer = all_of(connect(head("POST", "/v1/sign-in", *lines) + b"hello"))
+    assert answer.startswith(b"HTTP/1.1 400"), answer
+    assert answer.count(b"HTTP/1.1") == 1
+
+
+def test_the_next_head_may_begin_while_an_answer_is_under_way(served: tuple[Api, str], connect: Callable) -> None:
+    api, _ = served
+    stream = head("GET", f"/v1/fleets/{api.fleet()}/events", f"Authorization: Bearer {api.owner().token}")
+    one = connect(stream + b"GET /heal")
+    assert b"200 OK" in one.recv(65536)
+    time.sleep(3 * SHORT_S)
+    assert not ended(one)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scipy.stats import f as f_distribution
 
 from tests.workers.reports.material import EDGES, made, steady
 from workers.reports.contents import contents
@@ -19,7 +20,9 @@ def report():
 
 
 def matrix(document):
-    """R and t of T_camera_lidar, from the document's quaternion."""
+    """R and t of T_camera_lidar, from the document's quaternion, or from R where a test turned it."""
+    if "R" in document["transform"]:
+        return document["transform"]["R"], np.array(document["transform"]["translation_m"])
     x, y, z, w = document["transform"]["rotation"]["quaternion_xyzw"]
     R = np.array(
         [
@@ -165,28 +168,36 @@ def test_figures_of_checks_are_counted_from_the_pairs(report):
     assert figures["elsewhere"] == {"agrees": 1, "disagrees": 0, "unknown": 1}
 
 
-def deviation(material, model, points, step=1e-6):
-    """px: derivatives by finite differences through OpenCV, times the stored covariance."""
+def changed(document, name, by):
+    """The document with one parameter changed: degrees about the camera's axes, metres, pixels, coefficients."""
+    found = {**document, "intrinsics": {**document["intrinsics"]}, "transform": {**document["transform"]}}
+    if name.startswith("rotation_"):
+        turn = cv2.Rodrigues(np.radians(by) * np.eye(3)["xyz".index(name[-1])])[0]
+        found["transform"]["R"] = turn @ matrix(document)[0]
+    elif name.startswith("t_"):
+        t = matrix(document)[1] + by * np.eye(3)["xyz".index(name[-1])]
+        found["transform"]["translation_m"] = t.tolist()
+    else:
+        found["intrinsics"][name] += by
+    return found
+
+
+def derivatives(document, points, step=1e-6):
+    """(N, 2, F) of the pixels by the free parameters: finite differences through OpenCV."""
+    return np.stack(
+        [
+            (projected(changed(document, name, step), points) - projected(changed(document, name, -step), points))
+            / (2 * step)
+            for name in document["covariance"]["names"]
+        ],
+        axis=2,
+    )
+
+
+def deviation(material, model, points):
+    """px: derivatives times the stored covariance."""
     document = next(one.document for one in material.models if one.name == model)
-    names, size = document["covariance"]["names"], np.array(document["intrinsics"]["image_size"])
-    columns = []
-    for name in names:
-        ends = []
-        for sign in (1.0, -1.0):
-            changed = {**document, "intrinsics": {**document["intrinsics"]}}
-            R, t = matrix(document)
-            if name.startswith("rotation_"):
-                turn = cv2.Rodrigues(np.radians(sign * step) * np.eye(3)["xyz".index(name[-1])])[0]
-                points_now = (points @ R.T) @ turn.T + t
-            elif name.startswith("t_"):
-                points_now = points @ R.T + t + sign * step * np.eye(3)["xyz".index(name[-1])]
-            else:
-                points_now = points @ R.T + t
-                changed["intrinsics"][name] += sign * step
-            still = {"rotation": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}, "translation_m": [0.0, 0.0, 0.0]}
-            ends.append(projected({**changed, "transform": still}, points_now))
-        columns.append((ends[0] - ends[1]) / (2 * step))
-    J = np.stack(columns, axis=2)
+    J, size = derivatives(document, points), np.array(document["intrinsics"]["image_size"])
     spread = np.einsum("ncf,fg,ncg->n", J, np.array(document["covariance"]["matrix"]), J)
     at = projected(document, points)
     return np.sqrt(spread), np.all((at >= -0.5) & (at <= size - 0.5), axis=1)
@@ -252,6 +263,84 @@ def test_rings_off_the_axis_are_the_pairs_own(report):
             assert ring["rms_px"] == pytest.approx(np.sqrt((error[within] ** 2).mean()), rel=1e-3)
         else:
             assert abs(int(within.sum()) - ring["pairs"]) <= 1
+
+
+def refitted(material):
+    """The reported result without its outliers: which pairs are used, and least squares from the stored optimum."""
+    document = material.chosen.document
+    points, marks = points_and_marks(material)
+    used = np.ones(len(points), bool)
+    used[[one["index"] for one in document["outliers"]]] = False
+    for _ in range(5):
+        J = derivatives(document, points[used]).reshape(2 * used.sum(), -1)
+        residual = (projected(document, points[used]) - marks[used]).ravel()
+        for name, by in zip(document["covariance"]["names"], np.linalg.lstsq(J, -residual)[0], strict=True):
+            document = changed(document, name, by)
+    return document, used
+
+
+def further(document, used, points, marks, columns):
+    """Further unknowns by which pixels change as columns (N, 2, e), solved for with all parameters by one step.
+
+    Values, deviations, the probability of the F distribution, and the residuals that they explain, px. Combinations
+    that the parameters themselves do to 98 % are left out.
+    """
+    J = derivatives(document, points[used]).reshape(2 * used.sum(), -1)
+    residual = (projected(document, points[used]) - marks[used]).ravel()
+    freedom = len(residual) - J.shape[1]
+    variance = residual @ residual / freedom
+    G = columns[used].reshape(len(residual), -1)
+    scale = 1.0 / np.linalg.norm(G, axis=0)
+    basis = np.linalg.qr(J / np.linalg.norm(J, axis=0))[0]
+    _, left, turn = np.linalg.svd(G * scale - basis @ (basis.T @ (G * scale)), full_matrices=False)
+    combined = scale[:, None] * turn[left > 0.02].T
+    both = np.column_stack([J / np.linalg.norm(J, axis=0), G @ combined])
+    count = combined.shape[1]
+    step = np.linalg.lstsq(both, -residual)[0][-count:]
+    C = variance * np.linalg.inv(both.T @ both)[-count:, -count:]
+    statistic = step @ np.linalg.solve(C, step) / count
+    deviations = np.sqrt(np.diag(combined @ C @ combined.T))
+    pattern = columns @ (combined @ step)
+    return combined @ step, deviations, f_distribution.sf(statistic, count, freedom), pattern
+
+
+def test_the_pattern_off_the_axis_is_least_squares_of_the_residuals(report):
+    material = made()
+    points, marks = points_and_marks(material)
+    document, used = refitted(material)
+    lens = document["intrinsics"]
+    away = projected(document, points) - (lens["c_x"], lens["c_y"])
+    radius = np.linalg.norm(away, axis=1)
+    share = radius / (0.5 * np.hypot(*lens["image_size"]))
+    shifts = (away / radius[:, None])[:, :, None] * np.stack([share**k for k in range(1, 8)], axis=1)[:, None]
+    _, _, probability, pattern = further(document, used, points, marks, shifts)
+    figures = next(one["figures"] for one in report["checks"] if one["name"] == "off_axis")
+    assert figures["probability"] == pytest.approx(probability, rel=1e-4)
+    size = np.hypot(*pattern[used].T)
+    largest = np.quantile(size, 0.99)
+    assert figures["pattern_px"] == pytest.approx(largest, rel=1e-3)
+    # The angle told is that of a pair whose pattern is about the largest.
+    angle = steady(report["pairs"]["angle_deg"])[used]
+    at = np.argmin(np.abs(angle - figures["pattern_at_deg"]))
+    assert angle[at] == pytest.approx(figures["pattern_at_deg"], abs=1e-3)
+    assert size[at] == pytest.approx(largest, rel=0.03)
+
+
+def test_the_clocks_offset_is_least_squares_along_the_motion():
+    material = made()
+    points, marks = points_and_marks(material)
+    velocities = np.random.default_rng(3).normal(0.0, 1.0, points.shape)
+    walked = replace(material.chosen, problem=replace(material.chosen.problem, velocities=velocities))
+    told = contents(replace(material, chosen=walked))
+    figures = next(one["figures"] for one in told["checks"] if one["name"] == "clock")
+    document, used = refitted(material)
+    step = 1e-6
+    ends = [projected(document, points + sign * step * velocities) for sign in (1.0, -1.0)]
+    moved = (ends[0] - ends[1]) / (2 * step)
+    values, deviations, _, _ = further(document, used, points, marks, moved[:, :, None])
+    assert figures["seconds"] == pytest.approx(values[0], rel=1e-3, abs=1e-8)
+    assert figures["deviation_seconds"] == pytest.approx(deviations[0], rel=0.01)
+    assert figures["speed_px_s"] == pytest.approx(np.median(np.hypot(*moved[used].T)), rel=1e-4)
 
 
 def test_the_rest_is_as_stored(report):

@@ -1,10 +1,12 @@
 """The page: its points are the document's, it needs nothing else, and no name gets out of its place."""
 
+import base64
 import json
 import re
 import time
 from html.parser import HTMLParser
 
+import cv2
 import numpy as np
 import pytest
 
@@ -58,6 +60,51 @@ def test_every_point_of_every_plot_lies_where_the_document_has_it(report, text):
             # Data and picture differ by a scale and a shift; the file keeps a hundredth (arrows: a tenth) of a point.
             fit = np.polyfit(values, shown, 1)
             assert np.abs(np.polyval(fit, values) - shown).max() < (0.06 if plot.to_x else 0.011), plot.name
+
+
+def colours_of(values: np.ndarray, most: float) -> np.ndarray:
+    """(..., 3) of the viridis palette from 0 to most, by OpenCV: red, green, blue."""
+    # A palette of 256 colours: of each the values up to the next.
+    level = np.clip(np.floor(256 * np.asarray(values) / most), 0, 255).astype(np.uint8)
+    return cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)[..., ::-1].reshape(*level.shape, 3).astype(int)
+
+
+def test_every_cell_and_point_of_a_map_has_the_colour_of_its_number(report, text):
+    for name in report["models"]:
+        found = report["models"][name]
+        measured = steady(found["measured_px"])
+        wanted = colours_of(measured, np.nanquantile(measured, 0.98))
+        for plot in (f"ground-measured-{name}", f"image-measured-{name}"):
+            begin = text.index(f'<g id="{plot}-points"')
+            figure = text[begin : text.index("</svg>", begin)]
+            fills = re.findall(
+                r'<use xlink:href="#\w+" x="[-\d.]+" y="[-\d.]+" style="fill:#([0-9a-f]{6})"/>', figure
+            )
+            drawn = np.array([[int(fill[i : i + 2], 16) for i in (0, 2, 4)] for fill in fills])
+            assert np.abs(drawn - wanted).max() <= 3, plot
+        for place in ("ground", "image"):
+            table = np.array(found[place]["sigma_px"], np.float64)
+            figure = re.search(rf'<figure id="plot-{place}-predicted-{name}"(.*?)</figure>', text, re.DOTALL)[1]
+            # The plot's first picture is the map, the second the palette beside it. It is stored upside down.
+            data = re.search(r'<image [^>]*base64,([^"]+)"[^>]*', figure)
+            assert "scale(1 -1)" in data[0]
+            raster = cv2.imdecode(np.frombuffer(base64.b64decode(data[1]), np.uint8), cv2.IMREAD_UNCHANGED)[::-1]
+            shown = np.isfinite(table)
+            # On the ground y points up, in the image v points down.
+            shown, table = (shown[::-1], table[::-1]) if place == "ground" else (shown, table)
+            at = [middles(shown.any(axis=1 - axis), raster.shape[axis]) for axis in (0, 1)]
+            cells = np.ix_(*(cells for cells, _ in at))
+            drawn = raster[np.ix_(*(pixels for _, pixels in at))].astype(int)
+            assert np.array_equal(drawn[..., 3] > 0, shown[cells])
+            wanted = colours_of(np.nan_to_num(table[cells]), np.nanquantile(table, 0.98))
+            assert np.abs(drawn[..., 2::-1] - wanted)[shown[cells]].max() <= 3, (name, place)
+
+
+def middles(used: np.ndarray, length: int) -> tuple[np.ndarray, np.ndarray]:
+    """The cells from the first used one to the last, and the pixel of a picture of them that is each one's middle."""
+    first, last = np.flatnonzero(used)[[0, -1]]
+    cells = np.arange(first, last + 1)
+    return cells, np.floor((cells - first + 0.5) * length / len(cells)).astype(int)
 
 
 class Elements(HTMLParser):

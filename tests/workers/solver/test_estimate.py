@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.workers.solver.rigs import residual_pairs, simulated
 from workers.geometry.rotations import vector_from_rotation
@@ -55,6 +56,13 @@ def test_wrong_marks_that_are_kept_count_as_what_they_moved_the_result_by():
     expected = np.array(without["covariance"]["matrix"]) + np.outer(moved, moved)
     np.testing.assert_allclose(kept["covariance"]["matrix"], expected, rtol=1e-4, atol=1e-9 * expected.max())
     assert kept["sigma_px"] == pytest.approx(without["sigma_px"], rel=1e-6) and kept["sigma_px"] < 1.25
+    for name, shift in zip(kept["covariance"]["names"], moved.tolist(), strict=True):
+        # A shift that is known and an error by Student's t: 95 % of their sums lie within the half width.
+        half, own = kept["interval95_half_width"][name], without["std"][name]
+        freedom = kept["degrees_of_freedom"][name] * (own / kept["std"][name]) ** 4
+        inside = [stats.t.cdf((end - shift) / own, freedom) for end in (-half, half)]
+        assert inside[1] - inside[0] == pytest.approx(0.95, abs=2e-3)
+        assert half < 1.97 * kept["std"][name]
     sentence = next(alarm for alarm in kept["alarms"] if "move the mount" in alarm)
     assert f"{np.linalg.norm(moved[:3]):.2g} degrees" in sentence
     assert not any("move the mount" in alarm for alarm in without["alarms"])

@@ -117,14 +117,14 @@ def test_intervals_hold_whether_poses_share_errors_or_not(poses, repeats, offset
 def test_pairs_of_poses_that_count_as_independent_would_not_hold():
     def made(seed):
         problem, truth = posed(500 + seed, 12, 5, 0.01, 1.5)
-        return type(problem)(**{**vars(problem), "blocks": None}), truth
+        return replace(problem, blocks=None), truth
 
     assert intervals_held(30, made) < 0.8
 
 
 def test_a_sound_walk_keeps_its_covariance():
     problem, truth = walked(5)
-    bare = type(problem)(**{**vars(problem), "blocks": None})
+    bare = replace(problem, blocks=None)
     document, alone = finish(problem, truth), finish(bare, truth)
     assert document["shared_errors"]["by"] == "time" and document["shared_errors"]["blocks"] == 8
     assert not document["shared_errors"]["counted"]
@@ -149,7 +149,7 @@ def test_blocks_are_groups_or_stretches_of_time():
 def test_stated_common_errors_enter_by_what_they_move():
     plain, truth = simulated("pinhole", 21)
     stated = {"elevation_deg": 0.04, "azimuth_deg": 0.02, "mark_v_px": 0.5}
-    problem = type(plain)(**{**vars(plain), "common_errors": stated})
+    problem = replace(plain, common_errors=stated)
     document, without = finish(problem, truth), finish(plain, truth)
     again, before = (Recomputed(one, plain.points, plain.pixels) for one in (document, without))
     x, y, z = plain.points.T
@@ -181,7 +181,7 @@ def test_intervals_hold_beside_a_common_elevation_error():
         flat = np.hypot(problem.points[:, 0], problem.points[:, 1])
         x, y, z = problem.points.T
         moved = problem.points + raised * np.stack([-z * x / flat, -z * y / flat, flat], axis=1)
-        return type(problem)(**{**vars(problem), "points": moved, "common_errors": {"elevation_deg": 0.04}}), truth
+        return replace(problem, points=moved, common_errors={"elevation_deg": 0.04}), truth
 
     assert 0.9 <= intervals_held(40, made) <= 1.0
 
@@ -200,8 +200,8 @@ def test_the_clocks_deviation_needs_motion():
     with pytest.raises(SolveError, match="how the apex moved"):
         estimate(problem, truth)
     velocities = np.tile([0.0, 1.2, 0.0], (len(problem.points), 1))
-    moving = type(problem)(**{**vars(problem), "velocities": velocities})
-    still = type(problem)(**{**vars(problem), "common_errors": {}})
+    moving = replace(problem, velocities=velocities)
+    still = replace(problem, common_errors={})
     wider, narrow = estimate(moving, truth).spread, estimate(still, truth).spread
     # 2.4 mm to the side for all pairs: t, in the camera's frame, takes all of it.
     grown = np.sqrt(np.sum(wider.std[3:6] ** 2 - narrow.std[3:6] ** 2))

@@ -89,7 +89,7 @@ def test_without_covariances_the_search_is_what_it_was():
     problem, truth = simulated("pinhole", 6)
     assert search_weights(problem)[0] is problem.weights
     assert whitened(problem, truth) is problem
-    assert pack_pairs(problem)[5, :222].tolist() == [1.0] * 222
+    assert pack_pairs(problem, search_weights(problem)[0])[5, :222].tolist() == [1.0] * 222
 
 
 def test_the_search_weighs_by_the_vertices_angles_whatever_the_mount():
@@ -99,7 +99,7 @@ def test_the_search_weighs_by_the_vertices_angles_whatever_the_mount():
     true_sigma = here.mark_sigma_px / np.sqrt(np.linalg.det(here.whitening))
     assert np.corrcoef(np.log(weights), np.log(true_sigma))[0, 1] < -0.97
     assert typical == pytest.approx(here.mark_sigma_px, rel=0.6)
-    np.testing.assert_allclose(pack_pairs(problem)[5, :222], weights, rtol=1e-6)
+    np.testing.assert_allclose(pack_pairs(problem, weights)[5, :222], weights, rtol=1e-6)
     assert fitness_of(problem, problem.lower, problem.upper).data.per_weight == pytest.approx(1.0 / weights.sum())
     low, high = problem.lower.tolist(), problem.upper.tolist()
     found = run_slot(problem, low, high, 0, 0)

@@ -1,15 +1,20 @@
 """Up, as the ground tells or the rig states; boards before sensors that are tilted or upside down."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.workers.vertices.refined_walks import SIZE, errors, walk
 from workers.simulation.drawn import region_before
 from workers.simulation.flaws import Mount
+from workers.simulation.scene import WALKER_REGION
 from workers.vertices.detectors import detect_range
 from workers.vertices.gravity import find_up, level_rotation
+from workers.vertices.refined.window import open_window
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import learn_grid
+from workers.vertices.sweep_source import Listed
 
 
 def degrees_off(up, mount):
@@ -75,3 +80,31 @@ def test_boards_before_a_sensor_that_does_not_stand_upright(mount):
     for vertex in found.vertices:
         assert abs(vertex.time_ns - recorded.moment_ns[vertex.sweep_index]) < 1_000_000
         assert vertex.roll is not None and abs(np.degrees(vertex.roll[0])) < 20.0
+
+
+@pytest.mark.parametrize("detector", ["strict", "tolerant"])
+def test_the_highest_ring_before_a_sensor_upside_down(detector):
+    """Turned by 180 degrees about x with its rings, a sensor of symmetric elevations sees the same."""
+    recorded = walk(25, 7.0)
+    turned = [
+        replace(one, xyz=one.xyz * np.array([1, -1, -1], one.xyz.dtype), ring=(15 - one.ring).astype(one.ring.dtype))
+        for one in recorded.sweeps
+    ]
+    region = Region.from_document(WALKER_REGION)
+    upside_down = Region.from_document(region_before(Mount(roll_deg=180.0), -1.85, 32.0))
+    found = detect_range(recorded.source, region, detector, indices=recorded.all)
+    same = detect_range(Listed(turned), upside_down, detector, indices=recorded.all)
+    mirrored = [(one.sweep_index, 15 - one.ring, one.time_ns, -one.xyz[2]) for one in same.vertices]
+    assert mirrored == [(one.sweep_index, one.ring, one.time_ns, one.xyz[2]) for one in found.vertices]
+    assert len(found.vertices) > 5
+
+
+def test_a_window_above_a_sensor_on_its_side_has_finite_axes():
+    sweep = walk(3, 0.5).sweeps[0]
+    grid = learn_grid([sweep], up=np.array([1.0, 0.0, 0.0]))
+    assert grid.R_level_lidar[2, 0] == pytest.approx(1.0)
+    inside = np.ones(len(sweep.xyz), np.bool_)
+    for centre in (0.0, np.pi, 0.3):
+        window = open_window(sweep, inside, grid, centre, 0.2)
+        np.testing.assert_allclose(window.R_window_lidar @ window.R_window_lidar.T, np.eye(3), atol=1e-12)
+        assert all(np.isfinite(part).all() for part in (window.azimuth, window.slope, window.distance))

@@ -168,3 +168,18 @@ def test_the_area_holds_its_points_and_the_margin_around_them():
     assert region.mask(np.column_stack([around, np.zeros(len(around))])).all()
     assert area_m2(corners) < area_m2(area_around(xy, 1.0))
     assert area_m2(np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 3.0], [0.0, 3.0]])) == 6.0
+
+
+def test_a_sensor_upside_down_is_suggested_the_same_region():
+    upright = [sweep for sweep, _ in recorded(5, 80)]
+    hanging = [
+        replace(one, xyz=one.xyz * np.array([1, -1, -1], one.xyz.dtype), ring=(15 - one.ring).astype(one.ring.dtype))
+        for one in upright
+    ]
+    plain, found = suggest(Listed(upright)), suggest(Listed(hanging))
+    assert (found.facts["ground_z"], found.facts["z_high"]) == (-plain.facts["ground_z"], -plain.facts["z_low"])
+    assert found.facts["area_m2"] == plain.facts["area_m2"] and found.facts["posts"] == plain.facts["posts"]
+    for one, other in zip(upright, hanging, strict=True):
+        mask = Region.from_document(plain.document).mask(one.xyz)
+        np.testing.assert_array_equal(Region.from_document(found.document).mask(other.xyz), mask)
+    assert mask.any()

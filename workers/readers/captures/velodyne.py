@@ -42,6 +42,7 @@ class SweepCutter:
         self._clock = PacketClock(stream.packet_ns, stream.device, stream.lead_ns)
         self._usual = (0xEEFF,) * BLOCKS  # of most sensors, told faster than by the set
         self._held: list[Packet] = []
+        self._lead: Packet | None = None  # the packet before the held ones
         self._start_ns = 0
         self._phase = -1  # azimuth from the seam, and moment, of the last firing cycle
         self._cycle_at = 0
@@ -156,6 +157,11 @@ class SweepCutter:
         """The held packets as a sweep, from ``_start_ns`` to before ``stop_ns``, where the next one starts."""
         packets, self._held = self._held, []
         start_ns, self._start_ns = self._start_ns, stop_ns or 0
+        lead, self._lead = self._lead, packets[-2] if len(packets) > 1 else None
+        # Of the first packet that it is given the decoder does not know how fast the sensor turns: a VLS-128's
+        # azimuths would be off by up to 0.16 degrees.
+        if lead is not None and packets[0][0] - lead[0] < 1.5 * self._stream.packet_ns:
+            packets = [lead, *packets]
         base_ns = packets[0][0]
         pair, packet = self._time_pair, self._packet
         vector = self._vector(
@@ -173,7 +179,9 @@ class SweepCutter:
         keep = time > (start_ns - base_ns - _MARGIN_NS) * 1e-9
         if stop_ns is not None:
             keep &= time < (stop_ns - base_ns - _MARGIN_NS) * 1e-9
-        if packets[0][1][-2] == DUAL or self._stream.decoding.model.product is None:
+        # Of most packets, because one may be damaged.
+        dual = 2 * sum(data[-2] == DUAL for _, data in packets) > len(packets)
+        if dual or self._stream.decoding.model.product is None:
             strongest = (points["return_type"] & 1) != 0
             keep &= strongest | ~strongest.any()
         return self._sweep(start_ns, base_ns, _kept(points, keep))

@@ -10,7 +10,7 @@ from workers.readers.copying.edits import Counts, Edits
 from workers.readers.copying.rosbag1_copy import copy_rosbag1
 from workers.readers.copying.rosbag2_copy import copy_file, copy_folder
 from workers.readers.detect import HEAD_BYTES
-from workers.readers.output import written
+from workers.readers.output import bytes_written
 from workers.readers.recording import ReadError
 from workers.readers.trees.folder import look_into
 from workers.readers.trees.open_tree import open_tree
@@ -31,7 +31,7 @@ def copy_recording(
     out_dir.mkdir(parents=True, exist_ok=True)
     made, counts = _copied(path, out_dir / "recording", edits, on_share)
     said = {"copied": counts.copied, "replaced": counts.replaced, "added": counts.added}
-    return {"file": made.name, **said, "written": written()}
+    return {"file": made.name, **said, "written": bytes_written()}
 
 
 def _copied(path: Path, out: Path, edits: Edits, on_done: Callable[[float], None]) -> tuple[Path, Counts]:

@@ -110,8 +110,11 @@ def message_of(body: memoryview) -> tuple[int, int, bytes]:
 
     Raises:
         struct.error: it is too short.
+        RecordError: its time lies past the year 2262, where 64 bits with a sign end.
     """
     channel, _, log_ns, _ = _MESSAGE.unpack_from(body)
+    if log_ns >= 2**63:
+        raise RecordError(f"a message was recorded at {log_ns} ns, past the year 2262")
     return channel, log_ns, bytes(body[_MESSAGE.size :])
 
 

@@ -21,7 +21,7 @@ from workers.readers.mcap_writing.chunked_file import ChunkedFile
 from workers.readers.normalised.cdr import point_bytes
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import FrameTable, read_table
-from workers.readers.output import written
+from workers.readers.output import bytes_written
 from workers.readers.viewing.foxglove_schemas import ENCODING, descriptor_set
 from workers.readers.viewing.messages import (
     FramePose,
@@ -62,7 +62,7 @@ def write_viewer_file(
         writer.run(on_share)
         file.finish("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
     counts = {"copied": writer.copied, "replaced": 0, "added": writer.added, "left_out": writer.left_out}
-    return {"file": FILE_NAME, **counts, "written": written()}
+    return {"file": FILE_NAME, **counts, "written": bytes_written()}
 
 
 class _Camera:

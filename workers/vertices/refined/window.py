@@ -65,6 +65,8 @@ def open_window(
     if level[2, 2] == 1.0:
         return Window(turn, steps, ring, *image)
     ahead = level @ turn[0]
+    if math.hypot(ahead[0], ahead[1]) < 1e-9:  # a sensor on its side that looks up or down
+        ahead = level[:, 2]
     flat = math.hypot(ahead[0], ahead[1])
     c, s = ahead[0] / flat, ahead[1] / flat
     R_window_lidar = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ level
@@ -88,7 +90,7 @@ def _levelled(azimuth: Floats, slope: Floats, distance: Floats, turn: Floats) ->
     """Azimuth, slope and horizontal distance in the axes to which ``turn`` (3, 3) leads."""
     none = azimuth == math.pi
     rays = np.stack([np.cos(azimuth), np.sin(azimuth), slope], axis=-1) @ turn.T
-    flat = np.hypot(rays[..., 0], rays[..., 1])
+    flat = np.maximum(np.hypot(rays[..., 0], rays[..., 1]), 1e-9)
     turned = np.where(none, math.pi, np.arctan2(rays[..., 1], rays[..., 0]))
     return turned, np.where(none, 0.0, rays[..., 2] / flat), distance * flat
 

@@ -1,6 +1,6 @@
 /** Calibrations in the formats of other programs. */
 
-import { send } from "./http.ts";
+import { client, send } from "./http.ts";
 import { read, type Read } from "./reads.ts";
 import type { components } from "./schema.ts";
 
@@ -13,4 +13,18 @@ export async function exportTo(url: string, format: string): Promise<{ name: str
   const response = await send(new Request(`${url}?format=${encodeURIComponent(format)}`));
   const named = /filename="([^"]+)"/.exec(response.headers.get("content-disposition") ?? "");
   return { name: named?.[1] ?? format, content: await response.blob() };
+}
+
+/** The sent URDF with one joint as the camera's current calibration has it. */
+export async function patchUrdf(
+  vehicleId: string,
+  camera: string,
+  body: components["schemas"]["UrdfRequest"],
+): Promise<Blob> {
+  const { data } = await client.POST("/v1/vehicles/{vehicle_id}/cameras/{camera}/calibration/urdf", {
+    params: { path: { vehicle_id: vehicleId, camera } },
+    body,
+    parseAs: "blob",
+  });
+  return data as unknown as Blob;
 }

@@ -100,6 +100,29 @@ def test_every_sensor(tmp_path, sensor, mode):
         assert any("dual return" in note for note in recording.lidar_facts(recording.sensors[0]).notes)
 
 
+@pytest.mark.parametrize("sensor", ["vlp16", "vlp32c", "hdl32e", "alpha_prime"])
+def test_azimuths_go_on_evenly_where_a_sweep_begins(tmp_path, sensor):
+    frames = [(moment, datagram(data)) for moment, data in packets(sensor, 2.2, mode=0x38)]
+    _, sweeps = read(write_pcap(tmp_path / "a.pcap", frames))
+    before, after = sweeps[:2]
+    for ring in range(0, int(after.ring.max()) + 1, 5):
+        last, first = (azimuth(sweep)[sweep.ring == ring] for sweep in (before, after))
+        steps = np.diff(np.concatenate([last[-9:], first[:9]])) % 360
+        # The sensor states hundredths of a degree, cut off.
+        np.testing.assert_allclose(steps, np.median(steps), atol=0.03)
+
+
+@pytest.mark.parametrize("mode", [0x39, 0x38])
+def test_one_damaged_packet_does_not_tell_what_a_sweep_returns(tmp_path, mode):
+    sent = list(packets("hdl32e", 2.2, mode=mode))
+    _, whole = read(write_pcap(tmp_path / "a.pcap", [(moment, datagram(data)) for moment, data in sent]))
+    other = 0x37 if mode == 0x39 else 0x39
+    sent[0] = sent[0][0], sent[0][1][:-2] + bytes((other, sent[0][1][-1]))
+    _, sweeps = read(write_pcap(tmp_path / "b.pcap", [(moment, datagram(data)) for moment, data in sent]))
+    assert len(sweeps) == len(whole)
+    assert abs(len(sweeps[0].xyz) - len(whole[0].xyz)) <= 384
+
+
 def status_bytes(elevations):
     """What an HDL-64E S2 sends of itself, a byte a packet: the clock and so on, then its calibration."""
     rows = b"".join(

@@ -159,6 +159,12 @@ def test_a_chunk_that_expands_beyond_what_it_says(tmp_path):
     assert "at most" in failure(path).message
 
 
+def test_a_time_that_does_not_fit_a_number_with_a_sign_is_refused(tmp_path):
+    messages = [(*most, 2**63 + stamp, data) for *most, stamp, data in as_cdr(rig(2))]
+    error = failure(write_mcap(tmp_path / "a.mcap", messages))
+    assert error.code == "recording_damaged" and "past the year 2262" in error.message
+
+
 @pytest.mark.parametrize("rest", [b"", bytes(100), b"\1" + bytes(7)])
 def test_an_mcap_file_with_nothing_in_it(tmp_path, rest):
     (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + rest)

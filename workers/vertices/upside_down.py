@@ -1,0 +1,60 @@
+"""A sensor that hangs upside down, as the ground tells; its sweeps as if it stood, turned by half a turn about x."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from workers.readers.recording import Sweep
+from workers.vertices.sensor_grid import SensorGrid, learn_grid
+from workers.vertices.suggested_region import Suggestion
+from workers.vertices.sweep_source import SweepSource
+
+_GRID_SWEEPS: Final = 4
+_TURN: Final = np.array([1.0, -1.0, -1.0], np.float32)
+
+
+def hanging(source: SweepSource) -> SensorGrid | None:
+    """The grid of a sensor that hangs upside down; None for any other."""
+    numbers = sorted({int(n) for n in np.linspace(0, len(source) - 1, min(_GRID_SWEEPS, len(source))).round()})
+    grid = learn_grid(source.sweep(number) for number in numbers)
+    return grid if grid.R_level_lidar[2, 2] < 0.0 else None
+
+
+class Turned:
+    """The sweeps of a sensor that hangs, turned: z up, and the highest ring has the highest number."""
+
+    def __init__(self, source: SweepSource, grid: SensorGrid) -> None:
+        self._source = source
+        self._top = max(grid.elevation.size - 1, 0)
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    def sweep(self, index: int) -> Sweep:
+        """The sweep of that number."""
+        one = self._source.sweep(index)
+        ring = np.maximum(self._top - one.ring.astype(np.int64), 0).astype(one.ring.dtype)
+        return replace(one, xyz=one.xyz * _TURN, ring=ring)
+
+
+def turned_back(found: Suggestion) -> Suggestion:
+    """A region that was suggested in the turned sweeps, for the sweeps as they are."""
+    facts = found.facts | {"ground_z": -found.facts["ground_z"]}
+    facts |= {"z_low": -found.facts["z_high"], "z_high": -found.facts["z_low"]}
+    return Suggestion(_turned_back(found.document), facts)
+
+
+def _turned_back(document: dict[str, Any]) -> dict[str, Any]:
+    """Of the forms that suggestions have."""
+    if "and" in document:
+        return {"and": [_turned_back(part) for part in document["and"]]}
+    if "not" in document:
+        return {"not": _turned_back(document["not"])}
+    if "box" in document:
+        (x, y, z), (far_x, far_y, far_z) = document["box"]["min"], document["box"]["max"]
+        return {"box": {"min": [x, -far_y, -far_z], "max": [far_x, -y, -z]}}
+    low, high = document["z"]
+    return {"polygon": [[x, -y] for x, y in document["polygon"]], "z": [-high, -low]}
