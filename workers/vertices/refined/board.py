@@ -212,8 +212,10 @@ def _grown(plane: Plane, model: BoardModel) -> Floats:
 
     A beam that meets the edge and something close behind it gives one return between the two, which is off the plane.
     So such returns begin as far inside of the edge as other beams reach outside.
+    On few rings a head's returns above the board are what tells its apex, and they count in full.
     """
-    return plane.reach * model.growth * np.where(plane.mixed, -1.0, 1.0)
+    sign = np.where(plane.mixed & plane.telling, -1.0, 1.0)
+    return plane.reach * model.growth * sign
 
 
 def _covered(

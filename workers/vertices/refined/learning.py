@@ -28,6 +28,7 @@ _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart 
 _ENOUGH = 4  # near sweeps from which something is learned
 _MIN_RINGS, _MIN_POINTS = 2, 12
 _MANY_RINGS = 3
+_DEVIATIONS = 4.0  # points farther off a plane are not of it
 _FIRST_SIGMA_M = 0.03
 _SIGMA_M = (0.004, 0.08)
 _ANY_TILT = (0.0, 0.25)  # boards held on their tip lean by slopes up to 0.7 (real recordings); 2.8 deviations
@@ -105,44 +106,58 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
         # Rings differ: the spread about the plane holds that, the second differences do not.
-        about = [float(np.median(np.abs(part[1]))) for part in upper if part[1].size]
+        about = [_ring_spread(*part[2:], noise) for part in upper if part[3] >= _MANY_RINGS]
         about = [value for value in about if value < _SIGMA_M[1]]  # larger ones are no planes
-        across = 1.05 * 1.4826 * float(np.median(about)) if len(about) >= _ENOUGH else 0.0
-        slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 2))
+        bias = float(np.median(about)) if len(about) >= _ENOUGH else 0.0
+        slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 1))
         turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
         model = replace(
             model,
-            sigma=_clip(max(across, noise)),
-            bias=math.sqrt(max(across**2 - noise**2, 0.0)),
+            sigma=_clip(math.hypot(noise, bias)),
+            bias=bias,
             tilt=learn_slope(slopes[:, 1], variances[:, 1], _ANY_TILT, default.tilt, _LEAST_TILT),
             yaw=(0.0, max(2.0 * turn[1], 0.2)),
         )
     return model, _best(windows, model)
 
 
-def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Floats]:
-    """The plane's two slopes, its residuals (metres), and the slopes' variances.
+def _ring_spread(beyond: Floats, rings: int, noise: float) -> float:
+    """Metres, standard deviation of the rings' errors, of which the plane takes up two degrees of freedom."""
+    about = 1.05 * 1.4826 * float(np.median(np.abs(beyond)))
+    return math.sqrt(max(about**2 - noise**2, 0.0) * rings / (rings - 2))
 
-    It is fitted to the board's rings down to the widest and those below that are nearly as wide. Farther down a ring
-    may have met the body, which stands only centimetres behind the board.
+
+def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Floats, int]:
+    """The plane's two slopes, their variances, its residuals (metres), and how many rings it was fitted to.
+
+    It is fitted to the rings that are nearly as wide as the widest; where these are few, to the next above them, too.
+    Farther down a ring may have met the body, and farther up a head: both are only centimetres behind the board.
     """
     window, ends = sighting.window, sighting.ends
     rings = np.flatnonzero(ends[:, 0] >= 0)
-    width = {r: window.azimuth[r, ends[r, 1]] - window.azimuth[r, ends[r, 0]] for r in rings}
-    widest = max(rings, key=lambda r: abs(width[r]))
-    kept = [r for r in rings if r >= widest or abs(width[r]) > 0.6 * abs(width[widest])]
+    width = {r: abs(window.azimuth[r, ends[r, 1]] - window.azimuth[r, ends[r, 0]]) for r in rings}
+    widest = max(rings, key=lambda r: width[r])
+    wide = [r for r in rings if width[r] > 0.6 * width[widest]]
+    above = [r for r in rings if r > widest and r not in wide]
+    kept = [*wide, *above[: max(_MANY_RINGS - len(wide), 0)]]
     runs = [(r, slice(ends[r, 0], ends[r, 1] + 1)) for r in kept]
     azimuth, slope, distance = (
         np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
     )
-    azimuth, slope, distance = azimuth[distance > 0.0], slope[distance > 0.0], distance[distance > 0.0]
+    on_it = np.abs(_beyond(azimuth, slope, distance, sighting.plane.w)) < _DEVIATIONS * model.sigma
+    azimuth, slope, distance = azimuth[on_it], slope[on_it], distance[on_it]
     prior = np.array([*BoardModel(model.grid).yaw, *_ANY_TILT])
     w, info = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
     towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
     variances: Floats = np.asarray(np.diag(towards @ np.linalg.inv(info) @ towards.T), np.float64)
-    beyond = distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
+    beyond = _beyond(azimuth, slope, distance, w)
     # Any two rings lie in one plane, whatever their biases.
-    return -w[1:] / w[0], beyond if len(kept) >= _MANY_RINGS else beyond[:0], variances
+    return -w[1:] / w[0], variances, beyond, len(kept)
+
+
+def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floats:
+    """Horizontal metres by which points lie behind a plane."""
+    return distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
 
 
 def _best(windows: Sequence[Window], model: BoardModel) -> list[Sighting]:
