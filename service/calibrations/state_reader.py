@@ -80,8 +80,13 @@ class StateReader:
         if isinstance(found, OperationalError):
             # The connection may have ended. Another one shows what is wrong, in SQLAlchemy's errors.
             self._read_in_thread(batch)
+            return
+        try:
+            seen = Prepared.seen(len(batch), found)
+        except Exception as error:  # a fault of ours: who waits is told, and the next are read for
+            self._answer(batch, error)
         else:
-            self._answer(batch, Prepared.seen(len(batch), found))
+            self._answer(batch, seen)
 
     def _read_in_thread(self, batch: Sequence[_Asked]) -> None:
         looks = [look for look, _ in batch]

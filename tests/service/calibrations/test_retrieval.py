@@ -12,7 +12,7 @@ import uvloop
 from sqlalchemy import delete, update
 
 from service.auth.secrets import new_secret, secret_hash
-from service.calibrations.given_state import Look, Seen, read_states
+from service.calibrations.given_state import Look, Prepared, Seen, read_states
 from service.calibrations.kept_answers import KeptAnswers
 from service.calibrations.state_reader import StateReader
 from service.db.calibrations import Calibration, Result
@@ -163,6 +163,16 @@ def test_answers_go_on_while_the_server_ends_connections(api, postgres, rig, rev
     statuses = [one.result().status_code for one in answers]
     assert [one for one in statuses if one not in (304, 404, 503)] == []
     assert statuses.count(304) + statuses.count(404) > len(asked) / 2
+    assert viewer.get(address(rig), headers=etag).status_code == 304
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_rows_that_cannot_be_read_stop_only_their_own_request(api, rig, reviewer, viewer, monkeypatch):
+    publish(api, rig, reviewer)
+    etag = {"If-None-Match": viewer.get(address(rig)).headers["etag"]}
+    with monkeypatch.context() as broken:
+        broken.setattr(Prepared, "seen", lambda *_: UUID("no id"))
+        assert viewer.get(address(rig), headers=etag).status_code == 500
     assert viewer.get(address(rig), headers=etag).status_code == 304
 
 
