@@ -2,8 +2,8 @@
 
 Walks are simulated, their vertices detected, paired at the estimated offset, marked by simulated people (a bias of
 each person, noise, some marks on another corner of the board), and calibrated by all models. Each recording gives one
-calibration to every cell. RUNS: recordings (default 6, a quarter of an hour on two cores); CELLS: parts of the names of
-some cells; SEED: of the first.
+calibration to every cell. RUNS: recordings (default 6, a quarter of an hour on two cores); CELLS: parts of the names
+of some cells; SEED: of the first.
 
 `worst_coverage95`, `best_coverage95`: the least and largest share over the cells of published 95 % intervals that
 hold, of rotation, translation and pixels over the marked field. `worst_by_chance`, `best_by_chance`: the same if the
