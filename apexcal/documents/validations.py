@@ -169,8 +169,8 @@ class DriftStep(Sent):
 
     ``sigmas`` is the mount's difference in what both results state, root mean square; ``differs`` says that chance
     makes such a difference once in 1000. Null where a result states no deviations. ``std`` are its own deviations,
-    with other models counted. ``withdrawn`` is null unless its last publication was withdrawn: then later results are
-    not compared with it.
+    with the spread between models. ``withdrawn`` is null unless its newest publication was withdrawn: then no later
+    result is compared with it.
     """
 
     result_id: UUID

@@ -251,11 +251,11 @@ def test_a_bag_with_its_tree_goes_in_and_a_verified_urdf_comes_out(
     expect(page.get_by_label("Joint to replace")).to_have_value("mount_joint")
     look(page, "urdf")
     page.get_by_label("LiDAR link").fill("radar")
-    page.get_by_role("button", name="Put it in and download").click()
+    page.get_by_role("button", name="Replace and download").click()
     expect(page.get_by_role("alert")).to_contain_text("radar")
     page.get_by_label("LiDAR link").fill("velodyne")
     with page.expect_download() as coming:
-        page.get_by_role("button", name="Put it in and download").click()
+        page.get_by_role("button", name="Replace and download").click()
     assert coming.value.suggested_filename == "car.urdf"
     coming.value.save_as(file)
     text = file.read_text()

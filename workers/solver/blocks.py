@@ -23,8 +23,8 @@ class Blocks:
     """Labels (N,) of the pairs' blocks, from 0 in the order of time (or of the pairs), and the kind of the blocks.
 
     `group`: what the pairs themselves name. `time`, `order`: stretches of equal numbers of pairs, by their stamps or
-    by their places. stretches: labels (N,) of the stretches that many groups are in, each group whole in one, as the
-    sweeps of a walk with four corners each; None for few groups, and where the blocks are stretches.
+    by their places. stretches: labels (N,) of the stretches of a walk with many groups, such as sweeps with four
+    corners each. A group lies whole in one stretch. None if there are fewer groups than LEAST_PAIRS.
     """
 
     labels: Indices
@@ -52,7 +52,7 @@ class Blocks:
 def blocks_of(pairs: Mapping[str, Sequence[Any]]) -> Blocks | None:
     """The blocks of a correspondence set's pairs (columns); None where they are too few to be cut.
 
-    Groups of a single pair each are no blocks. So many groups as pairs of a walk are needed are those of a walk.
+    Groups of a single pair each are no blocks. LEAST_PAIRS groups or more are also cut into stretches.
     """
     count = len(pairs["x"])
     group, stamps = pairs.get("group"), pairs.get("stamp_ns")

@@ -31,8 +31,8 @@ class ErrorModel:
     fit: with columns of unit length; scale (F,): what the parameters (rad, m, px) were divided by for that.
     noise: sigma^2, px^2. common (N, 2, m): what all pairs share, px per standard deviation. The last `estimated` of
     its columns have one variance, known with `common_freedom` degrees of freedom. shared: what blocks share; groups
-    come before the stretches of the walk that they are in. All components, one after the other, have the variances
-    (K,). unsure (1 + K, 1 + K): the covariance of the estimates of noise and variances.
+    come before the stretches of the walk that they are in. variances (K,): of all their components, one after the
+    other. unsure (1 + K, 1 + K): the covariance of the estimates of noise and variances.
     moved (F,): what pairs that do not belong moved the estimate by.
     """
 

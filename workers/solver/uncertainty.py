@@ -109,9 +109,9 @@ def _factor95(freedom: float | None) -> float:
 
 
 def _half_width95(std: float, shift: float, freedom: float) -> float:
-    """h with P(|shift + s T| <= h) = 0.95, s^2 = std^2 - shift^2, of a T by Student's t.
+    """h with P(|shift + s T| <= h) = 0.95, where s^2 = std^2 - shift^2 and T has Student's t distribution.
 
-    A shift is one number and no draw, so an interval of 1.96 times all of std would hold more often than stated.
+    A shift is one fixed number, so an interval of 1.96 times all of std would hold more often than stated.
     """
     if shift == 0.0 or not np.isfinite(std):
         return _factor95(freedom) * std

@@ -1,7 +1,7 @@
 """The two detectors that look at the highest ring alone.
 
-``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does. Before a sensor
-that hangs upside down, as the ground tells, the highest ring is the one of the lowest number.
+``strict`` is Algorithm 1 of Lyu et al. 2019; ``tolerant`` is what the authors' released toolbox does. If the ground
+tells that the sensor hangs upside down, the highest ring is the one of the lowest number.
 """
 
 from __future__ import annotations

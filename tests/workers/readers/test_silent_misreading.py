@@ -2,7 +2,7 @@
 
 Whole recordings are damaged, read in this process, and compared with what the whole file gives: point by point. If no
 byte was moved, a point may differ only where its own bytes, its packet's or its line's were touched. If bytes were
-moved, only those of the message or packet in which that happened may; a file that is cut off gives no new points.
+moved, only those of the message or packets in which that happened may; of a file that is cut off, one at most.
 """
 
 import os

@@ -158,7 +158,7 @@ class SweepCutter:
         packets, self._held = self._held, []
         start_ns, self._start_ns = self._start_ns, stop_ns or 0
         lead, self._lead = self._lead, packets[-2] if len(packets) > 1 else None
-        # Of the first packet that it is given the decoder does not know how fast the sensor turns: a VLS-128's
+        # At the first packet that it is given, the decoder does not know yet how fast the sensor turns: a VLS-128's
         # azimuths would be off by up to 0.16 degrees.
         if lead is not None and packets[0][0] - lead[0] < 1.5 * self._stream.packet_ns:
             packets = [lead, *packets]

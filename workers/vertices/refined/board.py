@@ -211,8 +211,8 @@ def _grown(plane: Plane, model: BoardModel) -> Floats:
     """(N,) metres by which the edges seem to lie farther out at each ray.
 
     A beam that meets the edge and something close behind it gives one return between the two, which is off the plane.
-    So such returns begin as far inside of the edge as other beams reach outside.
-    On few rings a head's returns above the board are what tells its apex, and they count in full.
+    So such returns begin as far inside of the edge as other beams reach outside. On few rings they count as misses:
+    there a head's returns above the board tell where its apex is.
     """
     sign = np.where(plane.mixed & plane.telling, -1.0, 1.0)
     return plane.reach * model.growth * sign

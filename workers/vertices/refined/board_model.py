@@ -100,7 +100,7 @@ class Plane:
         left, up: (N,) metres, where each ray meets the plane, from the foot of the sensor's perpendicular.
         reach: (N,) metres, distance from the sensor to that place.
         ratio: (N,) likelihood of the ray's return, or of none, with the board over that without the board.
-        mixed: (N,) whether the ray's return may be of the board and of something close behind it, together.
+        mixed: (N,) whether the ray's return may be of both the board and something close behind it.
         hits: (2, H) metres to the left and up, of all returns that lie in the plane where the board was followed.
         rings: how many rings meet the board.
         top_ring: the highest of these rings.
