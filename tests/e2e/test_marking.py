@@ -150,8 +150,8 @@ def test_the_next_frame_comes_at_once_and_the_answer_is_saved_behind_it(sign_in:
         assert hal.vertex != vertex
         hal.ready()
     print("Enter to next frame, ms:", [round(one) for one in sorted(took)])
-    # One of twelve may meet a busy machine. Behind the network's delay none would be below 300 ms.
-    assert sorted(took)[-2] < 200
+    # Some may meet a busy machine. If frames waited for the save, all would take the network's 300 ms at least.
+    assert sorted(took)[len(took) // 2] < 200
     for _ in range(100):
         if given.keys() <= hal.own_marks().keys():
             break

@@ -264,7 +264,10 @@ def send(api: Api, actor, method: str, path: str, operation: dict, rows: dict[st
         headers["Authorization"] = f"Bearer {actor.token}"
     known = [value for end, value in BODIES.items() if path.endswith(end)] if method == "post" else []
     body = {"json": known[0]} if known else {"json": example(api, operation)} if "requestBody" in operation else {}
-    params = {"camera": "front"} if any(one["name"] == "camera" for one in operation.get("parameters", [])) else {}
+    asked = [one for one in operation.get("parameters", []) if one["in"] == "query"]
+    params = {one["name"]: sample(one["schema"], {}) for one in asked if one.get("required")}
+    if any(one["name"] == "camera" for one in asked):
+        params["camera"] = "front"
     return api.client.request(method, address(path, rows), headers=headers, params=params, **body)
 
 
