@@ -43,6 +43,7 @@ class StateReader:
         self._pool = ThreadPoolExecutor(1, "given-state")
         self._waiting: dict[str, list[_Asked]] = {}
         self._is_reading = False
+        self._is_closed = False
         self._connection: LoopConnection | None = None
         self._statements: dict[bool, Prepared] = {}
 
@@ -54,7 +55,12 @@ class StateReader:
         return await found
 
     def close(self) -> None:
-        """End the thread and the connection."""
+        """End the thread and the connection. Who still waits is cancelled."""
+        self._is_closed = True
+        for asked in self._waiting.values():
+            for _, future in asked:
+                future.cancel()
+        self._waiting.clear()
         self._pool.shutdown(cancel_futures=True)
         if self._connection is not None:
             self._connection.close()
@@ -77,6 +83,9 @@ class StateReader:
         self._connection.execute(statement.text, values, lambda found: self._came(batch, found))
 
     def _came(self, batch: Sequence[_Asked], found: PGresult | OperationalError) -> None:
+        if self._is_closed:
+            self._answer(batch, asyncio.CancelledError())
+            return
         if isinstance(found, OperationalError):
             # The connection may have ended. Another one shows what is wrong, in SQLAlchemy's errors.
             self._read_in_thread(batch)

@@ -31,14 +31,12 @@ class LoopConnection:
         self._then: Then | None = None
         self._result: PGresult | None = None
         self._names: dict[str, bytes] = {}
-        pgconn = self._driver.pgconn
-        # Otherwise PostgreSQL plans at each execution, which takes ten times as long as the execution. It expects
-        # ten rows of an array of unknown length, so a general plan seems to cost more than one for the usual row.
-        _checked(pgconn.exec_(b"SET plan_cache_mode = force_generic_plan"))
-        for text in statements:
-            name = self._names[text] = b"s%d" % len(self._names)
-            _checked(pgconn.prepare(name, text.encode()))
-        self._socket = pgconn.socket
+        try:
+            self._prepare(statements)
+        except OperationalError:
+            self._driver.close()
+            raise
+        self._socket = self._driver.pgconn.socket
 
     @property
     def is_open(self) -> bool:
@@ -60,6 +58,15 @@ class LoopConnection:
     def close(self) -> None:
         """End the connection; who waits for rows gets an error."""
         self._end(OperationalError("the connection was closed"))
+
+    def _prepare(self, statements: Iterable[str]) -> None:
+        pgconn = self._driver.pgconn
+        # Otherwise PostgreSQL plans at each execution, which takes ten times as long as the execution. It expects
+        # ten rows of an array of unknown length, so a general plan seems to cost more than one for the usual row.
+        _checked(pgconn.exec_(b"SET plan_cache_mode = force_generic_plan"))
+        for text in statements:
+            name = self._names[text] = b"s%d" % len(self._names)
+            _checked(pgconn.prepare(name, text.encode()))
 
     def _read(self) -> None:
         pgconn = self._driver.pgconn

@@ -18,6 +18,7 @@ from ipaddress import ip_address, ip_network
 from termios import TIOCOUTQ
 from typing import Literal
 
+import httptools
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from service.settings import get_settings
@@ -25,8 +26,11 @@ from service.settings import get_settings
 # Apache's mod_reqtimeout gives the head of a request 20 s, and asks for 500 bytes a second.
 HEAD_S = 20.0
 _BYTES_PER_S = 500
-# Bytes of a head that is not complete. llhttp has no limit; h11, which was used before, took 16 KiB.
+# Bytes that bring a request no further: of a head that is not complete, of a chunk's extension, of trailers, of empty
+# lines between requests. llhttp has no limit; h11, which was used before, took 16 KiB.
 _LONGEST_HEAD = 16 * 1024
+# Requests that came before the first of them was answered. Each takes a kilobyte, and 28 bytes may be one.
+_MOST_PIPELINED = 100
 # As nginx: 60 s for the next bytes of a body, and for a client that takes none of an answer. Bad lines pause.
 WINDOW_S = 60.0
 # For the rest of a body that was answered already, such as a part from somebody who is not signed in.
@@ -50,7 +54,8 @@ class PatientProtocol(HttpToolsProtocol):
     _arrived = 0
     _unsent = 0
     _expected: _Expected = "head"
-    _head_bytes = 0
+    _idle_bytes = 0
+    _moved = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take the connection; where it is one too many, end one that has asked for nothing."""
@@ -73,32 +78,59 @@ class PatientProtocol(HttpToolsProtocol):
         """Go on with the request, and see what is waited for now."""
         before = self._expected
         self._arrived += len(data)
-        super().data_received(data)
+        self._moved = False
+        self._unset_keepalive_if_required()
+        try:
+            self._feed(data)
+        except httptools.HttpParserError:
+            self._refuse("Invalid HTTP request received.")
+            return
         if self.transport.is_closing():
             return
-        self._head_bytes = self._head_bytes + len(data) if self._expected == "head" else 0
-        if self._head_bytes > _LONGEST_HEAD:
-            self.send_400_response("The request's head is too long.")
+        self._idle_bytes = 0 if self._moved else self._idle_bytes + len(data)
+        if self._idle_bytes > _LONGEST_HEAD:
+            self._refuse("The request's head is too long.")
+            return
         self._check_request(before)
 
     def on_message_begin(self) -> None:
         """A request begins."""
         super().on_message_begin()
-        self._expected = "head"
+        self._go_to("head")
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """Note a header. What comes after a body is none: the request was judged without it."""
+        if self._expected == "head":
+            super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
         """Serve the request. Raises ValueError, which becomes 400, where it does not name one host (RFC 9112)."""
-        hosts = sum(name == b"host" for name, _ in self.headers)
         assert self.parser is not None
-        if hosts > 1 or (hosts == 0 and self.parser.get_http_version() == "1.1"):
+        if self.parser.should_upgrade():
+            return
+        hosts = sum(name == b"host" for name, _ in self.headers)
+        http_version = self.parser.get_http_version()
+        if http_version not in ("1.0", "1.1"):
+            raise ValueError(f"HTTP/{http_version}")
+        if hosts > 1 or (hosts == 0 and http_version == "1.1"):
             raise ValueError(f"{hosts} Host headers")
+        if len(self.pipeline) >= _MOST_PIPELINED:
+            raise ValueError("too many requests at once")
         super().on_headers_complete()
-        self._expected = "body"
+        self._go_to("body")
+
+    def on_body(self, body: bytes) -> None:
+        """Bytes of the body came."""
+        self._moved = True
+        super().on_body(body)
 
     def on_message_complete(self) -> None:
         """The request is complete."""
+        assert self.parser is not None
+        if self.parser.should_upgrade():
+            return
         super().on_message_complete()
-        self._expected = "answer"
+        self._go_to("answer")
 
     def on_response_complete(self) -> None:
         """Wait for the next request; not for long where this one's body is still coming."""
@@ -133,9 +165,44 @@ class PatientProtocol(HttpToolsProtocol):
         """Whether the client leaves its answer lying."""
         return self._writing is not None
 
+    def _feed(self, data: bytes) -> None:
+        """Parse. Raises httptools' HttpParserError.
+
+        llhttp takes what follows a head with `Upgrade` for another protocol: the body would become the next request.
+        Nothing is upgraded here, so such a head is parsed again without that header (RFC 9110, 7.8).
+        """
+        rest = memoryview(data)
+        while True:
+            assert self.parser is not None
+            try:
+                self.parser.feed_data(rest)
+            except httptools.HttpParserUpgrade as found:
+                rest = rest[found.args[0] :]
+            else:
+                return
+            method, http_version = self.parser.get_method(), self.parser.get_http_version().encode()
+            if method == b"CONNECT":
+                raise httptools.HttpParserError("CONNECT")
+            lines = [method + b" " + self.url + b" HTTP/" + http_version]
+            lines += [name + b": " + value for name, value in self.headers if name != b"upgrade"]
+            self.parser = httptools.HttpRequestParser(self)
+            self.parser.set_dangerous_leniencies(lenient_data_after_close=True)
+            self.parser.feed_data(b"\r\n".join([*lines, b"", b""]))
+
+    def _go_to(self, expected: _Expected) -> None:
+        self._expected, self._moved = expected, True
+
+    def _refuse(self, message: str) -> None:
+        self.logger.warning(message)
+        self.send_400_response(message)
+
     def _check_request(self, before: _Expected) -> None:
         if self._expected == "answer":
-            self._stop_waiting()
+            # Empty lines after an answer are no request.
+            if not self.is_idle:
+                self._stop_waiting()
+            elif self._reading is None:
+                self._wait_for_head()
         elif self._expected == "body":
             if before != "body":
                 self._wait_for_body()

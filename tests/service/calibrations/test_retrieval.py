@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from uuid import UUID
 
 import psycopg
@@ -18,6 +19,7 @@ from service.calibrations.state_reader import StateReader
 from service.db.calibrations import Calibration, Result
 from service.db.clock import utc_now
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.db.loop_connection import LoopConnection
 from service.db.people import ApiToken, BrowserSession, Membership
 from tests.service.calibrations.given import another_rig, publish, withdraw
 from tests.service.detections.seeding import seed_rig
@@ -216,6 +218,30 @@ def test_the_loop_reads_what_a_thread_reads(api, rig, reviewer, viewer, make_loo
     assert len({one.digest for one in found[:2]}) == 2 and found[6].fleet_id is None
     assert (states._connection is not None) == (api.database.engine.dialect.name == "postgresql")
     states.close()
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_who_waits_when_reading_ends_is_cancelled(api, rig, viewer):
+    states = StateReader(api.database)
+
+    async def end() -> list[Seen | BaseException]:
+        look = Look(viewer.token, rig.vehicle_id, "current")
+        await states.read(look)  # in a thread, which connects
+        asked = [asyncio.ensure_future(states.read(look)) for _ in range(2)]
+        await asyncio.sleep(0)  # the first one's statement is sent
+        states.close()
+        return await asyncio.gather(*asked, return_exceptions=True)
+
+    assert all(isinstance(one, asyncio.CancelledError) for one in asyncio.run(end()))
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_a_connection_that_cannot_be_prepared_is_not_kept(api):
+    opened = []
+    database = SimpleNamespace(driver_connection=lambda: opened.append(api.database.driver_connection()) or opened[0])
+    with pytest.raises(psycopg.OperationalError):
+        LoopConnection(database, ["SELECT nothing"])
+    assert opened[0].closed
 
 
 def test_by_name_and_by_a_sensor(api, fleet, rig, reviewer, viewer):

@@ -270,3 +270,61 @@ def test_the_next_head_may_begin_while_an_answer_is_under_way(served: tuple[Api,
     assert b"200 OK" in one.recv(65536)
     time.sleep(3 * SHORT_S)
     assert not ended(one)
+
+
+@pytest.mark.parametrize("length", ["Content-Length: 53", "Transfer-Encoding: chunked"])
+def test_the_body_of_a_request_that_offers_another_protocol_is_its_body(
+    served: tuple[Api, str], connect: Callable, length: str
+) -> None:
+    """Not the next request, which a proxy in front would not have seen."""
+    within = b"GET /healthz HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
+    body = within if "53" in length else b"35\r\n" + within + b"\r\n0\r\n\r\n"
+    offer = head("POST", "/v1/sign-in", "Connection: Upgrade", "Upgrade: h2c", length)
+    one = connect(offer + body + head("GET", "/v1/unknown", "Connection: close"))
+    answers = all_of(one)
+    assert answers.count(b"HTTP/1.1 ") == 2 and b'{"status":"ok"}' not in answers
+    # In a segment of its own, too.
+    other = connect(offer)
+    other.sendall(body + head("GET", "/v1/unknown", "Connection: close"))
+    assert all_of(other).count(b"HTTP/1.1 ") == 2
+
+
+def test_who_sends_empty_lines_after_an_answer_is_let_go(connect: Callable) -> None:
+    one = connect(head("GET", "/healthz"))
+    assert until(one, b"}").startswith(b"HTTP/1.1 200")
+    one.sendall(b"\r\n")
+    assert all_of(one) == b""
+
+
+@pytest.mark.parametrize("endless", [b"0\r\n" + b"X: a\r\n" * 50_000, b"5;" + b"a" * 300_000])
+def test_what_comes_beside_a_body_is_not_endless(
+    connect: Callable, monkeypatch: pytest.MonkeyPatch, endless: bytes
+) -> None:
+    monkeypatch.setattr(connections, "WINDOW_S", 60.0)
+    one = connect(head("POST", "/v1/sign-in", "Content-Type: application/json", "Transfer-Encoding: chunked"))
+    try:
+        for start in range(0, len(endless), 4096):
+            one.sendall(endless[start : start + 4096])
+            time.sleep(0.001)
+    except OSError:
+        return
+    assert all_of(one).startswith(b"HTTP/1.1 400")
+
+
+def test_a_trailer_is_no_header(served: tuple[Api, str], connect: Callable) -> None:
+    api, _ = served
+    lines = ("Content-Type: application/json", "Transfer-Encoding: chunked", "Connection: close")
+    trailer = f"Authorization: Bearer {api.owner().token}"
+    answer = all_of(connect(head("POST", "/v1/fleets", *lines) + f"0\r\n{trailer}\r\n\r\n".encode()))
+    assert answer.startswith(b"HTTP/1.1 401"), answer
+
+
+def test_requests_that_come_together_are_answered_and_are_not_endless(connect: Callable) -> None:
+    padded = head("GET", "/healthz", "X-Padding: " + "a" * 400)
+    last = head("GET", "/healthz", "Connection: close")
+    # More bytes than a head may have, and the last head is not complete.
+    some = connect(padded * 49 + last[:10])
+    time.sleep(SHORT_S / 5)
+    some.sendall(last[10:])
+    assert all_of(some).count(b"HTTP/1.1 200") == 50
+    assert b"HTTP/1.1 400" in all_of(connect(padded * 500))
