@@ -11,7 +11,7 @@ KERNELS = (
     planes.find_stretches,
     planes.pair_stretches,
     planes.fit_plane,
-    planes.grow_plane,
+    planes.grow_planes,
     rays.likelihood_ratios,
     rays.follow_board,
     rays.choose_rays,

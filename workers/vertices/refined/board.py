@@ -24,7 +24,7 @@ from workers.vertices.refined.board_model import (
 )
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import integrate
-from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
+from workers.vertices.refined.planes import find_stretches, grow_planes, pair_stretches
 from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
 from workers.vertices.refined.window import Window, open_window
 from workers.vertices.sensor_grid import SensorGrid
@@ -61,20 +61,12 @@ def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list
     for window in windows:
         stretches = find_stretches(window.azimuth, window.distance, window.inside, model.sigma, window.steps)
         pairs = pair_stretches(stretches, window.slope, _WIDEST_M, _PAIRS)
-        ring, column = np.nonzero(window.inside)
-        azimuth, slope, distance = (part[ring, column] for part in (window.azimuth, window.slope, window.distance))
-        seen: list[Floats] = []
-        for pair in pairs:
-            start = np.zeros(ring.size, np.bool_)
-            for r, first, last in stretches[pair, :3].astype(np.int64):
-                start |= (ring == r) & (column >= first) & (column <= last)
-            r, first, last = stretches[pair[0], :3].astype(int).tolist()
-            for downwards in (True, False):
-                w, info, score = grow_plane(azimuth, slope, distance, start, downwards, model.sigma, prior)
-                if not any(bool(np.all(np.abs(other - w) < 0.003 * abs(w[0]))) for other in seen):
-                    seen.append(w)
-                    spread: Floats = np.asarray(np.linalg.inv(info), np.float64)
-                    found.append((score, window, w, spread, (r, first, last)))
+        planes, infos, scores, pair_of = grow_planes(
+            window.azimuth, window.slope, window.distance, window.inside, stretches, pairs, model.sigma, prior
+        )
+        for w, info, score, number in zip(planes, infos, scores.tolist(), pair_of, strict=True):
+            r, first, last = stretches[pairs[number, 0], :3].astype(int).tolist()
+            found.append((score, window, w, np.asarray(np.linalg.inv(info), np.float64), (r, first, last)))
     found.sort(key=lambda item: -item[0])
     sightings: list[Sighting] = []
     for item in found:
