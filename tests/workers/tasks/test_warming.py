@@ -7,6 +7,7 @@ from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 KERNELS = (
+    corner.find_corner,
     corner.integrate,
     planes.find_stretches,
     planes.pair_stretches,

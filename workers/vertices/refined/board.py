@@ -23,7 +23,7 @@ from workers.vertices.refined.board_model import (
     hang,
 )
 from workers.vertices.refined.clusters import clusters
-from workers.vertices.refined.corner import integrate
+from workers.vertices.refined.corner import find_corner
 from workers.vertices.refined.planes import find_stretches, grow_planes, pair_stretches
 from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
 from workers.vertices.refined.window import Window, open_window
@@ -36,14 +36,9 @@ _ON_BOARD = 2.0  # likelihood ratio from which a point counts as the board's
 _CONFIDENT = 5.0
 _UNLIKELY = 0.05
 _HOPELESS = 12.0  # log odds from which the other way to hold the board is not followed further
-_COARSE, _FINE = 24, 36  # cells along either side of the grid
-_ROLLS = 9
-_ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
 # Pulses last 4 to 6 ns; echoes that are less than c t / 2 apart become one.
 _PULSE_M = 0.9
 _OFF = 4.0  # standard deviations behind the plane: the return is not of the board alone
-_ASTRAY_M = 0.12  # hits that are not the board's lie this far beside it at most
-_ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
 
 
 def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> list[Window]:
@@ -242,60 +237,17 @@ def _matrix(corner: Floats) -> Floats:
 def _corner(
     plane: Plane, model: BoardModel, edges: tuple[float, float], coarse: bool, floor: float
 ) -> tuple[Floats, Floats, Floats] | None:
-    """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
-
-    Returns:
-        Its moments, and of the last pass the log evidence (K,) of each roll and the rolls (K,). None where no board
-        explains the rays, or the first pass ends below ``floor``.
-    """
+    """See :func:`find_corner`. None where no board explains the rays, or the first pass ends below ``floor``."""
     hits = plane.ratio > _CONFIDENT
     if not hits.any():
         return None
-    mean, sigma = hang(edges) + model.roll[0], model.roll[1]
     right, wrong = 1.0 - model.wrong, model.wrong
     ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
-    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, max(_ROLLS, 1 + round(sigma / _ROLL_STEP)))
-    grow, soft = _grown(plane, model), plane.reach * model.soft
-    turns = _turns(rolls)
-    # Of each roll: the apexes whose board holds all hits.
-    along = turns @ np.array([plane.left, plane.up])[:, hits]
-    low, high = along.max(axis=2) - np.array(edges), along.min(axis=2)
-    centre, half = 0.5 * (low + high), 0.5 * np.abs(high - low) + _ASTRAY_M + model.slack
-    origin = np.zeros(2)
-    out, of_roll = np.zeros(0), np.zeros(0)
-    passes = (20, 24) if coarse else (_COARSE, _COARSE, _FINE)
-    for number, cells in enumerate(passes):
-        if number > 0:
-            reach = 3.0 * max(math.sqrt(max(out[6], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
-            ends = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
-            after = _even(*ends, _ROLLS + 2 if cells == _FINE else _ROLLS)
-            apex = (turns @ of_roll[:, 1:3, None])[..., 0] + origin
-            own = 3.2 * of_roll[:, 3:5] + 2.0 * half / passes[number - 1]
-            seen = of_roll[:, 0] > -1e299
-            turns, origin = _turns(after), out[1:3].copy()
-            about = _interpolated(after, rolls[seen], apex[seen]) - origin
-            centre, half = (turns @ about[..., None])[..., 0], _interpolated(after, rolls[seen], own[seen])
-            rolls = after
-        prior = -0.5 * ((rolls - mean) / sigma) ** 2 + math.log(
-            (rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi)
-        )
-        out, of_roll = integrate(
-            plane.left - origin[0], plane.up - origin[1], grow, soft, ratio,
-            edges[0], edges[1], model.slack, rolls, prior, centre, half, cells,
-        )  # fmt: skip
-        if out[0] < max(floor if number == 0 else -math.inf, -1e299):
-            return None
-        out[1:3] += origin
-    return out, of_roll[:, 0], rolls
-
-
-def _interpolated(at: Floats, x: Floats, values: Floats) -> Floats:
-    """(K, 2) at ``at`` (K,) of ``values`` (J, 2) at ``x`` (J,)."""
-    return np.column_stack([np.interp(at, x, values[:, k]) for k in (0, 1)])
-
-
-def _even(low: float, high: float, count: int) -> Floats:
-    return low + (high - low) * np.arange(count, dtype=np.float64) / (count - 1)
+    found = find_corner(
+        plane.left, plane.up, _grown(plane, model), plane.reach * model.soft, ratio, hits,
+        edges[0], edges[1], model.slack, hang(edges) + model.roll[0], model.roll[1], coarse, floor,
+    )  # fmt: skip
+    return found if found[0][0] > -1e299 else None
 
 
 def _turns(rolls: Floats) -> Floats:

@@ -15,6 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+_COARSE, _FINE, _COMPARED = 24, 36, 20  # cells along either side of the grid
+_ROLLS = 9
+_ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
+_ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
+_ASTRAY_M = 0.12  # hits that are not the board's lie this far beside it at most
 # The natural logarithm of the largest number is 709: cells are scaled before they may differ so much from 1.
 _MOST_LOG = 300.0
 _NOTHING, _PART, _ALL = 0, 1, 2
@@ -200,3 +205,102 @@ def integrate(
     out[7], out[8], out[9] = m12 / s0 - a1 * a2, m13 / s0 - a1 * a3, m23 / s0 - a2 * a3
     out[10] = best
     return out, of_roll
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def find_corner(
+    left: Floats, up: Floats, grow: Floats, soft: Floats, ratio: Floats, hits: NDArray[np.bool_],
+    edge_p: float, edge_q: float, slack: float, mean: float, sigma: float, coarse: bool, floor: float,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
+
+    Args:
+        hits: (N,) which rays surely met the board.
+        mean, sigma: radians, of the prior of the roll.
+        coarse: for comparing models: two passes.
+        floor: log evidence of the first pass from which there are more.
+
+    Returns:
+        Moments as of `integrate`; of the last pass the log evidence (K,) of each roll and the rolls (K,). The first
+        moment is -1e300 where no board explains the rays, or the first pass ends below ``floor``.
+    """
+    count = max(_ROLLS, 1 + round(sigma / _ROLL_STEP))
+    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, count)
+    centre, half = _holding_all(left, up, hits, edge_p, edge_q, slack, rolls)
+    l0, u0 = 0.0, 0.0
+    for number in range(2 if coarse else 3):
+        cells = _FINE if number == 2 else _COMPARED if coarse and number == 0 else _COARSE
+        prior = np.empty(rolls.size)
+        for k in range(rolls.size):
+            prior[k] = -0.5 * ((rolls[k] - mean) / sigma) ** 2
+        prior += math.log((rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi))
+        out, of_roll = integrate(
+            left - l0, up - u0, grow, soft, ratio, edge_p, edge_q, slack, rolls, prior, centre, half, cells
+        )
+        if out[0] < max(floor if number == 0 else -math.inf, -1e299):
+            out[0] = -1e300
+            break
+        out[1] += l0
+        out[2] += u0
+        if number == (1 if coarse else 2):
+            break
+        reach = 3.0 * max(math.sqrt(max(out[6], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
+        low, high = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
+        after = _even(low, high, _ROLLS + 2 if number == 1 else _ROLLS)
+        centre, half = _narrowed(rolls, of_roll, half, cells, after, l0, u0, out[1], out[2])
+        rolls, l0, u0 = after, out[1], out[2]
+    return out, of_roll[:, 0].copy(), rolls
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _holding_all(
+    left: Floats, up: Floats, hits: NDArray[np.bool_], edge_p: float, edge_q: float, slack: float, rolls: Floats
+) -> tuple[Floats, Floats]:
+    """Middle and half widths (K, 2) of the apexes whose board holds all hits, of each roll."""
+    centre, half = np.empty((rolls.size, 2)), np.empty((rolls.size, 2))
+    for k in range(rolls.size):
+        cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
+        p_high = q_high = -math.inf
+        p_low = q_low = math.inf
+        for i in range(left.size):
+            if hits[i]:
+                p, q = cosine * left[i] - sine * up[i], -sine * left[i] - cosine * up[i]
+                p_low, p_high, q_low, q_high = min(p_low, p), max(p_high, p), min(q_low, q), max(q_high, q)
+        centre[k, 0], centre[k, 1] = 0.5 * (p_high - edge_p + p_low), 0.5 * (q_high - edge_q + q_low)
+        half[k, 0] = 0.5 * abs(p_low - p_high + edge_p) + _ASTRAY_M + slack
+        half[k, 1] = 0.5 * abs(q_low - q_high + edge_q) + _ASTRAY_M + slack
+    return centre, half
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _narrowed(
+    rolls: Floats, of_roll: Floats, half: Floats, cells: int, after: Floats,
+    l0: float, u0: float, left: float, up: float,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Middle about (left, up) and half widths (J, 2) of the next pass at its rolls ``after`` (J,).
+
+    Args:
+        rolls, of_roll, half, cells: of the pass before, about (l0, u0).
+    """
+    seen = np.flatnonzero(of_roll[:, 0] > -1e299)
+    apex, own = np.empty((2, seen.size)), np.empty((2, seen.size))
+    for n in range(seen.size):
+        k = seen[n]
+        cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
+        p, q = of_roll[k, 1], of_roll[k, 2]
+        apex[0, n], apex[1, n] = cosine * p - sine * q + l0, -sine * p - cosine * q + u0
+        for axis in range(2):
+            own[axis, n] = 3.2 * of_roll[k, 3 + axis] + 2.0 * half[k, axis] / cells
+    centre, wide = np.empty((after.size, 2)), np.empty((after.size, 2))
+    along, across = np.interp(after, rolls[seen], apex[0]) - left, np.interp(after, rolls[seen], apex[1]) - up
+    for axis in range(2):
+        wide[:, axis] = np.interp(after, rolls[seen], own[axis])
+    for j in range(after.size):
+        cosine, sine = math.cos(after[j]), math.sin(after[j])
+        centre[j, 0], centre[j, 1] = cosine * along[j] - sine * across[j], -sine * along[j] - cosine * across[j]
+    return centre, wide
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _even(low: float, high: float, count: int) -> Floats:
+    return low + (high - low) * np.arange(count) / (count - 1)
