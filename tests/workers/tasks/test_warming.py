@@ -2,11 +2,13 @@
 
 from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
 from workers.vertices.detectors import detect_range
-from workers.vertices.refined import corner, planes, rays, window
+from workers.vertices.refined import apex, corner, planes, rays, window
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 KERNELS = (
+    apex.covered,
+    apex.to_angles,
     corner.find_corner,
     corner.integrate,
     planes.find_stretches,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
+from workers.vertices.refined.apex import covered, to_angles
 from workers.vertices.refined.board_model import (
     BEAM_M,
     EDGE_M,
@@ -124,50 +126,73 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     """The apex in a plane, over both ways to hold the board; None where no board explains the rays.
 
     Args:
-        coarse: for comparing models: quicker, and good enough for the evidence.
+        coarse: see :func:`weigh`.
     """
-    found: list[tuple[float, bool, Floats, Floats, Floats]] = []
-    for share, swapped in sorted([(1.0 - model.swapped, False), (model.swapped, True)], reverse=True):
-        floor = found[0][0] - math.log(share) - _HOPELESS if found else -math.inf
-        corner = _corner(plane, model, _edges(model, swapped), coarse, floor)
-        if corner is not None:
-            found.append((math.log(share) + float(corner[0][0]), swapped, *corner))
-    if not found:
+    held = weigh(plane, model, coarse=coarse)
+    if held is None:
         return None
-    evidence = np.array([item[0] for item in found])
-    total = float(np.logaddexp.reduce(evidence))
-    weight = np.exp(evidence - total)
-    means = np.array([[*corner[1:3], corner[3] - hang(_edges(model, swapped))] for _, swapped, corner, *_ in found])
+    corners = [way.corner for way in held.ways]
+    weight = np.exp(np.array([way.evidence for way in held.ways]) - held.evidence)
+    means = np.array([[*way.corner[1:3], way.corner[3] - hang(way.edges)] for way in held.ways])
     mean: Floats = weight @ means
-    covariance = np.zeros((3, 3))
-    for x, m, (_, _, corner, *_) in zip(weight, means, found, strict=True):
-        covariance += x * (_matrix(corner) + np.outer(m - mean, m - mean))
-    own = _to_angles(plane, mean, covariance)[1]
-    covariance[[0, 1], [0, 1]] += EDGE_M**2 + BEAM_M**2
-    xyz, errors = _to_angles(plane, mean, covariance)
-    errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
+    apart = means - mean
+    covariance = np.einsum("w,wij->ij", weight, [_matrix(corner) for corner in corners]) + (apart.T * weight) @ apart
+    xyz, J, along, rises = to_angles(plane.R_window_lidar, plane.w, plane.spread, mean[:2])
+    own = J @ covariance[:2, :2] @ J.T
+    errors = own + (EDGE_M**2 + BEAM_M**2) * (J @ J.T)
+    # What all rings have in common is of the size by which they differ.
+    errors[2, 2] += along + model.bias**2
     # Both edges move out, so the apex rises by the square root of two.
-    rises = _rising(plane, xyz)
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
-    told = np.full((2, ROLLS.size), -math.inf)
-    for _, swapped, _, likely, rolls in found:
-        told[int(swapped)] = np.interp(
-            ROLLS, rolls - hang(_edges(model, swapped)), likely, left=-math.inf, right=-math.inf
-        )
     first = int(np.argmax(weight))
-    against, upper = _against(plane, model, _edges(model, found[first][1]), found[first][2])
+    against, upper = _against(plane, model, held.ways[first].edges, corners[first])
     expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
-    best = max(float(corner[10]) for _, _, corner, *_ in found)
-    roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
-    fall = float(sum(x * corner[3] for x, (_, _, corner, *_) in zip(weight, found, strict=True)))
-    sigma = math.sqrt(own[0, 0] + own[1, 1])
     ways = tuple(
-        Way(float(x), _edges(model, swapped), corner[1:4], _matrix(corner))
-        for x, (_, swapped, corner, *_) in zip(weight, found, strict=True)
+        Way(x, way.edges, way.corner[1:4], _matrix(way.corner))
+        for x, way in zip(weight.tolist(), held.ways, strict=True)
     )
     return Fix(
-        plane, xyz, errors, sigma, float(mean[2]), roll_sigma, fall, against, upper, best, expected, total, told, ways
-    )
+        plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
+        math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
+        against, upper, max(float(corner[10]) for corner in corners), expected, held.evidence, held.told, ways,
+    )  # fmt: skip
+
+
+class _Way(NamedTuple):
+    """A way to hold the board: its edges, the log of its share of the evidence, its moments as of `find_corner`."""
+
+    edges: tuple[float, float]
+    evidence: float
+    corner: Floats
+
+
+class Held(NamedTuple):
+    """What a plane's rays tell of each way to hold the board; see `Fix` for ``evidence`` and ``told``."""
+
+    ways: tuple[_Way, ...]
+    evidence: float
+    told: Floats
+
+
+def weigh(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Held | None:
+    """Both ways to hold the board in a plane; None where no board explains the rays.
+
+    Args:
+        coarse: for comparing models: quicker, and good enough for the evidence.
+    """
+    ways: list[_Way] = []
+    told = np.full((2, ROLLS.size), -math.inf)
+    for share, swapped in sorted([(1.0 - model.swapped, False), (model.swapped, True)], reverse=True):
+        floor = ways[0].evidence - math.log(share) - _HOPELESS if ways else -math.inf
+        edges = _edges(model, swapped)
+        found = _corner(plane, model, edges, coarse, floor)
+        if found is not None:
+            corner, likely, rolls = found
+            ways.append(_Way(edges, math.log(share) + float(corner[0]), corner))
+            told[int(swapped)] = np.interp(ROLLS, rolls - hang(edges), likely, left=-math.inf, right=-math.inf)
+    if not ways:
+        return None
+    return Held(tuple(ways), float(np.logaddexp.reduce([way.evidence for way in ways])), told)
 
 
 def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
@@ -180,7 +205,8 @@ def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
 ) -> tuple[int, tuple[int, int]]:
     """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
-    on_board = _covered(plane.left, plane.up, _grown(plane, model), plane.reach, model, edges, corner)
+    board = (model.soft, model.slack, *edges, corner)
+    on_board = covered(plane.left, plane.up, _grown(plane, model), plane.reach, *board)
     hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
     # Near a soft edge either answer is as expected.
     inside, outside = missed & (on_board > 1.0 - _UNLIKELY), hit & (on_board < _UNLIKELY)
@@ -190,7 +216,7 @@ def _against(
     # A wall is met far beside the board too, not only at the ends of its stretches.
     left, up = plane.hits[0], plane.hits[1]
     reach = np.full_like(left, float(np.median(plane.reach)))
-    beside = _covered(left, up, reach * model.growth, reach, model, edges, corner)
+    beside = covered(left, up, reach * model.growth, reach, *board)
     return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper
 
 
@@ -203,30 +229,6 @@ def _grown(plane: Plane, model: BoardModel) -> Floats:
     """
     sign = np.where(plane.mixed & plane.telling, -1.0, 1.0)
     return plane.reach * model.growth * sign
-
-
-def _covered(
-    left: Floats,
-    up: Floats,
-    grow: Floats,
-    reach: Floats,
-    model: BoardModel,
-    edges: tuple[float, float],
-    corner: Floats,
-) -> Floats:
-    """(N,) probability that rays which meet the plane there lie on the board in the middle of its posterior."""
-    p, q = _turns(corner[3:4])[0] @ np.array([left - corner[1], up - corner[2]])
-    soft = reach * model.soft
-    far = np.hypot(soft, model.slack)
-    on_board = np.ones(p.size)
-    for along, edge in ((p, edges[0]), (q, edges[1])):
-        on_board *= _smooth((along + grow) / soft) * _smooth((edge + grow - along) / far)
-    return on_board
-
-
-def _smooth(x: Floats) -> Floats:
-    t = np.clip(0.5 * x + 0.5, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
 
 
 def _matrix(corner: Floats) -> Floats:
@@ -248,46 +250,6 @@ def _corner(
         edges[0], edges[1], model.slack, hang(edges) + model.roll[0], model.roll[1], coarse, floor,
     )  # fmt: skip
     return found if found[0][0] > -1e299 else None
-
-
-def _turns(rolls: Floats) -> Floats:
-    """(K, 2, 2) from (left, up) to the coordinates along the edges to the lower left and lower right, or back."""
-    cosine, sine = np.cos(rolls), np.sin(rolls)
-    return np.moveaxis(np.array([[cosine, -sine], [-sine, -cosine]]), 2, 0)
-
-
-def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-    """The apex in the LiDAR frame, and its covariance over azimuth, elevation and range."""
-    w = plane.w
-    norm = float(np.linalg.norm(w))
-    n = w / norm
-    e_left = np.array([-n[1], n[0], 0.0]) / math.hypot(n[0], n[1])
-    e_up = np.cross(n, e_left)
-    apex = n / norm + mean[0] * e_left + mean[1] * e_up
-    flat, reach = math.hypot(apex[0], apex[1]), float(np.linalg.norm(apex))
-    xyz = plane.R_window_lidar.T @ apex
-    jacobian = _sphere(xyz) @ plane.R_window_lidar.T @ np.array([e_left, e_up]).T
-    errors = jacobian @ covariance[:2, :2] @ jacobian.T
-    ray = apex / flat
-    errors[2, 2] += float(ray @ plane.spread @ ray) * flat**4 * (reach / flat) ** 2
-    return xyz, errors
-
-
-def _sphere(xyz: Floats) -> Floats:
-    """(3, 3) derivatives of azimuth, elevation and range by x, y, z."""
-    x, y, z = xyz.tolist()
-    flat, reach = math.hypot(x, y), math.sqrt(x * x + y * y + z * z)
-    azimuth = np.array([-y, x, 0.0]) / flat**2
-    elevation = np.array([-x * z / flat, -y * z / flat, flat]) / reach**2
-    return np.array([azimuth, elevation, xyz / reach])
-
-
-def _rising(plane: Plane, xyz: Floats) -> Floats:
-    """(3,) what azimuth, elevation and range change by where the apex rises by a radian of its distance."""
-    x, y, z = (plane.R_window_lidar @ xyz).tolist()
-    flat = math.hypot(x, y)
-    up: Floats = np.array([-x * z / flat, -y * z / flat, flat])
-    return _sphere(xyz) @ plane.R_window_lidar.T @ up
 
 
 def find_boards(

@@ -26,7 +26,7 @@ _NOTHING, _PART, _ALL = 0, 1, 2
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
-def _step(x: float) -> float:
+def step(x: float) -> float:
     """A smooth step from 0 at -1 to 1 at 1."""
     t = min(max(0.5 * x + 0.5, 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
@@ -45,7 +45,7 @@ def _along(x: float, cell: float, grow: float, soft: float, far: float, edge: fl
         return _ALL
     for a in range(on.size):
         at = x - a * cell
-        on[a] = _step((at + grow) * low) * _step((edge + grow - at) * high)
+        on[a] = step((at + grow) * low) * step((edge + grow - at) * high)
     return _PART
 
 
