@@ -228,6 +228,7 @@ def find_corner(
     rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, count)
     centre, half = _holding_all(left, up, hits, edge_p, edge_q, slack, rolls)
     l0, u0 = 0.0, 0.0
+    out, of_roll = np.zeros(11), np.zeros((count, 5))
     for number in range(2 if coarse else 3):
         cells = _FINE if number == 2 else _COMPARED if coarse and number == 0 else _COARSE
         prior = np.empty(rolls.size)
@@ -292,12 +293,13 @@ def _narrowed(
         for axis in range(2):
             own[axis, n] = 3.2 * of_roll[k, 3 + axis] + 2.0 * half[k, axis] / cells
     centre, wide = np.empty((after.size, 2)), np.empty((after.size, 2))
-    along, across = np.interp(after, rolls[seen], apex[0]) - left, np.interp(after, rolls[seen], apex[1]) - up
     for axis in range(2):
+        centre[:, axis] = np.interp(after, rolls[seen], apex[axis])
         wide[:, axis] = np.interp(after, rolls[seen], own[axis])
     for j in range(after.size):
         cosine, sine = math.cos(after[j]), math.sin(after[j])
-        centre[j, 0], centre[j, 1] = cosine * along[j] - sine * across[j], -sine * along[j] - cosine * across[j]
+        x, y = centre[j, 0] - left, centre[j, 1] - up
+        centre[j, 0], centre[j, 1] = cosine * x - sine * y, -sine * x - cosine * y
     return centre, wide
 
 
