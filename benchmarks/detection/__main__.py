@@ -112,8 +112,8 @@ def _say(name: str, result: dict[str, Any]) -> None:
             more = f" ({part['share_minus_plain']:+.3f})" if "share_minus_plain" in part else ""
             print(
                 f"{label:24s} share {part['accepted_share']:.3f}{more}  elevation {part['rms_elevation_deg']:.4f}  "
-                f"azimuth {part['rms_azimuth_deg']:.4f}  total {part['rms_deg']:.4f} deg ({part['rms_px']:.2f} px)  bias "
-                f"{part['bias_deg']:+.4f}  gross {part['gross_share']:.4f}  covered "
+                f"azimuth {part['rms_azimuth_deg']:.4f}  total {part['rms_deg']:.4f} deg ({part['rms_px']:.2f} px)  "
+                f"bias {part['bias_deg']:+.4f}  gross {part['gross_share']:.4f}  covered "
                 f"{part.get('coverage_2sigma', float('nan')):.3f}  normalised {part.get('normalised_rms', 0.0):.2f}",
                 file=sys.stderr,
             )

@@ -10,7 +10,6 @@ KERNELS = (
     apex.covered,
     apex.to_angles,
     corner.find_corner,
-    corner.integrate,
     planes.find_stretches,
     planes.pair_stretches,
     planes.fit_plane,
