@@ -28,6 +28,17 @@ _FIRST = (
 )
 
 
+# What is tested here is the database itself, who holds which row, what it takes as text, or how it orders.
+_EVERY_CASE = (
+    "tests/service/db/",
+    "tests/service/jobs/",
+    "tests/workers/tasks/",
+    "tests/service/annotations/test_task_actions.py",
+    "tests/service/http/test_repeated_requests.py",
+    "tests/service/http/test_texts.py::test_what_is_no_text",
+)
+
+
 class SideBySide(LoadFileScheduling):
     """`--dist loadfile`, where some folders count as one file."""
 
@@ -49,6 +60,21 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> SideBySide |
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put them into that order, on every process alike."""
+    _leave_out_crossed(items)
     items.sort(
         key=lambda item: next((n for n, name in enumerate(_FIRST) if item.nodeid.startswith(name)), len(_FIRST))
     )
+
+
+def _leave_out_crossed(items: list[pytest.Item]) -> None:
+    """Mark as slow: on PostgreSQL, all but the first case of a test whose cases all run on SQLite as well."""
+    all_ids = {item.nodeid for item in items}
+    seen: set[str] = set()
+    for item in items:
+        test, _, case = item.nodeid.partition("[")
+        on_sqlite = f"{test}[{case.replace('postgresql', 'sqlite')}"
+        if "postgresql" not in case or on_sqlite not in all_ids or test.startswith(_EVERY_CASE):
+            continue
+        if test in seen:
+            item.add_marker("slow")
+        seen.add(test)
