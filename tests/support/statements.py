@@ -1,4 +1,4 @@
-"""Statements compiled once a test process, as a service compiles them once, though tests open over a thousand engines.
+"""Statements compiled once a test process, as in a service, though the tests open over a thousand engines.
 
 SQLAlchemy keeps a compiled statement under its dialect, and each engine has a dialect of its own. Two dialects of one
 class that were opened with the same settings compile alike.
