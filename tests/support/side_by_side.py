@@ -8,8 +8,9 @@ import pytest
 from xdist.scheduler.loadfile import LoadFileScheduling
 
 # Starting a service costs more than most of what is asked of it: whoever shares one stays together. Farms mostly wait
-# for processes to start and for leases to end, so they come one after the other, beside tests that compute.
-_TOGETHER = (("tests/faults/", "tests/operations/", "tests/integration/"), ("tests/apexcal/",), ("tests/e2e/",))
+# for processes to start and for leases to end, so they come one after the other, beside tests that compute. Nothing
+# takes longer, so they begin as soon as the kernels are compiled.
+_TOGETHER = (("tests/e2e/",), ("tests/faults/",), ("tests/apexcal/", "tests/operations/", "tests/integration/"))
 
 # First come tests that compile the kernels of the solver, the detectors and the simulation; others then find these
 # beside their source. In a fresh clone that takes 40 s of a processor, for each process that does not wait. Meanwhile
@@ -19,14 +20,12 @@ _FIRST = (
     "tests/workers/simulation/test_lidar.py",
     "tests/service/auth/",
     "tests/service/annotations/",
-    "tests/service/calibrations/",
     *(folder for folders in _TOGETHER for folder in folders),
     "tests/workers/vertices/",
     "tests/workers/solver/",
     "tests/workers/readers/",
     "tests/contract/",
 )
-
 
 # What is tested here is the database itself, who holds which row, what it takes as text, or how it orders.
 _EVERY_CASE = (
