@@ -135,14 +135,12 @@ def _with_rays(
 def _mixed(window: Window, w: Floats, at: tuple[NDArray[np.int64], ...], sigma: float) -> NDArray[np.bool_]:
     """Which rays may have met both the board and something close behind it.
 
-    Of a dark body and a part of the board together often nothing comes back. So a ray without a return is one of them,
-    if a ray next to it has a return from close behind.
+    Of a dark body and a part of the board together often nothing comes back. So a ray without a return is one of
+    them, if a ray next to it has a return from close behind.
     """
 
     def close_behind(ring: NDArray[np.int64], column: NDArray[np.int64]) -> NDArray[np.bool_]:
-        azimuth, slope, distance = (
-            part[ring, column] for part in (window.azimuth, window.slope, window.distance)
-        )
+        azimuth, slope, distance = (part[ring, column] for part in (window.azimuth, window.slope, window.distance))
         u = w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope
         behind = np.sqrt(1.0 + slope**2) * (distance - 1.0 / u)
         found: NDArray[np.bool_] = (u > 0.0) & (distance > 0.0) & (behind > _OFF * sigma) & (behind < _PULSE_M)
@@ -185,6 +183,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     covariance[[0, 1], [0, 1]] += EDGE_M**2 + BEAM_M**2
     xyz, errors = _to_angles(plane, mean, covariance)
     errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
+    errors[2, 2] = max(errors[2, 2], EDGE_M**2)  # boards bend by as much as their edges are off
     # Both edges move out, so the apex rises by the square root of two.
     rises = _rising(plane, xyz)
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
