@@ -14,7 +14,7 @@ import numpy as np
 
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
-from workers.vertices.refined.board import find_planes, locate, open_windows
+from workers.vertices.refined.board import find_planes, locate, open_windows, weigh
 from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting, any_roll
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
@@ -303,13 +303,13 @@ def _evidence(planes: Sequence[Plane], model: BoardModel) -> float:
     The boards' rolls have an unknown mean in common: each by itself can take the roll that suits a wrong model.
     """
     wide = _any_way(model)
-    found = [locate(plane, wide, coarse=True) for plane in planes]
-    fixes = sorted((fix for fix in found if fix is not None), key=lambda fix: fix.evidence)
-    few = len(found) // 4 - (len(found) - len(fixes))
-    kept = fixes[max(few, 0) :]
+    found = [weigh(plane, wide, coarse=True) for plane in planes]
+    boards = sorted((held for held in found if held is not None), key=lambda held: held.evidence)
+    few = len(found) // 4 - (len(found) - len(boards))
+    kept = boards[max(few, 0) :]
     if not kept:
         return _HOPELESS * len(found)
-    told = np.array([fix.told for fix in kept])
+    told = np.array([held.told for held in kept])
     return learn_roll(told, any_roll(model.edges)).evidence + _HOPELESS * max(-few, 0)
 
 

@@ -94,29 +94,41 @@ def _settle(
         for i in around
         if found_in[i].candidates and trustworthy(found_in[i].candidates[0].fix)
     ]
-    paths = [off_path(seen, others) for seen in own.candidates]
-    beside = [far or 0.0 for far in paths]
-    least = [_LEAST_POINTS if far is None or far >= _OFF_PATH else _ON_PATH_POINTS for far in paths]
-    chosen = next(
-        (k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix, model, least[k])),
-        0,
-    )
+    chosen, path, least = _choose(own.candidates, others, model)
+    beside = path or 0.0
     seen = own.candidates[chosen]
     flags = own.flags[chosen]
     fix = seen.fix
     if others:
         fix = locate(fix.plane, replace(model, roll=roll_prior(seen, others, model))) or fix
-    if not _is_board(fix, model, least[chosen]):
+    if not _is_board(fix, model, least):
         return Rejection("not_a_board")
-    if fix.plane.like_a_person and paths[chosen] is None and not confirmed(seen, others):
+    if fix.plane.like_a_person and path is None and not confirmed(seen, others):
         return Rejection("like_a_person")
     if fix.sigma > math.radians(options["max_sigma_deg"]):
         return Rejection("too_uncertain")
-    if beside[chosen] >= _FAR_OFF_PATH:
+    if beside >= _FAR_OFF_PATH:
         return Rejection("off_the_track")
-    if beside[chosen] >= _OFF_PATH:
+    if beside >= _OFF_PATH:
         flags = (*flags, "track_jump")
     return _vertex(index, seen.time_ns, fix, flags, options, model)
+
+
+def _choose(candidates: Sequence[Seen], others: Sequence[Seen], model: BoardModel) -> tuple[int, float | None, int]:
+    """The first candidate that is a board on the path of the others; if none is, the first.
+
+    Returns:
+        Its number; standard deviations by which it lies beside the path, None if there is none; points that it needs.
+    """
+    known: list[tuple[int, float | None, int]] = []
+    for number, seen in enumerate(candidates):
+        if known and not _is_board(seen.fix, model, _ON_PATH_POINTS):
+            continue
+        path = off_path(seen, others)
+        known.append((number, path, _LEAST_POINTS if path is None or path >= _OFF_PATH else _ON_PATH_POINTS))
+        if (path or 0.0) < _OFF_PATH and _is_board(seen.fix, model, known[-1][2]):
+            return known[-1]
+    return known[0]
 
 
 def _is_board(fix: Fix, model: BoardModel, least_points: int) -> bool:
