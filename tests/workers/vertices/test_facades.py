@@ -1,4 +1,4 @@
-"""A street of smooth facades, cast here ray by ray: their ranges depend on the phase of the firings, sweep by sweep."""
+"""A street of smooth facades, cast here ray by ray: their ranges depend on the phase of the firings."""
 
 import numpy as np
 
