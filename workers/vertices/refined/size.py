@@ -13,6 +13,8 @@ from workers.vertices.refined.board_model import BEAM_M, EDGE_M, BoardModel, Pla
 from workers.vertices.vertex import SizeFacts
 
 Edges = tuple[float, float]
+_TELLING: Final = 2  # boards on four rings or more; any one may be a board and a body
+_TRUNK_M: Final = 0.4  # DIN 33402-2, hips of a standing man, 95 %: nothing as narrow is told from a person
 _HIDDEN: Final = 0.03  # of the edges; smaller errors do not show (`_DIFFERS`)
 _CONTRADICT: Final = 0.01  # of a board's returns; five times as many as a sensor gets wrong
 # Two edges, each to either side: 4 * 0.0013 = 0.5 % of the sizes that are right.
@@ -25,13 +27,19 @@ def doubtful(planes: Sequence[Plane], model: BoardModel, reach: float) -> bool:
 
     If a board is larger than it was said to be, its edges seem to lie farther out; if it is smaller, the step at its
     edges seems to be wide, or rays contradict it. Otherwise the size is right. Learning it anew would tell nothing,
-    and takes as long as all other learning.
+    and takes as long as all other learning. On two or three rings legs and bodies look like a part of the board, so
+    boards on these alone tell no size.
 
     Args:
         reach: metres, mean distance of the boards.
     """
+    if sum(plane.telling for plane in planes) < _TELLING:
+        return False
     if 2.0 * reach * max(abs(model.growth), model.soft) > _HIDDEN * 0.5 * sum(model.edges):
         return True
+    if model.growth > 0.0:
+        # The edges fit: what contradicts is a head or hands.
+        return False
     found = [(locate(plane, model, coarse=True), plane.points) for plane in planes]
     return float(np.median([1.0 if fix is None else fix.against / points for fix, points in found])) > _CONTRADICT
 
@@ -47,6 +55,8 @@ def other_size(given: Edges, seen: BoardModel, reach: float) -> SizeFacts | None
         (0.5 * seen.slack) ** 2 + (2.0 * reach * seen.growth_sigma) ** 2 + 2.0 * (EDGE_M**2 + BEAM_M**2)
     )
     (short, long), said = sorted(seen.edges), sorted(given)
+    if short < _TRUNK_M:
+        return None
     if max(abs(short - said[0]), abs(long - said[1])) < _DIFFERS * sigma:
         return None
     return SizeFacts((short, long), (sigma, sigma))
