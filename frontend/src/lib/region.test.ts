@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { DEFAULT_ROWS, describe, partsOf, parseRegion } from "./region.ts";
+import { DEFAULT_ROWS, describe, levelOf, parseRegion, partsOf, wholeOf } from "./region.ts";
 
 test("rows become a conjunction and come back", () => {
   assert.deepEqual(partsOf(parseRegion(JSON.stringify({ and: DEFAULT_ROWS }))), [...DEFAULT_ROWS]);
@@ -58,4 +58,16 @@ test("mistakes are named with their place", () => {
   assert.throws(() => parseRegion('{"quantity": "x", "op": "=", "value": 0}'), /region\.op/);
   assert.throws(() => parseRegion('{"quantity": "x", "op": ">", "value": "0"}'), /region\.value/);
   assert.throws(() => parseRegion("{"), /not JSON/);
+});
+
+test("a region in level axes keeps its direction of up", () => {
+  const level = { level: { and: [{ quantity: "z", op: ">", value: -1.7 }] }, up: [0, 0.342, 0.94] };
+  const read = parseRegion(JSON.stringify(level));
+  const { tree, up } = levelOf(read);
+  assert.deepEqual(up, [0, 0.342, 0.94]);
+  assert.deepEqual(JSON.parse(JSON.stringify(wholeOf(tree, up))), JSON.parse(JSON.stringify(read)));
+  assert.equal(describe(read), "in level axes: z > -1.7");
+  assert.throws(() => parseRegion('{"level": {"quantity": "x", "op": ">", "value": 0}}'), /region\.up/);
+  assert.throws(() => parseRegion('{"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, 0]}'), /direction/);
+  assert.throws(() => parseRegion('{"level": {"quantity": "w", "op": ">", "value": 0}, "up": [0, 0, 1]}'), /level/);
 });
