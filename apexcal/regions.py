@@ -37,7 +37,8 @@ def read_region(path: Path) -> Document:
     if not _BEGINNINGS & set(document):
         raise InputError(
             f"{path} is no region",
-            'A region begins with "and", "or", "not", "quantity", "box", "polygon" or "level"; `apexcal suggest` writes one.',
+            'A region begins with "and", "or", "not", "quantity", "box", "polygon" or "level"; `apexcal suggest` '
+            "writes one.",
         )
     return document
 

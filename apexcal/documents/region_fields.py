@@ -60,7 +60,6 @@ class Level(TypedDict):
     up: _Three
 
 
-
 _SAYS = Field(
     description=f"A tree of and, or and not over inequalities, boxes and polygons in the LiDAR's frame; at most "
     f"{MAX_DEPTH} levels and {MAX_NODES} nodes. Of a tilted LiDAR the whole tree may be in level axes.",

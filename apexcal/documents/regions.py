@@ -8,10 +8,11 @@ Branches: ``{"and": [nodes]}``, ``{"or": [nodes]}``, ``{"not": node}``. Leaves:
 - ``{"polygon": [[x, y], ...], "z": [low, high]}``, 3 to 64 corners seen from above; where it crosses itself the
   even-odd rule says what is inside; without ``z`` it reaches from the ground to the sky.
 
-Quantities are x, y, z and range in metres, azimuth_deg and elevation_deg, all in the LiDAR's frame. Where the LiDAR is
-tilted, the whole tree may be in level axes: ``{"level": node, "up": [x, y, z]}``, with the direction of up in the
-LiDAR's frame. Their z is that direction, their x the horizontal direction nearest to the LiDAR's x, their origin the
-LiDAR's.
+Quantities are x, y, z and range in metres, azimuth_deg and elevation_deg, all in the LiDAR's frame.
+
+For a tilted LiDAR the whole tree may be in level axes: ``{"level": node, "up": [x, y, z]}``, with the direction of up
+in the LiDAR's frame. Their z is that direction, their x the horizontal direction nearest to the LiDAR's x, and their
+origin is the LiDAR's.
 """
 
 from __future__ import annotations

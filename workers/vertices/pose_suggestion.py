@@ -34,9 +34,7 @@ _MARGIN_M: Final = 0.5
 _MOST_EVERYWHERE: Final = 8
 
 
-def suggest_poses(
-    source: SweepSource, poses: StillPoses, level: Floats, on_sweep: Callable[[], None]
-) -> Suggestion:
+def suggest_poses(source: SweepSource, poses: StillPoses, level: Floats, on_sweep: Callable[[], None]) -> Suggestion:
     """The region of a recording of still poses, in level axes; on_sweep may raise to stop the work.
 
     Args:
