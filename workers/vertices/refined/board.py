@@ -99,7 +99,6 @@ def _with_rays(
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
     reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
-    behind = reach * (window.distance[at] * u - 1.0)
     widest = float(np.max((1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]))
     plane = Plane(
         R_window_lidar=window.R_window_lidar,
@@ -110,7 +109,7 @@ def _with_rays(
         up=up[at],
         reach=reach,
         ratio=ratio[at],
-        mixed=(behind > _OFF * model.sigma) & (behind < _PULSE_M),
+        mixed=_mixed(window, w, at, model.sigma),
         hits=np.stack([left[hits], up[hits]]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
@@ -120,6 +119,31 @@ def _with_rays(
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
     return Sighting(plane, window, ends)
+
+
+def _mixed(window: Window, w: Floats, at: tuple[NDArray[np.int64], ...], sigma: float) -> NDArray[np.bool_]:
+    """Which rays may have met both the board and something close behind it.
+
+    Of a dark body and a part of the board together often nothing comes back. So a ray without a return is one of
+    them, if a ray next to it has a return from close behind.
+    """
+
+    def close_behind(ring: NDArray[np.int64], column: NDArray[np.int64]) -> NDArray[np.bool_]:
+        azimuth, slope, distance = (part[ring, column] for part in (window.azimuth, window.slope, window.distance))
+        u = w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope
+        behind = np.sqrt(1.0 + slope**2) * (distance - 1.0 / u)
+        found: NDArray[np.bool_] = (u > 0.0) & (distance > 0.0) & (behind > _OFF * sigma) & (behind < _PULSE_M)
+        return found
+
+    mixed = close_behind(*at)
+    silent = np.flatnonzero(window.distance[at] <= 0.0)
+    ring, column = (part[silent] for part in at)
+    rings, columns = window.distance.shape
+    for up in (-1, 0, 1):
+        for left in (-1, 0, 1):
+            beside = np.clip(ring + up, 0, rings - 1), np.clip(column + left, 0, columns - 1)
+            mixed[silent] |= close_behind(*beside)
+    return mixed
 
 
 def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | None:
@@ -142,6 +166,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     errors = own + (EDGE_M**2 + BEAM_M**2) * (J @ J.T)
     # What all rings have in common is of the size by which they differ.
     errors[2, 2] += along + model.bias**2
+    errors[2, 2] = max(errors[2, 2], EDGE_M**2)  # boards bend by as much as their edges are off
     # Both edges move out, so the apex rises by the square root of two.
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     first = int(np.argmax(weight))
@@ -154,7 +179,8 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     return Fix(
         plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
         math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
-        against, upper, max(float(corner[10]) for corner in corners), expected, held.evidence, held.told, ways,
+        against, upper, max(float(corner[10]) for corner in corners), expected, held.evidence,
+        model.wrong, held.told, ways,
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from workers.vertices.refined.surroundings import apex_time, flags_of, overtoppe
 from workers.vertices.refined.track import Seen, confirmed, off_path, reach_of, roll_prior, trustworthy
 from workers.vertices.refined.upright import clearly_a_board
 from workers.vertices.sweep_source import Area, OnSweep, SweepSource
-from workers.vertices.vertex import Covariance, Rejection, Vertex
+from workers.vertices.vertex import Answers, Covariance, Rejection, Vertex
 
 # A sweep has some ten planes that could be a board; in 200 sweeps without one, none may pass: log(2000) = 7.6.
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do. On the path of the sweeps before and
@@ -40,9 +40,7 @@ class _Findings:
     reason: str
 
 
-def run(
-    source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep
-) -> Sequence[Vertex | Rejection]:
+def run(source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep) -> Answers:
     """See :func:`workers.vertices.detectors.detect_range`."""
     model = learn(source, area, options, lambda: on_sweep(indices.start))
     reach = reach_of(source) if options["track"] and not model.poses else 0
@@ -51,7 +49,7 @@ def run(
     for index in wider:
         found_in[index] = _find(source.sweep(index), area, model)
         on_sweep(index)
-    return [_settle(index, found_in, model, options, reach) for index in indices]
+    return Answers([_settle(index, found_in, model, options, reach) for index in indices], model.size)
 
 
 def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
@@ -113,7 +111,7 @@ def _settle(
         return Rejection("off_the_track")
     if beside >= _OFF_PATH:
         flags = (*flags, "track_jump")
-    return _vertex(index, seen.time_ns, fix, flags, options)
+    return _vertex(index, seen.time_ns, fix, flags, options, model)
 
 
 def _choose(candidates: Sequence[Seen], others: Sequence[Seen], model: BoardModel) -> tuple[int, float | None, int]:
@@ -140,13 +138,15 @@ def _is_board(fix: Fix, model: BoardModel, least_points: int) -> bool:
     return upright and enough and fix.explained
 
 
-def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...], options: Options) -> Vertex:
+def _vertex(
+    index: int, time_ns: int, fix: Fix, flags: tuple[str, ...], options: Options, model: BoardModel
+) -> Vertex:
     x, y, z = fix.xyz.tolist()
     (aa, ae, ar), (ea, ee, er), (ra, re, rr) = fix.covariance.tolist()
     covariance: Covariance = ((aa, ae, ar), (ea, ee, er), (ra, re, rr))
     fine = fix.sigma_azimuth <= _FINE_AZIMUTH and fix.sigma_elevation <= _FINE_ELEVATION
     quality: Quality = "fine" if fine else "usable"
-    size_known = options["board_width_m"] > 0.0 and options["board_height_m"] > 0.0
+    size_known = options["board_width_m"] > 0.0 and options["board_height_m"] > 0.0 and model.size is None
     return Vertex(
         xyz=(x, y, z),
         time_ns=time_ns,
