@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workers.vertices.refined.board_model import BoardModel, Fix, Floats
-from workers.vertices.sweep_source import SweepSource
+from workers.vertices.sweep_source import SweepSource, stamp_of
 
 _REACH, _MOST_REACH, _REACH_S = 10, 30, 1.0  # sweeps to either side; more if the sensor turns faster
 LONGEST_S = 1.5
@@ -36,7 +36,7 @@ def reach_of(source: SweepSource) -> int:
     count = len(source)
     if count < 2:
         return _REACH
-    period_s = (source.sweep(count - 1).stamp_ns - source.sweep(0).stamp_ns) * 1e-9 / (count - 1)
+    period_s = (stamp_of(source, count - 1) - stamp_of(source, 0)) * 1e-9 / (count - 1)
     return max(_REACH, min(round(_REACH_S / period_s), _MOST_REACH)) if period_s > 0.0 else _REACH
 
 
