@@ -29,7 +29,7 @@ def known_mount(camera):
     return covariance
 
 
-@few_or_many(8, 20)
+@few_or_many(14, 20)
 def test_deviations_between_cameras_are_those_of_repeated_walks(draws):
     scores, freedoms = [], []
     for seed in range(draws):
