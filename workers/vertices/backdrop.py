@@ -186,7 +186,11 @@ def _relation(near: Images, far: Images, r: int, c: int, distance: float, tolera
     columns = near.shape[1]
     empty = True
     for dc in range(-1, 2):
-        column = (c + dc) % columns
+        column = c + dc
+        if column < 0:
+            column += columns
+        elif column >= columns:
+            column -= columns
         low, high = near[r, column], far[r, column]
         if low == 0.0:
             continue
@@ -214,14 +218,18 @@ def _look(
     """(N,) in how many other sweeps a point is the same, has something beyond it, has nothing."""
     found = np.zeros((3, xyz.shape[0]), np.int64)
     _, rings, columns = near.shape
+    column, range_m = np.empty(xyz.shape[0], np.int64), np.empty(xyz.shape[0])
     for i in range(xyz.shape[0]):
-        c, distance = _cell(xyz[i, 0], xyz[i, 1], xyz[i, 2], columns)
-        if distance == 0.0 or ring[i] >= rings:
-            continue
-        for k in others:
-            relation = _relation(near[k], far[k], ring[i], c, distance, tolerance)
-            if relation < 3:
-                found[relation, i] += 1
+        column[i], range_m[i] = _cell(xyz[i, 0], xyz[i, 1], xyz[i, 2], columns)
+        if ring[i] >= rings:
+            range_m[i] = 0.0
+    # One image after the other: each of them fits into the processor's cache.
+    for k in others:
+        for i in range(xyz.shape[0]):
+            if range_m[i] > 0.0:
+                relation = _relation(near[k], far[k], ring[i], column[i], range_m[i], tolerance)
+                if relation < 3:
+                    found[relation, i] += 1
     return found[0], found[1], found[2]
 
 

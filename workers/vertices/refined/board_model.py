@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from workers.vertices.refined.rays import WRONG
 from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import SensorGrid
+from workers.vertices.vertex import SizeFacts
 
 Floats = NDArray[np.float64]
 _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
-# About half of the returns contradict a wrong board, hardly any the right one. The limit lies half way.
+# A return contradicts a board that has nothing to do with it one time in two.
+_BY_CHANCE = 0.5
+# On few rings a board has too few returns to tell its own share of contradictions: the limit lies half way.
 _CONTRADICTED = 0.25
 # Plywood panels are cut to 3.5 mm (EN 315). Bending, or a hand at the edge, moves an edge as much.
 EDGE_M = 0.0035
@@ -50,6 +53,7 @@ class BoardModel:
         lost: share of the rays on the board that bring no return.
         bias: metres, standard deviation of each ring's own constant error of distance.
         poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
+        size: of the board, if it does not look as large as it was said to be; then the edges are as it looks.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
     """
 
@@ -68,6 +72,7 @@ class BoardModel:
     wrong: float = WRONG
     bias: float = 0.0
     poses: bool = False
+    size: SizeFacts | None = None
 
 
 def hang(edges: tuple[float, float]) -> float:
@@ -170,6 +175,7 @@ class Fix:
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
         expected: this log likelihood if the board is there and the sensor is as learned.
         evidence: log of the rays' likelihood, averaged over the prior.
+        wrong: share of the returns that contradict this recording's boards.
         told: (2, G) log likelihood of the rays at each of `ROLLS`, for the first edge to the lower left and for the
             second there; minus infinity far from the likeliest rolls, and in a way to hold the board that was left
             out because the other is so much likelier.
@@ -188,6 +194,7 @@ class Fix:
     best: float
     expected: float
     evidence: float
+    wrong: float
     told: Floats
     ways: tuple[Way, ...]
 
@@ -197,10 +204,13 @@ class Fix:
 
         On few rings the rays must also be nearly as likely as noise alone makes them. On more rings even a real
         board's rays are less likely than that, because it bends and hands hold it: only contradictions count there.
+        They must be likelier on this recording's boards than by chance.
         """
-        if not self.plane.telling and self.best < _LEAST_LIKELY + _TIMES_EXPECTED * self.expected:
-            return False
-        return self.against < _CONTRADICTED * (self.plane.points + self.against)
+        if not self.plane.telling:
+            as_learned = self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.expected
+            return as_learned and self.against < _CONTRADICTED * (self.plane.points + self.against)
+        by_chance = self.against * math.log(_BY_CHANCE / self.wrong)
+        return by_chance < self.plane.points * math.log((1.0 - self.wrong) / (1.0 - _BY_CHANCE))
 
     @property
     def support(self) -> float:

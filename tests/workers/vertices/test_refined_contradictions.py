@@ -1,0 +1,56 @@
+"""What a ray beside a board's edge tells, and how much may contradict a board."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.workers.vertices.refined_walks import REGION, SIZE, walk
+from workers.vertices.refined.board import find_boards, find_planes
+from workers.vertices.refined.board_model import BoardModel
+from workers.vertices.refined.window import Window
+from workers.vertices.sensor_grid import learn_grid
+
+STEP = 0.004
+RINGS, COLUMNS = 12, 121
+MIDDLE = COLUMNS // 2
+
+
+@pytest.fixture(scope="module")
+def near():
+    """A board that many rings meet: the sensor's directions, and what one sweep tells of it."""
+    sweep = walk(15, 4.0, sensor="os1-64", rings=64).sweeps[0]
+    grid = learn_grid([sweep])
+    model = BoardModel(grid, edges=(SIZE["board_width_m"], SIZE["board_height_m"]), slack=0.0, growth=0.5e-3)
+    return model, find_boards(sweep, REGION.inside(sweep), model)[0][1]
+
+
+def test_more_may_contradict_a_board_where_this_recordings_boards_are_contradicted_more(near):
+    fix = near[1]
+    assert fix.plane.telling
+    many = replace(fix, plane=replace(fix.plane, points=100))
+    # Likelier by chance than on a board: k log(0.5 / w) > 100 log(2 (1 - w)), from k = 12.5 at 0.002, 27.9 at 0.05.
+    expected = {(0.002, 12): True, (0.002, 13): False, (0.05, 27): True, (0.05, 28): False}
+    assert {
+        (wrong, against): replace(many, wrong=wrong, against=against).explained for wrong, against in expected
+    } == expected
+
+
+def test_a_ray_without_a_return_beside_a_head_may_have_met_the_board_too(near):
+    """Right of the board a head stands 0.3 m behind its plane; left of it there is nothing."""
+    column = np.arange(COLUMNS) - MIDDLE
+    azimuth, slope, distance = np.zeros((3, RINGS, COLUMNS))
+    azimuth += STEP * column
+    slope += 0.012 * (np.arange(RINGS) - RINGS // 2)[:, None]
+    distance[:, np.abs(column) <= 25] = 5.0
+    distance[:, (column < -25) & (column > -32)] = 5.3
+    distance /= np.cos(azimuth)
+    distance[:, MIDDLE - 27] = 0.0  # the head's dark hair
+    inside = distance > 0.0
+    point = np.where(inside, np.arange(RINGS * COLUMNS).reshape(RINGS, COLUMNS), -1)
+    window = Window(np.eye(3), np.full(RINGS, STEP), np.arange(RINGS), azimuth, slope, distance, inside, point)
+    plane = find_planes([window], near[0], 1)[0].plane
+    along = np.round(np.arctan2(plane.left, 5.0) / STEP)
+    assert plane.mixed[(along == -27) & ~plane.returned].all()
+    assert np.count_nonzero((along == -27) & ~plane.returned) == RINGS
+    assert not plane.mixed[(along > 25) | (np.abs(along) < 20)].any()
