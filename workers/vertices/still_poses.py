@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.vertices.backdrop import Backdrop
-from workers.vertices.footprint import clusters
 from workers.vertices.jumps import APART_S, count_steps
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import SensorGrid, learn_grid
+from workers.vertices.suggested_region import things_of
 from workers.vertices.sweep_source import SweepSource
 from workers.vertices.upright_pieces import upright_pieces
 from workers.vertices.vertex import PoseFacts
@@ -23,7 +23,6 @@ Mask = NDArray[np.bool_]
 
 _NOTICED_UP_TO: Final = 64  # sweeps; who walks records more than six seconds
 _FEWEST_OF_A_WALK: Final = 4
-_CELL_M: Final = 0.4
 _SAME_POSE: Final = 0.9
 _GRID_SWEEPS: Final = 8
 _PAIRS: Final = 4
@@ -188,13 +187,12 @@ def _places(source: SweepSource, backdrop: Backdrop, numbers: range) -> list[tup
 
 
 def _largest(xyz: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Middle of the cluster with the largest face, as its points and its distance tell."""
-    if not len(xyz):
+    """Middle of the thing of a person's size with the largest face, as its points and its distance tell."""
+    things = things_of(xyz)
+    if not things:
         return None
-    cluster = clusters(xyz[:, :2], _CELL_M)
-    flat = np.hypot(xyz[:, 0], xyz[:, 1])
-    face = np.bincount(cluster, weights=flat**2)
-    x, y = np.median(xyz[cluster == int(np.argmax(face)), :2], axis=0).tolist()
+    largest = max(things, key=lambda thing: float(np.sum(np.hypot(*thing.points[:, :2].T) ** 2)))
+    x, y = np.median(largest.points[:, :2], axis=0).tolist()
     return x, y
 
 
