@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.regions import OPERATORS, QUANTITIES, Document, check_region
 from workers.readers.recording import Sweep
+from workers.vertices.gravity import level_rotation
 
 _ACCEPT: Final = -1
 _REJECT: Final = -2
@@ -40,7 +41,7 @@ class _Program:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """A checked region of interest in the LiDAR frame (x forward, y left, z up; metres, degrees).
+    """A checked region of interest in the LiDAR frame (x forward, y left, z up; metres, degrees), or in level axes.
 
     Azimuth is atan2(y, x), elevation atan2(z, hypot(x, y)), range the Euclidean distance. A quotient by
     zero follows IEEE 754 (infinite or not a number), and a comparison with not-a-number is false. Boxes and the z of
@@ -52,6 +53,7 @@ class Region:
     _values: NDArray[np.float64]
     _corners: NDArray[np.float64] | None
     _bounds: NDArray[np.float64]
+    _R_level_lidar: NDArray[np.float64] | None
 
     @classmethod
     def from_document(cls, document: object) -> Region:
@@ -62,13 +64,14 @@ class Region:
         """
         checked = check_region(document)
         program = _Program()
-        _compile(_plain(checked), _ACCEPT, _REJECT, program)
+        _compile(_plain(checked.get("level", checked)), _ACCEPT, _REJECT, program)
         return cls(
             checked,
             np.array(program.codes, np.int32),
             np.array(program.values, np.float64),
             np.array(program.corners, np.float64) if program.corners else None,
             _bounds(program),
+            level_rotation(_direction(checked["up"])) if "level" in checked else None,
         )
 
     def mask(self, xyz: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
@@ -82,7 +85,7 @@ class Region:
         """
         if xyz.ndim != 2 or xyz.shape[1] != 3:
             raise ValueError(f"xyz must have shape (N, 3), got {xyz.shape}")
-        return _mask(xyz, self._codes, self._values, self._corners, self._bounds)
+        return _mask(xyz, self._codes, self._values, self._corners, self._bounds, self._R_level_lidar)
 
     @property
     def fixed_left_out(self) -> bool:
@@ -92,6 +95,11 @@ class Region:
     def inside(self, sweep: Sweep) -> NDArray[np.bool_]:
         """Which points (N,) of a sweep lie inside."""
         return self.mask(sweep.xyz)
+
+
+def _direction(up: Sequence[float]) -> NDArray[np.float64]:
+    direction = np.array(up, np.float64)
+    return direction / np.linalg.norm(direction)
 
 
 def _plain(node: Node) -> Node:
@@ -221,6 +229,7 @@ def _mask(
     values: NDArray[np.float64],
     corners: NDArray[np.float64] | None,
     bounds: NDArray[np.float64],
+    turn: NDArray[np.float64] | None,
 ) -> NDArray[np.bool_]:
     inside = np.zeros(xyz.shape[0], np.bool_)
     (x_low, y_low, z_low), (x_high, y_high, z_high) = bounds
@@ -228,6 +237,13 @@ def _mask(
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
         if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
             continue
+        # Compiled away where the region is in the LiDAR's own axes.
+        if turn is not None:
+            x, y, z = (
+                turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
+                turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
+                turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z,
+            )
         # Most points fail here, at half of the cost of the leaves.
         if not (x_low <= x <= x_high and y_low <= y <= y_high and z_low <= z <= z_high):
             continue

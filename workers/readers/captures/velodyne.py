@@ -162,7 +162,9 @@ class SweepCutter:
         lead, self._lead = self._lead, packets[-2] if len(packets) > 1 else None
         # At the first packet that it is given, the decoder does not know yet how fast the sensor turns: a VLS-128's
         # azimuths would be off by up to 0.16 degrees.
-        if lead is not None and packets[0][0] - lead[0] < 1.5 * self._stream.packet_ns:
+        if lead is None or packets[0][0] - lead[0] >= 1.5 * self._stream.packet_ns:
+            lead = self._led(packets)
+        if lead is not None:
             packets = [lead, *packets]
         base_ns = packets[0][0]
         pair, packet = self._time_pair, self._packet
@@ -188,6 +190,20 @@ class SweepCutter:
             strongest = (points["return_type"] & 1) != 0
             keep &= strongest | ~strongest.any()
         return self._sweep(start_ns, base_ns, _kept(points, keep))
+
+    def _led(self, packets: list[Packet]) -> Packet | None:
+        """A packet without returns before the first one, as fast as the next one comes; None where that is far."""
+        if len(packets) < 2 or packets[1][0] - packets[0][0] >= 1.5 * self._stream.packet_ns:
+            return None
+        (first_ns, first), (next_ns, following) = packets[:2]
+        turned = int.from_bytes(following[2:4], "little") - int.from_bytes(first[2:4], "little")
+        blocks = b"".join(
+            first[at : at + 2]
+            + ((int.from_bytes(first[at + 2 : at + 4], "little") - turned) % TURN).to_bytes(2, "little")
+            + bytes(96)
+            for at in range(0, 100 * BLOCKS, 100)
+        )
+        return 2 * first_ns - next_ns, blocks + first[1200:]
 
     def _sweep(self, stamp_ns: int, base_ns: int, points: NDArray[np.void]) -> Sweep:
         offset: NDArray[np.int64] = np.zeros(len(points), np.int64)

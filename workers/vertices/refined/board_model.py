@@ -53,6 +53,7 @@ class BoardModel:
         lost: share of the rays on the board that bring no return.
         bias: metres, standard deviation of each ring's own constant error of distance.
         poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
+        sizes_tried: from how many sizes the edges were chosen, by the same rays that then tell whether it is a board.
         size: of the board, if it does not look as large as it was said to be; then the edges are as it looks.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
     """
@@ -72,6 +73,7 @@ class BoardModel:
     wrong: float = WRONG
     bias: float = 0.0
     poses: bool = False
+    sizes_tried: int = 1
     size: SizeFacts | None = None
 
 

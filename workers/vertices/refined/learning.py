@@ -40,6 +40,8 @@ _HOPELESS = -300.0
 _WIDE_ROLL = math.radians(12.0)  # the grid reaches 2.8 deviations: 34 degrees
 _SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 _GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
+_BIAS_M = 0.015  # data sheets: accuracy 0.03 m, as two standard deviations
+_BEAM_SIGMA_RAD = 1.5e-3  # data sheets: half of a beam of 3 mrad
 _GROWTH_RAD = (-0.25e-3, 10.0e-3)
 
 
@@ -66,7 +68,9 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
     ]
     if len(windows) < _ENOUGH:
-        return replace(model, sigma=BoardModel(grid).sigma)
+        open_growth = _BEAM_SIGMA_RAD if float(options["edge_growth_mrad"]) < 0.0 else 0.0
+        model = replace(model, sigma=BoardModel(grid).sigma, bias=_BIAS_M, growth_sigma=open_growth)
+        return model if all(edges) else _some_edges(windows, model, edges)
     model, sightings = _learn_planes(windows, model)
     planes = [sighting.plane for sighting in sightings]
     growth_mrad = float(options["edge_growth_mrad"])
@@ -223,16 +227,37 @@ def _learn_board(
 
 def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:
     """Of a coarse table of lengths those that explain the best seen boards best."""
+    best = max(_table(model, edges), key=lambda candidate: _evidence(planes[:_FIRST], candidate))
+    return replace(best, slack=0.0)
+
+
+def _table(model: BoardModel, edges: tuple[float, float]) -> list[BoardModel]:
+    """The model with each pair of lengths of a coarse table."""
     known = max(edges)
     lengths = [known] if known > 0.0 else _LENGTHS_M
-    tried = [
+    return [
         replace(model, edges=(one, other), slack=0.5 * (_LENGTHS_M[1] / _LENGTHS_M[0] - 1.0) * other)
         for one in lengths
         for other in _LENGTHS_M
         if known > 0.0 or one <= other
     ]
-    best = max(tried, key=lambda candidate: _evidence(planes[:_FIRST], candidate))
-    return replace(best, slack=0.0)
+
+
+def _some_edges(windows: Sequence[Window], model: BoardModel, edges: tuple[float, float]) -> BoardModel:
+    """What few boards tell of the edges: a mean over the table of lengths, each as likely as it explains them."""
+    planes = [sighting.plane for sighting in _best(windows, model)]
+    if not planes:
+        return model
+    tried = _table(model, edges)
+    evidence = np.array([_evidence(planes, candidate) for candidate in tried])
+    weight = np.exp(evidence - np.logaddexp.reduce(evidence))
+    lengths = np.array([candidate.edges for candidate in tried])
+    mean = weight @ lengths
+    spread = np.sqrt(weight @ (lengths - mean) ** 2)
+    one, other = mean.tolist()
+    half_step = 0.5 * (_LENGTHS_M[1] / _LENGTHS_M[0] - 1.0) * other
+    slack = min(2.0 * float(spread.max()) + half_step, model.slack)
+    return replace(model, edges=(one, other), slack=slack, sizes_tried=len(tried))
 
 
 def _first_growth(planes: Sequence[Plane], model: BoardModel) -> BoardModel:

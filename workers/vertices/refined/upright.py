@@ -20,11 +20,18 @@ _TURNS = 6
 _STARTS = (1.0, 0.9, 0.5)
 # A scene has some ten things that could be a board, and none may pass in 200 sweeps: log(2000).
 _CLEAR = 7.6
+_CHOSEN_CONTRADICTED = 0.125  # half of what may contradict a board whose size is known
 
 
 def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
-    """Whether the board is so much likelier than every upright rectangle that its shape alone is enough."""
-    return fix.evidence - upright_evidence(fix, model) > _CLEAR
+    """Whether the board is so much likelier than every upright rectangle that its shape alone is enough.
+
+    One of many sizes fits also what is no board: better by the logarithm of their number, and with fewer returns that
+    contradict it.
+    """
+    if model.sizes_tried > 1 and fix.against > _CHOSEN_CONTRADICTED * (fix.plane.points + fix.against):
+        return False
+    return fix.evidence - upright_evidence(fix, model) > _CLEAR + math.log(model.sizes_tried)
 
 
 def upright_evidence(fix: Fix, model: BoardModel) -> float:
