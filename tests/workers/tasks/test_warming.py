@@ -19,6 +19,7 @@ KERNELS = (
     rays.likelihood_ratios,
     rays.follow_board,
     rays.choose_rays,
+    rays.mixed_rays,
     window._image,
 )
 
