@@ -12,7 +12,7 @@ from apexcal.errors import InputError
 from apexcal.json_files import read_document
 from apexcal.transport import Document
 
-_BEGINNINGS = {"and", "or", "not", "quantity", "box", "polygon"}
+_BEGINNINGS = {"and", "or", "not", "quantity", "box", "polygon", "level"}
 _NAME = "|".join(QUANTITIES)
 _INEQUALITY = re.compile(
     rf"\s*(?P<quantity>{_NAME})\s*(?:/\s*(?P<by>{_NAME}))?\s*(?P<op><=|>=|<|>)\s*(?P<value>[-+]?[0-9.]+(?:e[-+]?\d+)?)\s*",
@@ -37,7 +37,8 @@ def read_region(path: Path) -> Document:
     if not _BEGINNINGS & set(document):
         raise InputError(
             f"{path} is no region",
-            'A region begins with "and", "or", "not", "quantity", "box" or "polygon"; `apexcal suggest` writes one.',
+            'A region begins with "and", "or", "not", "quantity", "box", "polygon" or "level"; `apexcal suggest` '
+            "writes one.",
         )
     return document
 

@@ -52,9 +52,17 @@ Or = TypedDict("Or", {"or": "list[RegionNode]"})  # pyright: ignore[reportInvali
 Not = TypedDict("Not", {"not": "RegionNode"})  # pyright: ignore[reportInvalidTypeForm]
 RegionNode = TypeAliasType("RegionNode", And | Or | Not | Box | Polygon | Inequality)
 
+
+class Level(TypedDict):
+    """A whole tree in level axes: their z is ``up``, their x the horizontal direction nearest to the LiDAR's x."""
+
+    level: RegionNode
+    up: _Three
+
+
 _SAYS = Field(
     description=f"A tree of and, or and not over inequalities, boxes and polygons in the LiDAR's frame; at most "
-    f"{MAX_DEPTH} levels and {MAX_NODES} nodes.",
+    f"{MAX_DEPTH} levels and {MAX_NODES} nodes. Of a tilted LiDAR the whole tree may be in level axes.",
     examples=[
         {
             "and": [
@@ -72,6 +80,6 @@ def _checked(given: Any, _: Any) -> Any:
     return check_region(given)
 
 
-Region = Annotated[RegionNode, WrapValidator(_checked), PlainSerializer(lambda region: region), _SAYS]
+Region = Annotated[RegionNode | Level, WrapValidator(_checked), PlainSerializer(lambda region: region), _SAYS]
 """A region that somebody sends, in its canonical form."""
-KeptRegion = Annotated[Stored[RegionNode], _SAYS]
+KeptRegion = Annotated[Stored[RegionNode | Level], _SAYS]

@@ -9,10 +9,15 @@ Branches: ``{"and": [nodes]}``, ``{"or": [nodes]}``, ``{"not": node}``. Leaves:
   even-odd rule says what is inside; without ``z`` it reaches from the ground to the sky.
 
 Quantities are x, y, z and range in metres, azimuth_deg and elevation_deg, all in the LiDAR's frame.
+
+For a tilted LiDAR the whole tree may be in level axes: ``{"level": node, "up": [x, y, z]}``, with the direction of up
+in the LiDAR's frame. Their z is that direction, their x the horizontal direction nearest to the LiDAR's x, and their
+origin is the LiDAR's.
 """
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
@@ -27,6 +32,7 @@ MAX_DEPTH: Final = 16
 MAX_NODES: Final = 256
 MAX_CORNERS: Final = 64
 MAX_METRES: Final = 1e6
+_SHORTEST: Final = 1e-3  # of a direction; shorter ones are zeros that were rounded
 
 Document = dict[str, Any]
 
@@ -44,7 +50,22 @@ def check_region(document: object) -> Document:
     Raises:
         RegionError: naming the path of the first bad node, or that the tree is too deep or too large.
     """
+    if isinstance(document, Mapping) and "level" in document:
+        tree = cast("Mapping[Any, object]", document)
+        _only(tree, ("level", "up"), "$")
+        return {"level": _node(tree["level"], "$.level", 2, count(1)), "up": _up(tree.get("up"))}
     return _node(document, "$", 1, count())
+
+
+def _up(given: object) -> list[float]:
+    hint = 'Write "up": [x, y, z], the direction of up in the LiDAR\'s frame.'
+    numbers = _list(given)
+    if len(numbers) != 3:
+        raise _fail("$.up", "it is no list of three numbers", hint)
+    up = [_number(value, f"$.up[{i}]", MAX_METRES) for i, value in enumerate(numbers)]
+    if math.hypot(*up) < _SHORTEST:
+        raise _fail("$.up", "it has no direction", hint)
+    return up
 
 
 def _fail(path: str, what: str, hint: str, code: str = "region_invalid") -> RegionError:

@@ -55,7 +55,9 @@ def ground_plane(points: Floats, steepest_deg: float = STEEPEST_DEG) -> Plane | 
     if not level.any():
         return None
     normals, offsets = normals[level], offsets[level]
-    inside = np.count_nonzero(np.abs(few @ normals.T + offsets) < _THICK_M, axis=0)
+    heights = normals @ few.T
+    heights += offsets[:, None]
+    inside = np.count_nonzero(np.abs(heights, out=heights) < _THICK_M, axis=1)
     plane = Plane(normals[inside.argmax()], float(offsets[inside.argmax()]))
     for _ in range(_REFITS):
         on = low[np.abs(plane.height(low)) < _THICK_M]

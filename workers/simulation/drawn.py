@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -82,19 +81,10 @@ class Drawn:
 
 
 def region_before(mount: Mount, ground_z: float, far_m: float) -> Mapping[str, Any]:
-    """Where boards are carried up to a distance, off the ground, as a document in the sensor's frame.
-
-    On a tilted sensor it is cut into cells, because a region's boxes are not tilted.
-    """
-    up = mount.rotation()[2]
-    boxes: list[Mapping[str, Any]] = []
-    for left, right in pairwise(np.arange(2.0, far_m + 4.0, 4.0).tolist()):
-        for low, high in pairwise(np.linspace(-6.2, 6.2, 17).tolist()):
-            ground = ground_z - min(up[0] * x + up[1] * y for x in (left, right) for y in (low, high))
-            heights = sorted((ground + above) / up[2] for above in _HEIGHTS_M)
-            end = min(right, far_m + 0.3)
-            boxes.append({"box": {"min": [left, low, heights[0]], "max": [end, high, heights[1]]}})
-    return {"or": boxes}
+    """Where boards are carried up to a distance, off the ground, as a document for the sensor's frame."""
+    low, high = (ground_z + above for above in _HEIGHTS_M)
+    box = {"box": {"min": [2.0, -6.2, low], "max": [far_m + 0.3, 6.2, high]}}
+    return {"level": box, "up": mount.rotation()[2].tolist()}
 
 
 def draw(seed: int) -> Drawn:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from workers.readers.recording import Sweep
 from workers.vertices.backdrop import Backdrop
 from workers.vertices.region import Region
-from workers.vertices.sweep_source import SweepSource
+from workers.vertices.sweep_source import SweepSource, stamp_of
 
 Mask = NDArray[np.bool_]
 
@@ -44,6 +44,6 @@ def without_fixed(
 ) -> Region | WithoutFixed:
     """The region without fixed objects; as it is where the recording is too short to tell them."""
     count = len(source)
-    if count < _COMPARED or source.sweep(count - 1).stamp_ns - source.sweep(0).stamp_ns < _LEAST_S * 1e9:
+    if count < _COMPARED or stamp_of(source, count - 1) - stamp_of(source, 0) < _LEAST_S * 1e9:
         return region
     return WithoutFixed(region, Backdrop.of(source, _COMPARED, on_sweep))

@@ -10,12 +10,22 @@ from numpy.typing import NDArray
 
 from workers.geometry.errors import InputError
 from workers.readers.recording import Sweep
-from workers.vertices.board_search import Found, search, search_everywhere
+from workers.vertices.board_search import search, search_everywhere
 from workers.vertices.region import Region
 from workers.vertices.still_poses import StillPoses
-from workers.vertices.suggested_region import KEPT, Seen, Suggestion, Thing, describe, things_of
+from workers.vertices.suggested_region import (
+    KEPT,
+    Seen,
+    Suggestion,
+    Thing,
+    describe,
+    in_level_axes,
+    levelled,
+    things_of,
+)
 from workers.vertices.sweep_source import SweepSource
 
+Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MOST: Final = 64  # sweeps that are looked at
@@ -24,8 +34,11 @@ _MARGIN_M: Final = 0.5
 _MOST_EVERYWHERE: Final = 8
 
 
-def suggest_poses(source: SweepSource, poses: StillPoses, on_sweep: Callable[[], None]) -> Suggestion:
-    """The region of a recording of still poses; on_sweep may raise to stop the work.
+def suggest_poses(source: SweepSource, poses: StillPoses, level: Floats, on_sweep: Callable[[], None]) -> Suggestion:
+    """The region of a recording of still poses, in level axes; on_sweep may raise to stop the work.
+
+    Args:
+        level: R_level_lidar (3, 3).
 
     Raises:
         InputError: ``no_board_seen``.
@@ -36,11 +49,11 @@ def suggest_poses(source: SweepSource, poses: StillPoses, on_sweep: Callable[[],
         sweep = source.sweep(index)
         on_sweep()
         compared = poses.backdrop.compare(sweep)
-        seen.things.append(_bearer(sweep, compared.moved, poses))
-        _keep(seen, number, sweep, compared.still, len(chosen))
+        seen.things.append(_bearer(sweep, compared.moved, poses, level))
+        _keep(seen, number, levelled(sweep.xyz, level), compared.still, len(chosen))
     by_shape = not any(seen.things)
     if by_shape:
-        _search_shapes(source, chosen, poses, seen, on_sweep)
+        _search_shapes(source, chosen, poses, seen, level, on_sweep)
     if not any(seen.things):
         raise InputError(
             "no_board_seen",
@@ -48,7 +61,7 @@ def suggest_poses(source: SweepSource, poses: StillPoses, on_sweep: Callable[[],
             "Move the board from pose to pose, hold it on its tip within 15 m, and upload with --still. Or write the "
             "region by hand.",
         )
-    found = describe(seen.things, seen, _MARGIN_M, poses=1, notes=_notes(poses, by_shape))
+    found = in_level_axes(describe(seen.things, seen, _MARGIN_M, poses=1, notes=_notes(poses, by_shape)), level)
     grouped = poses.grouped(source, Region.from_document(found.document), on_sweep)
     found.facts["poses"] = grouped.count
     return found
@@ -68,22 +81,27 @@ def _notes(poses: StillPoses, by_shape: bool) -> list[str]:
     return notes
 
 
-def _bearer(sweep: Sweep, moved: Mask, poses: StillPoses) -> list[Thing]:
+def _bearer(sweep: Sweep, moved: Mask, poses: StillPoses, level: Floats) -> list[Thing]:
     """The board and who holds it, if the board is found; else all that moved and has a person's size."""
     if not moved.any():
         return []
     board = search(sweep, moved, poses.grid, sure=False)
-    return _around(sweep, moved, board) if board else things_of(sweep.xyz[moved].astype(np.float64))
+    points = levelled(sweep.xyz[moved], level).astype(np.float64)
+    return _around(points, level @ board.apex) if board else things_of(points)
 
 
-def _around(sweep: Sweep, kept: Mask, board: Found) -> list[Thing]:
-    points = sweep.xyz[kept].astype(np.float64)
-    points = points[np.linalg.norm(points[:, :2] - board.apex[:2], axis=1) < _BESIDE_M]
-    return [Thing(np.concatenate([points, board.apex[None]]), board.apex[:2])]
+def _around(points: Floats, apex: Floats) -> list[Thing]:
+    points = points[np.linalg.norm(points[:, :2] - apex[:2], axis=1) < _BESIDE_M]
+    return [Thing(np.concatenate([points, apex[None]]), apex[:2])]
 
 
 def _search_shapes(
-    source: SweepSource, chosen: list[int], poses: StillPoses, seen: Seen, on_sweep: Callable[[], None]
+    source: SweepSource,
+    chosen: list[int],
+    poses: StillPoses,
+    seen: Seen,
+    level: Floats,
+    on_sweep: Callable[[], None],
 ) -> None:
     for number in sorted({int(n) for n in np.linspace(0, len(chosen) - 1, min(_MOST_EVERYWHERE, len(chosen)))}):
         sweep = source.sweep(chosen[number])
@@ -91,12 +109,13 @@ def _search_shapes(
         board = search_everywhere(sweep, poses.grid)
         if board is not None:
             corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.6, 0.0)])
-            seen.things[number] = [Thing(board.apex + _BESIDE_M * corners / 2.0, board.apex[:2])]
+            apex = level @ board.apex
+            seen.things[number] = [Thing(apex + _BESIDE_M * corners / 2.0, apex[:2])]
 
 
-def _keep(seen: Seen, number: int, sweep: Sweep, still: Mask, count: int) -> None:
-    seen.points += len(sweep.xyz)
+def _keep(seen: Seen, number: int, xyz: NDArray[np.float32], still: Mask, count: int) -> None:
+    seen.points += len(xyz)
     seen.still += int(np.count_nonzero(still))
     if number % max(1, count // KEPT) == 0:
-        seen.clouds[number] = sweep.xyz
-        seen.background.append(sweep.xyz[still].astype(np.float64))
+        seen.clouds[number] = xyz
+        seen.background.append(xyz[still].astype(np.float64))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.regions import OPERATORS, QUANTITIES, Document, check_region
 from workers.readers.recording import Sweep
+from workers.vertices.gravity import level_rotation
 
 _ACCEPT: Final = -1
 _REJECT: Final = -2
@@ -40,7 +41,7 @@ class _Program:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """A checked region of interest in the LiDAR frame (x forward, y left, z up; metres, degrees).
+    """A checked region of interest in the LiDAR frame (x forward, y left, z up; metres, degrees), or in level axes.
 
     Azimuth is atan2(y, x), elevation atan2(z, hypot(x, y)), range the Euclidean distance. A quotient by
     zero follows IEEE 754 (infinite or not a number), and a comparison with not-a-number is false. Boxes and the z of
@@ -51,6 +52,8 @@ class Region:
     _codes: NDArray[np.int32]
     _values: NDArray[np.float64]
     _corners: NDArray[np.float64] | None
+    _bounds: NDArray[np.float64]
+    _R_level_lidar: NDArray[np.float64] | None
 
     @classmethod
     def from_document(cls, document: object) -> Region:
@@ -61,12 +64,14 @@ class Region:
         """
         checked = check_region(document)
         program = _Program()
-        _compile(_plain(checked), _ACCEPT, _REJECT, program)
+        _compile(_plain(checked.get("level", checked)), _ACCEPT, _REJECT, program)
         return cls(
             checked,
             np.array(program.codes, np.int32),
             np.array(program.values, np.float64),
             np.array(program.corners, np.float64) if program.corners else None,
+            _bounds(program),
+            level_rotation(_direction(checked["up"])) if "level" in checked else None,
         )
 
     def mask(self, xyz: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
@@ -80,7 +85,7 @@ class Region:
         """
         if xyz.ndim != 2 or xyz.shape[1] != 3:
             raise ValueError(f"xyz must have shape (N, 3), got {xyz.shape}")
-        return _mask(xyz, self._codes, self._values, self._corners)
+        return _mask(xyz, self._codes, self._values, self._corners, self._bounds, self._R_level_lidar)
 
     @property
     def fixed_left_out(self) -> bool:
@@ -90,6 +95,11 @@ class Region:
     def inside(self, sweep: Sweep) -> NDArray[np.bool_]:
         """Which points (N,) of a sweep lie inside."""
         return self.mask(sweep.xyz)
+
+
+def _direction(up: Sequence[float]) -> NDArray[np.float64]:
+    direction = np.array(up, np.float64)
+    return direction / np.linalg.norm(direction)
 
 
 def _plain(node: Node) -> Node:
@@ -169,6 +179,21 @@ def _append(leaf: Node, if_true: int, if_false: int, program: _Program) -> None:
     program.values.append(float(leaf["value"]))
 
 
+def _bounds(program: _Program) -> NDArray[np.float64]:
+    """(2, 3) least and greatest x, y and z, as the first leaves tell that all points inside must pass."""
+    bounds = np.array([[-math.inf] * 3, [math.inf] * 3])
+    for leaf, (quantity, divisor, operator, if_true, if_false) in enumerate(program.codes):
+        if if_false != _REJECT:
+            break
+        if operator != _POLYGON and divisor < 0 and quantity < 3:
+            above = OPERATORS[operator].startswith(">")
+            row, closer = (0, max) if above else (1, min)
+            bounds[row, quantity] = closer(float(bounds[row, quantity]), program.values[leaf])
+        if if_true != leaf + 1:
+            break
+    return bounds
+
+
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
 def _quantity(code: int, x: float, y: float, z: float) -> float:
     if code == 0:
@@ -203,11 +228,24 @@ def _mask(
     codes: NDArray[np.int32],
     values: NDArray[np.float64],
     corners: NDArray[np.float64] | None,
+    bounds: NDArray[np.float64],
+    turn: NDArray[np.float64] | None,
 ) -> NDArray[np.bool_]:
     inside = np.zeros(xyz.shape[0], np.bool_)
+    (x_low, y_low, z_low), (x_high, y_high, z_high) = bounds
     for i in range(xyz.shape[0]):
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
         if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+            continue
+        # Compiled away where the region is in the LiDAR's own axes.
+        if turn is not None:
+            x, y, z = (
+                turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z,
+                turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z,
+                turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z,
+            )
+        # Most points fail here, at half of the cost of the leaves.
+        if not (x_low <= x <= x_high and y_low <= y <= y_high and z_low <= z <= z_high):
             continue
         leaf = 0
         while leaf >= 0:

@@ -15,7 +15,7 @@ from workers.vertices.jumps import APART_S, count_steps
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import SensorGrid, learn_grid
 from workers.vertices.suggested_region import things_of
-from workers.vertices.sweep_source import SweepSource
+from workers.vertices.sweep_source import SweepSource, stamp_of
 from workers.vertices.upright_pieces import upright_pieces
 from workers.vertices.vertex import PoseFacts
 
@@ -149,7 +149,7 @@ def _far_apart(source: SweepSource) -> bool:
     """Whether neighbouring sweeps, some of them, lie farther apart in time than a track reaches."""
     count = len(source)
     firsts = sorted({int(n) for n in np.linspace(0, count - 2, min(_PAIRS, count - 1))}) if count > 1 else []
-    steps_ns = [source.sweep(n + 1).stamp_ns - source.sweep(n).stamp_ns for n in firsts]
+    steps_ns = [stamp_of(source, n + 1) - stamp_of(source, n) for n in firsts]
     return bool(steps_ns) and min(steps_ns) > APART_S * 1e9
 
 

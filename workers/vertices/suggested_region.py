@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -116,6 +117,21 @@ def describe(
         "poses": poses,
     }
     return Suggestion(document, facts)
+
+
+def levelled(xyz: NDArray[np.float32], level: Floats) -> NDArray[np.float32]:
+    """Points (N, 3) in level axes, by R_level_lidar (3, 3); the same array where the LiDAR stands upright."""
+    return xyz if level[2, 2] == 1.0 else (xyz @ level.T).astype(xyz.dtype)
+
+
+def in_level_axes(found: Suggestion, level: Floats) -> Suggestion:
+    """The suggestion as one that says in which axes it was made."""
+    if level[2, 2] == 1.0:
+        return found
+    tilt = math.degrees(math.acos(float(level[2, 2])))
+    note = f"The LiDAR is tilted by {tilt:.0f} degrees, as the ground tells; the region is in level axes."
+    document: Document = {"level": found.document, "up": [round(value, 5) for value in level[2].tolist()]}
+    return Suggestion(document, found.facts | {"notes": [note, *found.facts["notes"]]})
 
 
 def _ground(points: Floats, still: Floats, notes: list[str]) -> tuple[float, float]:

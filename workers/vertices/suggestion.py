@@ -2,7 +2,8 @@
 
 Sweeps spread over the recording tell which places stand still (`occupancy`). What moves before them is clustered on
 the ground; clusters of a person's size that stay together from one sweep to the next tell where the person walked.
-The suggestion is a polygon around that, off the ground, without the posts that stand inside.
+The suggestion is a polygon around that, off the ground, without the posts that stand inside. If the ground tells that
+the sensor is tilted, it is in level axes.
 """
 
 from __future__ import annotations
@@ -12,15 +13,27 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workers.geometry.errors import InputError
 from workers.vertices.backdrop import Backdrop
 from workers.vertices.occupancy import Occupancy
 from workers.vertices.pose_suggestion import suggest_poses
 from workers.vertices.still_poses import find_poses
-from workers.vertices.suggested_region import KEPT, Seen, Suggestion, Thing, describe, things_of
+from workers.vertices.suggested_region import (
+    KEPT,
+    Seen,
+    Suggestion,
+    Thing,
+    describe,
+    in_level_axes,
+    levelled,
+    things_of,
+)
 from workers.vertices.sweep_source import SweepSource
-from workers.vertices.upside_down import Turned, hanging, turned_back
+from workers.vertices.upside_down import Turned, hangs, some_grid, turned_back
+
+Floats = NDArray[np.float64]
 
 _FEWEST: Final = 8
 _COMPARED: Final = 24  # sweeps that tell whether the LiDAR moves
@@ -48,13 +61,16 @@ def suggest(
     Raises:
         InputError: ``too_few_sweeps``, ``nothing_moves``, ``everything_moves``, ``no_board_seen``.
     """
-    grid = hanging(source)
-    if grid is not None:
-        return turned_back(_suggest(Turned(source, grid), samples, on_sweep, still))
-    return _suggest(source, samples, on_sweep, still)
+    grid = some_grid(source)
+    if hangs(grid):
+        turned = Turned(source, grid)
+        return turned_back(_suggest(turned, some_grid(turned).R_level_lidar, samples, on_sweep, still))
+    return _suggest(source, grid.R_level_lidar, samples, on_sweep, still)
 
 
-def _suggest(source: SweepSource, samples: int, on_sweep: Callable[[int], None] | None, still: bool) -> Suggestion:
+def _suggest(
+    source: SweepSource, level: Floats, samples: int, on_sweep: Callable[[int], None] | None, still: bool
+) -> Suggestion:
     def check() -> None:
         if on_sweep is not None:
             on_sweep(0)
@@ -63,7 +79,7 @@ def _suggest(source: SweepSource, samples: int, on_sweep: Callable[[int], None] 
         raise _everything_moves("What stands upright around the LiDAR is elsewhere in each sweep")
     poses = find_poses(source, stated=still, on_sweep=check)
     if poses is not None:
-        return suggest_poses(source, poses, check)
+        return suggest_poses(source, poses, level, check)
     if len(source) < _FEWEST:
         raise InputError(
             "too_few_sweeps",
@@ -79,7 +95,7 @@ def _suggest(source: SweepSource, samples: int, on_sweep: Callable[[int], None] 
         stamps_ns.append(sweep.stamp_ns)
         if on_sweep is not None:
             on_sweep(done)
-    seen = _look(source, chosen, occupancy, on_sweep)
+    seen = _look(source, chosen, occupancy, level, on_sweep)
     if seen.still < 0.4 * seen.points:
         raise _everything_moves(f"Only {seen.still / max(seen.points, 1):.0%} of the points stand still")
     things = _walker(seen.things, stamps_ns)
@@ -91,7 +107,7 @@ def _suggest(source: SweepSource, samples: int, on_sweep: Callable[[int], None] 
         )
     # Between two sweeps that were looked at the person walked a little farther.
     between_s = (max(stamps_ns) - min(stamps_ns)) * 1e-9 / max(len(chosen) // 2, 1)
-    return describe(things, seen, _MARGIN_M + min(2.0, 0.25 * between_s))
+    return in_level_axes(describe(things, seen, _MARGIN_M + min(2.0, 0.25 * between_s)), level)
 
 
 def _everything_moves(seen: str) -> InputError:
@@ -104,19 +120,27 @@ def _everything_moves(seen: str) -> InputError:
 
 
 def _look(
-    source: SweepSource, chosen: list[int], occupancy: Occupancy, on_sweep: Callable[[int], None] | None
+    source: SweepSource,
+    chosen: list[int],
+    occupancy: Occupancy,
+    level: Floats,
+    on_sweep: Callable[[int], None] | None,
 ) -> Seen:
-    """Read the sweeps again, now that it is known what stands still; all of them at once may not fit in memory."""
+    """Read the sweeps again, now that it is known what stands still; all of them at once may not fit in memory.
+
+    Points are kept in level axes.
+    """
     seen = Seen()
     for number, index in enumerate(chosen):
         sweep = source.sweep(index)
         moving, still = occupancy.moving(sweep)
         seen.points += len(sweep.xyz)
         seen.still += int(np.count_nonzero(still))
-        seen.things.append(things_of(sweep.xyz[moving].astype(np.float64)))
+        xyz = levelled(sweep.xyz, level)
+        seen.things.append(things_of(xyz[moving].astype(np.float64)))
         if number % max(1, len(chosen) // KEPT) == 0:
-            seen.clouds[number] = sweep.xyz
-            seen.background.append(sweep.xyz[still].astype(np.float64))
+            seen.clouds[number] = xyz
+            seen.background.append(xyz[still].astype(np.float64))
         if on_sweep is not None:
             on_sweep(len(chosen))
     return seen

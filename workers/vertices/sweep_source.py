@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,19 @@ class SweepSource(Protocol):
     def __len__(self) -> int: ...
 
     def sweep(self, index: int) -> Sweep: ...
+
+
+@runtime_checkable
+class Stamped(Protocol):
+    """A source that knows all stamps without reading a sweep."""
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]: ...
+
+
+def stamp_of(source: SweepSource, index: int) -> int:
+    """The stamp of one sweep, UTC nanoseconds."""
+    return int(source.stamps_ns[index]) if isinstance(source, Stamped) else source.sweep(index).stamp_ns
 
 
 class Listed:

@@ -16,11 +16,21 @@ _GRID_SWEEPS: Final = 4
 _TURN: Final = np.array([1.0, -1.0, -1.0], np.float32)
 
 
+def some_grid(source: SweepSource) -> SensorGrid:
+    """The grid of a sensor as a few of its sweeps tell."""
+    numbers = sorted({int(n) for n in np.linspace(0, len(source) - 1, min(_GRID_SWEEPS, len(source))).round()})
+    return learn_grid(source.sweep(number) for number in numbers)
+
+
+def hangs(grid: SensorGrid) -> bool:
+    """Whether the sensor hangs upside down."""
+    return bool(grid.R_level_lidar[2, 2] < 0.0)
+
+
 def hanging(source: SweepSource) -> SensorGrid | None:
     """The grid of a sensor that hangs upside down; None for any other."""
-    numbers = sorted({int(n) for n in np.linspace(0, len(source) - 1, min(_GRID_SWEEPS, len(source))).round()})
-    grid = learn_grid(source.sweep(number) for number in numbers)
-    return grid if grid.R_level_lidar[2, 2] < 0.0 else None
+    grid = some_grid(source)
+    return grid if hangs(grid) else None
 
 
 class Turned:
@@ -42,6 +52,8 @@ class Turned:
 
 def turned_back(found: Suggestion) -> Suggestion:
     """A region that was suggested in the turned sweeps, for the sweeps as they are."""
+    if "level" in found.document:
+        return Suggestion(_turned_back(found.document), found.facts)
     facts = found.facts | {"ground_z": -found.facts["ground_z"]}
     facts |= {"z_low": -found.facts["z_high"], "z_high": -found.facts["z_low"]}
     return Suggestion(_turned_back(found.document), facts)
@@ -49,6 +61,10 @@ def turned_back(found: Suggestion) -> Suggestion:
 
 def _turned_back(document: dict[str, Any]) -> dict[str, Any]:
     """Of the forms that suggestions have."""
+    if "level" in document:
+        # Half a turn about x leaves the level axes' x where it is: points have the same level coordinates.
+        x, y, z = document["up"]
+        return {"level": document["level"], "up": [x, -y, -z]}
     if "and" in document:
         return {"and": [_turned_back(part) for part in document["and"]]}
     if "not" in document:

@@ -3,7 +3,7 @@ import { test } from "node:test";
 import { drawingOf, type Handle, type Plane, type Reach } from "./drawing.ts";
 import { maskOf } from "./mask.ts";
 import { metresAt, pixelsOf } from "./points/flat.ts";
-import { parseRegion, partsOf, withPart, type Region } from "./region.ts";
+import { levelOf, parseRegion, partsOf, withPart, type Region } from "./region.ts";
 
 const REACH: Reach = { min: [-5, -10, -2], max: [40, 10, 3] };
 const BOX: Region = { box: { min: [2, -3, -1], max: [6, 3, 1], yaw_deg: 30 } };
@@ -63,7 +63,7 @@ test("a polygon's corners are moved, added and removed, down to three", () => {
 
 test("inequalities are lines, circles and rays; what a plane does not show has no handle", () => {
   const of = (quantity: string, value: number, divided_by?: string): Region =>
-    parseRegion(JSON.stringify({ quantity, divided_by, op: ">", value }));
+    levelOf(parseRegion(JSON.stringify({ quantity, divided_by, op: ">", value }))).tree;
   const cases: [Region, Plane, [number, number], number][] = [
     [of("x", 2), "top", [3.5, 0], 3.5],
     [of("y", 2), "top", [0, -4], -4],

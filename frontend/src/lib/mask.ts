@@ -1,8 +1,9 @@
 /** Which points a region keeps, by the rules of `workers/vertices/region.py`; a test compares both. */
 
+import { dot, levelRows } from "./level.ts";
 import { cornersOf } from "./plan.ts";
 import type { Operator, Quantity } from "./api/types.ts";
-import type { Box, Polygon, Region } from "./region.ts";
+import { levelOf, type Box, type Polygon, type Region, type WholeRegion } from "./region.ts";
 
 type Test = (x: number, y: number, z: number) => boolean;
 type Measure = (x: number, y: number, z: number) => number;
@@ -26,8 +27,13 @@ const OPERATORS: Record<Operator, (value: number, limit: number) => boolean> = {
 };
 
 /** 1 for each point (x, y, z each, metres) that lies inside, 0 for others. */
-export function maskOf(region: Region, positions: Float32Array): Uint8Array {
-  const test = testOf(region);
+export function maskOf(region: WholeRegion, positions: Float32Array): Uint8Array {
+  const { tree, up } = levelOf(region);
+  const within = testOf(tree);
+  const rows = up && levelRows(up);
+  const test: Test = rows
+    ? (x, y, z) => within(dot(rows[0], [x, y, z]), dot(rows[1], [x, y, z]), dot(rows[2], [x, y, z]))
+    : within;
   const kept = new Uint8Array(positions.length / 3);
   for (let i = 0; i < kept.length; i += 1) {
     kept[i] = test(positions[3 * i] ?? 0, positions[3 * i + 1] ?? 0, positions[3 * i + 2] ?? 0) ? 1 : 0;

@@ -1,14 +1,16 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { DEFAULT_ROWS, describe, partsOf, parseRegion } from "./region.ts";
+import { DEFAULT_ROWS, describe, levelOf, parseRegion, partsOf, wholeOf, type Region } from "./region.ts";
+
+const read = (text: string): Region => levelOf(parseRegion(text)).tree;
 
 test("rows become a conjunction and come back", () => {
-  assert.deepEqual(partsOf(parseRegion(JSON.stringify({ and: DEFAULT_ROWS }))), [...DEFAULT_ROWS]);
+  assert.deepEqual(partsOf(read(JSON.stringify({ and: DEFAULT_ROWS }))), [...DEFAULT_ROWS]);
 });
 
 test("a region with an alternative is no list of rows", () => {
   const text = '{"or": [{"quantity": "x", "op": ">", "value": 0}, {"quantity": "y", "op": "<", "value": 1}]}';
-  assert.equal(partsOf(parseRegion(text)), null);
+  assert.equal(partsOf(read(text)), null);
   assert.equal(describe(parseRegion(text)), "x > 0 or y < 1");
 });
 
@@ -28,7 +30,7 @@ const SHAPES = {
 };
 
 test("shapes are leaves: they come back as they were", () => {
-  const region = parseRegion(JSON.stringify(SHAPES));
+  const region = read(JSON.stringify(SHAPES));
   assert.deepEqual(region, SHAPES);
   assert.deepEqual(partsOf(region), SHAPES.and);
   assert.equal(partsOf({ or: [region] }), null);
@@ -58,4 +60,16 @@ test("mistakes are named with their place", () => {
   assert.throws(() => parseRegion('{"quantity": "x", "op": "=", "value": 0}'), /region\.op/);
   assert.throws(() => parseRegion('{"quantity": "x", "op": ">", "value": "0"}'), /region\.value/);
   assert.throws(() => parseRegion("{"), /not JSON/);
+});
+
+test("a region in level axes keeps its direction of up", () => {
+  const level = { level: { and: [{ quantity: "z", op: ">", value: -1.7 }] }, up: [0, 0.342, 0.94] };
+  const whole = parseRegion(JSON.stringify(level));
+  const { tree, up } = levelOf(whole);
+  assert.deepEqual(up, [0, 0.342, 0.94]);
+  assert.deepEqual(JSON.parse(JSON.stringify(wholeOf(tree, up))), JSON.parse(JSON.stringify(whole)));
+  assert.equal(describe(whole), "in level axes: z > -1.7");
+  assert.throws(() => parseRegion('{"level": {"quantity": "x", "op": ">", "value": 0}}'), /region\.up/);
+  assert.throws(() => parseRegion('{"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, 0]}'), /direction/);
+  assert.throws(() => parseRegion('{"level": {"quantity": "w", "op": ">", "value": 0}, "up": [0, 0, 1]}'), /level/);
 });

@@ -32,6 +32,24 @@ export interface Polygon {
 export type Leaf = Inequality | Box | Polygon;
 export type Region = { and: Region[] } | { or: Region[] } | { not: Region } | Leaf;
 
+/** A whole region in the level axes of a tilted LiDAR; `up` is in the LiDAR's frame. */
+export interface Level {
+  level: Region;
+  up: Point;
+}
+
+export type WholeRegion = Region | Level;
+
+/** The tree of a region, and up where it is in level axes. */
+export function levelOf(region: WholeRegion): { tree: Region; up: Point | null } {
+  return "level" in region ? { tree: region.level, up: region.up } : { tree: region, up: null };
+}
+
+/** A tree as a whole region again. */
+export function wholeOf(tree: Region, up: Point | null): WholeRegion {
+  return up ? { level: tree, up } : tree;
+}
+
 export const MAX_CORNERS = 64;
 
 /** The paper's field of 10 x 30 m ahead, with a margin, and without the ground as a roof-mounted LiDAR sees it. */
@@ -73,6 +91,7 @@ export function describe(region: unknown): string {
     }
   }
   if ("not" in node) return `not (${describe(node.not)})`;
+  if ("level" in node) return `in level axes: ${describe(node.level)}`;
   if ("box" in node) return describeBox((node as unknown as Box).box);
   if ("polygon" in node) return describePolygon(node as unknown as Polygon);
   const { quantity, divided_by, op, value } = node as unknown as Inequality;
@@ -95,15 +114,20 @@ function isLeaf(node: unknown): node is Leaf {
 }
 
 /** Reads a region from text. Throws an Error whose message says where it is wrong. */
-export function parseRegion(text: string): Region {
+export function parseRegion(text: string): WholeRegion {
   let value: unknown;
   try {
     value = JSON.parse(text);
   } catch (error) {
     throw new Error(`This is not JSON: ${(error as Error).message}`, { cause: error });
   }
-  return checked(value, "region");
+  if (typeof value !== "object" || value === null || !("level" in value)) return checked(value, "region");
+  const up = numbers("up" in value ? value.up : null, 3, "region.up") as Point;
+  if (Math.hypot(...up) < SHORTEST) throw new Error("region.up: it has no direction.");
+  return { level: checked(value.level, "region.level"), up };
 }
+
+const SHORTEST = 1e-3;
 
 function checked(value: unknown, path: string): Region {
   if (typeof value !== "object" || value === null || Array.isArray(value)) {

@@ -63,8 +63,12 @@ tree = st.recursive(
 )
 
 
+up = st.lists(some_metres, min_size=2, max_size=4)
+level = st.fixed_dictionaries({"level": tree}, optional={"up": up, "extra": st.just(1)})
+
+
 @settings(max_examples=400, deadline=None)
-@given(tree)
+@given(st.one_of(tree, tree, level))
 def test_what_is_taken_is_as_the_api_describes_it_and_stays_the_same(document):
     taken, wrong = says(document)
     if taken is None:

@@ -7,6 +7,7 @@ import pytest
 
 from service.calibration_runs.evidence import Pairs, weigh
 from service.calibration_runs.model_choice import Candidate, choose
+from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from workers.geometry.models import INTRINSICS
 from workers.solver.estimate import estimate
@@ -200,12 +201,13 @@ def held_out(problem, start):
     return Candidate(6 + lens, lens, found, found)
 
 
+@few_or_many(2, 5)
 @pytest.mark.parametrize("share", [0.0, 0.05])
 @pytest.mark.parametrize("truth", ["pinhole", "brown_conrady"])
-def test_the_true_model_is_recommended_on_simulated_rigs(truth, share):
-    """Of five rigs, without and with marks of another corner 40 px away, which the fits exclude."""
+def test_the_true_model_is_recommended_on_simulated_rigs(truth, share, draws):
+    """Of each rig, without and with marks of another corner 40 px away, which the fits exclude."""
     wrong = 0
-    for seed in range(5):
+    for seed in range(draws):
         problem, parameters = simulated(truth, 500 + seed)
         rng = np.random.default_rng(seed)
         marks = problem.pixels.copy()

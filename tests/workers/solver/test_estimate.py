@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import residual_pairs, simulated
 from workers.geometry.rotations import vector_from_rotation
 from workers.solver.estimate import estimate
@@ -68,11 +69,12 @@ def test_wrong_marks_that_are_kept_count_as_what_they_moved_the_result_by():
     assert not any("move the mount" in alarm for alarm in without["alarms"])
 
 
+@few_or_many(10, 25)
 @pytest.mark.parametrize("model", ["pinhole", "kannala_brandt"])
-def test_intervals_beside_wrong_marks_that_are_kept_hold_their_share(model):
+def test_intervals_beside_wrong_marks_that_are_kept_hold_their_share(model, draws):
     """Marks on one side of the apex, as those of another corner are, move the result."""
     held, before = [], []
-    for seed in range(25):
+    for seed in range(draws):
         clean, truth = simulated(model, 900 + seed)
         wrong = np.random.default_rng(seed).choice(len(clean.points), 22, replace=False)
         marks = clean.pixels.copy()
@@ -87,10 +89,11 @@ def test_intervals_beside_wrong_marks_that_are_kept_hold_their_share(model):
     assert np.mean(held) >= 0.9 > 0.6 > np.mean(before)
 
 
+@few_or_many(10, 25)
 @pytest.mark.parametrize("model", ["pinhole", "kannala_brandt"])
-def test_intervals_beside_wrong_marks_hold_their_share(model):
+def test_intervals_beside_wrong_marks_hold_their_share(model, draws):
     held = []
-    for seed in range(25):
+    for seed in range(draws):
         clean, truth = simulated(model, 900 + seed, loss="saturating")
         found = estimate(spoiled(clean, 0.1, seed)[0], truth)
         held += (np.abs(found.parameters - truth) <= found.spread.half_width95)[3:].tolist()
@@ -111,11 +114,12 @@ def test_a_few_wrong_marks_are_named_also_where_the_pairs_hold_too_little():
     assert any(alarm.startswith("3 pairs do not belong") for alarm in solution["alarms"])
 
 
+@few_or_many(13, 40)
 @pytest.mark.parametrize("noise_px", [0.3, 1.0, 3.0])
-def test_intervals_beside_a_prior_hold_their_share(noise_px):
+def test_intervals_beside_a_prior_hold_their_share(noise_px, draws):
     """The prior's own error is drawn too: mean off the truth by its sigma."""
     held = []
-    for seed in range(40):
+    for seed in range(draws):
         clean, truth = simulated("pinhole", 700 + seed, noise_px=noise_px)
         rng = np.random.default_rng(seed)
         priors = {f"t_{axis}": (truth[3 + i] + 0.05 * rng.normal(), 0.05) for i, axis in enumerate("xyz")}

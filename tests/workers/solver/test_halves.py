@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from apexcal.documents.results import RunResult
+from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import real_correspondences, real_problem
 from tests.workers.solver.walks import Recomputed, finish, posed, walked
 from workers.solver.blocks import blocks_of
@@ -60,9 +61,10 @@ def test_a_camera_that_turned_on_the_way_is_named():
     assert document["prediction"]["expected_over_stated"] >= 1.0
 
 
+@few_or_many(12, 25)
 @pytest.mark.parametrize("made", [walked, posed])
-def test_sound_halves_differ_by_what_is_stated(made):
-    found = [halves_of(estimate(*made(700 + seed))) for seed in range(25)]
+def test_sound_halves_differ_by_what_is_stated(made, draws):
+    found = [halves_of(estimate(*made(700 + seed))) for seed in range(draws)]
     for split in (0, 1):
         assert 0.8 < np.median([halves[split].ratio for halves in found]) < 1.2
     assert np.mean([all(one.holds for one in halves) for halves in found]) >= 0.92
@@ -77,9 +79,10 @@ def _correlated(seed, pairs=8, shift_px=0.5):
     return replace(problem, pixels=problem.pixels + shifts[np.arange(count) // pairs]), truth
 
 
-def test_neighbours_that_err_together_are_no_reason_for_doubt():
+@few_or_many(20, 60)
+def test_neighbours_that_err_together_are_no_reason_for_doubt(draws):
     """Asked: one in twenty. Sixty walks have five objections or more in fewer than one of five such tests at 0.05."""
-    found = [halves_of(estimate(*_correlated(1200 + seed))) for seed in range(60)]
+    found = [halves_of(estimate(*_correlated(1200 + seed))) for seed in range(draws)]
     assert np.mean([not all(one.holds for one in halves) for halves in found]) <= 0.07
 
 
@@ -106,8 +109,9 @@ def test_limits_allow_for_what_stretches_may_share_without_counting():
         assert one.limit / one.ratio == pytest.approx(limit / wide, rel=1e-4)
 
 
-def test_poses_that_share_errors_are_counted_and_no_reason_for_doubt():
-    ratios = [halves_of(estimate(*posed(900 + seed, 20, 3, 0.01, 1.5)))[0].ratio for seed in range(25)]
+@few_or_many(12, 25)
+def test_poses_that_share_errors_are_counted_and_no_reason_for_doubt(draws):
+    ratios = [halves_of(estimate(*posed(900 + seed, 20, 3, 0.01, 1.5)))[0].ratio for seed in range(draws)]
     assert 0.7 < np.median(ratios) < 1.25
 
 

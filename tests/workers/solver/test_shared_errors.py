@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
+from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import simulated
 from tests.workers.solver.walks import Recomputed, finish, posed, walked
 from workers.geometry.rotations import rotation_from_vector, vector_from_rotation
@@ -105,21 +106,23 @@ def intervals_held(draws, made):
     return float(np.mean(held))
 
 
+@few_or_many(12, 30)
 @pytest.mark.parametrize(
     ("poses", "repeats", "offset_m", "turn_deg"), [(20, 3, 0.01, 0.0), (12, 5, 0.01, 1.5), (30, 1, 0.0, 0.0)]
 )
-def test_intervals_hold_whether_poses_share_errors_or_not(poses, repeats, offset_m, turn_deg):
-    share = intervals_held(30, lambda seed: posed(500 + seed, poses, repeats, offset_m, turn_deg))
+def test_intervals_hold_whether_poses_share_errors_or_not(poses, repeats, offset_m, turn_deg, draws):
+    share = intervals_held(draws, lambda seed: posed(500 + seed, poses, repeats, offset_m, turn_deg))
     # Thirty rigs of ten correlated intervals: 0.95 within three deviations of a hundred independent ones.
     assert 0.885 <= share <= 0.995
 
 
-def test_pairs_of_poses_that_count_as_independent_would_not_hold():
+@few_or_many(12, 30)
+def test_pairs_of_poses_that_count_as_independent_would_not_hold(draws):
     def made(seed):
         problem, truth = posed(500 + seed, 12, 5, 0.01, 1.5)
         return replace(problem, blocks=None), truth
 
-    assert intervals_held(30, made) < 0.8
+    assert intervals_held(draws, made) < 0.8
 
 
 def test_a_sound_walk_keeps_its_covariance():

@@ -1,5 +1,7 @@
 """What a worker's parent compiles before it forks."""
 
+import pytest
+
 from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
 from workers.vertices.detectors import detect_range
 from workers.vertices.refined import apex, corner, planes, rays, window
@@ -17,10 +19,12 @@ KERNELS = (
     rays.likelihood_ratios,
     rays.follow_board,
     rays.choose_rays,
+    rays.mixed_rays,
     window._image,
 )
 
 
+@pytest.mark.timeout(900)  # all are compiled here in a fresh clone
 def test_every_kernel_of_the_detectors_has_its_machine_code_afterwards():
     warm_up()
     assert [kernel.__name__ for kernel in KERNELS if not kernel.signatures] == []

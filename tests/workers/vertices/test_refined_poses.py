@@ -49,7 +49,7 @@ def test_what_rings_disagree_by_is_learned_and_poses_are_noticed():
     assert walked.bias < 0.006
 
 
-@pytest.mark.parametrize("rolled_deg", [-15.0, 10.0, 15.0])
+@pytest.mark.parametrize("rolled_deg", [-15.0, 15.0, pytest.param(10.0, marks=pytest.mark.slow)])
 def test_a_board_that_is_held_rolled_is_found_where_it_is(rolled_deg):
     recorded = walk(27, 30.0, disturbances=Disturbances(rolled_deg=rolled_deg))
     found = detect_range(recorded.source, REGION, "refined", SIZE, indices=recorded.all)

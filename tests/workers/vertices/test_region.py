@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from apexcal.documents.regions import MAX_DEPTH, MAX_NODES, OPERATORS, QUANTITIES, RegionError
 from workers.vertices.region import Region
 
+_BOX = {"box": {"min": [2, -3, -1], "max": [7, 4, 1.5], "yaw_deg": 33}}
 _COMPARE = dict(zip(OPERATORS, (operator.lt, operator.le, operator.gt, operator.ge), strict=True))
 
 
@@ -231,6 +232,13 @@ _LEAF = {"quantity": "x", "op": ">", "value": 0}
         ({"polygon": [[0, 0], [1, 1], [1, 0, 0]]}, "$.polygon[2]"),
         ({"polygon": [[0, 0], [1, 1], [1, 0]], "z": [2, 1]}, "$.z"),
         ({"polygon": [[0, 0], [1, 1], [1, 0]], "op": "<"}, "$"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}}, "$.up"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 1]}, "$.up"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, 0]}, "$.up"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, math.nan]}, "$.up[2]"),
+        ({"level": {"quantity": "w", "op": ">", "value": 0}, "up": [0, 0, 1]}, "$.level.quantity"),
+        ({"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, 1], "and": []}, "$"),
+        ({"and": [{"level": {"quantity": "x", "op": ">", "value": 0}, "up": [0, 0, 1]}]}, "$.and[0]"),
     ],
 )
 def test_a_bad_node_is_named_by_its_path(document, path):
@@ -253,3 +261,22 @@ def test_depth_and_size_are_limited():
         with pytest.raises(RegionError) as caught:
             Region.from_document(document)
         assert caught.value.code == "region_too_large"
+
+
+@pytest.mark.parametrize("up", [[0.0, 0.342, 0.94], [0.3, -0.2, 0.8], [0.0, 0.0, -1.0], [0.95, 0.1, 0.2]])
+def test_a_region_in_level_axes_holds_what_the_points_turned_into_these_axes_say(up):
+    tree = {"and": [{"polygon": [[1, -2], [9, -7], [6, 4], [2, 4]], "z": [-1.2, 0.9]}, {"not": _BOX}]}
+    points = np.random.default_rng(4).uniform(-10, 10, (20_000, 3))
+    z = np.array(up) / np.linalg.norm(up)
+    ahead = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    y = np.cross(z, ahead) / np.linalg.norm(np.cross(z, ahead))
+    turned = np.column_stack([points @ np.cross(y, z), points @ y, points @ z])
+    found = Region.from_document({"level": tree, "up": up}).mask(points)
+    np.testing.assert_array_equal(found, Region.from_document(tree).mask(turned))
+    assert 0 < found.sum() < len(points)
+
+
+def test_level_axes_of_a_lidar_that_stands_upright_are_its_own():
+    points = np.random.default_rng(5).uniform(-10, 10, (5_000, 3)).astype(np.float32)
+    same = Region.from_document({"level": _BOX, "up": [0, 0, 3]}).mask(points)
+    np.testing.assert_array_equal(same, Region.from_document(_BOX).mask(points))

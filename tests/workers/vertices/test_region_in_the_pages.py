@@ -24,6 +24,9 @@ REGIONS = [
     {"or": [{"and": [POLYGON, {"quantity": "z", "op": ">", "value": 0}]}, {"not": {"or": [TURNED, CROSSED]}}]},
     {"quantity": "z", "divided_by": "x", "op": ">", "value": 0.2},
     {"quantity": "y", "divided_by": "z", "op": "<=", "value": -1.5},
+    {"level": {"and": [POLYGON, {"not": TURNED}]}, "up": [0.1, 0.35, 0.9]},
+    {"level": {"quantity": "z", "op": ">", "value": 0.5}, "up": [0, 0, -2]},
+    {"level": STRAIGHT, "up": [0.95, 0.0, 0.2]},
     *({"quantity": name, "op": "<", "value": 4.0} for name in QUANTITIES),
 ]
 

@@ -45,7 +45,12 @@ def off_m(recording, vertices):
 
 @pytest.mark.parametrize(
     ("place", "seed", "count"),
-    [("street", 1, 8), ("street", 2, 8), ("street", 5, 8), ("room", 2, 8), ("garage", 2, 4)],
+    [
+        ("street", 1, 8),
+        ("room", 2, 8),
+        ("garage", 2, 4),
+        *(pytest.param("street", seed, 8, marks=pytest.mark.slow) for seed in (2, 5)),
+    ],
 )
 def test_the_suggestion_alone_finds_the_boards(place, seed, count):
     recording = recorded(place, seed, count)
@@ -128,7 +133,7 @@ def test_a_sweep_that_disagrees_is_not_averaged_in():
     assert [answer.reason for answer in answers[2:]] == ["same_pose", "same_pose", "not_a_board"]
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_drive_is_refused(seed):
     for still in (False, True):
         with pytest.raises(InputError) as caught:

@@ -10,6 +10,8 @@ from workers.geometry.errors import InputError
 from workers.readers.detect import open_recording
 from workers.readers.recording import ReadOptions
 from workers.simulation.disturbances import Disturbances
+from workers.simulation.drawn import draw_street
+from workers.simulation.flaws import Mount
 from workers.simulation.lidar import BOARD, PERSON, SENSORS, Lidar
 from workers.simulation.scene import scene_with
 from workers.simulation.walker import Walk
@@ -22,12 +24,21 @@ REAL = Path(__file__).parents[4] / "shared" / "data" / "vlp16-diamond-board"
 START_NS = 1_780_000_000_000_000_000
 
 
-def recorded(seed, sweeps=150, plan="field", **disturbances):
+def recorded(seed, sweeps=150, plan="field", mount=None, **disturbances):
     """(sweep, labels) ten times a second."""
     spoiled = Disturbances(**disturbances)
     scene = scene_with(spoiled.poles, seed)
     way = Walk(seed, sweeps * 0.1, scene.ground_z, plan=plan, disturbances=spoiled)
-    lidar = Lidar(SENSORS["vlp16"], scene, way, sector_deg=55, noise_m=0.008, seed=seed, disturbances=spoiled)
+    lidar = Lidar(
+        SENSORS["vlp16"],
+        scene,
+        way,
+        sector_deg=55,
+        noise_m=0.008,
+        seed=seed,
+        disturbances=spoiled,
+        mount=mount or Mount(),
+    )
     return [lidar.labelled_sweep(i, 0.1 * i, START_NS + 100_000_000 * i) for i in range(sweeps)]
 
 
@@ -183,3 +194,30 @@ def test_a_sensor_upside_down_is_suggested_the_same_region():
         mask = Region.from_document(plain.document).mask(one.xyz)
         np.testing.assert_array_equal(Region.from_document(found.document).mask(other.xyz), mask)
     assert mask.any()
+
+
+@pytest.mark.parametrize(
+    "mount",
+    [Mount(roll_deg=10.0), Mount(roll_deg=-20.0), Mount(pitch_deg=10.0), Mount(roll_deg=165.0)],
+    ids=["rolled by 10", "rolled by -20", "looks down by 10", "tilted, upside down"],
+)
+def test_the_suggestion_of_a_tilted_sensor_is_level(mount):
+    """Before, its heights were those of the sensor's z: it held ground to one side and cut boards to the other."""
+    recording = recorded(6, 120, mount=mount)
+    suggestion = suggest(Listed([sweep for sweep, _ in recording]), samples=100)
+    share, others = kept(recording, suggestion.document)
+    assert share >= 0.99
+    assert others < 0.3
+    np.testing.assert_allclose(suggestion.document["up"], mount.rotation()[2], atol=0.01)
+    assert suggestion.facts["ground_z"] == pytest.approx(-1.85, abs=0.05)
+    assert "tilted by" in suggestion.facts["notes"][0]
+
+
+def test_a_drive_with_a_tilted_sensor_is_refused():
+    """Sweeps from many places of a street: what stands upright is elsewhere in each."""
+    turn = Mount(roll_deg=15.0).rotation().astype(np.float32)
+    drawn = [draw_street(seed).simulated(1.0)[1].sweep(0, 0.0, START_NS + seed * 100_000_000) for seed in range(10)]
+    moving = [replace(one, xyz=one.xyz @ turn) for one in drawn]
+    with pytest.raises(InputError) as refused:
+        suggest(Listed(moving))
+    assert refused.value.code == "everything_moves"

@@ -118,7 +118,9 @@ class PointLayout:
         (n,) = struct.unpack_from("<I", message, self.width_at)
         raw = np.frombuffer(message, np.uint8, n * POINT_DTYPE.itemsize, self.data_at)
         points = raw.view(POINT_DTYPE)
-        xyz: NDArray[np.float32] = raw.reshape(n, POINT_DTYPE.itemsize)[:, :12].copy().view("<f4")
+        # Copied as one item of 12 bytes a point, faster than as numbers.
+        together = np.ndarray((n,), "V12", message, self.data_at, (POINT_DTYPE.itemsize,))
+        xyz: NDArray[np.float32] = together.copy().view("<f4").reshape(n, 3)
         return Sweep(
             stamp_ns=sec * 1_000_000_000 + nanosec,
             xyz=xyz,

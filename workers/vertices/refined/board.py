@@ -27,7 +27,7 @@ from workers.vertices.refined.board_model import (
 from workers.vertices.refined.clusters import clusters
 from workers.vertices.refined.corner import find_corner
 from workers.vertices.refined.planes import find_stretches, grow_planes, pair_stretches
-from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
+from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios, mixed_rays
 from workers.vertices.refined.window import Window, open_window
 from workers.vertices.sensor_grid import SensorGrid
 
@@ -109,7 +109,7 @@ def _with_rays(
         up=up[at],
         reach=reach,
         ratio=ratio[at],
-        mixed=_mixed(window, w, at, model.sigma),
+        mixed=mixed_rays(window.azimuth, window.slope, window.distance, w, _OFF * model.sigma, _PULSE_M, *at),
         hits=np.stack([left[hits], up[hits]]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
@@ -119,31 +119,6 @@ def _with_rays(
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
     return Sighting(plane, window, ends)
-
-
-def _mixed(window: Window, w: Floats, at: tuple[NDArray[np.int64], ...], sigma: float) -> NDArray[np.bool_]:
-    """Which rays may have met both the board and something close behind it.
-
-    Of a dark body and a part of the board together often nothing comes back. So a ray without a return is one of
-    them, if a ray next to it has a return from close behind.
-    """
-
-    def close_behind(ring: NDArray[np.int64], column: NDArray[np.int64]) -> NDArray[np.bool_]:
-        azimuth, slope, distance = (part[ring, column] for part in (window.azimuth, window.slope, window.distance))
-        u = w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope
-        behind = np.sqrt(1.0 + slope**2) * (distance - 1.0 / u)
-        found: NDArray[np.bool_] = (u > 0.0) & (distance > 0.0) & (behind > _OFF * sigma) & (behind < _PULSE_M)
-        return found
-
-    mixed = close_behind(*at)
-    silent = np.flatnonzero(window.distance[at] <= 0.0)
-    ring, column = (part[silent] for part in at)
-    rings, columns = window.distance.shape
-    for up in (-1, 0, 1):
-        for left in (-1, 0, 1):
-            beside = np.clip(ring + up, 0, rings - 1), np.clip(column + left, 0, columns - 1)
-            mixed[silent] |= close_behind(*beside)
-    return mixed
 
 
 def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | None:

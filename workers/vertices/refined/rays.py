@@ -149,3 +149,31 @@ def choose_rays(
                 chosen[n, 0], chosen[n, 1] = r, c
                 n += 1
     return chosen[:n].copy()
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def mixed_rays(
+    azimuth: Floats, slope: Floats, distance: Floats, w: Floats, nearest: float, farthest: float,
+    ring: NDArray[np.int64], column: NDArray[np.int64],
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Which of the rays (K,) at ``ring`` and ``column`` may have met both the board and something close behind it.
+
+    Of a dark body and a part of the board together often nothing comes back. So a ray without a return is one of
+    them, if a ray next to it has a return from close behind.
+
+    Args:
+        azimuth, slope, distance: (R, C).
+        w: (3,) the plane.
+        nearest, farthest: metres behind the plane that are close.
+    """
+    rings, columns = distance.shape
+    mixed = np.zeros(ring.size, np.bool_)
+    for k in range(ring.size):
+        around = 0 if distance[ring[k], column[k]] > 0.0 else 1
+        for r in range(max(ring[k] - around, 0), min(ring[k] + around + 1, rings)):
+            for c in range(max(column[k] - around, 0), min(column[k] + around + 1, columns)):
+                u = w[0] * math.cos(azimuth[r, c]) + w[1] * math.sin(azimuth[r, c]) + w[2] * slope[r, c]
+                if u > 0.0 and distance[r, c] > 0.0:
+                    behind = math.sqrt(1.0 + slope[r, c] * slope[r, c]) * (distance[r, c] - 1.0 / u)
+                    mixed[k] |= nearest < behind < farthest
+    return mixed

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workers.vertices.refined.board_model import BoardModel, Fix, Floats
-from workers.vertices.sweep_source import SweepSource
+from workers.vertices.sweep_source import SweepSource, stamp_of
 
 _REACH, _MOST_REACH, _REACH_S = 10, 30, 1.0  # sweeps to either side; more if the sensor turns faster
 LONGEST_S = 1.5
@@ -17,9 +17,7 @@ FASTEST_M_S = 3.0
 TREMBLE_M = 0.2
 _ROLL_LENGTH_S = 0.45  # how long a held board keeps its roll
 _ROLL_FLOOR = math.radians(0.6)
-_ROLL_INFLATION = 1.5  # posteriors of single sweeps are no Gaussians
-_APART_S = 0.1  # sweeps that follow each other faster tell nearly the same: their errors correlate
-_NEAREST_S = 1e-3  # sweeps that were recorded twice have the same time
+_ROLL_INFLATION = 1.5  # posteriors of single sweeps are no Gaussians, and their errors correlate a little
 _FEWEST = 4
 _SWAY_M = 0.03
 _SHOULDERS_M = 0.5  # breadth of a standing person (DIN 33402-2): two people stand farther apart
@@ -38,7 +36,7 @@ def reach_of(source: SweepSource) -> int:
     count = len(source)
     if count < 2:
         return _REACH
-    period_s = (source.sweep(count - 1).stamp_ns - source.sweep(0).stamp_ns) * 1e-9 / (count - 1)
+    period_s = (stamp_of(source, count - 1) - stamp_of(source, 0)) * 1e-9 / (count - 1)
     return max(_REACH, min(round(_REACH_S / period_s), _MOST_REACH)) if period_s > 0.0 else _REACH
 
 
@@ -65,9 +63,7 @@ def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[fl
     alone = (roll - mean) * (precision + spread**-2.0) / precision
     between = spread**2 * np.exp(-0.5 * ((after[:, None] - after[None, :]) / _ROLL_LENGTH_S) ** 2)
     towards = spread**2 * np.exp(-0.5 * (after / _ROLL_LENGTH_S) ** 2)
-    step_s = float(np.median(np.diff(np.sort(np.append(after, 0.0)))))
-    faster = _APART_S / max(step_s, _NEAREST_S)
-    gain = np.linalg.solve(between + np.diag(_ROLL_INFLATION * max(faster, 1.0) / precision), towards)
+    gain = np.linalg.solve(between + np.diag(_ROLL_INFLATION / precision), towards)
     variance = spread**2 - float(gain @ towards)
     return mean + float(gain @ alone), min(math.sqrt(max(variance, 0.0) + _ROLL_FLOOR**2), spread)
 

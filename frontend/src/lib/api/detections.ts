@@ -74,7 +74,13 @@ export const createDetection = (recording_id: string, body: DetectionRequest): P
 
 /** The detections of a recording that is ready. */
 export const detections = (recording_id: string | undefined): Read<Detection[]> =>
-  readAll("/v1/recordings/{recording_id}/detections", { recording_id }, {}, (found) => found.some(isUnderWay));
+  readAll("/v1/recordings/{recording_id}/detections", { recording_id }, {}, (found) =>
+    found.some((one) => isUnderWay(one) || areCornersUnderWay(one)),
+  );
+
+/** Whether jobs still make the vertices of corners that were asked for after the detection. */
+export const areCornersUnderWay = ({ state, job }: Detection): boolean =>
+  state === "done" && job !== null && isUnderWay(job);
 
 export const detection = (detection_id: string): Read<Detection> =>
   read("/v1/detections/{detection_id}", { detection_id });

@@ -57,7 +57,7 @@ export interface Candidate {
   height?: number;
 }
 
-export type RegionNode = Schemas["RegionNode"];
+export type RegionNode = Schemas["RegionNode"] | Schemas["Level"];
 export type Quantity = Schemas["Inequality"]["quantity"];
 export type Operator = Schemas["Inequality"]["op"];
 export type DetectionRequest = Schemas["DetectionRequest"];

@@ -112,6 +112,17 @@ def test_every_point_is_a_return_by_the_manual(name):
     assert 0.99 * len(there) < len(points) <= len(there)
 
 
+def test_the_first_packet_of_a_recording_turns_as_fast_as_the_next_one():
+    """No packet before it tells the rate; its azimuths were off by up to 0.16 degrees."""
+    returns = Returns("vls128")
+    xyz = _sweeps("vls128")[0][0].xyz.astype(float)
+    there = returns.points(returns.azimuth[:, :, None] + 20.0 * returns.slot, returns.centre_m)
+    in_first = np.nonzero(returns.range_m > 0.0)[0] == 0
+    off, _ = cKDTree(xyz).query(there[in_first])
+    assert in_first.sum() > 100
+    assert np.mean(off < 0.002 + np.linalg.norm(there[in_first], axis=1) * np.radians(0.01)) > 0.99
+
+
 @pytest.mark.parametrize("name", SENSORS)
 def test_the_published_points_are_the_same_returns(name):
     """The publisher rounds azimuths to 0.01 degrees, and the table's to 0.001."""
