@@ -48,7 +48,7 @@ screenshots: setup frontend  ## pictures of every page, light and dark, three wi
 	$(BIN)/python -m pytest tests/e2e/screenshots.py -q $(ARGS)
 
 bench-detection: setup  ## accuracy of the detectors on simulated walks, and throughput; SHORT=1 for a short form, ONLY=drawn,streets for parts
-	$(BIN)/python -m benchmarks.detection
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.detection
 
 bench-timeoffset: setup  ## how well the offset between the clocks is found from a walk
 	$(BIN)/python -m benchmarks.clock_offset
