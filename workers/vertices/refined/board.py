@@ -110,7 +110,9 @@ def _with_rays(
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
     reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
-    widest = float(np.max((1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]))
+    widths = (1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]
+    widest = int(on_board[np.argmax(widths)])
+    level = float(up[widest, ends[widest].sum() // 2])
     plane = Plane(
         R_window_lidar=window.R_window_lidar,
         w=w,
@@ -120,12 +122,13 @@ def _with_rays(
         up=up[at],
         reach=reach,
         ratio=ratio[at],
+        below=up[at] < level,
         mixed=_mixed(window, w, at, model.sigma),
         hits=np.stack([left[hits], up[hits]]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
         points=points,
-        width=(widest - 2.0 * model.growth) * float(np.median(reach)),
+        width=(float(widths.max()) - 2.0 * model.growth) * float(np.median(reach)),
         returned=window.distance[at] > 0.0,
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
@@ -193,8 +196,9 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
             ROLLS, rolls - hang(_edges(model, swapped)), likely, left=-math.inf, right=-math.inf
         )
     first = int(np.argmax(weight))
-    against, upper = _against(plane, model, _edges(model, found[first][1]), found[first][2])
-    expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
+    against, upper, lower = _against(plane, model, _edges(model, found[first][1]), found[first][2])
+    wrong = np.where(plane.below, model.wrong_below, model.wrong)
+    expected = float(np.sum(wrong * np.log(wrong))) + plane.ratio.size * model.lost * math.log(model.lost)
     best = max(float(corner[10]) for _, _, corner, *_ in found)
     roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
     fall = float(sum(x * corner[3] for x, (_, _, corner, *_) in zip(weight, found, strict=True)))
@@ -204,7 +208,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
         for x, (_, swapped, corner, *_) in zip(weight, found, strict=True)
     )
     return Fix(
-        plane, xyz, errors, sigma, float(mean[2]), roll_sigma, fall, against, upper, best, expected, total,
+        plane, xyz, errors, sigma, float(mean[2]), roll_sigma, fall, against, upper, lower, best, expected, total,
         model.wrong, told, ways,
     )  # fmt: skip
 
@@ -217,20 +221,23 @@ def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
 
 def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
-) -> tuple[int, tuple[int, int]]:
-    """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
+) -> tuple[int, tuple[int, int], tuple[int, int]]:
+    """`Fix.against`, `Fix.upper` and `Fix.lower` of the board in the middle of its posterior."""
     on_board = _covered(plane.left, plane.up, _grown(plane, model), plane.reach, model, edges, corner)
     hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
     # Near a soft edge either answer is as expected.
     inside, outside = missed & (on_board > 1.0 - _UNLIKELY), hit & (on_board < _UNLIKELY)
     side = corner[2] - min(edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3]))
-    above = plane.returned & (plane.up > side)
-    upper = int(np.count_nonzero((inside | outside) & above)), int(np.count_nonzero(above))
+    contrary = inside | outside
+    upper, lower = (
+        (int(np.count_nonzero(contrary & part)), int(np.count_nonzero(plane.returned & part)))
+        for part in (plane.up > side, plane.up <= side)
+    )
     # A wall is met far beside the board too, not only at the ends of its stretches.
     left, up = plane.hits[0], plane.hits[1]
     reach = np.full_like(left, float(np.median(plane.reach)))
     beside = _covered(left, up, reach * model.growth, reach, model, edges, corner)
-    return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper
+    return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper, lower
 
 
 def _grown(plane: Plane, model: BoardModel) -> Floats:
@@ -286,8 +293,7 @@ def _corner(
     if not hits.any():
         return None
     mean, sigma = hang(edges) + model.roll[0], model.roll[1]
-    right, wrong = 1.0 - model.wrong, model.wrong
-    ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
+    ratio = plane.believed(model)
     rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, max(_ROLLS, 1 + round(sigma / _ROLL_STEP)))
     grow, soft = _grown(plane, model), plane.reach * model.soft
     turns = _turns(rolls)
