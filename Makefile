@@ -12,6 +12,9 @@ FRONTEND_SOURCES := $(shell find frontend -path frontend/node_modules -prune -o 
 API_SOURCES := $(shell find apexcal service -name '*.py' 2>/dev/null)
 API_TYPES := frontend/src/lib/api/schema.ts
 
+# What does not wait for one another is made on two cores.
+MAKEFLAGS += --jobs=2
+
 .DEFAULT_GOAL := help
 .PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
 .DELETE_ON_ERROR:
@@ -27,10 +30,10 @@ demo: setup frontend  ## start the service and drive the whole job through its A
 serve: setup frontend  ## leave the service up, with the demo's data where there is some; ARGS="--port 8001"
 	$(BIN)/apexcal serve $(ARGS)
 
-test: setup frontend  ## all tests but the long ones, each draw the same at every run; ARGS="tests/apexcal -x"
+test: setup frontend $(STAMPS)/collected  ## all tests but the long ones, each draw the same at every run; ARGS="tests/apexcal -x"
 	$(BIN)/python -m pytest -m "not slow" --hypothesis-profile=ci $(SIDE_BY_SIDE) $(ARGS)
 
-test-long: setup frontend  ## all tests, with new draws
+test-long: setup frontend $(STAMPS)/collected  ## all tests, with new draws
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ARGS)
 # Four at a time: three start services and mostly wait, the fourth computes; in the order of tests/support/side_by_side.py.
 # SIDE_BY_SIDE= runs them one after the other.
@@ -39,7 +42,7 @@ SIDE_BY_SIDE ?= -n 4 --dist loadfile
 # that pytest rewrites are kept compiled, whatever the caller's environment says.
 test test-long: export OPENBLAS_NUM_THREADS = 1
 test test-long: export OMP_NUM_THREADS = 1
-test test-long: export PYTHONDONTWRITEBYTECODE =
+test test-long $(STAMPS)/collected: export PYTHONDONTWRITEBYTECODE =
 
 screenshots: setup frontend  ## pictures of every page, light and dark, three widths, into docs/images/pages and var/screenshots
 	$(BIN)/python -m pytest tests/e2e/screenshots.py -q $(ARGS)
@@ -123,6 +126,11 @@ $(STAMPS)/installed: $(STAMPS)/uv requirements/dev.lock pyproject.toml
 # Our own modules too. A changed file is compiled anew, whatever lies here.
 $(STAMPS)/compiled: $(STAMPS)/installed $(SOURCES)
 	$(BIN)/python -m compileall -q apexcal service workers
+	@touch $@
+
+# Else each process of the first tests would rewrite all of their modules. Beside it, npm installs and builds.
+$(STAMPS)/collected: $(STAMPS)/installed
+	$(BIN)/python -m pytest --collect-only -q > $(STAMPS)/collected.log 2>&1 || { tail -30 $(STAMPS)/collected.log; exit 1; }
 	@touch $@
 
 # The benchmarks' peers are large, and only they need them.

@@ -23,9 +23,12 @@ from tests.support.postgres import Postgres
 from tests.support.processes import wait_until
 from tests.support.s3 import S3Server
 from tests.support.side_by_side import pytest_collection_modifyitems, pytest_xdist_make_scheduler  # noqa: F401
+from tests.support.statements import compile_once
 from workers.tasks.context import Context
 
 _DATABASE = "apexcal"
+
+compile_once()
 
 
 @pytest.fixture(scope="session")

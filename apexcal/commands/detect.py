@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +25,10 @@ _KEEP = "Inequality that a point must meet, for example 'range < 9' or 'z / x > 
 _FEW = 0.05
 # Edges of a board that a person carries, metres. The detector takes 0 for "not known"; leaving --board out says that.
 _EDGES_M = (0.1, 3.0)
+_WALKED = (
+    " But somebody walks in the recording. If it is a walk, upload it without --still: then the track and the times "
+    "of the points are used."
+)
 _EXAMPLES: dict[DetectorName, str] = {
     "refined": "max_sigma_deg=0.1",
     "tolerant": "min_points=10",
@@ -150,7 +155,7 @@ def _outcome(detection: DetectionView) -> str:
     return (
         f"The detection {detection.id} accepted {counts.accepted} of {counts.sweeps} sweeps"
         f"{f' ({quality})' if quality else ''}, {counts.paired} of them with a camera frame."
-        f"{_poses(detection)}{reasons}{_held(counts.roll)}{_advice(detection)}"
+        f"{_poses(detection)}{reasons}{_held(counts.roll)}{_size(detection)}{_advice(detection)}"
     )
 
 
@@ -162,8 +167,24 @@ def _poses(detection: DetectionView) -> str:
     said = "As you said, these are" if counts.poses_stated else "These seem to be"
     return (
         f"\n{said} {counts.poses} still poses. Each gives at most one vertex. What stands still is left out. No "
-        "track is used."
+        f"track is used.{_WALKED if counts.poses_walked else ''}"
     )
+
+
+def _size(detection: DetectionView) -> str:
+    """That the board does not look as large as it was said to be; empty where it does."""
+    seen = detection.counts.size
+    if seen is None:
+        return ""
+    said = sorted(float(detection.options[f"board_{edge}_m"]) for edge in ("width", "height"))
+    return (
+        f"\nThe board looks like {_edges(seen.seen_m)} m (+- {max(seen.sigma_m):.3f}); you said {_edges(said)} m. "
+        "The size that it shows was used. To get its other corners, measure its edges and detect again."
+    )
+
+
+def _edges(lengths: Sequence[float]) -> str:
+    return " x ".join(f"{length:.3f}" for length in lengths)
 
 
 def _held(roll: RollFacts | None) -> str:

@@ -63,14 +63,25 @@ class RollFacts(Document):
     spread_deg: float
 
 
+class SizeSeen(Document):
+    """A board that does not look as large as it was said to be.
+
+    ``seen_m``: its edges as its boards show them, the shorter one first; ``sigma_m``: their standard deviations.
+    """
+
+    seen_m: tuple[float, float]
+    sigma_m: tuple[float, float]
+
+
 class DetectionCounts(Document):
     """How many sweeps were read and vertices accepted; rejected sweeps by reason, vertices by quality and by flag.
 
     ``paired`` vertices have a frame of at least one camera. ``frame_taken`` counts vertices without a frame because
     another vertex is nearer to it in time. ``refused_sweeps`` holds, by reason, the first and the last number of each
     run of sweeps that were rejected for it. ``poses``: how many still poses the recording has, each of which gives
-    one vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed.
-    run of sweeps that were rejected for it. ``roll`` is null if the detector does not tell it.
+    one vertex at most; 0 for a walk. ``poses_stated``: its owner said so; otherwise it was noticed. ``poses_walked``:
+    its owner said so, but somebody walks in it. ``size`` is null unless the board does not look as large as the
+    options say. ``roll`` is null if the detector does not tell it.
     """
 
     sweeps: int = 0
@@ -83,6 +94,8 @@ class DetectionCounts(Document):
     refused_sweeps: dict[str, list[tuple[int, int]]] = {}
     poses: int = 0
     poses_stated: bool = False
+    poses_walked: bool = False
+    size: SizeSeen | None = None
     roll: RollFacts | None = None
 
 

@@ -2,6 +2,7 @@
 
 WALKS (default 6) walks of 60 s each through a field of 10 x 30 m for the plain case, half as many for each other:
 distractors, variants, boards that are held rolled, leaning or far from the body, and sensors that spin otherwise.
+These take the first of the plain case's walks, so that `share_minus_plain` is no difference of the walks.
 DRAWN (default 30) walks of 30 s whose sensor, scene, person and board are drawn, and STREETS (default 200) drawn
 scenes without a board. SHORT=1 does a tenth of it. ONLY=drawn,streets does parts: plain, distractors, variants, held,
 spinning, drawn, streets, speed. SEED repeats a run; THROUGHPUT_SECONDS (default 60) is the length of what is timed.
@@ -21,7 +22,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
-from benchmarks.detection.cases import GROUPS, PLAIN
+from benchmarks.detection.cases import GROUPS, PLAIN, PLAIN_REFINED
 from benchmarks.detection.drawn import STREET_SWEEPS, drawn_figures, road_vertices, run_drawn, run_street
 from benchmarks.detection.figures import figures, rounded
 from benchmarks.detection.walks import Found, run
@@ -61,23 +62,33 @@ def _count(name: str, usual: int) -> int:
 
 
 def _walked(pool: Executor, parts: set[str], walks: int, seed: int) -> dict[str, Any]:
-    asked = [(PLAIN, seed + number, _SECONDS) for number in range(walks)] if "plain" in parts else []
-    cases = [(group, case) for group, members in GROUPS.items() for case in members]
-    for place, (group, case) in enumerate(cases, start=1):
-        if group in parts:
-            asked += [(case, seed + 1000 * place + number, _SECONDS) for number in range(max(1, walks // 2))]
+    fewer = max(1, walks // 2)
+    groups = {group: members for group, members in GROUPS.items() if group in parts}
+    plain, count = (PLAIN, walks) if "plain" in parts else (PLAIN_REFINED, fewer if groups else 0)
+    asked = [(plain, seed + number, _SECONDS) for number in range(count)]
+    asked += [
+        (case, seed + number, _SECONDS) for members in groups.values() for case in members for number in range(fewer)
+    ]
     found: dict[tuple[str, str], list[Found]] = defaultdict(list)
     for several in _each(pool, run, asked, "walks"):
         for one in several:
             found[one.case, one.key].append(one)
     results = {key: figures(of_case) for key, of_case in found.items()}
+    if groups:
+        _compare(results, figures(found["plain", "refined"][:fewer])["accepted_share"])
     for (case, key), result in results.items():
         _say(case if key == "refined" and case != "plain" else key, result)
     answer: dict[str, Any] = {key: results["plain", key] for key in PLAIN.detectors} if "plain" in parts else {}
-    for group, members in GROUPS.items():
-        if group in parts:
-            answer[group] = {case.name: results[case.name, "refined"] for case in members}
+    for group, members in groups.items():
+        answer[group] = {case.name: results[case.name, "refined"] for case in members}
     return answer
+
+
+def _compare(results: dict[tuple[str, str], dict[str, Any]], share: float) -> None:
+    """Adds to each other case by how much its share differs from that of the plain case on the same walks."""
+    for (case, _), result in results.items():
+        if case != "plain":
+            result["share_minus_plain"] = result["accepted_share"] - share
 
 
 def _streets(pool: Executor, seeds: Sequence[int]) -> dict[str, Any]:
@@ -98,10 +109,11 @@ def _each(pool: Executor, work: Callable[[Asked], Answer], asked: Sequence[Asked
 def _say(name: str, result: dict[str, Any]) -> None:
     for label, part in ((name, result), ("  fine", result.get("fine")), *_bands(result)):
         if part and "rms_deg" in part:
+            more = f" ({part['share_minus_plain']:+.3f})" if "share_minus_plain" in part else ""
             print(
-                f"{label:24s} share {part['accepted_share']:.3f}  elevation {part['rms_elevation_deg']:.4f}  azimuth "
-                f"{part['rms_azimuth_deg']:.4f}  total {part['rms_deg']:.4f} deg ({part['rms_px']:.2f} px)  bias "
-                f"{part['bias_deg']:+.4f}  gross {part['gross_share']:.4f}  covered "
+                f"{label:24s} share {part['accepted_share']:.3f}{more}  elevation {part['rms_elevation_deg']:.4f}  "
+                f"azimuth {part['rms_azimuth_deg']:.4f}  total {part['rms_deg']:.4f} deg ({part['rms_px']:.2f} px)  "
+                f"bias {part['bias_deg']:+.4f}  gross {part['gross_share']:.4f}  covered "
                 f"{part.get('coverage_2sigma', float('nan')):.3f}  normalised {part.get('normalised_rms', 0.0):.2f}",
                 file=sys.stderr,
             )

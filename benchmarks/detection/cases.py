@@ -20,6 +20,8 @@ PLAIN = Case(
         "refined_without_track": ("refined", {**SIZE, "track": 0}),
     },
 )
+# What the other cases are compared with, on the same walks.
+PLAIN_REFINED = replace(PLAIN, detectors=_REFINED)
 _DISTRACTORS = (
     Case("head", _REFINED, Disturbances(head_above_m=0.1)),
     Case("second_person_beside", _REFINED, Disturbances(second_person="beside")),

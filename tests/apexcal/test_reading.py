@@ -7,9 +7,10 @@ from apexcal.cli import USAGE, app
 from apexcal.client import time_left
 from apexcal.commands.clock_offset import _outcome
 from apexcal.commands.detect import _board
+from apexcal.commands.detect import _outcome as _detected
 from apexcal.commands.reading import reading_of, which_is_which
 from apexcal.commands.reread import _added
-from apexcal.documents.detections import DetectionView, Pairing
+from apexcal.documents.detections import DetectionCounts, DetectionView, Pairing, SizeSeen
 from apexcal.documents.studies import ClockOffset
 
 
@@ -109,3 +110,17 @@ def test_an_offset_is_said_with_the_command_that_uses_it():
 )
 def test_time_left_is_said_roughly(seconds, said):
     assert time_left(seconds) == f"about {said} left"
+
+
+def test_what_is_not_as_the_owner_said_is_said():
+    seen = SizeSeen(seen_m=(0.88, 1.199), sigma_m=(0.011, 0.011))
+    counts = DetectionCounts(sweeps=8, accepted=2, paired=2, poses=8, poses_stated=True, size=seen)
+    options = {"board_width_m": 1.2, "board_height_m": 0.9}
+    detection = DetectionView.model_construct(id="d", counts=counts, options=options, detector="refined")
+    said = _detected(detection)
+    assert "looks like 0.880 x 1.199 m (+- 0.011); you said 0.900 x 1.200 m" in said
+    assert "somebody walks" not in said
+    detection.counts = counts.model_copy(update={"size": None, "poses_walked": True})
+    said = _detected(detection)
+    assert "looks like" not in said
+    assert "somebody walks in the recording" in said and "without --still" in said

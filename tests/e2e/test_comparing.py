@@ -1,6 +1,5 @@
 """Two results of a camera side by side, and a camera's results over time, in a browser."""
 
-import json
 import re
 from collections.abc import Callable
 
@@ -10,7 +9,7 @@ from playwright.sync_api import Page, expect
 
 from apexcal.documents.results import ResultView
 from tests.e2e.conftest import Track
-from tests.e2e.test_report import AXE
+from tests.e2e.looks import View, assert_looks, each_view
 from tests.faults.jobs import LEVEL_RIG, pairs
 
 SignIn = Callable[[str, str], Page]
@@ -35,21 +34,10 @@ def results(track: Track) -> list[ResultView]:
     return found
 
 
-def check(page: Page) -> None:
-    """Accessible, and no wider than the window, at each width in both themes."""
-    for scheme in ("light", "dark"):
-        page.emulate_media(color_scheme=scheme)
-        for width in (390, 1280, 1920):
-            page.set_viewport_size({"width": width, "height": 900})
-            page.evaluate(AXE.read_text())
-            found = page.evaluate("() => axe.run()")
-            said = [(one["id"], [node["html"][:200] for node in one["nodes"]]) for one in found["violations"]]
-            assert said == [], (scheme, width, json.dumps(said, indent=1))
-            assert page.evaluate("document.scrollingElement.scrollWidth") <= width, (scheme, width)
-    page.set_viewport_size({"width": 1280, "height": 900})
-
-
-def test_two_results_are_compared_over_the_image(sign_in: SignIn, track: Track, results: list[ResultView]) -> None:
+@each_view
+def test_two_results_are_compared_over_the_image(
+    sign_in: SignIn, track: Track, results: list[ResultView], views: tuple[View, ...]
+) -> None:
     first, *_, last = results
     page = sign_in("Cora", "viewer")
     page.goto(f"{track.url}/calibrations/{last.calibration_id}")
@@ -78,11 +66,12 @@ def test_two_results_are_compared_over_the_image(sign_in: SignIn, track: Track, 
     assert "more than chance" in (drawing.get_attribute("aria-label") or "")
     page.get_by_role("button", name="20 m").click()
     expect(page.get_by_role("img", name=re.compile("Differences over the image at 20 m"))).to_be_visible()
-    check(page)
+    assert_looks(page, views)
 
 
+@each_view
 def test_drift_is_drawn_and_what_was_withdrawn_is_marked(
-    sign_in: SignIn, track: Track, results: list[ResultView]
+    sign_in: SignIn, track: Track, results: list[ResultView], views: tuple[View, ...]
 ) -> None:
     vehicle = results[0].vehicle_id
     page = sign_in("Dora", "engineer")
@@ -101,7 +90,7 @@ def test_drift_is_drawn_and_what_was_withdrawn_is_marked(
     expect(numbers).to_contain_text(f"{last.rotation_deg:.3f}°, {last.translation_mm:.1f} mm")
     ends = f"x ends at {last.shift_mm[0]:.1f}, y ends at {last.shift_mm[1]:.1f}, z ends at {last.shift_mm[2]:.1f}"
     assert ends in (shifts.get_attribute("aria-label") or "")
-    check(page)
+    assert_looks(page, views)
 
     published = track.owner.calibrations.publish(results[-1].id, "to be withdrawn", override=True)
     track.owner.calibrations.withdraw(published.id, "the board was bent")

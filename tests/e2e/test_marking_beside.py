@@ -1,19 +1,17 @@
 """What stands beside the marking: a question about a mark that is far from the others, and the LiDAR's sweep."""
 
-import json
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
 from tests.e2e.conftest import Track
+from tests.e2e.looks import View, assert_looks, each_view
 from tests.e2e.marking import Marker
 from tests.e2e.test_marking import ask_marks
 
 SignIn = Callable[[str, str], Page]
-FRONTEND = Path(__file__).parents[2] / "frontend"
 ASIDE_PX = 60
 
 
@@ -105,16 +103,11 @@ def test_the_sweep_stands_beside_the_frame(sign_in: SignIn, track: Track) -> Non
     expect(pane).to_have_count(0)
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_marking_page_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, scheme: str) -> None:
-    lore = Marker(sign_in(f"Lore {scheme}", "annotator"), track)
-    lore.page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]
+@each_view
+def test_the_marking_page_is_accessible_and_fits_a_phone(
+    sign_in: SignIn, track: Track, views: tuple[View, ...]
+) -> None:
+    lore = Marker(sign_in(f"Lore {len(views)}", "annotator"), track)
     lore.open()
     lore.page.keyboard.press("l")
-    for width in (390, 1280, 1920):
-        lore.page.set_viewport_size({"width": width, "height": 844})
-        lore.page.evaluate((FRONTEND / "node_modules" / "axe-core" / "axe.min.js").read_text())
-        found = lore.page.evaluate("() => axe.run()")
-        said = [(one["id"], [node["html"] for node in one["nodes"]]) for one in found["violations"]]
-        assert said == [], (width, json.dumps(said, indent=1))
-        assert lore.page.evaluate("document.scrollingElement.scrollWidth") <= width
+    assert_looks(lore.page, views)

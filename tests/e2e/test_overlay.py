@@ -1,6 +1,5 @@
 """A sweep drawn into its frame on a calibration's page: the points that belong there, blinking, saved, by keys."""
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -11,12 +10,12 @@ from playwright.sync_api import Locator, Page, expect
 
 from apexcal.sweeps import unpack
 from tests.e2e.conftest import Track
+from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
 from tests.e2e.test_calibrating import pairs_of_truth
 from workers.geometry.projection import project
 from workers.geometry.transforms import from_document
 
 SignIn = Callable[[str, str], Page]
-FRONTEND = Path(__file__).parents[2] / "frontend"
 MOVE = "move board and holder to the frame's time"
 
 
@@ -129,15 +128,11 @@ def test_annotators_are_not_shown_where_the_board_is(sign_in: SignIn, track: Tra
     expect(page.get_by_role("region", name="Points in the frame")).to_have_count(0)
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_overlay_is_accessible_and_fits_a_phone(
-    sign_in: SignIn, track: Track, calibration_id: str, scheme: str
-) -> None:
-    page = sign_in(f"Yann {scheme}", "reviewer")
-    page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]
-    page.set_viewport_size({"width": 390, "height": 844})
+def test_the_overlay_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, calibration_id: str) -> None:
+    page = sign_in("Yann", "reviewer")
+    show(page, PHONE[0])
     open_overlay(page, track, calibration_id)
-    page.evaluate((FRONTEND / "node_modules" / "axe-core" / "axe.min.js").read_text())
-    found = page.evaluate("() => axe.run('section[aria-labelledby=overlay]')")
-    assert found["violations"] == [], json.dumps(found["violations"], indent=1)
-    assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
+    for view in PHONE:
+        show(page, view)
+        assert_accessible(page, "section[aria-labelledby=overlay]")
+    assert_fits(page)

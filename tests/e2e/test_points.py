@@ -1,8 +1,7 @@
 """The LiDAR's points in a browser that draws by software: shown, turned, picked, without a mouse, without WebGL."""
 
-import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from uuid import UUID
@@ -18,10 +17,10 @@ from service.db.session import Database
 from service.storage.blobs import condemn
 from tests.e2e.conftest import Track
 from tests.e2e.dense import write_dense
+from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
 from tests.support.uploads import RIG
 
 SignIn = Callable[[str, str], Page]
-FRONTEND = Path(__file__).parents[2] / "frontend"
 # A machine of two cores shows the sweep after 0.15 s, and half as many pictures a second as an idle page.
 MOST_SECONDS = 2.0
 SHARE_OF_IDLE = 0.25
@@ -158,20 +157,14 @@ def test_a_small_sensors_sweeps_are_shown_over_one_another(sign_in: SignIn, trac
     assert int(stage.get_attribute("data-points") or 0) == sum(counts[index] for index in shown)
 
 
-@pytest.fixture(params=["light", "dark"])
-def scheme(request: pytest.FixtureRequest) -> Iterator[str]:
-    yield request.param
-
-
-def test_the_view_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, dense: str, scheme: Any) -> None:
-    page = sign_in(f"Max {scheme}", "viewer")
-    page.emulate_media(color_scheme=scheme)
-    page.set_viewport_size({"width": 390, "height": 844})
+def test_the_view_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, dense: str) -> None:
+    page = sign_in("Max", "viewer")
+    show(page, PHONE[0])
     open_points(page, track, dense)
-    page.evaluate((FRONTEND / "node_modules" / "axe-core" / "axe.min.js").read_text())
-    found = page.evaluate("() => axe.run('section[aria-labelledby=sweeps]')")
-    assert found["violations"] == [], json.dumps(found["violations"], indent=1)
-    assert page.evaluate("document.scrollingElement.scrollWidth") <= 390
+    for view in PHONE:
+        show(page, view)
+        assert_accessible(page, "section[aria-labelledby=sweeps]")
+    assert_fits(page)
 
 
 def test_without_webgl_the_page_says_so_and_works(sign_in: SignIn, track: Track, dense: str) -> None:

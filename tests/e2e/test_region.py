@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,10 @@ from playwright.sync_api import Locator, Page, expect
 
 from apexcal.sweeps import unpack
 from tests.e2e.conftest import Track
+from tests.e2e.looks import assert_accessible
 from workers.vertices.region import Region
 
 SignIn = Callable[[str, str], Page]
-FRONTEND = Path(__file__).parents[2] / "frontend"
 
 
 def open_drawing(page: Page, track: Track) -> Locator:
@@ -126,6 +125,4 @@ def test_shapes_are_drawn_moved_and_cut_out(sign_in: SignIn, track: Track) -> No
 def test_the_drawing_is_accessible(sign_in: SignIn, track: Track) -> None:
     page = sign_in("Rolf", "engineer")
     open_drawing(page, track).scroll_into_view_if_needed()
-    page.evaluate((FRONTEND / "node_modules" / "axe-core" / "axe.min.js").read_text())
-    found = page.evaluate("() => axe.run('section:has([role=group] > polyline)')")
-    assert found["violations"] == [], json.dumps(found["violations"], indent=1)
+    assert_accessible(page, "section:has([role=group] > polyline)")

@@ -1,16 +1,14 @@
 """A report in a browser: made by the button, looked at, points chosen in all plots, pairs left out."""
 
-import json
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 from playwright.sync_api import Page, expect
 
 from tests.e2e.conftest import Track
+from tests.e2e.looks import View, assert_looks, each_view
 from tests.e2e.test_calibrating import pairs_of_truth
 
-AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
 # The numbers of the pairs that are chosen in a plot.
 CHOSEN = (
     """name => [...document.querySelectorAll(`[id="${name}-points"] .chosen`)].map(one => Number(one.dataset.pair))"""
@@ -18,26 +16,9 @@ CHOSEN = (
 PLOTS = ("arrows", "offsets", "by_range", "by_angle", "over_time", "ground-measured-pinhole")
 
 
-def look(report: Page, into: Path) -> None:
-    """At each width, in both themes: accessible, and no wider than the window."""
-    for scheme in ("light", "dark"):
-        report.emulate_media(color_scheme=scheme)
-        for width in (390, 1280, 1920):
-            report.set_viewport_size({"width": width, "height": 900})
-            report.evaluate(AXE.read_text())
-            found = report.evaluate("() => axe.run()")
-            said = [(one["id"], [node["html"][:200] for node in one["nodes"]]) for one in found["violations"]]
-            assert said == [], (scheme, width, json.dumps(said, indent=1))
-            assert report.evaluate("document.scrollingElement.scrollWidth") <= width, (scheme, width)
-            report.screenshot(path=into / f"{scheme}-{width}.png", full_page=True)
-    report.emulate_media(media="print", color_scheme="light")
-    report.screenshot(path=into / "print.png", full_page=True)
-    report.emulate_media(media="screen")
-    report.set_viewport_size({"width": 1280, "height": 900})
-
-
+@each_view
 def test_a_report_is_read_and_pairs_are_left_out(
-    sign_in: Callable[[str, str], Page], track: Track, tmp_path: Path
+    sign_in: Callable[[str, str], Page], track: Track, views: tuple[View, ...]
 ) -> None:
     pairs = track.owner.correspondence_sets.import_pairs(track.rig_id, "front", pairs_of_truth(track, 60))
     done = track.owner.calibrations.create(track.vehicle_id, [pairs.id], ["pinhole"], folds=2)
@@ -60,7 +41,7 @@ def test_a_report_is_read_and_pairs_are_left_out(
     report = opened.value
     expect(report.get_by_role("heading", level=1)).to_contain_text("Calibration report: front of Van 7, pinhole")
     expect(report.get_by_role("heading", name="Other recordings")).to_be_visible()
-    look(report, tmp_path)
+    assert_looks(report, views)
 
     # By the keyboard, in one plot; chosen in all that have the pair.
     report.locator("#plot-by_range").press("ArrowRight")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from urdf_parser_py import urdf
 
 from apexcal.errors import ApiError
 from tests.e2e.conftest import Track
+from tests.e2e.looks import assert_looks
 from tests.e2e.test_calibrating import add_cart
 from tests.faults.jobs import LEVEL_RIG, pairs
 from tests.workers.readers.making_recordings import START_NS, TYPES, clouds, images, interleaved, png, write_bag
@@ -24,8 +24,6 @@ from tests.workers.readers.making_transforms import CAMERA, LIDAR, TF, message
 from tests.workers.readers.viewing.reading_viewer_files import messages
 
 SignIn = Callable[[str, str], Page]
-AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
-WIDTHS = (390, 1280, 1920)
 
 
 @dataclass(frozen=True)
@@ -57,24 +55,6 @@ def given(track: Track, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gi
     yield Given(vehicle, str(recording.id), [str(one.id) for one in calibrations], results)
 
 
-def look(page: Page, name: str) -> None:
-    """Nothing that axe finds, in light and in dark, and nothing that is wider than the window."""
-    page.evaluate(AXE.read_text())
-    page.set_viewport_size({"width": WIDTHS[0], "height": 900})
-    for scheme in ("light", "dark"):
-        page.emulate_media(color_scheme=scheme)
-        # What is wider than its place is told to the browser in the frame after the change.
-        page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-        found = page.evaluate("() => axe.run()")
-        said = [(one["id"], [node["html"] for node in one["nodes"]]) for one in found["violations"]]
-        assert said == [], (name, scheme, json.dumps(said, indent=1))
-    page.emulate_media(color_scheme="light")
-    for width in WIDTHS:
-        page.set_viewport_size({"width": width, "height": 900})
-        assert page.evaluate("document.scrollingElement.scrollWidth") <= width, (name, width)
-    page.set_viewport_size({"width": 1280, "height": 800})
-
-
 def test_an_alias_is_moved_back_and_removed(sign_in: SignIn, track: Track, given: Given) -> None:
     first, second = given.results
     owner = track.owner.calibrations
@@ -92,7 +72,7 @@ def test_an_alias_is_moved_back_and_removed(sign_in: SignIn, track: Track, given
     form = page.locator("form").filter(has_text="The reason is kept with the move.")
     expect(form.get_by_role("button", name="Move the alias")).to_be_disabled()
     form.get_by_label(re.compile("^Why")).fill("The next one is off.")
-    look(page, "aliases")
+    assert_looks(page)
     form.get_by_role("button", name="Move the alias").click()
     expect(page.get_by_text("The next one is off.").first).to_be_visible()
     assert str(owner.current(given.vehicle, "front", "canary").result_id) == first
@@ -132,7 +112,7 @@ def test_a_result_is_compared_with_a_file_and_given_an_alias(
     page.get_by_text("Let an alias lead here").click()
     page.get_by_label("Alias", exact=True).fill("yard")
     page.get_by_label(re.compile("^Why")).fill("For the yard.")
-    look(page, "comparison and alias")
+    assert_looks(page)
     page.get_by_role("button", name="Move the alias").click()
     expect(page.get_by_role("button", name="Move the alias")).to_have_count(0)
     found = track.owner.calibrations.current(given.vehicle, "front", "yard")
@@ -148,7 +128,7 @@ def test_a_copy_is_asked_for_downloaded_and_deleted(
     page.get_by_role("button", name="Make the copy").click()
     link = page.get_by_role("link", name="Download", exact=True)
     link.wait_for(timeout=60_000)
-    look(page, "copies")
+    assert_looks(page)
     with page.expect_download() as coming:
         link.click()
     file = tmp_path / coming.value.suggested_filename
@@ -171,13 +151,13 @@ def test_a_rig_of_the_recordings_tree_its_serials_and_gates(sign_in: SignIn, tra
     page.get_by_label("Optical link").fill("camera")
     page.get_by_role("button", name="Read the tree").click()
     expect(page.get_by_text("nominal T_camera_lidar of front")).to_be_visible()
-    look(page, "rig draft")
+    assert_looks(page)
     page.get_by_role("button", name="Create this rig").click()
     page.locator("summary").filter(has_text="from its frames").click()
     panel = page.locator("details").filter(has_text="from its frames")
     panel.get_by_label("LiDAR", exact=True).fill("L-77")
     panel.get_by_label("Mean error of held-out pairs").fill("0.8")
-    look(page, "serials and gate")
+    assert_looks(page)
     with page.expect_response(re.compile(r"/rigs$")):  # the page reads the rig's new version
         panel.get_by_role("button", name="Save the serial numbers").click()
     expect(panel.get_by_role("button", name="Save the serial numbers")).to_be_disabled()
@@ -189,7 +169,7 @@ def test_a_rig_of_the_recordings_tree_its_serials_and_gates(sign_in: SignIn, tra
 
     page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.get_by_label("Share of the image with pairs").fill("0.01")
-    look(page, "fleet's gate")
+    assert_looks(page)
     page.get_by_role("button", name="Save the limits").click()
     expect(page.get_by_role("button", name="Discard changes")).to_have_count(0)
     assert track.owner.fleets.get(track.fleet_id).gate.coverage == 0.01
@@ -249,7 +229,7 @@ def test_a_bag_with_its_tree_goes_in_and_a_verified_urdf_comes_out(
     file.write_text(URDF)
     page.get_by_label("URDF file").set_input_files(file)
     expect(page.get_by_label("Joint to replace")).to_have_value("mount_joint")
-    look(page, "urdf")
+    assert_looks(page)
     page.get_by_label("LiDAR link").fill("radar")
     page.get_by_role("button", name="Replace and download").click()
     expect(page.get_by_role("alert")).to_contain_text("radar")
@@ -307,7 +287,7 @@ def test_a_reviewer_withdraws_and_everybody_is_told(sign_in: SignIn, track: Trac
     dialog = page.get_by_role("dialog")
     expect(dialog).to_contain_text("The one before does not come back by itself.")
     expect(dialog.get_by_role("button", name="Withdraw", exact=True)).to_be_disabled()
-    look(page, "withdraw dialog")
+    assert_looks(page)
     page.keyboard.press("Escape")
     expect(dialog).to_have_count(0)
     expect(ask).to_be_focused()

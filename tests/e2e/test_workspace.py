@@ -1,17 +1,15 @@
 """A recording as the steps of the work, an empty vehicle, a dropped file, and moving between pages by keys."""
 
-import json
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
 
 from tests.e2e.conftest import Track
+from tests.e2e.looks import CROSSED, ONCE, View, assert_accessible, assert_fits, show
 
 SignIn = Callable[[str, str], Page]
-FRONTEND = Path(__file__).parents[2] / "frontend"
 STEPS = ("facts", "region", "detection", "marking", "calibration")
 DROP = """([name, where]) => {
   const data = new DataTransfer();
@@ -133,24 +131,21 @@ def test_a_file_is_dropped_anywhere(sign_in: SignIn, track: Track) -> None:
     track.owner.recordings.delete(again.id)
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_page_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, scheme: str) -> None:
-    page = sign_in(f"Gry {scheme}", "engineer")
-    page.emulate_media(color_scheme=scheme)  # pyright: ignore[reportArgumentType]
-    axe = (FRONTEND / "node_modules" / "axe-core" / "axe.min.js").read_text()
+@pytest.mark.parametrize(
+    "view",
+    [pytest.param(one, marks=[] if one in ONCE else pytest.mark.slow, id=f"{one[0]}-{one[1]}") for one in CROSSED],
+)
+def test_every_page_is_accessible_and_fits(sign_in: SignIn, track: Track, view: View) -> None:
+    page = sign_in(f"Gry {view}", "engineer")
+    show(page, view)
     paths = [f"/recordings/{track.recording_id}?step={step}" for step in STEPS]
     paths += [f"/fleets/{track.fleet_id}", f"/fleets/{track.fleet_id}/requests", f"/vehicles/{track.vehicle_id}"]
     for path in paths:
-        for width in (390, 1280):
-            page.set_viewport_size({"width": width, "height": 844})
-            page.goto(f"{track.url}{path}")
-            expect(page.get_by_role("heading", level=1)).to_be_visible()
-            page.wait_for_load_state("networkidle")
-            page.evaluate(axe)
-            found = page.evaluate("() => axe.run()")
-            said = [(one["id"], [node["html"] for node in one["nodes"]]) for one in found["violations"]]
-            assert said == [], (path, width, json.dumps(said, indent=1))
-            assert page.evaluate("document.scrollingElement.scrollWidth") <= width, (path, width)
+        page.goto(f"{track.url}{path}")
+        expect(page.get_by_role("heading", level=1)).to_be_visible()
+        page.wait_for_load_state("networkidle")
+        assert_accessible(page)
+        assert_fits(page)
 
 
 def test_a_page_that_loads_shows_shapes(sign_in: SignIn, track: Track) -> None:

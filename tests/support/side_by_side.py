@@ -8,8 +8,9 @@ import pytest
 from xdist.scheduler.loadfile import LoadFileScheduling
 
 # Starting a service costs more than most of what is asked of it: whoever shares one stays together. Farms mostly wait
-# for processes to start and for leases to end, so they come one after the other, beside tests that compute.
-_TOGETHER = (("tests/faults/", "tests/operations/", "tests/integration/"), ("tests/apexcal/",), ("tests/e2e/",))
+# for processes to start and for leases to end, so they come one after the other, beside tests that compute. Nothing
+# takes longer, so they begin as soon as the kernels are compiled.
+_TOGETHER = (("tests/e2e/",), ("tests/faults/",), ("tests/apexcal/", "tests/operations/", "tests/integration/"))
 
 # First come tests that compile the kernels of the solver, the detectors and the simulation; others then find these
 # beside their source. In a fresh clone that takes 40 s of a processor, for each process that does not wait. Meanwhile
@@ -19,12 +20,21 @@ _FIRST = (
     "tests/workers/simulation/test_lidar.py",
     "tests/service/auth/",
     "tests/service/annotations/",
-    "tests/service/calibrations/",
     *(folder for folders in _TOGETHER for folder in folders),
     "tests/workers/vertices/",
     "tests/workers/solver/",
     "tests/workers/readers/",
     "tests/contract/",
+)
+
+# What is tested here is the database itself, who holds which row, what it takes as text, or how it orders.
+_EVERY_CASE = (
+    "tests/service/db/",
+    "tests/service/jobs/",
+    "tests/workers/tasks/",
+    "tests/service/annotations/test_task_actions.py",
+    "tests/service/http/test_repeated_requests.py",
+    "tests/service/http/test_texts.py::test_what_is_no_text",
 )
 
 
@@ -49,6 +59,21 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> SideBySide |
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put them into that order, on every process alike."""
+    _leave_out_crossed(items)
     items.sort(
         key=lambda item: next((n for n, name in enumerate(_FIRST) if item.nodeid.startswith(name)), len(_FIRST))
     )
+
+
+def _leave_out_crossed(items: list[pytest.Item]) -> None:
+    """Mark as slow: on PostgreSQL, all but the first case of a test whose cases all run on SQLite as well."""
+    all_ids = {item.nodeid for item in items}
+    seen: set[str] = set()
+    for item in items:
+        test, _, case = item.nodeid.partition("[")
+        on_sqlite = f"{test}[{case.replace('postgresql', 'sqlite')}"
+        if "postgresql" not in case or on_sqlite not in all_ids or test.startswith(_EVERY_CASE):
+            continue
+        if test in seen:
+            item.add_marker("slow")
+        seen.add(test)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import sqrt
 from uuid import UUID
 
@@ -213,7 +213,13 @@ def _advance(session: Session, row: Detection, found: Detections) -> None:
         "refused_sweeps": _runs(before.get("refused_sweeps", {}), found.refused),
     }
     if found.poses is not None:
-        counts |= {"poses": found.poses.count, "poses_stated": found.poses.stated}
+        counts |= {
+            "poses": found.poses.count,
+            "poses_stated": found.poses.stated,
+            "poses_walked": found.poses.walked,
+        }
+    if found.size is not None:
+        counts["size"] = asdict(found.size)
     counts |= _rolls(before.get("roll"), [vertex.roll[0] for vertex in found.vertices if vertex.roll])
     row.state = WorkState.RUNNING
     if row.remaining == 1:

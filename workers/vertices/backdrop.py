@@ -30,6 +30,9 @@ _FIRINGS: Final = 2  # per cell, so that each cell has a return whatever the pha
 _ACCURACY_M: Final = 0.03  # data sheets of spinning sensors
 _DEVIATIONS: Final = 4.0  # of the difference of two ranges
 _GRAZING_M: Final = 0.5  # returns of one cell that are farther apart lie on two surfaces
+# Of the step over three cells. By chance a cell shows another part of an even slant, which bends it by half of the
+# step at most; two surfaces that meet within a cell bend it by the whole.
+_EVEN: Final = 0.5
 _SAME_SHARE: Final = 0.5  # of the sweeps that can see the place
 _SEEN_SHARE: Final = 0.25  # of all sweeps; what is seen less often may be several boards by chance
 _FIXED_SHARE: Final = 0.75  # of a walk's sweeps that can see the place: nobody who walks stays so long
@@ -186,7 +189,11 @@ def _relation(near: Images, far: Images, r: int, c: int, distance: float, tolera
     columns = near.shape[1]
     empty = True
     for dc in range(-1, 2):
-        column = (c + dc) % columns
+        column = c + dc
+        if column < 0:
+            column += columns
+        elif column >= columns:
+            column -= columns
         low, high = near[r, column], far[r, column]
         if low == 0.0:
             continue
@@ -197,9 +204,31 @@ def _relation(near: Images, far: Images, r: int, c: int, distance: float, tolera
                 return 0
         elif low - tolerance - wide <= distance <= high + tolerance + wide:
             return 0
+    if _on_slant(near, far, r, c, distance, tolerance):
+        return 0
     if empty:
         return 2
     return 1 if far[r, c] == 0.0 or far[r, c] > distance else 3
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _on_slant(near: Images, far: Images, r: int, c: int, distance: float, tolerance: float) -> bool:
+    """Whether the place lies on a surface that recedes evenly over three cells, as a wall met at grazing incidence.
+
+    Its range in a cell depends on the phase of the firings. Two surfaces differ: their ranges step within one cell.
+    """
+    columns = near.shape[1]
+    before, after = (c - 1) % columns, (c + 1) % columns
+    if near[r, before] == 0.0 or near[r, c] == 0.0 or near[r, after] == 0.0:
+        return False
+    first, last = 0.5 * (near[r, before] + far[r, before]), 0.5 * (near[r, after] + far[r, after])
+    recedes = abs(last - first)
+    if abs(first + last - near[r, c] - far[r, c]) > _EVEN * recedes:
+        return False
+    for k in (before, c, after):
+        if far[r, k] - near[r, k] > _EVEN * recedes:
+            return False
+    return min(first, last) - tolerance <= distance <= max(first, last) + tolerance
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
@@ -214,14 +243,18 @@ def _look(
     """(N,) in how many other sweeps a point is the same, has something beyond it, has nothing."""
     found = np.zeros((3, xyz.shape[0]), np.int64)
     _, rings, columns = near.shape
+    column, range_m = np.empty(xyz.shape[0], np.int64), np.empty(xyz.shape[0])
     for i in range(xyz.shape[0]):
-        c, distance = _cell(xyz[i, 0], xyz[i, 1], xyz[i, 2], columns)
-        if distance == 0.0 or ring[i] >= rings:
-            continue
-        for k in others:
-            relation = _relation(near[k], far[k], ring[i], c, distance, tolerance)
-            if relation < 3:
-                found[relation, i] += 1
+        column[i], range_m[i] = _cell(xyz[i, 0], xyz[i, 1], xyz[i, 2], columns)
+        if ring[i] >= rings:
+            range_m[i] = 0.0
+    # One image after the other: each of them fits into the processor's cache.
+    for k in others:
+        for i in range(xyz.shape[0]):
+            if range_m[i] > 0.0:
+                relation = _relation(near[k], far[k], ring[i], column[i], range_m[i], tolerance)
+                if relation < 3:
+                    found[relation, i] += 1
     return found[0], found[1], found[2]
 
 

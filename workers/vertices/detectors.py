@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from apexcal.documents.detectors import DetectorName, Options, parse_detector, resolve_options
@@ -15,7 +15,7 @@ from workers.vertices.region import Region
 from workers.vertices.seam import find_cut, run_cut
 from workers.vertices.still_poses import find_poses
 from workers.vertices.sweep_source import OnSweep, Run, SweepSource
-from workers.vertices.vertex import Detections, Rejection, Vertex
+from workers.vertices.vertex import Answers, Detections, Vertex
 
 RUNS: dict[DetectorName, Run] = {
     "strict": ring_rules.run_strict,
@@ -66,9 +66,7 @@ def detect_range(
         if on_sweep is not None:
             on_sweep(min(max(index, indices.start), indices.stop - 1))
 
-    def walk(
-        source: SweepSource, region: Region, options: Options, indices: range, on_sweep: OnSweep
-    ) -> Sequence[Vertex | Rejection]:
+    def walk(source: SweepSource, region: Region, options: Options, indices: range, on_sweep: OnSweep) -> Answers:
         area = without_fixed(source, region, lambda: on_sweep(indices.start)) if detector == "refined" else region
         return RUNS[detector](source, area, options, indices, on_sweep)
 
@@ -83,11 +81,11 @@ def detect_range(
         answers = walk(source, region, resolved, wider, report)
     else:
         answers = detect_poses(source, region, poses, RUNS[detector], resolved, wider, report)
-    for index, found in zip(wider, answers, strict=True):
+    for index, found in zip(wider, answers.found, strict=True):
         if isinstance(found, Vertex):
             (vertices if index in indices else context).append(found)
         elif index in indices:
             refused[index] = found.reason
     rejected = dict(sorted(Counter(refused.values()).items()))
     facts = None if poses is None else poses.facts()
-    return Detections(vertices, len(indices), rejected, tuple(context), refused, facts)
+    return Detections(vertices, len(indices), rejected, tuple(context), refused, facts, answers.size)

@@ -15,7 +15,7 @@ from workers.vertices.corners import of_mean
 from workers.vertices.region import Region
 from workers.vertices.still_poses import Foreground, StillPoses
 from workers.vertices.sweep_source import OnSweep, Run, SweepSource
-from workers.vertices.vertex import Rejection, Vertex
+from workers.vertices.vertex import Answers, Rejection, Vertex
 
 Floats = NDArray[np.float64]
 
@@ -35,14 +35,15 @@ def detect_poses(
     options: Options,
     indices: range,
     on_sweep: OnSweep,
-) -> list[Vertex | Rejection]:
+) -> Answers:
     """One answer for each sweep of ``indices``; of a pose's sweeps one has the vertex, all others say so.
 
     A pose that reaches beyond ``indices`` is looked at whole, so that its vertex is the same in every shard.
     """
     wider = range(poses.pose_of(indices.start).start, poses.pose_of(indices.stop - 1).stop)
     alone = {**options, "track": 0.0} if "track" in options else options
-    found = list(run(source, Foreground(region, poses), alone, wider, on_sweep))
+    told = run(source, Foreground(region, poses), alone, wider, on_sweep)
+    found = list(told.found)
     for place, index in enumerate(wider):
         if found[place] == Rejection("no_points") and region.inside(source.sweep(index)).any():
             found[place] = Rejection("nothing_differs")
@@ -52,7 +53,7 @@ def detect_poses(
         pose = poses.pose_of(at)
         answers += one_of(found[pose.start - wider.start : pose.stop - wider.start])
         at = pose.stop
-    return answers[indices.start - wider.start : indices.stop - wider.start]
+    return replace(told, found=answers[indices.start - wider.start : indices.stop - wider.start])
 
 
 def fixed_place(xyz: Floats) -> tuple[float, float, float] | None:

@@ -48,11 +48,24 @@ def suggest_poses(source: SweepSource, poses: StillPoses, on_sweep: Callable[[],
             "Move the board from pose to pose, hold it on its tip within 15 m, and upload with --still. Or write the "
             "region by hand.",
         )
-    notes = ["The board was found by its shape alone, because no other pose shows what stands there without it."]
-    found = describe(seen.things, seen, _MARGIN_M, poses=1, notes=notes if by_shape else ())
+    found = describe(seen.things, seen, _MARGIN_M, poses=1, notes=_notes(poses, by_shape))
     grouped = poses.grouped(source, Region.from_document(found.document), on_sweep)
     found.facts["poses"] = grouped.count
     return found
+
+
+def _notes(poses: StillPoses, by_shape: bool) -> list[str]:
+    notes: list[str] = []
+    if by_shape:
+        notes.append(
+            "The board was found by its shape alone, because no other pose shows what stands there without it."
+        )
+    if poses.walked:
+        notes.append(
+            "The recording was uploaded as still poses, but somebody walks in it. If it is a walk, upload it without "
+            "--still: then the track and the times of the points are used."
+        )
+    return notes
 
 
 def _bearer(sweep: Sweep, moved: Mask, poses: StillPoses) -> list[Thing]:

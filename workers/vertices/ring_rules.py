@@ -6,7 +6,7 @@ tells that the sensor hangs upside down, the highest ring is the one of the lowe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
 from workers.vertices.sweep_source import Area, OnSweep, Run, SweepSource
 from workers.vertices.upside_down import hanging
-from workers.vertices.vertex import Rejection, Vertex
+from workers.vertices.vertex import Answers, Rejection, Vertex
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,15 +84,13 @@ def _look(
 
 
 def _runner(detector: str, select: _Select) -> Run:
-    def run(
-        source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep
-    ) -> Sequence[Vertex | Rejection]:
+    def run(source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep) -> Answers:
         upwards = 1 if hanging(source) is None else -1
         found: list[Vertex | Rejection] = []
         for index in indices:
             found.append(_look(detector, select, source.sweep(index), area, options, index, upwards))
             on_sweep(index)
-        return found
+        return Answers(found)
 
     return run
 

@@ -18,12 +18,12 @@ from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import OnSweep, SweepSource
-from workers.vertices.vertex import Rejection, Vertex
+from workers.vertices.vertex import Answers, Rejection, Vertex
 
 Floats = NDArray[np.float64]
 Part = tuple[Sweep, NDArray[np.bool_], int]
 # Looks for the apex in each sweep of a range of a walk, as `sweep_source.Run` does in an area.
-Look = Callable[[SweepSource, Region, Options, range, OnSweep], Sequence[Vertex | Rejection]]
+Look = Callable[[SweepSource, Region, Options, range, OnSweep], Answers]
 
 _SAMPLES: Final = 12
 _BINS: Final = 72  # of 5 degrees
@@ -82,17 +82,17 @@ def find_cut(source: SweepSource, region: Region) -> Cut | None:
 
 def run_cut(
     source: SweepSource, region: Region, cut: Cut, look: Look, options: Options, indices: range, on_sweep: OnSweep
-) -> list[Vertex | Rejection]:
+) -> Answers:
     """The answers of a detector for the sweeps ``indices``, found in the pieces between two cuts.
 
     A vertex belongs to the sweep in which the sensor looked at it. If a sweep gets two, the one with the smaller
     variance is kept.
     """
     pieces = Pieces(source, cut)
-    found = look(pieces, region, options, range(indices.start, indices.stop + 1), on_sweep)
+    answers = look(pieces, region, options, range(indices.start, indices.stop + 1), on_sweep)
     homes: dict[int, Vertex] = {}
     reasons: dict[int, str] = {}
-    for number, answer in zip(range(indices.start, indices.stop + 1), found, strict=True):
+    for number, answer in zip(range(indices.start, indices.stop + 1), answers.found, strict=True):
         if isinstance(answer, Rejection):
             for index in (number - 1, number):
                 if reasons.get(index, "no_points") == "no_points":
@@ -101,7 +101,8 @@ def run_cut(
         home = pieces.home(number, answer.time_ns)
         if home not in homes or _variance(answer) < _variance(homes[home]):
             homes[home] = replace(answer, sweep_index=home)
-    return [homes.get(index) or Rejection(reasons.get(index, "no_points")) for index in indices]
+    settled = [homes.get(index) or Rejection(reasons.get(index, "no_points")) for index in indices]
+    return replace(answers, found=settled)
 
 
 class Pieces:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.vertices.backdrop import Backdrop
-from workers.vertices.footprint import clusters
 from workers.vertices.jumps import APART_S, count_steps
 from workers.vertices.region import Region
 from workers.vertices.sensor_grid import SensorGrid, learn_grid
+from workers.vertices.suggested_region import things_of
 from workers.vertices.sweep_source import SweepSource
 from workers.vertices.upright_pieces import upright_pieces
 from workers.vertices.vertex import PoseFacts
@@ -23,12 +23,13 @@ Mask = NDArray[np.bool_]
 
 _NOTICED_UP_TO: Final = 64  # sweeps; who walks records more than six seconds
 _FEWEST_OF_A_WALK: Final = 4
-_CELL_M: Final = 0.4
 _SAME_POSE: Final = 0.9
 _GRID_SWEEPS: Final = 8
 _PAIRS: Final = 4
 _A_SWEEP: Final = 500  # points; clouds with fewer were cut out already and show no surroundings
 _LOOKED_AT: Final = 16
+_MOST_POINTS: Final = 16_384  # of a sweep; where the largest thing that moves is, is told by fewer
+_RUNS, _RUN_SWEEPS = 4, 6  # of neighbouring sweeps that tell a walk from poses
 _BODY_M: Final = 0.5
 _FEET_M: Final = 0.3
 _STANDS_M: Final = 0.2  # who stands and holds a board trembles and sways by less
@@ -45,6 +46,7 @@ class StillPoses:
         grid: the directions in which the sensor fires.
         stated: whether the owner said so; else it was noticed.
         single: whether there is one pose alone.
+        walked: whether what moves in them walks, although the owner said that they are still poses.
     """
 
     backdrop: Backdrop
@@ -52,6 +54,7 @@ class StillPoses:
     grid: SensorGrid
     stated: bool
     single: bool
+    walked: bool
 
     @property
     def count(self) -> int:
@@ -60,7 +63,7 @@ class StillPoses:
 
     def facts(self) -> PoseFacts:
         """What the owner is told."""
-        return PoseFacts(self.count, self.stated)
+        return PoseFacts(self.count, self.stated, self.walked)
 
     def grouped(self, source: SweepSource, region: Region, on_sweep: Callable[[], None] | None = None) -> StillPoses:
         """With neighbouring sweeps of one pose told from those of different poses."""
@@ -137,7 +140,8 @@ def find_poses(
     grid = learn_grid(source.sweep(number) for number in range(0, count, max(1, count // _GRID_SWEEPS)))
     single = _single(source, backdrop)
     first = (0,) * count if single else tuple(range(count))
-    poses = StillPoses(backdrop, first, grid, stated, single)
+    walked = stated and not single and _walked(source, backdrop)
+    poses = StillPoses(backdrop, first, grid, stated, single, walked)
     return poses if region is None else poses.grouped(source, region, on_sweep)
 
 
@@ -154,25 +158,41 @@ def _noticed(source: SweepSource, backdrop: Backdrop) -> bool:
         return False
     if len(source) < _FEWEST_OF_A_WALK:
         return True
-    places: list[tuple[int, float, float]] = []
-    for number in range(len(source)):
-        sweep = source.sweep(number)
-        middle = _largest(sweep.xyz[backdrop.compare(sweep).moved].astype(np.float64))
-        if middle is not None:
-            places.append((sweep.stamp_ns, *middle))
-    steps = count_steps(places)
+    steps = count_steps(_places(source, backdrop, range(len(source))))
     # Nothing moves in a single pose. Who walks slowly hardly moves from sweep to sweep, but does over the recording.
     return steps.jumps >= steps.walks and steps.way_m < _STANDS_M
 
 
+def _walked(source: SweepSource, backdrop: Backdrop) -> bool:
+    """Whether what moves walks: told by some runs of neighbouring sweeps, spread over the recording."""
+    last = max(len(source) - _RUN_SWEEPS, 0)
+    starts = sorted({int(n) for n in np.linspace(0, last, _RUNS).round()})
+    runs = [range(start, min(start + _RUN_SWEEPS, len(source))) for start in starts]
+    steps = [count_steps(_places(source, backdrop, run)) for run in runs]
+    walks, jumps = (sum(values) for values in ([step.walks for step in steps], [step.jumps for step in steps]))
+    return walks > jumps and max(step.way_m for step in steps) >= _STANDS_M
+
+
+def _places(source: SweepSource, backdrop: Backdrop, numbers: range) -> list[tuple[int, float, float]]:
+    """Stamp, x and y of the largest thing that moves in each of some sweeps."""
+    places: list[tuple[int, float, float]] = []
+    for number in numbers:
+        sweep = source.sweep(number)
+        kept = np.zeros(len(sweep.xyz), np.bool_)
+        kept[:: max(1, len(kept) // _MOST_POINTS)] = True
+        middle = _largest(sweep.xyz[backdrop.compare(sweep, kept).moved].astype(np.float64))
+        if middle is not None:
+            places.append((sweep.stamp_ns, *middle))
+    return places
+
+
 def _largest(xyz: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Middle of the cluster with the largest face, as its points and its distance tell."""
-    if not len(xyz):
+    """Middle of the thing of a person's size with the largest face, as its points and its distance tell."""
+    things = things_of(xyz)
+    if not things:
         return None
-    cluster = clusters(xyz[:, :2], _CELL_M)
-    flat = np.hypot(xyz[:, 0], xyz[:, 1])
-    face = np.bincount(cluster, weights=flat**2)
-    x, y = np.median(xyz[cluster == int(np.argmax(face)), :2], axis=0).tolist()
+    largest = max(things, key=lambda thing: float(np.sum(np.hypot(*thing.points[:, :2].T) ** 2)))
+    x, y = np.median(largest.points[:, :2], axis=0).tolist()
     return x, y
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from workers.readers.recording import Sweep
-from workers.vertices.vertex import Rejection, Vertex
+from workers.vertices.vertex import Answers
 
 OnSweep = Callable[[int], None]
 
@@ -48,5 +48,5 @@ class Area(Protocol):
     def inside(self, sweep: Sweep) -> NDArray[np.bool_]: ...
 
 
-# Looks for the apex in each sweep of a range; answers in the range's order.
-Run = Callable[[SweepSource, Area, Options, range, OnSweep], Sequence[Vertex | Rejection]]
+# Looks for the apex in each sweep of a range.
+Run = Callable[[SweepSource, Area, Options, range, OnSweep], Answers]

@@ -83,10 +83,40 @@ class Rejection:
 
 @dataclass(frozen=True, slots=True)
 class PoseFacts:
-    """How many still poses a recording has, and whether its owner said so or it was noticed."""
+    """How many still poses a recording has, and whether its owner said so or it was noticed.
+
+    Attributes:
+        walked: its owner said so, but what moves in it moves as somebody who walks.
+    """
 
     count: int
     stated: bool
+    walked: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SizeFacts:
+    """A board that does not look as large as it was said to be.
+
+    Attributes:
+        seen_m: its edges as its boards show them, the shorter one first.
+        sigma_m: their standard deviations.
+    """
+
+    seen_m: tuple[float, float]
+    sigma_m: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """What a detector answers for a range of sweeps, in their order, and what it says of the board's given size.
+
+    Attributes:
+        size: where the board does not look as large as it was said to be; else None.
+    """
+
+    found: Sequence[Vertex | Rejection]
+    size: SizeFacts | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +131,7 @@ class Detections:
             the range's ends.
         refused: reason of each sweep without a vertex, by the sweep's number, in sweep order.
         poses: of a recording of still poses, whose vertices form no track; else None.
+        size: if the board does not look as large as it was said to be; else None.
     """
 
     vertices: list[Vertex]
@@ -109,3 +140,4 @@ class Detections:
     context: tuple[Vertex, ...] = ()
     refused: Mapping[int, str] = field(default_factory=dict[int, str])
     poses: PoseFacts | None = None
+    size: SizeFacts | None = None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
+from apexcal.documents.detections import DetectionCounts
 from service.db.models import Apex, Detection, Vertex, VertexFrame
 from service.jobs.claims import claim, finishing
 from service.jobs.queue import enqueue_all
@@ -13,7 +14,7 @@ from tests.service.detections.seeding import seed_recording, seed_rig
 from tests.service.jobs.support import make_fleet
 from workers.tasks import detecting
 from workers.tasks.detecting import Pair
-from workers.vertices.vertex import Detections
+from workers.vertices.vertex import Detections, PoseFacts, SizeFacts
 from workers.vertices.vertex import Vertex as Found
 
 REGION = {"quantity": "x", "op": ">", "value": 0}
@@ -169,6 +170,19 @@ def test_how_the_board_was_rolled_is_told_over_all_shards(database, recording):
         roll = session.get_one(Detection, run.id).counts["roll"]
     assert roll["vertices"] == 3
     assert (roll["mean_deg"], roll["spread_deg"]) == pytest.approx((np.mean(degrees), np.std(degrees)))
+
+
+def test_what_is_not_as_the_owner_said_is_kept_whichever_shard_says_it(database, recording):
+    fleet_id, recording_id, camera_id = recording
+    run, (first, second) = make_run(database, fleet_id, recording_id, 2)
+    size = SizeFacts((0.88, 1.2), (0.01, 0.01))
+    poses = PoseFacts(8, True, walked=True)
+    finish(database, run, second, Detections([], 4, {}, poses=poses, size=size), {camera_id: []})
+    finish(database, run, first, Detections([], 3, {}, poses=poses, size=size), {camera_id: []})
+    with database.reading() as session:
+        counts = DetectionCounts.model_validate(session.get_one(Detection, run.id).counts)
+    assert (counts.poses, counts.poses_stated, counts.poses_walked) == (8, True, True)
+    assert counts.size is not None and counts.size.seen_m == (0.88, 1.2)
 
 
 def test_by_default_vertices_of_a_walk_move_to_their_frames_and_still_poses_stay():

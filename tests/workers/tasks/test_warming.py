@@ -2,16 +2,18 @@
 
 from workers.tasks.warming import _REGION, _SWEEPS, _sweep, warm_up
 from workers.vertices.detectors import detect_range
-from workers.vertices.refined import corner, planes, rays, window
+from workers.vertices.refined import apex, corner, planes, rays, window
 from workers.vertices.region import Region
 from workers.vertices.sweep_source import Listed
 
 KERNELS = (
-    corner.integrate,
+    apex.covered,
+    apex.to_angles,
+    corner.find_corner,
     planes.find_stretches,
     planes.pair_stretches,
     planes.fit_plane,
-    planes.grow_plane,
+    planes.grow_planes,
     rays.likelihood_ratios,
     rays.follow_board,
     rays.choose_rays,

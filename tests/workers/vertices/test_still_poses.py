@@ -19,7 +19,7 @@ from workers.vertices.sensor_grid import SensorGrid
 from workers.vertices.still_poses import find_poses
 from workers.vertices.suggestion import suggest
 from workers.vertices.sweep_source import Listed
-from workers.vertices.vertex import Rejection, Vertex
+from workers.vertices.vertex import PoseFacts, Rejection, Vertex
 
 recorded = cache(still_poses)
 
@@ -144,6 +144,26 @@ def test_a_walk_is_not_taken_for_poses(seed):
     for first in range(0, 300, 60):
         assert find_poses(Listed(sweeps[first : first + 60]), stated=False) is None
     assert find_poses(Listed(sweeps), stated=False) is None
+
+
+def test_a_walk_that_is_said_to_be_poses_is_noticed():
+    walked = find_poses(walk(27, 30.0).source, stated=True)
+    assert walked.facts() == PoseFacts(300, True, walked=True)
+    for place, count, each in (("street", 8, 1), ("street", 4, 4), ("room", 1, 3)):
+        assert not find_poses(recorded(place, 3, count, each=each).source, stated=True).walked
+
+
+@pytest.mark.parametrize(("place", "seed"), [("street", 1), ("street", 2), ("room", 2)])
+def test_a_size_that_is_not_the_boards_is_said(place, seed):
+    recording = recorded(place, seed, 12 if place == "room" else 8)
+    region = around(place, recording)
+    assert detected(recording, region, size(recording)).size is None
+    one, other = recording.edges_m
+    for said in ((0.85 * one, 0.85 * other), (1.1 * one, 1.1 * other), (other, other)):
+        seen = detected(recording, region, {"board_width_m": said[0], "board_height_m": said[1]}).size
+        assert np.array(seen.seen_m) == pytest.approx(sorted(recording.edges_m), abs=3.0 * max(seen.sigma_m))
+        assert max(seen.sigma_m) < 0.02
+    assert detected(recording, region, {}).size is None
 
 
 def test_what_stands_at_one_place_is_never_the_vertex():

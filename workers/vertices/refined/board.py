@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
+from workers.vertices.refined.apex import covered, to_angles
 from workers.vertices.refined.board_model import (
     BEAM_M,
     EDGE_M,
@@ -23,8 +25,8 @@ from workers.vertices.refined.board_model import (
     hang,
 )
 from workers.vertices.refined.clusters import clusters
-from workers.vertices.refined.corner import integrate
-from workers.vertices.refined.planes import find_stretches, grow_plane, pair_stretches
+from workers.vertices.refined.corner import find_corner
+from workers.vertices.refined.planes import find_stretches, grow_planes, pair_stretches
 from workers.vertices.refined.rays import choose_rays, follow_board, likelihood_ratios
 from workers.vertices.refined.window import Window, open_window
 from workers.vertices.sensor_grid import SensorGrid
@@ -36,14 +38,9 @@ _ON_BOARD = 2.0  # likelihood ratio from which a point counts as the board's
 _CONFIDENT = 5.0
 _UNLIKELY = 0.05
 _HOPELESS = 12.0  # log odds from which the other way to hold the board is not followed further
-_COARSE, _FINE = 24, 36  # cells along either side of the grid
-_ROLLS = 9
-_ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
 # Pulses last 4 to 6 ns; echoes that are less than c t / 2 apart become one.
 _PULSE_M = 0.9
 _OFF = 4.0  # standard deviations behind the plane: the return is not of the board alone
-_ASTRAY_M = 0.12  # hits that are not the board's lie this far beside it at most
-_ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
 
 
 def open_windows(sweep: Sweep, inside: NDArray[np.bool_], grid: SensorGrid) -> list[Window]:
@@ -61,20 +58,12 @@ def find_planes(windows: Iterable[Window], model: BoardModel, most: int) -> list
     for window in windows:
         stretches = find_stretches(window.azimuth, window.distance, window.inside, model.sigma, window.steps)
         pairs = pair_stretches(stretches, window.slope, _WIDEST_M, _PAIRS)
-        ring, column = np.nonzero(window.inside)
-        azimuth, slope, distance = (part[ring, column] for part in (window.azimuth, window.slope, window.distance))
-        seen: list[Floats] = []
-        for pair in pairs:
-            start = np.zeros(ring.size, np.bool_)
-            for r, first, last in stretches[pair, :3].astype(np.int64):
-                start |= (ring == r) & (column >= first) & (column <= last)
-            r, first, last = stretches[pair[0], :3].astype(int).tolist()
-            for downwards in (True, False):
-                w, info, score = grow_plane(azimuth, slope, distance, start, downwards, model.sigma, prior)
-                if not any(bool(np.all(np.abs(other - w) < 0.003 * abs(w[0]))) for other in seen):
-                    seen.append(w)
-                    spread: Floats = np.asarray(np.linalg.inv(info), np.float64)
-                    found.append((score, window, w, spread, (r, first, last)))
+        planes, infos, scores, pair_of = grow_planes(
+            window.azimuth, window.slope, window.distance, window.inside, stretches, pairs, model.sigma, prior
+        )
+        for w, info, score, number in zip(planes, infos, scores.tolist(), pair_of, strict=True):
+            r, first, last = stretches[pairs[number, 0], :3].astype(int).tolist()
+            found.append((score, window, w, np.asarray(np.linalg.inv(info), np.float64), (r, first, last)))
     found.sort(key=lambda item: -item[0])
     sightings: list[Sighting] = []
     for item in found:
@@ -164,53 +153,76 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     """The apex in a plane, over both ways to hold the board; None where no board explains the rays.
 
     Args:
-        coarse: for comparing models: quicker, and good enough for the evidence.
+        coarse: see :func:`weigh`.
     """
-    found: list[tuple[float, bool, Floats, Floats, Floats]] = []
-    for share, swapped in sorted([(1.0 - model.swapped, False), (model.swapped, True)], reverse=True):
-        floor = found[0][0] - math.log(share) - _HOPELESS if found else -math.inf
-        corner = _corner(plane, model, _edges(model, swapped), coarse, floor)
-        if corner is not None:
-            found.append((math.log(share) + float(corner[0][0]), swapped, *corner))
-    if not found:
+    held = weigh(plane, model, coarse=coarse)
+    if held is None:
         return None
-    evidence = np.array([item[0] for item in found])
-    total = float(np.logaddexp.reduce(evidence))
-    weight = np.exp(evidence - total)
-    means = np.array([[*corner[1:3], corner[3] - hang(_edges(model, swapped))] for _, swapped, corner, *_ in found])
+    corners = [way.corner for way in held.ways]
+    weight = np.exp(np.array([way.evidence for way in held.ways]) - held.evidence)
+    means = np.array([[*way.corner[1:3], way.corner[3] - hang(way.edges)] for way in held.ways])
     mean: Floats = weight @ means
-    covariance = np.zeros((3, 3))
-    for x, m, (_, _, corner, *_) in zip(weight, means, found, strict=True):
-        covariance += x * (_matrix(corner) + np.outer(m - mean, m - mean))
-    own = _to_angles(plane, mean, covariance)[1]
-    covariance[[0, 1], [0, 1]] += EDGE_M**2 + BEAM_M**2
-    xyz, errors = _to_angles(plane, mean, covariance)
-    errors[2, 2] += model.bias**2  # what all rings have in common is of the size by which they differ
+    apart = means - mean
+    covariance = np.einsum("w,wij->ij", weight, [_matrix(corner) for corner in corners]) + (apart.T * weight) @ apart
+    xyz, J, along, rises = to_angles(plane.R_window_lidar, plane.w, plane.spread, mean[:2])
+    own = J @ covariance[:2, :2] @ J.T
+    errors = own + (EDGE_M**2 + BEAM_M**2) * (J @ J.T)
+    # What all rings have in common is of the size by which they differ.
+    errors[2, 2] += along + model.bias**2
     errors[2, 2] = max(errors[2, 2], EDGE_M**2)  # boards bend by as much as their edges are off
     # Both edges move out, so the apex rises by the square root of two.
-    rises = _rising(plane, xyz)
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
-    told = np.full((2, ROLLS.size), -math.inf)
-    for _, swapped, _, likely, rolls in found:
-        told[int(swapped)] = np.interp(
-            ROLLS, rolls - hang(_edges(model, swapped)), likely, left=-math.inf, right=-math.inf
-        )
     first = int(np.argmax(weight))
-    against, upper, lower = _against(plane, model, _edges(model, found[first][1]), found[first][2])
+    against, upper, lower = _against(plane, model, held.ways[first].edges, corners[first])
     wrong = np.where(plane.below, model.wrong_below, model.wrong)
     expected = float(np.sum(wrong * np.log(wrong))) + plane.ratio.size * model.lost * math.log(model.lost)
-    best = max(float(corner[10]) for _, _, corner, *_ in found)
-    roll_sigma = math.sqrt(max(float(covariance[2, 2]), 1e-12))
-    fall = float(sum(x * corner[3] for x, (_, _, corner, *_) in zip(weight, found, strict=True)))
-    sigma = math.sqrt(own[0, 0] + own[1, 1])
     ways = tuple(
-        Way(float(x), _edges(model, swapped), corner[1:4], _matrix(corner))
-        for x, (_, swapped, corner, *_) in zip(weight, found, strict=True)
+        Way(x, way.edges, way.corner[1:4], _matrix(way.corner))
+        for x, way in zip(weight.tolist(), held.ways, strict=True)
     )
     return Fix(
-        plane, xyz, errors, sigma, float(mean[2]), roll_sigma, fall, against, upper, lower, best, expected, total,
-        model.wrong, told, ways,
+        plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
+        math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
+        against, upper, lower, max(float(corner[10]) for corner in corners), expected, held.evidence,
+        model.wrong, held.told, ways,
     )  # fmt: skip
+
+
+class _Way(NamedTuple):
+    """A way to hold the board: its edges, the log of its share of the evidence, its moments as of `find_corner`."""
+
+    edges: tuple[float, float]
+    evidence: float
+    corner: Floats
+
+
+class Held(NamedTuple):
+    """What a plane's rays tell of each way to hold the board; see `Fix` for ``evidence`` and ``told``."""
+
+    ways: tuple[_Way, ...]
+    evidence: float
+    told: Floats
+
+
+def weigh(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Held | None:
+    """Both ways to hold the board in a plane; None where no board explains the rays.
+
+    Args:
+        coarse: for comparing models: quicker, and good enough for the evidence.
+    """
+    ways: list[_Way] = []
+    told = np.full((2, ROLLS.size), -math.inf)
+    for share, swapped in sorted([(1.0 - model.swapped, False), (model.swapped, True)], reverse=True):
+        floor = ways[0].evidence - math.log(share) - _HOPELESS if ways else -math.inf
+        edges = _edges(model, swapped)
+        found = _corner(plane, model, edges, coarse, floor)
+        if found is not None:
+            corner, likely, rolls = found
+            ways.append(_Way(edges, math.log(share) + float(corner[0]), corner))
+            told[int(swapped)] = np.interp(ROLLS, rolls - hang(edges), likely, left=-math.inf, right=-math.inf)
+    if not ways:
+        return None
+    return Held(tuple(ways), float(np.logaddexp.reduce([way.evidence for way in ways])), told)
 
 
 def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
@@ -223,7 +235,8 @@ def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
 ) -> tuple[int, tuple[int, int], tuple[int, int]]:
     """`Fix.against`, `Fix.upper` and `Fix.lower` of the board in the middle of its posterior."""
-    on_board = _covered(plane.left, plane.up, _grown(plane, model), plane.reach, model, edges, corner)
+    board = (model.soft, model.slack, *edges, corner)
+    on_board = covered(plane.left, plane.up, _grown(plane, model), plane.reach, *board)
     hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
     # Near a soft edge either answer is as expected.
     inside, outside = missed & (on_board > 1.0 - _UNLIKELY), hit & (on_board < _UNLIKELY)
@@ -236,7 +249,7 @@ def _against(
     # A wall is met far beside the board too, not only at the ends of its stretches.
     left, up = plane.hits[0], plane.hits[1]
     reach = np.full_like(left, float(np.median(plane.reach)))
-    beside = _covered(left, up, reach * model.growth, reach, model, edges, corner)
+    beside = covered(left, up, reach * model.growth, reach, *board)
     return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper, lower
 
 
@@ -251,30 +264,6 @@ def _grown(plane: Plane, model: BoardModel) -> Floats:
     return plane.reach * model.growth * sign
 
 
-def _covered(
-    left: Floats,
-    up: Floats,
-    grow: Floats,
-    reach: Floats,
-    model: BoardModel,
-    edges: tuple[float, float],
-    corner: Floats,
-) -> Floats:
-    """(N,) probability that rays which meet the plane there lie on the board in the middle of its posterior."""
-    p, q = _turns(corner[3:4])[0] @ np.array([left - corner[1], up - corner[2]])
-    soft = reach * model.soft
-    far = np.hypot(soft, model.slack)
-    on_board = np.ones(p.size)
-    for along, edge in ((p, edges[0]), (q, edges[1])):
-        on_board *= _smooth((along + grow) / soft) * _smooth((edge + grow - along) / far)
-    return on_board
-
-
-def _smooth(x: Floats) -> Floats:
-    t = np.clip(0.5 * x + 0.5, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
-
-
 def _matrix(corner: Floats) -> Floats:
     ll, uu, rr, lu, lr, ur = corner[4:10]
     return np.array([[ll, lu, lr], [lu, uu, ur], [lr, ur, rr]])
@@ -283,99 +272,15 @@ def _matrix(corner: Floats) -> Floats:
 def _corner(
     plane: Plane, model: BoardModel, edges: tuple[float, float], coarse: bool, floor: float
 ) -> tuple[Floats, Floats, Floats] | None:
-    """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
-
-    Returns:
-        Its moments, and of the last pass the log evidence (K,) of each roll and the rolls (K,). None where no board
-        explains the rays, or the first pass ends below ``floor``.
-    """
+    """See :func:`find_corner`. None where no board explains the rays, or the first pass ends below ``floor``."""
     hits = plane.ratio > _CONFIDENT
     if not hits.any():
         return None
-    mean, sigma = hang(edges) + model.roll[0], model.roll[1]
-    ratio = plane.believed(model)
-    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, max(_ROLLS, 1 + round(sigma / _ROLL_STEP)))
-    grow, soft = _grown(plane, model), plane.reach * model.soft
-    turns = _turns(rolls)
-    # Of each roll: the apexes whose board holds all hits.
-    along = turns @ np.array([plane.left, plane.up])[:, hits]
-    low, high = along.max(axis=2) - np.array(edges), along.min(axis=2)
-    centre, half = 0.5 * (low + high), 0.5 * np.abs(high - low) + _ASTRAY_M + model.slack
-    origin = np.zeros(2)
-    out, of_roll = np.zeros(0), np.zeros(0)
-    passes = (20, 24) if coarse else (_COARSE, _COARSE, _FINE)
-    for number, cells in enumerate(passes):
-        if number > 0:
-            reach = 3.0 * max(math.sqrt(max(out[6], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
-            ends = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
-            after = _even(*ends, _ROLLS + 2 if cells == _FINE else _ROLLS)
-            apex = (turns @ of_roll[:, 1:3, None])[..., 0] + origin
-            own = 3.2 * of_roll[:, 3:5] + 2.0 * half / passes[number - 1]
-            seen = of_roll[:, 0] > -1e299
-            turns, origin = _turns(after), out[1:3].copy()
-            about = _interpolated(after, rolls[seen], apex[seen]) - origin
-            centre, half = (turns @ about[..., None])[..., 0], _interpolated(after, rolls[seen], own[seen])
-            rolls = after
-        prior = -0.5 * ((rolls - mean) / sigma) ** 2 + math.log(
-            (rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi)
-        )
-        out, of_roll = integrate(
-            plane.left - origin[0], plane.up - origin[1], grow, soft, ratio,
-            edges[0], edges[1], model.slack, rolls, prior, centre, half, cells,
-        )  # fmt: skip
-        if out[0] < max(floor if number == 0 else -math.inf, -1e299):
-            return None
-        out[1:3] += origin
-    return out, of_roll[:, 0], rolls
-
-
-def _interpolated(at: Floats, x: Floats, values: Floats) -> Floats:
-    """(K, 2) at ``at`` (K,) of ``values`` (J, 2) at ``x`` (J,)."""
-    return np.column_stack([np.interp(at, x, values[:, k]) for k in (0, 1)])
-
-
-def _even(low: float, high: float, count: int) -> Floats:
-    return low + (high - low) * np.arange(count, dtype=np.float64) / (count - 1)
-
-
-def _turns(rolls: Floats) -> Floats:
-    """(K, 2, 2) from (left, up) to the coordinates along the edges to the lower left and lower right, or back."""
-    cosine, sine = np.cos(rolls), np.sin(rolls)
-    return np.moveaxis(np.array([[cosine, -sine], [-sine, -cosine]]), 2, 0)
-
-
-def _to_angles(plane: Plane, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-    """The apex in the LiDAR frame, and its covariance over azimuth, elevation and range."""
-    w = plane.w
-    norm = float(np.linalg.norm(w))
-    n = w / norm
-    e_left = np.array([-n[1], n[0], 0.0]) / math.hypot(n[0], n[1])
-    e_up = np.cross(n, e_left)
-    apex = n / norm + mean[0] * e_left + mean[1] * e_up
-    flat, reach = math.hypot(apex[0], apex[1]), float(np.linalg.norm(apex))
-    xyz = plane.R_window_lidar.T @ apex
-    jacobian = _sphere(xyz) @ plane.R_window_lidar.T @ np.array([e_left, e_up]).T
-    errors = jacobian @ covariance[:2, :2] @ jacobian.T
-    ray = apex / flat
-    errors[2, 2] += float(ray @ plane.spread @ ray) * flat**4 * (reach / flat) ** 2
-    return xyz, errors
-
-
-def _sphere(xyz: Floats) -> Floats:
-    """(3, 3) derivatives of azimuth, elevation and range by x, y, z."""
-    x, y, z = xyz.tolist()
-    flat, reach = math.hypot(x, y), math.sqrt(x * x + y * y + z * z)
-    azimuth = np.array([-y, x, 0.0]) / flat**2
-    elevation = np.array([-x * z / flat, -y * z / flat, flat]) / reach**2
-    return np.array([azimuth, elevation, xyz / reach])
-
-
-def _rising(plane: Plane, xyz: Floats) -> Floats:
-    """(3,) what azimuth, elevation and range change by where the apex rises by a radian of its distance."""
-    x, y, z = (plane.R_window_lidar @ xyz).tolist()
-    flat = math.hypot(x, y)
-    up: Floats = np.array([-x * z / flat, -y * z / flat, flat])
-    return _sphere(xyz) @ plane.R_window_lidar.T @ up
+    found = find_corner(
+        plane.left, plane.up, _grown(plane, model), plane.reach * model.soft, plane.believed(model), hits,
+        edges[0], edges[1], model.slack, hang(edges) + model.roll[0], model.roll[1], coarse, floor,
+    )  # fmt: skip
+    return found if found[0][0] > -1e299 else None
 
 
 def find_boards(

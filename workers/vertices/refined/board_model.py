@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from workers.vertices.refined.rays import WRONG
 from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import SensorGrid
+from workers.vertices.vertex import SizeFacts
 
 Floats = NDArray[np.float64]
 _LEAST_LIKELY, _TIMES_EXPECTED = -1.0, 1.5
@@ -52,6 +53,7 @@ class BoardModel:
         lost: share of the rays on the board that bring no return.
         bias: metres, standard deviation of each ring's own constant error of distance.
         poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
+        size: of the board, if it does not look as large as it was said to be; then the edges are as it looks.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
         wrong_below: the same below the board's widest ring, where hands and body answer in the board's plane.
     """
@@ -72,6 +74,7 @@ class BoardModel:
     wrong_below: float = WRONG
     bias: float = 0.0
     poses: bool = False
+    size: SizeFacts | None = None
 
 
 def hang(edges: tuple[float, float]) -> float:

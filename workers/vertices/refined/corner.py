@@ -15,15 +15,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-# A ray leaves 0.002 of a cell's likelihood at least, so that sixteen leave 1e-43.
-_RESCALED_AFTER, _TINY = 16, 1e-100
+_COARSE, _FINE, _COMPARED = 24, 36, 20  # cells along either side of the grid
+_ROLLS = 9
+_ROLL_STEP = math.radians(0.9)  # of the prior's standard deviation for each roll of the first pass
+_ROLL_REACH = 2.8  # standard deviations of the prior that the first pass covers
+_ASTRAY_M = 0.12  # hits that are not the board's lie this far beside it at most
+# The natural logarithm of the largest number is 709: cells are scaled before they may differ so much from 1.
+_MOST_LOG = 300.0
+_NOTHING, _PART, _ALL = 0, 1, 2
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", inline="always")
-def _step(x: float) -> float:
+def step(x: float) -> float:
     """A smooth step from 0 at -1 to 1 at 1."""
     t = min(max(0.5 * x + 0.5, 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy", fastmath=True, inline="always")
+def _along(x: float, cell: float, grow: float, soft: float, far: float, edge: float, on: Floats) -> int:
+    """Fills ``on`` (C,) with how likely a ray lies between two edges: x metres from the near edge in the first cell,
+    a cell less in each further one. Where it is the same in all cells, only says so.
+    """
+    low, high = 1.0 / max(soft, 0.75 * cell), 1.0 / max(far, 0.75 * cell)
+    least = x - (on.size - 1) * cell
+    if (x + grow) * low <= -1.0 or (edge + grow - least) * high <= -1.0:
+        return _NOTHING
+    if (least + grow) * low >= 1.0 and (edge + grow - x) * high >= 1.0:
+        return _ALL
+    for a in range(on.size):
+        at = x - a * cell
+        on[a] = step((at + grow) * low) * step((edge + grow - at) * high)
+    return _PART
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+def _rescale(grid: Floats, row: Floats, column: Floats) -> float:
+    """Puts the rows' and columns' parts into the cells, divides by the largest, and returns its logarithm."""
+    most = 0.0
+    for a in range(row.size):
+        for b in range(column.size):
+            grid[a, b] *= row[a] * column[b]
+            most = max(most, grid[a, b])
+    row[:], column[:] = 1.0, 1.0
+    if most <= 0.0:
+        return 0.0
+    grid *= 1.0 / most
+    return math.log(most)
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
@@ -50,11 +88,17 @@ def integrate(
         of each roll, log evidence without the prior, mean p and q of the apex, and their standard deviations.
     """
     rays = left.size
-    grid = np.empty((cells, cells))
-    on_p, on_q = np.empty(cells), np.empty(cells)
+    grid, row, column = np.empty((cells, cells)), np.empty(cells), np.empty(cells)
+    on_p, on_q, peak = np.empty(cells), np.empty(cells), np.empty(cells)
+    far, log_ratio = np.empty(rays), np.empty(rays)
+    outside = 0.0
+    for i in range(rays):
+        far[i] = math.sqrt(soft[i] * soft[i] + slack * slack)
+        log_ratio[i] = math.log(max(ratio[i], 1e-300))
+        outside -= max(log_ratio[i], 0.0)
+    best = -1e300
     s0 = s1 = s2 = s3 = 0.0
     m11 = m22 = m33 = m12 = m13 = m23 = 0.0
-    best = -1e300
     # Moments about the middle of the grid.
     mid = rolls.size // 2
     middle = rolls[mid]
@@ -67,103 +111,90 @@ def integrate(
         cell_p, cell_q = 2.0 * half[k, 0] / cells, 2.0 * half[k, 1] / cells
         p0 = centre[k, 0] - half[k, 0] + 0.5 * cell_p
         q0 = centre[k, 1] - half[k, 1] + 0.5 * cell_q
-        grid[:] = 1.0
-        offset = 0.0
+        # A cell's likelihood is the product of its row's, its column's and its own part.
+        grid[:], row[:], column[:] = 1.0, 1.0, 1.0
+        offset, swing = outside, 0.0
         for i in range(rays):
-            p = left[i] * cosine - up[i] * sine
-            q = -left[i] * sine - up[i] * cosine
-            low_p, low_q = 1.0 / max(soft[i], 0.75 * cell_p), 1.0 / max(soft[i], 0.75 * cell_q)
-            far_p = 1.0 / max(math.sqrt(soft[i] * soft[i] + slack * slack), 0.75 * cell_p)
-            far_q = 1.0 / max(math.sqrt(soft[i] * soft[i] + slack * slack), 0.75 * cell_q)
-            top = max(ratio[i], 1.0)
-            base, gain = 1.0 / top, (ratio[i] - 1.0) / top
-            some_p = 0.0
-            for a in range(cells):
-                x = p - (p0 + a * cell_p)
-                on_p[a] = gain * _step((x + grow[i]) * low_p) * _step((edge_p + grow[i] - x) * far_p)
-                some_p += abs(on_p[a])
-            if some_p == 0.0:
-                if base < 1.0:
-                    offset += math.log(base)
+            p = left[i] * cosine - up[i] * sine - p0
+            q = -left[i] * sine - up[i] * cosine - q0
+            kind_p = _along(p, cell_p, grow[i], soft[i], far[i], edge_p, on_p)
+            kind_q = _along(q, cell_q, grow[i], soft[i], far[i], edge_q, on_q) if kind_p != _NOTHING else _NOTHING
+            if kind_q == _NOTHING:
                 continue
-            for b in range(cells):
-                x = q - (q0 + b * cell_q)
-                on_q[b] = _step((x + grow[i]) * low_q) * _step((edge_q + grow[i] - x) * far_q)
-            for a in range(cells):
-                g = on_p[a]
-                if g == 0.0:
-                    for b in range(cells):
-                        grid[a, b] *= base
-                else:
-                    for b in range(cells):
-                        grid[a, b] *= base + g * on_q[b]
-            if i % _RESCALED_AFTER == _RESCALED_AFTER - 1:
-                # Hundreds of rays that contradict even the best cell would leave nothing but zeros.
-                most = np.max(grid)
-                if 0.0 < most < _TINY:
-                    grid *= 1.0 / most
-                    offset += math.log(most)
-        highest, whole = 0.0, 0.0
-        n1 = n2 = n11 = n22 = 0.0
+            if kind_p == _ALL and kind_q == _ALL:
+                offset += log_ratio[i]
+                continue
+            gain = ratio[i] - 1.0
+            if kind_p == _ALL:
+                for b in range(cells):
+                    column[b] *= 1.0 + gain * on_q[b]
+            elif kind_q == _ALL:
+                for a in range(cells):
+                    row[a] *= 1.0 + gain * on_p[a]
+            else:
+                for a in range(cells):
+                    if on_p[a] != 0.0:
+                        g = gain * on_p[a]
+                        for b in range(cells):
+                            grid[a, b] *= 1.0 + g * on_q[b]
+            swing += abs(log_ratio[i])
+            if swing > _MOST_LOG:
+                offset += _rescale(grid, row, column)
+                swing = 0.0
+        peak[:] = 0.0
+        n = n1 = n2 = n11 = n22 = n12 = 0.0
         for a in range(cells):
             p = p0 + a * cell_p - centre[k, 0]
+            w = w2 = w22 = 0.0
             for b in range(cells):
-                weight = grid[a, b]
+                weight = grid[a, b] * column[b]
                 q = q0 + b * cell_q - centre[k, 1]
-                highest = max(highest, weight)
-                whole += weight
-                n1 += weight * p
-                n2 += weight * q
-                n11 += weight * p * p
-                n22 += weight * q * q
+                w += weight
+                w2 += weight * q
+                w22 += weight * q * q
+                peak[b] = max(peak[b], weight * row[a])
+            n += row[a] * w
+            n1 += row[a] * w * p
+            n2 += row[a] * w2
+            n11 += row[a] * w * p * p
+            n12 += row[a] * w2 * p
+            n22 += row[a] * w22
+        highest = np.max(peak)
         if highest <= 0.0:
             of_roll[k, 0] = -1e300
             of_roll[k, 1], of_roll[k, 2] = centre[k, 0], centre[k, 1]
             continue
-        n1 /= whole
-        n2 /= whole
-        of_roll[k, 0] = math.log(whole * cell_p * cell_q) + offset
+        n1, n2, n11, n12, n22 = n1 / n, n2 / n, n11 / n, n12 / n, n22 / n
+        of_roll[k, 0] = math.log(n * cell_p * cell_q) + offset
         of_roll[k, 1], of_roll[k, 2] = centre[k, 0] + n1, centre[k, 1] + n2
-        of_roll[k, 3] = math.sqrt(max(n11 / whole - n1 * n1, 0.0))
-        of_roll[k, 4] = math.sqrt(max(n22 / whole - n2 * n2, 0.0))
+        n11, n12, n22 = n11 - n1 * n1, n12 - n1 * n2, n22 - n2 * n2
+        of_roll[k, 3], of_roll[k, 4] = math.sqrt(max(n11, 0.0)), math.sqrt(max(n22, 0.0))
         best = max(best, math.log(highest) + offset)
-        # The cells' own extent is part of the variance.
+        level = log_prior[k] + of_roll[k, 0]
+        if level > scale:
+            shrink = math.exp(scale - level) if scale > -1e299 else 0.0
+            s0, s1, s2, s3 = s0 * shrink, s1 * shrink, s2 * shrink, s3 * shrink
+            m11, m22, m33 = m11 * shrink, m22 * shrink, m33 * shrink
+            m12, m13, m23 = m12 * shrink, m13 * shrink, m23 * shrink
+            scale = level
+        weight = math.exp(level - scale)
+        # The mean of left and up, and their covariance; the cells' own extent is part of it.
+        p, q, dr = of_roll[k, 1], of_roll[k, 2], rolls[k] - middle
+        dl, du = p * cosine - q * sine - l0, -p * sine - q * cosine - u0
         within = (cell_p * cell_p + cell_q * cell_q) / 24.0
-        level = log_prior[k] + offset + math.log(cell_p * cell_q)
-        top_level = level + math.log(highest)
-        if top_level > scale:
-            shrink = math.exp(scale - top_level) if scale > -1e299 else 0.0
-            s0 *= shrink
-            s1 *= shrink
-            s2 *= shrink
-            s3 *= shrink
-            m11 *= shrink
-            m22 *= shrink
-            m33 *= shrink
-            m12 *= shrink
-            m13 *= shrink
-            m23 *= shrink
-            scale = top_level
-        factor = math.exp(level - scale)
-        if factor == 0.0:
-            continue
-        dr = rolls[k] - middle
-        for a in range(cells):
-            p = p0 + a * cell_p
-            for b in range(cells):
-                weight = grid[a, b] * factor
-                q = q0 + b * cell_q
-                dl, du = p * cosine - q * sine - l0, -p * sine - q * cosine - u0
-                s0 += weight
-                s1 += weight * dl
-                s2 += weight * du
-                s3 += weight * dr
-                m11 += weight * (dl * dl + within)
-                m22 += weight * (du * du + within)
-                m33 += weight * dr * dr
-                m12 += weight * dl * du
-                m13 += weight * dl * dr
-                m23 += weight * du * dr
+        ll = n11 * cosine * cosine - 2.0 * n12 * sine * cosine + n22 * sine * sine + within
+        uu = n11 * sine * sine + 2.0 * n12 * sine * cosine + n22 * cosine * cosine + within
+        lu = (n22 - n11) * sine * cosine - n12 * (cosine * cosine - sine * sine)
+        s0 += weight
+        s1 += weight * dl
+        s2 += weight * du
+        s3 += weight * dr
+        m11 += weight * (dl * dl + ll)
+        m22 += weight * (du * du + uu)
+        m33 += weight * dr * dr
+        m12 += weight * (dl * du + lu)
+        m13 += weight * dl * dr
+        m23 += weight * du * dr
     if s0 <= 0.0:
         out[0] = -1e300
         return out, of_roll
@@ -174,3 +205,104 @@ def integrate(
     out[7], out[8], out[9] = m12 / s0 - a1 * a2, m13 / s0 - a1 * a3, m23 / s0 - a2 * a3
     out[10] = best
     return out, of_roll
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def find_corner(
+    left: Floats, up: Floats, grow: Floats, soft: Floats, ratio: Floats, hits: NDArray[np.bool_],
+    edge_p: float, edge_q: float, slack: float, mean: float, sigma: float, coarse: bool, floor: float,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    """Three passes of :func:`integrate`, each over the part of the grid where the one before found the posterior.
+
+    Args:
+        hits: (N,) which rays surely met the board.
+        mean, sigma: radians, of the prior of the roll.
+        coarse: for comparing models: two passes.
+        floor: log evidence of the first pass from which there are more.
+
+    Returns:
+        Moments as of `integrate`; of the last pass the log evidence (K,) of each roll and the rolls (K,). The first
+        moment is -1e300 where no board explains the rays, or the first pass ends below ``floor``.
+    """
+    count = max(_ROLLS, 1 + round(sigma / _ROLL_STEP))
+    rolls = _even(mean - _ROLL_REACH * sigma, mean + _ROLL_REACH * sigma, count)
+    centre, half = _holding_all(left, up, hits, edge_p, edge_q, slack, rolls)
+    l0, u0 = 0.0, 0.0
+    out, of_roll = np.zeros(11), np.zeros((count, 5))
+    for number in range(2 if coarse else 3):
+        cells = _FINE if number == 2 else _COMPARED if coarse and number == 0 else _COARSE
+        prior = np.empty(rolls.size)
+        for k in range(rolls.size):
+            prior[k] = -0.5 * ((rolls[k] - mean) / sigma) ** 2
+        prior += math.log((rolls[1] - rolls[0]) / sigma / math.sqrt(2.0 * math.pi))
+        out, of_roll = integrate(
+            left - l0, up - u0, grow, soft, ratio, edge_p, edge_q, slack, rolls, prior, centre, half, cells
+        )
+        if out[0] < max(floor if number == 0 else -math.inf, -1e299):
+            out[0] = -1e300
+            break
+        out[1] += l0
+        out[2] += u0
+        if number == (1 if coarse else 2):
+            break
+        reach = 3.0 * max(math.sqrt(max(out[6], 1e-8)), 0.35 * (rolls[1] - rolls[0]))
+        low, high = max(out[3] - reach, mean - 3.2 * sigma), min(out[3] + reach, mean + 3.2 * sigma)
+        after = _even(low, high, _ROLLS + 2 if number == 1 else _ROLLS)
+        centre, half = _narrowed(rolls, of_roll, half, cells, after, l0, u0, out[1], out[2])
+        rolls, l0, u0 = after, out[1], out[2]
+    return out, of_roll[:, 0].copy(), rolls
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _holding_all(
+    left: Floats, up: Floats, hits: NDArray[np.bool_], edge_p: float, edge_q: float, slack: float, rolls: Floats
+) -> tuple[Floats, Floats]:
+    """Middle and half widths (K, 2) of the apexes whose board holds all hits, of each roll."""
+    centre, half = np.empty((rolls.size, 2)), np.empty((rolls.size, 2))
+    for k in range(rolls.size):
+        cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
+        p_high = q_high = -math.inf
+        p_low = q_low = math.inf
+        for i in range(left.size):
+            if hits[i]:
+                p, q = cosine * left[i] - sine * up[i], -sine * left[i] - cosine * up[i]
+                p_low, p_high, q_low, q_high = min(p_low, p), max(p_high, p), min(q_low, q), max(q_high, q)
+        centre[k, 0], centre[k, 1] = 0.5 * (p_high - edge_p + p_low), 0.5 * (q_high - edge_q + q_low)
+        half[k, 0] = 0.5 * abs(p_low - p_high + edge_p) + _ASTRAY_M + slack
+        half[k, 1] = 0.5 * abs(q_low - q_high + edge_q) + _ASTRAY_M + slack
+    return centre, half
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _narrowed(
+    rolls: Floats, of_roll: Floats, half: Floats, cells: int, after: Floats,
+    l0: float, u0: float, left: float, up: float,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Middle about (left, up) and half widths (J, 2) of the next pass at its rolls ``after`` (J,).
+
+    Args:
+        rolls, of_roll, half, cells: of the pass before, about (l0, u0).
+    """
+    seen = np.flatnonzero(of_roll[:, 0] > -1e299)
+    apex, own = np.empty((2, seen.size)), np.empty((2, seen.size))
+    for n in range(seen.size):
+        k = seen[n]
+        cosine, sine = math.cos(rolls[k]), math.sin(rolls[k])
+        p, q = of_roll[k, 1], of_roll[k, 2]
+        apex[0, n], apex[1, n] = cosine * p - sine * q + l0, -sine * p - cosine * q + u0
+        for axis in range(2):
+            own[axis, n] = 3.2 * of_roll[k, 3 + axis] + 2.0 * half[k, axis] / cells
+    centre, wide = np.empty((after.size, 2)), np.empty((after.size, 2))
+    for axis in range(2):
+        centre[:, axis] = np.interp(after, rolls[seen], apex[axis])
+        wide[:, axis] = np.interp(after, rolls[seen], own[axis])
+    for j in range(after.size):
+        cosine, sine = math.cos(after[j]), math.sin(after[j])
+        x, y = centre[j, 0] - left, centre[j, 1] - up
+        centre[j, 0], centre[j, 1] = cosine * x - sine * y, -sine * x - cosine * y
+    return centre, wide
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _even(low: float, high: float, count: int) -> Floats:
+    return low + (high - low) * np.arange(count) / (count - 1)

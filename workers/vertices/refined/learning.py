@@ -14,10 +14,11 @@ import numpy as np
 
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
-from workers.vertices.refined.board import find_planes, locate, open_windows
+from workers.vertices.refined.board import find_planes, locate, open_windows, weigh
 from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting, any_roll
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
+from workers.vertices.refined.size import doubtful, growth_spread, other_size
 from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, SweepSource
@@ -39,7 +40,6 @@ _HOPELESS = -300.0
 _WIDE_ROLL = math.radians(12.0)  # the grid reaches 2.8 deviations: 34 degrees
 _SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 _GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
-_GROWTH_SIGMA_RAD = 0.5e-3
 _GROWTH_RAD = (-0.25e-3, 10.0e-3)
 
 
@@ -68,7 +68,17 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     if len(windows) < _ENOUGH:
         return replace(model, sigma=BoardModel(grid).sigma)
     model, sightings = _learn_planes(windows, model)
-    return _learn_board([sighting.plane for sighting in sightings], model, edges, float(options["edge_growth_mrad"]))
+    planes = [sighting.plane for sighting in sightings]
+    growth_mrad = float(options["edge_growth_mrad"])
+    learned = _learn_board(planes, model, edges, growth_mrad)
+    if len(planes) < _ENOUGH or not all(edges) or not doubtful(planes, learned, _mean_reach(planes)):
+        return learned
+    default = BoardModel(model.grid)
+    as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
+    seen = _learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
+    size = other_size(edges, seen, _mean_reach(planes))
+    # Apexes that are found with a wrong size are wrong by decimetres.
+    return learned if size is None else replace(seen, size=size)
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -273,13 +283,13 @@ def _evidence(planes: Sequence[Plane], model: BoardModel) -> float:
     The boards' rolls have an unknown mean in common: each by itself can take the roll that suits a wrong model.
     """
     wide = _any_way(model)
-    found = [locate(plane, wide, coarse=True) for plane in planes]
-    fixes = sorted((fix for fix in found if fix is not None), key=lambda fix: fix.evidence)
-    few = len(found) // 4 - (len(found) - len(fixes))
-    kept = fixes[max(few, 0) :]
+    found = [weigh(plane, wide, coarse=True) for plane in planes]
+    boards = sorted((held for held in found if held is not None), key=lambda held: held.evidence)
+    few = len(found) // 4 - (len(found) - len(boards))
+    kept = boards[max(few, 0) :]
     if not kept:
         return _HOPELESS * len(found)
-    told = np.array([fix.told for fix in kept])
+    told = np.array([held.told for held in kept])
     return learn_roll(told, any_roll(model.edges)).evidence + _HOPELESS * max(-few, 0)
 
 
@@ -292,7 +302,7 @@ def _refine(
     the planes' mean distance, which hardly depends on the growth. With the lengths open, only boards at several
     distances tell the growth, and each of them no better than to `EDGE_M`.
     """
-    reach = float(np.mean([np.median(plane.reach) for plane in planes]))
+    reach = _mean_reach(planes)
     free = [index for index in (0, 1) if not all(edges) and model.edges[index] not in edges]
     state = np.array([*model.edges, model.growth])
     state[free] += 2.0 * reach * state[2]
@@ -317,13 +327,17 @@ def _refine(
     return replace(modelled(state), slack=slack, growth_sigma=float(sigmas[2]))
 
 
+def _mean_reach(planes: Sequence[Plane]) -> float:
+    return float(np.mean([np.median(plane.reach) for plane in planes]))
+
+
 def _likely_growth(told: float, sigma: float, soft: float) -> tuple[float, float]:
     """Growth and its standard deviation: what the boards tell, and what the step at the edges does.
 
     A beam whose middle is on the board lies on it for the most part. So the step from hits to misses begins at the
     edge or outside of it, and its middle lies as far out as half of its width, or farther.
     """
-    spread = math.hypot(_GROWTH_SIGMA_RAD, 0.5 * soft)
+    spread = growth_spread(soft)
     weight = spread**2 / (spread**2 + sigma**2)
     growth = weight * told + (1.0 - weight) * soft
     return min(max(growth, _GROWTH_RAD[0]), _GROWTH_RAD[1]), spread * math.sqrt(1.0 - weight)

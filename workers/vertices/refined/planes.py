@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 CLUTTER = 0.5  # density, per metre of depth, of returns near the board that are not the board's
+_BELOW_M = 0.1
+_ALIKE = 0.003
+_FAR = 8.0  # standard deviations; the normal density is 1e-14 of its highest there
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
@@ -97,30 +100,38 @@ def fit_plane(
         sigma: standard deviation of a distance, metres.
         prior: mean and standard deviation of the plane's two slopes, dx'/dy' and dx'/dz'.
     """
+    w, info = np.empty(3), np.empty((3, 3))
+    _fit(np.cos(azimuth), np.sin(azimuth), slope, distance, weight, sigma, prior, w, info)
+    return w, info
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _fit(
+    cosine: Floats, sine: Floats, slope: Floats, distance: Floats, weight: Floats, sigma: float, prior: Floats,
+    w: Floats, info: Floats,
+) -> None:  # fmt: skip
+    """As `fit_plane`, of points whose azimuths have these cosines and sines; fills ``w`` and ``info``."""
     start = 0.0
     total = 0.0
     for i in range(distance.size):
         start += weight[i] / distance[i]
         total += weight[i]
-    w0 = start / max(total, 1e-12)
-    w = np.array([w0, 0.0, 0.0])
-    info = np.zeros((3, 3))
+    w[0], w[1], w[2] = start / max(total, 1e-12), 0.0, 0.0
     for _ in range(2):
         info[:] = 0.0
-        right = np.zeros(3)
+        b0 = b1 = b2 = 0.0
         for k in range(2):
             # w_y + mean w_x = 0 within deviation w_x
             scale = 1.0 / (prior[2 * k + 1] * w[0]) ** 2
             mean = prior[2 * k]
             info[0, 0] += scale * mean * mean
             info[0, k + 1] += scale * mean
-            info[k + 1, 0] += scale * mean
             info[k + 1, k + 1] += scale
         for i in range(distance.size):
             if weight[i] <= 0.0:
                 continue
             h = distance[i]
-            u0, u1, u2 = math.cos(azimuth[i]), math.sin(azimuth[i]), slope[i]
+            u0, u1, u2 = cosine[i], sine[i], slope[i]
             scale = weight[i] * (h * h / sigma) ** 2
             info[0, 0] += scale * u0 * u0
             info[0, 1] += scale * u0 * u1
@@ -128,66 +139,116 @@ def fit_plane(
             info[1, 1] += scale * u1 * u1
             info[1, 2] += scale * u1 * u2
             info[2, 2] += scale * u2 * u2
-            right[0] += scale * u0 / h
-            right[1] += scale * u1 / h
-            right[2] += scale * u2 / h
+            b0 += scale * u0 / h
+            b1 += scale * u1 / h
+            b2 += scale * u2 / h
         info[1, 0], info[2, 0], info[2, 1] = info[0, 1], info[0, 2], info[1, 2]
-        w[:] = np.linalg.solve(info, right)
-    return w, info
+        # Cholesky: info = L L^T.
+        l00 = math.sqrt(info[0, 0])
+        l10, l20 = info[1, 0] / l00, info[2, 0] / l00
+        l11 = math.sqrt(info[1, 1] - l10 * l10)
+        l21 = (info[2, 1] - l20 * l10) / l11
+        l22 = math.sqrt(info[2, 2] - l20 * l20 - l21 * l21)
+        y0 = b0 / l00
+        y1 = (b1 - l10 * y0) / l11
+        w[2] = (b2 - l20 * y0 - l21 * y1) / (l22 * l22)
+        w[1] = (y1 - l21 * w[2]) / l11
+        w[0] = (y0 - l10 * w[1] - l20 * w[2]) / l00
 
 
 @nb.njit(nogil=True, cache=True, error_model="numpy")
-def grow_plane(
-    azimuth: Floats,
-    slope: Floats,
-    distance: Floats,
-    start: NDArray[np.bool_],
-    downwards: bool,
-    sigma: float,
-    prior: Floats,
-) -> tuple[Floats, Floats, float]:
-    """The plane through the points of ``start`` and all others near it that lie on it.
+def grow_planes(
+    azimuth: Floats, slope: Floats, distance: Floats, inside: NDArray[np.bool_],
+    stretches: Floats, pairs: NDArray[np.int64], sigma: float, prior: Floats,
+) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:  # fmt: skip
+    """The planes through pairs of stretches and all other points near them that lie on them, no two alike.
 
     Args:
-        azimuth, slope, distance: (N,) of the points in the region.
-        start: (N,) the first guess.
-        downwards: whether points below those of ``start`` count, which may be the body's.
+        azimuth, slope, distance, inside: (R, C) of a window.
+        stretches: see `find_stretches`; pairs: see `pair_stretches`.
+        sigma, prior: see `fit_plane`.
 
     Returns:
-        w (3,), its information (3, 3), and the log likelihood of the points against clutter, prior included.
+        (K, 3) w; (K, 3, 3) its information; (K,) log likelihood of the points against clutter, prior included; (K,)
+        number of the pair.
     """
-    count = distance.size
-    weight = np.empty(count)
-    y, z, n = 0.0, 0.0, 0
-    lowest = math.inf
+    ring, column = np.nonzero(inside)
+    count = ring.size
+    angle, rise, reach = np.empty(count), np.empty(count), np.empty(count)
     for i in range(count):
-        weight[i] = 1.0 if start[i] else 0.0
-        if start[i]:
-            y += distance[i] * azimuth[i]
-            z += distance[i] * slope[i]
-            lowest = min(lowest, distance[i] * slope[i] - 0.1)
-            n += 1
-    y /= n
-    z /= n
-    w, info = fit_plane(azimuth, slope, distance, weight, sigma, prior)
+        r, c = ring[i], column[i]
+        angle[i], rise[i], reach[i] = azimuth[r, c], slope[r, c], distance[r, c]
+    cosine, sine = np.cos(angle), np.sin(angle)
+    most = 2 * pairs.shape[0]
+    planes, infos, scores = np.empty((most, 3)), np.empty((most, 3, 3)), np.empty(most)
+    pair_of = np.empty(most, np.int64)
+    found = 0
+    start, near = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    for number in range(pairs.shape[0]):
+        y, z, n = 0.0, 0.0, 0
+        lowest = math.inf
+        for i in range(count):
+            start[i] = False
+            for one in pairs[number]:
+                start[i] |= ring[i] == stretches[one, 0] and stretches[one, 1] <= column[i] <= stretches[one, 2]
+            if start[i]:
+                y += reach[i] * angle[i]
+                z += reach[i] * rise[i]
+                lowest = min(lowest, reach[i] * rise[i] - _BELOW_M)
+                n += 1
+        y /= n
+        z /= n
+        for i in range(count):
+            near[i] = not (abs(reach[i] * angle[i] - y) > 0.8 or abs(reach[i] * rise[i] - z) > 1.3)
+        some = np.flatnonzero(near | start)
+        c, s, k, h = cosine[some], sine[some], rise[some], reach[some]
+        first, counted = start[some], near[some]
+        # Points below those of the pair may be the body's: with them, and without them.
+        for from_height in (-math.inf, lowest):
+            w, info = planes[found], infos[found]
+            scores[found] = _grow(c, s, k, h, first, counted, from_height, sigma, prior, w, info)
+            again = False
+            for other in range(found):
+                again |= np.max(np.abs(planes[other] - w)) < _ALIKE * abs(w[0])
+            if not again:
+                pair_of[found] = number
+                found += 1
+    return planes[:found], infos[:found], scores[:found], pair_of[:found]
+
+
+@nb.njit(nogil=True, cache=True, error_model="numpy")
+def _grow(
+    cosine: Floats, sine: Floats, slope: Floats, distance: Floats, start: NDArray[np.bool_], near: NDArray[np.bool_],
+    lowest: float, sigma: float, prior: Floats, w: Floats, info: Floats,
+) -> float:  # fmt: skip
+    """Fills ``w`` and ``info`` of the plane that grows from the points of ``start``; returns its score.
+
+    Args:
+        near: (N,) the points that may join.
+        lowest: metres, height of the lowest point that counts.
+    """
+    weight = np.where(start, 1.0, 0.0)
+    _fit(cosine, sine, slope, distance, weight, sigma, prior, w, info)
     score = 0.0
     for turn in range(5):
         wide = sigma * (3.0 if turn == 0 else 2.0 if turn == 1 else 1.0)
         score = 0.0
-        for i in range(count):
+        for i in range(distance.size):
             weight[i] = 0.0
-            if abs(distance[i] * azimuth[i] - y) > 0.8 or abs(distance[i] * slope[i] - z) > 1.3:
+            if not near[i]:
                 continue
-            u = w[0] * math.cos(azimuth[i]) + w[1] * math.sin(azimuth[i]) + w[2] * slope[i]
+            u = w[0] * cosine[i] + w[1] * sine[i] + w[2] * slope[i]
             if u <= 0.0:
                 continue
             z_score = (distance[i] - 1.0 / u) / wide
-            like = math.exp(-0.5 * z_score * z_score) / (wide * 2.5066) + 1e-12
-            if downwards or distance[i] * slope[i] > lowest:
+            if abs(z_score) > _FAR:
+                continue
+            like = math.exp(-0.5 * z_score * z_score) / (wide * 2.5066)
+            if distance[i] * slope[i] > lowest:
                 weight[i] = like / (like + CLUTTER)
             score += math.log1p(like / CLUTTER)
-        w, info = fit_plane(azimuth, slope, distance, weight, sigma, prior)
+        _fit(cosine, sine, slope, distance, weight, sigma, prior, w, info)
     for k in range(2):
         t = (-w[k + 1] / w[0] - prior[2 * k]) / prior[2 * k + 1]
         score -= 0.5 * t * t
-    return w, info, score
+    return score

@@ -18,7 +18,7 @@ from workers.vertices.refined.surroundings import apex_time, flags_of, overtoppe
 from workers.vertices.refined.track import Seen, confirmed, off_path, reach_of, roll_prior, trustworthy
 from workers.vertices.refined.upright import clearly_a_board
 from workers.vertices.sweep_source import Area, OnSweep, SweepSource
-from workers.vertices.vertex import Covariance, Rejection, Vertex
+from workers.vertices.vertex import Answers, Covariance, Rejection, Vertex
 
 # A sweep has some ten planes that could be a board; in 200 sweeps without one, none may pass: log(2000) = 7.6.
 # Five points of a shoulder and a leg can lie like a board; six hardly ever do. On the path of the sweeps before and
@@ -40,9 +40,7 @@ class _Findings:
     reason: str
 
 
-def run(
-    source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep
-) -> Sequence[Vertex | Rejection]:
+def run(source: SweepSource, area: Area, options: Options, indices: range, on_sweep: OnSweep) -> Answers:
     """See :func:`workers.vertices.detectors.detect_range`."""
     model = learn(source, area, options, lambda: on_sweep(indices.start))
     reach = reach_of(source) if options["track"] and not model.poses else 0
@@ -51,7 +49,7 @@ def run(
     for index in wider:
         found_in[index] = _find(source.sweep(index), area, model)
         on_sweep(index)
-    return [_settle(index, found_in, model, options, reach) for index in indices]
+    return Answers([_settle(index, found_in, model, options, reach) for index in indices], model.size)
 
 
 def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
@@ -96,29 +94,41 @@ def _settle(
         for i in around
         if found_in[i].candidates and trustworthy(found_in[i].candidates[0].fix)
     ]
-    paths = [off_path(seen, others) for seen in own.candidates]
-    beside = [far or 0.0 for far in paths]
-    least = [_LEAST_POINTS if far is None or far >= _OFF_PATH else _ON_PATH_POINTS for far in paths]
-    chosen = next(
-        (k for k, far in enumerate(beside) if far < _OFF_PATH and _is_board(own.candidates[k].fix, model, least[k])),
-        0,
-    )
+    chosen, path, least = _choose(own.candidates, others, model)
+    beside = path or 0.0
     seen = own.candidates[chosen]
     flags = own.flags[chosen]
     fix = seen.fix
     if others:
         fix = locate(fix.plane, replace(model, roll=roll_prior(seen, others, model))) or fix
-    if not _is_board(fix, model, least[chosen]):
+    if not _is_board(fix, model, least):
         return Rejection("not_a_board")
-    if fix.plane.like_a_person and paths[chosen] is None and not confirmed(seen, others):
+    if fix.plane.like_a_person and path is None and not confirmed(seen, others):
         return Rejection("like_a_person")
     if fix.sigma > math.radians(options["max_sigma_deg"]):
         return Rejection("too_uncertain")
-    if beside[chosen] >= _FAR_OFF_PATH:
+    if beside >= _FAR_OFF_PATH:
         return Rejection("off_the_track")
-    if beside[chosen] >= _OFF_PATH:
+    if beside >= _OFF_PATH:
         flags = (*flags, "track_jump")
-    return _vertex(index, seen.time_ns, fix, flags, options)
+    return _vertex(index, seen.time_ns, fix, flags, options, model)
+
+
+def _choose(candidates: Sequence[Seen], others: Sequence[Seen], model: BoardModel) -> tuple[int, float | None, int]:
+    """The first candidate that is a board on the path of the others; if none is, the first.
+
+    Returns:
+        Its number; standard deviations by which it lies beside the path, None if there is none; points that it needs.
+    """
+    known: list[tuple[int, float | None, int]] = []
+    for number, seen in enumerate(candidates):
+        if known and not _is_board(seen.fix, model, _ON_PATH_POINTS):
+            continue
+        path = off_path(seen, others)
+        known.append((number, path, _LEAST_POINTS if path is None or path >= _OFF_PATH else _ON_PATH_POINTS))
+        if (path or 0.0) < _OFF_PATH and _is_board(seen.fix, model, known[-1][2]):
+            return known[-1]
+    return known[0]
 
 
 def _is_board(fix: Fix, model: BoardModel, least_points: int) -> bool:
@@ -128,13 +138,15 @@ def _is_board(fix: Fix, model: BoardModel, least_points: int) -> bool:
     return upright and enough and fix.explained
 
 
-def _vertex(index: int, time_ns: int, fix: Fix, flags: tuple[str, ...], options: Options) -> Vertex:
+def _vertex(
+    index: int, time_ns: int, fix: Fix, flags: tuple[str, ...], options: Options, model: BoardModel
+) -> Vertex:
     x, y, z = fix.xyz.tolist()
     (aa, ae, ar), (ea, ee, er), (ra, re, rr) = fix.covariance.tolist()
     covariance: Covariance = ((aa, ae, ar), (ea, ee, er), (ra, re, rr))
     fine = fix.sigma_azimuth <= _FINE_AZIMUTH and fix.sigma_elevation <= _FINE_ELEVATION
     quality: Quality = "fine" if fine else "usable"
-    size_known = options["board_width_m"] > 0.0 and options["board_height_m"] > 0.0
+    size_known = options["board_width_m"] > 0.0 and options["board_height_m"] > 0.0 and model.size is None
     return Vertex(
         xyz=(x, y, z),
         time_ns=time_ns,

@@ -1,0 +1,64 @@
+"""What every page owes: nothing that axe finds, and nothing that is wider than the window."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from playwright.sync_api import Page
+
+AXE = Path(__file__).parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
+WIDTHS = (390, 1280, 1920)
+Scheme = Literal["light", "dark"]
+View = tuple[Scheme, int]
+
+# Colours depend on the scheme, places on the width: each of them once, and all of them together in the long form.
+ONCE: tuple[View, ...] = (("light", 390), ("dark", 1280), ("light", 1920))
+PHONE: tuple[View, ...] = (("light", 390), ("dark", 390))
+CROSSED: tuple[View, ...] = tuple(itertools.product(("light", "dark"), WIDTHS))
+each_view = pytest.mark.parametrize(
+    "views", [pytest.param(ONCE, id="once"), pytest.param(CROSSED, marks=pytest.mark.slow, id="crossed")]
+)
+
+# What is wider than its place is told to the browser in the frame after a change.
+_DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+# Of what passed, axe would make a list as well.
+_RUN = "(inside) => axe.run(inside ?? document, { resultTypes: ['violations'] })"
+
+
+def assert_accessible(page: Page, inside: str | None = None) -> None:
+    """Nothing that axe finds on the page, or inside of a selector's elements, as it is shown now."""
+    if not page.evaluate("() => 'axe' in window"):
+        page.evaluate(AXE.read_text())
+    page.evaluate(_DRAWN)
+    found = page.evaluate(_RUN, inside)
+    said = [(one["id"], [node["html"][:200] for node in one["nodes"]]) for one in found["violations"]]
+    assert said == [], (page.url, page.viewport_size, json.dumps(said, indent=1))
+
+
+def assert_fits(page: Page) -> None:
+    """No wider than the window."""
+    window = page.viewport_size
+    assert window
+    assert page.evaluate("document.scrollingElement.scrollWidth") <= window["width"], (page.url, window)
+
+
+def show(page: Page, view: View) -> None:
+    """Change the colours and the window's width."""
+    scheme, width = view
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": width, "height": 900})
+
+
+def assert_looks(page: Page, views: tuple[View, ...] = PHONE) -> None:
+    """Accessible in these views, and no wider than the window at any width; light and 1280 px wide afterwards."""
+    for view in views:
+        show(page, view)
+        assert_accessible(page)
+    for width in WIDTHS:
+        show(page, ("light", width))
+        assert_fits(page)
+    show(page, ("light", 1280))

@@ -1,0 +1,74 @@
+"""A street of smooth facades, cast here ray by ray: their ranges depend on the phase of the firings."""
+
+import numpy as np
+
+from workers.readers.recording import Sweep
+from workers.vertices.backdrop import Backdrop
+from workers.vertices.still_poses import find_poses
+from workers.vertices.sweep_source import Listed
+
+ELEVATIONS = np.radians(np.arange(-15.0, 16.0, 2.0))
+COLUMNS = 1800
+HEIGHT_M = 1.8
+FACADES_M = (14.0, -12.0)
+DOORSTEPS_M = [(x, 13.0 * side) for x in range(-60, 90, 15) for side in (1, -1)]  # boxes before the facades
+
+
+def meets_box(directions, low, high):
+    """Range at which rays from the origin enter a box; infinite for those that miss it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, other = np.array(low) / directions, np.array(high) / directions
+    first, last = np.minimum(one, other).max(axis=-1), np.maximum(one, other).min(axis=-1)
+    return np.where((first < last) & (first > 0.0), first, np.inf)
+
+
+def street(number, boxes, random):
+    """The sweep of that number: ground, facades, steps at the doors, and boxes (low, high)."""
+    azimuth = (np.arange(COLUMNS) + random.uniform()) * (2.0 * np.pi / COLUMNS)
+    elevation = np.repeat(ELEVATIONS[:, None], COLUMNS, axis=1)
+    directions = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = np.where(directions[..., 2] < 0.0, -HEIGHT_M / directions[..., 2], np.inf)
+        for side in FACADES_M:
+            wall = side / directions[..., 1]
+            distance = np.minimum(distance, np.where(wall > 0.0, wall, np.inf))
+    steps = [((x, y - 0.5, -HEIGHT_M), (x + 2.0, y + 0.5, 0.4)) for x, y in DOORSTEPS_M]
+    for low, high in [*boxes, *steps]:
+        distance = np.minimum(distance, meets_box(directions, low, high))
+    seen = distance < 80.0
+    distance = distance + 0.01 * random.normal(size=distance.shape)
+    count = int(seen.sum())
+    return Sweep(
+        stamp_ns=1_000_000_000 + number * 100_000_000,
+        xyz=(distance[..., None] * directions)[seen].astype(np.float32),
+        intensity=np.zeros(count, np.float32),
+        ring=np.repeat(np.arange(16), COLUMNS).reshape(16, COLUMNS)[seen].astype(np.uint16),
+        offset_ns=np.zeros(count, np.int64),
+    )
+
+
+def person(x, y):
+    """A box of a person's size that stands there."""
+    return (x - 0.2, y - 0.3, -HEIGHT_M), (x + 0.2, y + 0.3, 0.0)
+
+
+def test_facades_do_not_make_a_short_walk_still_poses():
+    random = np.random.default_rng(1)
+    walk = Listed([street(k, [person(8.0, -2.0 + 0.12 * k)], random) for k in range(30)])
+    assert find_poses(walk, stated=False) is None
+    poses = Listed(
+        [street(k, [person(*at)], random) for k, at in enumerate(random.uniform((6, -6), (14, 6), (12, 2)))]
+    )
+    assert find_poses(poses, stated=False).count == 12
+
+
+def test_a_facade_at_grazing_incidence_is_the_same_in_all_sweeps():
+    random = np.random.default_rng(2)
+    source = Listed([street(k, [], random) for k in range(16)])
+    seen = Backdrop.of(source).compare(source.sweep(3))
+    along = np.abs(source.sweep(3).xyz[:, 0])
+    far = (along > 40.0) & (along < 60.0)
+    assert far.sum() > 500
+    assert seen.moved[far].mean() < 0.03
