@@ -99,7 +99,9 @@ def _with_rays(
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
     reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
-    widest = float(np.max((1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]))
+    widths = (1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]
+    widest = int(on_board[np.argmax(widths)])
+    level = float(up[widest, ends[widest].sum() // 2])
     plane = Plane(
         R_window_lidar=window.R_window_lidar,
         w=w,
@@ -109,12 +111,13 @@ def _with_rays(
         up=up[at],
         reach=reach,
         ratio=ratio[at],
+        below=up[at] < level,
         mixed=mixed_rays(window.azimuth, window.slope, window.distance, w, _OFF * model.sigma, _PULSE_M, *at),
         hits=np.stack([left[hits], up[hits]]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
         points=points,
-        width=(widest - 2.0 * model.growth) * float(np.median(reach)),
+        width=(float(widths.max()) - 2.0 * model.growth) * float(np.median(reach)),
         returned=window.distance[at] > 0.0,
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
@@ -145,8 +148,9 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     # Both edges move out, so the apex rises by the square root of two.
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     first = int(np.argmax(weight))
-    against, upper = _against(plane, model, held.ways[first].edges, corners[first])
-    expected = plane.ratio.size * (model.wrong * math.log(model.wrong) + model.lost * math.log(model.lost))
+    against, upper, lower = _against(plane, model, held.ways[first].edges, corners[first])
+    wrong = np.where(plane.below, model.wrong_below, model.wrong)
+    expected = float(np.sum(wrong * np.log(wrong))) + plane.ratio.size * model.lost * math.log(model.lost)
     ways = tuple(
         Way(x, way.edges, way.corner[1:4], _matrix(way.corner))
         for x, way in zip(weight.tolist(), held.ways, strict=True)
@@ -154,7 +158,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     return Fix(
         plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
         math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
-        against, upper, max(float(corner[10]) for corner in corners), expected, held.evidence,
+        against, upper, lower, max(float(corner[10]) for corner in corners), expected, held.evidence,
         model.wrong, held.told, ways,
     )  # fmt: skip
 
@@ -204,21 +208,24 @@ def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
 
 def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
-) -> tuple[int, tuple[int, int]]:
-    """`Fix.against` and `Fix.upper` of the board in the middle of its posterior."""
+) -> tuple[int, tuple[int, int], tuple[int, int]]:
+    """`Fix.against`, `Fix.upper` and `Fix.lower` of the board in the middle of its posterior."""
     board = (model.soft, model.slack, *edges, corner)
     on_board = covered(plane.left, plane.up, _grown(plane, model), plane.reach, *board)
     hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
     # Near a soft edge either answer is as expected.
     inside, outside = missed & (on_board > 1.0 - _UNLIKELY), hit & (on_board < _UNLIKELY)
     side = corner[2] - min(edges[0] * math.sin(corner[3]), edges[1] * math.cos(corner[3]))
-    above = plane.returned & (plane.up > side)
-    upper = int(np.count_nonzero((inside | outside) & above)), int(np.count_nonzero(above))
+    contrary = inside | outside
+    upper, lower = (
+        (int(np.count_nonzero(contrary & part)), int(np.count_nonzero(plane.returned & part)))
+        for part in (plane.up > side, plane.up <= side)
+    )
     # A wall is met far beside the board too, not only at the ends of its stretches.
     left, up = plane.hits[0], plane.hits[1]
     reach = np.full_like(left, float(np.median(plane.reach)))
     beside = covered(left, up, reach * model.growth, reach, *board)
-    return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper
+    return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper, lower
 
 
 def _grown(plane: Plane, model: BoardModel) -> Floats:
@@ -244,10 +251,8 @@ def _corner(
     hits = plane.ratio > _CONFIDENT
     if not hits.any():
         return None
-    right, wrong = 1.0 - model.wrong, model.wrong
-    ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
     found = find_corner(
-        plane.left, plane.up, _grown(plane, model), plane.reach * model.soft, ratio, hits,
+        plane.left, plane.up, _grown(plane, model), plane.reach * model.soft, plane.believed(model), hits,
         edges[0], edges[1], model.slack, hang(edges) + model.roll[0], model.roll[1], coarse, floor,
     )  # fmt: skip
     return found if found[0][0] > -1e299 else None

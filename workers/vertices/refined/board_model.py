@@ -56,6 +56,7 @@ class BoardModel:
         sizes_tried: from how many sizes the edges were chosen, by the same rays that then tell whether it is a board.
         size: of the board, if it does not look as large as it was said to be; then the edges are as it looks.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
+        wrong_below: the same below the board's widest ring, where hands and body answer in the board's plane.
     """
 
     grid: SensorGrid
@@ -71,6 +72,7 @@ class BoardModel:
     swapped: float = 0.5
     lost: float = 0.004
     wrong: float = WRONG
+    wrong_below: float = WRONG
     bias: float = 0.0
     poses: bool = False
     sizes_tried: int = 1
@@ -107,6 +109,7 @@ class Plane:
         left, up: (N,) metres, where each ray meets the plane, from the foot of the sensor's perpendicular.
         reach: (N,) metres, distance from the sensor to that place.
         ratio: (N,) likelihood of the ray's return, or of none, with the board over that without the board.
+        below: (N,) whether the ray meets the plane below the board's widest ring.
         mixed: (N,) whether the ray's return may be of both the board and something close behind it.
         hits: (2, H) metres to the left and up, of all returns that lie in the plane where the board was followed.
         rings: how many rings meet the board.
@@ -125,6 +128,7 @@ class Plane:
     up: Floats
     reach: Floats
     ratio: Floats
+    below: NDArray[np.bool_]
     mixed: NDArray[np.bool_]
     hits: Floats
     rings: int
@@ -133,6 +137,13 @@ class Plane:
     width: float
     returned: NDArray[np.bool_]
     telling: bool
+
+    def believed(self, model: BoardModel) -> Floats:
+        """(N,) `ratio`, where some rays look as if they were on an edge's other side."""
+        wrong = np.where(self.below, model.wrong_below, model.wrong)
+        right = 1.0 - wrong
+        believed: Floats = (right * self.ratio + wrong) / (right + wrong * self.ratio)
+        return believed
 
     @property
     def like_a_person(self) -> bool:
@@ -173,7 +184,8 @@ class Fix:
         roll, roll_sigma: radians from `hang`, and its standard deviation.
         fall: radians by which the edge to the lower left falls.
         against: how many returns contradict the board: in its plane but outside the board, or off its plane inside.
-        upper: above the board's side corners, how many returns contradict it and how many there are.
+        upper, lower: above and below the board's side corners, how many of the edges' returns contradict it and how
+            many there are.
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
         expected: this log likelihood if the board is there and the sensor is as learned.
         evidence: log of the rays' likelihood, averaged over the prior.
@@ -193,6 +205,7 @@ class Fix:
     fall: float
     against: int
     upper: tuple[int, int]
+    lower: tuple[int, int]
     best: float
     expected: float
     evidence: float

@@ -273,14 +273,19 @@ def _learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
 
 
 def _learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
-    """Share of the returns at the upper edges on their wrong side; a hundred imagined ones at the default count too.
+    """Share of the returns at the edges on their wrong side; a hundred imagined ones at the default count too.
 
-    At the lower edges the body and the hands answer.
+    At the lower edges body and hands answer, so they have a share of their own.
     """
     fixes = [fix for plane in planes if (fix := locate(plane, model, coarse=True)) is not None and fix.explained]
-    against, rays = (sum(fix.upper[k] for fix in fixes) for k in (0, 1))
+    above = _wrong([fix.upper for fix in fixes], model)
+    return replace(model, wrong=above, wrong_below=max(_wrong([fix.lower for fix in fixes], model), above))
+
+
+def _wrong(counts: Sequence[tuple[int, int]], model: BoardModel) -> float:
+    against, rays = (sum(count[k] for count in counts) for k in (0, 1))
     default = BoardModel(model.grid).wrong
-    return replace(model, wrong=max((against + 100.0 * default) / (rays + 100.0), default))
+    return max((against + 100.0 * default) / (rays + 100.0), default)
 
 
 def _learn_roll(planes: Sequence[Plane], model: BoardModel) -> BoardModel:

@@ -37,9 +37,7 @@ def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
 def upright_evidence(fix: Fix, model: BoardModel) -> float:
     """Log of the rays' likelihood for an upright rectangle, averaged over its edges: each is even over one metre."""
     plane = fix.plane
-    right, wrong = 1.0 - model.wrong, model.wrong
-    ratio = (right * plane.ratio + wrong) / (right + wrong * plane.ratio)
-    gain = np.log(ratio)
+    gain = np.log(plane.believed(model))
     outside = -float(np.sum(np.maximum(gain, 0.0)))
     along = plane.left, plane.up
     order = tuple(np.argsort(values, kind="stable") for values in along)
