@@ -56,7 +56,9 @@ def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[fl
     roll = np.array([other.fix.roll for other in others])
     precision = np.array([other.fix.roll_sigma for other in others]) ** -2.0 - spread**-2.0
     told = (apart < TREMBLE_M + FASTEST_M_S * np.abs(after)) & (precision > 0.1 * spread**-2.0)
-    told &= np.abs(after) < LONGEST_S
+    # A sweep that was recorded twice tells nothing new.
+    told &= (np.abs(after) < LONGEST_S) & (after != 0.0)
+    told[np.setdiff1d(np.arange(after.size), np.unique(after, return_index=True)[1])] = False
     if not told.any():
         return mean, spread
     after, roll, precision = after[told], roll[told], precision[told]
