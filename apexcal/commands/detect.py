@@ -26,8 +26,8 @@ _FEW = 0.05
 # Edges of a board that a person carries, metres. The detector takes 0 for "not known"; leaving --board out says that.
 _EDGES_M = (0.1, 3.0)
 _WALKED = (
-    " But somebody walks in the recording. If it is a walk, upload it without --still: then the track and the times "
-    "of the points are used."
+    " But somebody walks in the recording. If it is a walk, upload it without --still. Then apexcal uses the track "
+    "and the times of the points."
 )
 _EXAMPLES: dict[DetectorName, str] = {
     "refined": "max_sigma_deg=0.1",
@@ -179,7 +179,8 @@ def _size(detection: DetectionView) -> str:
     said = sorted(float(detection.options[f"board_{edge}_m"]) for edge in ("width", "height"))
     return (
         f"\nThe board looks like {_edges(seen.seen_m)} m (+- {max(seen.sigma_m):.3f}); you said {_edges(said)} m. "
-        "The size that it shows was used. To get its other corners, measure its edges and detect again."
+        "The detection used the size that the board shows. To get the other corners, measure its edges and detect "
+        "again."
     )
 
 

@@ -62,7 +62,8 @@ class Level(TypedDict):
 
 _SAYS = Field(
     description=f"A tree of and, or and not over inequalities, boxes and polygons in the LiDAR's frame; at most "
-    f"{MAX_DEPTH} levels and {MAX_NODES} nodes. Of a tilted LiDAR the whole tree may be in level axes.",
+    f"{MAX_DEPTH} levels and {MAX_NODES} nodes. For a tilted LiDAR the whole tree may be in level axes: "
+    '{"level": tree, "up": [x, y, z]}.',
     examples=[
         {
             "and": [

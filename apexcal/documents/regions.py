@@ -11,8 +11,8 @@ Branches: ``{"and": [nodes]}``, ``{"or": [nodes]}``, ``{"not": node}``. Leaves:
 Quantities are x, y, z and range in metres, azimuth_deg and elevation_deg, all in the LiDAR's frame.
 
 For a tilted LiDAR the whole tree may be in level axes: ``{"level": node, "up": [x, y, z]}``, with the direction of up
-in the LiDAR's frame. Their z is that direction, their x the horizontal direction nearest to the LiDAR's x, and their
-origin is the LiDAR's.
+in the LiDAR's frame. Their z is that direction. Their x is the horizontal direction nearest to the LiDAR's x, or to
+its y if up is within 26 degrees of its x. Their origin is the LiDAR's.
 """
 
 from __future__ import annotations
@@ -93,6 +93,9 @@ def _node(node: object, path: str, depth: int, seen: Iterator[int]) -> Document:
         return {"box": _box(tree["box"], f"{path}.box")}
     if "polygon" in tree:
         return _polygon(tree, path)
+    if "level" in tree:
+        hint = 'Write {"level": the whole tree, "up": [x, y, z]}.'
+        raise _fail(path, "only a whole region may be in level axes", hint)
     return _inequality(tree, path)
 
 

@@ -63,6 +63,7 @@ def _require_stated(session: Session, detection: Detection, corner: CornerName) 
             409,
             "corners_not_known",
             f"No vertex of this detection states the board's {corner} corner.",
-            "Detect again with the detector refined and the board's size (options board_width_m, board_height_m).",
+            "Detect again with the detector refined and the board's measured size (options board_width_m and "
+            "board_height_m).",
             corner=corner,
         )

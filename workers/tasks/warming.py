@@ -23,6 +23,7 @@ def warm_up() -> None:
     region = Region.from_document(_REGION)
     for name in RUNS:
         detect_range(sweeps, region, name, _KNOWN if name == "refined" else None, indices=range(_SWEEPS), margin=0)
+    Region.from_document({"level": _REGION, "up": [0.0, 0.1, 1.0]}).inside(sweeps.sweep(0))
 
 
 def _sweep(number: int) -> Sweep:

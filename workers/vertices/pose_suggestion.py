@@ -76,7 +76,7 @@ def _notes(poses: StillPoses, by_shape: bool) -> list[str]:
     if poses.walked:
         notes.append(
             "The recording was uploaded as still poses, but somebody walks in it. If it is a walk, upload it without "
-            "--still: then the track and the times of the points are used."
+            "--still. Then apexcal uses the track and the times of the points."
         )
     return notes
 

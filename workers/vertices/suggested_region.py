@@ -129,7 +129,7 @@ def in_level_axes(found: Suggestion, level: Floats) -> Suggestion:
     if level[2, 2] == 1.0:
         return found
     tilt = math.degrees(math.acos(float(level[2, 2])))
-    note = f"The LiDAR is tilted by {tilt:.0f} degrees, as the ground tells; the region is in level axes."
+    note = f"The ground tells that the LiDAR is tilted by {tilt:.0f} degrees. The region is in level axes."
     document: Document = {"level": found.document, "up": [round(value, 5) for value in level[2].tolist()]}
     return Suggestion(document, found.facts | {"notes": [note, *found.facts["notes"]]})
 

@@ -124,10 +124,12 @@ export function parseRegion(text: string): WholeRegion {
   if (typeof value !== "object" || value === null || !("level" in value)) return checked(value, "region");
   const up = numbers("up" in value ? value.up : null, 3, "region.up") as Point;
   if (Math.hypot(...up) < SHORTEST) throw new Error("region.up: it has no direction.");
+  if (up.some((value) => Math.abs(value) > MOST)) throw new Error(`region.up: no number may be beyond ${MOST}.`);
   return { level: checked(value.level, "region.level"), up };
 }
 
 const SHORTEST = 1e-3;
+const MOST = 1e6;
 
 function checked(value: unknown, path: string): Region {
   if (typeof value !== "object" || value === null || Array.isArray(value)) {
@@ -146,6 +148,7 @@ function checked(value: unknown, path: string): Region {
   if ("not" in node) return { not: checked(node.not, `${path}.not`) };
   if ("box" in node) return { box: box(node.box, `${path}.box`) };
   if ("polygon" in node) return polygon(node, path);
+  if ("level" in node) throw new Error(`${path}: only a whole region may be in level axes.`);
   return inequality(node, path);
 }
 

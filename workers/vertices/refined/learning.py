@@ -43,6 +43,7 @@ _GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
 _BIAS_M = 0.015  # data sheets: accuracy 0.03 m, as two standard deviations
 _BEAM_SIGMA_RAD = 1.5e-3  # data sheets: half of a beam of 3 mrad
 _GROWTH_RAD = (-0.25e-3, 10.0e-3)
+_MOST_WRONG = 0.45  # from one half on, a return would speak for the other side of an edge
 
 
 def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[[], None]) -> BoardModel:
@@ -285,7 +286,7 @@ def _learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
 def _wrong(counts: Sequence[tuple[int, int]], model: BoardModel) -> float:
     against, rays = (sum(count[k] for count in counts) for k in (0, 1))
     default = BoardModel(model.grid).wrong
-    return max((against + 100.0 * default) / (rays + 100.0), default)
+    return min(max((against + 100.0 * default) / (rays + 100.0), default), _MOST_WRONG)
 
 
 def _learn_roll(planes: Sequence[Plane], model: BoardModel) -> BoardModel:

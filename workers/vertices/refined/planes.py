@@ -29,7 +29,7 @@ def find_stretches(
         (S, 7) ring, first column, last column, points, y' of the first and of the last point, mean x'; metres.
     """
     rings, columns = distance.shape
-    found = np.empty((rings * columns // 2 + 1, 7))
+    found = np.empty((inside.sum(), 7))  # every point may be a run of its own
     count = 0
     for r in range(rings):
         first, last, n, total = -1, -1, 0, 0.0

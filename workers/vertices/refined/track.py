@@ -58,10 +58,10 @@ def roll_prior(own: Seen, others: Sequence[Seen], model: BoardModel) -> tuple[fl
     told = (apart < TREMBLE_M + FASTEST_M_S * np.abs(after)) & (precision > 0.1 * spread**-2.0)
     # A sweep that was recorded twice tells nothing new.
     told &= (np.abs(after) < LONGEST_S) & (after != 0.0)
-    told[np.setdiff1d(np.arange(after.size), np.unique(after, return_index=True)[1])] = False
     if not told.any():
         return mean, spread
-    after, roll, precision = after[told], roll[told], precision[told]
+    after, once = np.unique(after[told], return_index=True)
+    roll, precision = roll[told][once], precision[told][once]
     alone = (roll - mean) * (precision + spread**-2.0) / precision
     between = spread**2 * np.exp(-0.5 * ((after[:, None] - after[None, :]) / _ROLL_LENGTH_S) ** 2)
     towards = spread**2 * np.exp(-0.5 * (after / _ROLL_LENGTH_S) ** 2)

@@ -20,7 +20,7 @@ _TURNS = 6
 _STARTS = (1.0, 0.9, 0.5)
 # A scene has some ten things that could be a board, and none may pass in 200 sweeps: log(2000).
 _CLEAR = 7.6
-_CHOSEN_CONTRADICTED = 0.125  # half of what may contradict a board whose size is known
+_CHOSEN_CONTRADICTED = 0.125  # half of what may contradict a board of known size on two or three rings
 
 
 def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
