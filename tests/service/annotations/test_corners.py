@@ -61,7 +61,7 @@ def test_corners_that_no_vertex_states_are_refused(api):
         "corners_not_known",
         "bottom",
     )
-    assert "board's size" in answer.json()["hint"]
+    assert "measured size" in answer.json()["hint"]
 
 
 def test_a_frame_stays_until_all_its_corners_are_marked(api, seed):

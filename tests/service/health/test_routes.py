@@ -141,7 +141,7 @@ def test_it_answers_in_time_and_keeps_to_itself_why_a_part_hangs_or_fails(
         began = time.monotonic()
         answers = [api.client.get("/readyz") for _ in range(20)]
         assert api.client.get("/healthz").status_code == 200
-        assert time.monotonic() - began < 1.5
+        assert time.monotonic() - began < 20 * health_parts.PATIENCE_S / 2
     finally:
         s3_server.resume()
         ended.set()
