@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.clouds.elevations import some
 from workers.readers.recording import Sweep
 from workers.vertices.backdrop import Backdrop
 from workers.vertices.jumps import APART_S, count_steps
@@ -179,7 +180,7 @@ def _places(source: SweepSource, backdrop: Backdrop, numbers: range) -> list[tup
     for number in numbers:
         sweep = source.sweep(number)
         kept = np.zeros(len(sweep.xyz), np.bool_)
-        kept[:: max(1, len(kept) // _MOST_POINTS)] = True
+        kept[some(len(kept), _MOST_POINTS)] = True
         middle = _largest(sweep.xyz[backdrop.compare(sweep, kept).moved].astype(np.float64))
         if middle is not None:
             places.append((sweep.stamp_ns, *middle))
