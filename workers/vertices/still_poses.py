@@ -178,10 +178,10 @@ def _walked(source: SweepSource, backdrop: Backdrop) -> bool:
 def _places(source: SweepSource, backdrop: Backdrop, numbers: range) -> list[tuple[int, float, float]]:
     """Stamp, x and y of the largest thing that moves in each of some sweeps."""
     places: list[tuple[int, float, float]] = []
-    some = backdrop.thinned(_MOST_IMAGES)
+    few = backdrop.thinned(_MOST_IMAGES)
     for number in numbers:
         sweep = source.sweep(number)
-        middle = _largest(sweep.xyz[some.compare(sweep).moved].astype(np.float64))
+        middle = _largest(sweep.xyz[few.compare(sweep).moved].astype(np.float64))
         if middle is not None:
             places.append((sweep.stamp_ns, *middle))
     return places
