@@ -102,8 +102,8 @@ class Backdrop:
         """The same of at most so many of its sweeps, evenly spread: coarser, and as much quicker."""
         if len(self.stamps_ns) <= most:
             return self
-        places = np.linspace(0, len(self.stamps_ns) - 1, most).round().astype(np.int64)
-        stamps_ns = [self.stamps_ns[place] for place in places.tolist()]
+        places = [round(place) for place in np.linspace(0, len(self.stamps_ns) - 1, most).tolist()]
+        stamps_ns = [self.stamps_ns[place] for place in places]
         return replace(self, stamps_ns=stamps_ns, near=self.near[places], far=self.far[places])
 
     def compare(self, sweep: Sweep, kept: Mask | None = None) -> Compared:

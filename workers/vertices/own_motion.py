@@ -103,5 +103,5 @@ def _cells(xy: Floats) -> NDArray[np.int64]:
 
 
 def _inside(cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = ((cells >= 0) & (cells < _CELLS)).all(axis=1)
-    return found
+    found: NDArray[np.bool_] = (cells >= 0) & (cells < _CELLS)
+    return found[:, 0] & found[:, 1]
