@@ -102,7 +102,7 @@ class Backdrop:
         """The same of at most so many of its sweeps, evenly spread: coarser, and as much quicker."""
         if len(self.stamps_ns) <= most:
             return self
-        places = [round(place) for place in np.linspace(0, len(self.stamps_ns) - 1, most).tolist()]
+        places = sorted({int(n) for n in np.linspace(0, len(self.stamps_ns) - 1, most).round()})
         stamps_ns = [self.stamps_ns[place] for place in places]
         return replace(self, stamps_ns=stamps_ns, near=self.near[places], far=self.far[places])
 
