@@ -1,5 +1,6 @@
 """Real parts for all tests: both databases, a broker, and the application on a data folder of its own."""
 
+import gc
 import shutil
 import sqlite3
 import threading
@@ -29,6 +30,11 @@ from workers.tasks.context import Context
 _DATABASE = "apexcal"
 
 compile_once()
+
+
+def pytest_collection_finish() -> None:
+    """What was collected stays until the end: nobody looks for garbage there."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -191,6 +191,7 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
         first, [first_set], models=["pinhole"], folds=0, schedule=SLOW | {"generations": 1000}
     )
     page = sign_in("Mia", "engineer")
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.get_by_role("link", name="Fleet requests").click()
     ask_for_the_carts(page, models=1, folds=0)
     database = Database(f"sqlite:///{Path(served['owner_token_file']).parent / 'apexcal.db'}")

@@ -137,7 +137,7 @@ def test_the_next_frame_comes_at_once_and_the_answer_is_saved_behind_it(sign_in:
     hal.open()
     hal.page.context.new_cdp_session(hal.page).send(
         "Network.emulateNetworkConditions",
-        {"offline": False, "latency": 300, "downloadThroughput": -1, "uploadThroughput": -1},
+        {"offline": False, "latency": 600, "downloadThroughput": -1, "uploadThroughput": -1},
     )
     hal.save("u")
     took: list[float] = []
@@ -150,8 +150,8 @@ def test_the_next_frame_comes_at_once_and_the_answer_is_saved_behind_it(sign_in:
         assert hal.vertex != vertex
         hal.ready()
     print("Enter to next frame, ms:", [round(one) for one in sorted(took)])
-    # Some may meet a busy machine. If frames waited for the save, all would take the network's 300 ms at least.
-    assert sorted(took)[len(took) // 2] < 200
+    # Some may meet a busy machine. If frames waited for the save, all would take the network's 600 ms at least.
+    assert sorted(took)[len(took) // 2] < 400
     for _ in range(100):
         if given.keys() <= hal.own_marks().keys():
             break

@@ -37,6 +37,7 @@ def test_an_engineer_invites_and_sees_a_broken_upload_explained(
     sign_in: SignIn, track: Track, tmp_path: Path
 ) -> None:
     page = sign_in("Ines", "engineer")
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.get_by_label("Name", exact=True).fill("Jon")
     page.get_by_role("button", name="Make a sign-in link").click()
     field = page.get_by_role("textbox", name="Sign-in link of Jon")
@@ -95,9 +96,9 @@ def test_a_region_is_tried_before_it_is_used(sign_in: SignIn, track: Track) -> N
 
 
 def test_the_pages_own_modules() -> None:
-    """The tests beside the modules of the pages, by Node's own runner."""
+    """The tests beside the modules of the pages, by Node's own runner, in one process."""
     node = Path(sys.executable).parent / "node"
-    command = [node, "--test", "src/**/*.test.ts"]
+    command = [node, "--test", "--test-isolation=none", "src/**/*.test.ts"]
     done = subprocess.run(command, cwd=FRONTEND, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stdout
 
@@ -116,6 +117,7 @@ def test_a_link_opens_the_frame_of_an_outlier_with_its_mark(sign_in: SignIn, tra
 
 def test_a_page_whose_code_is_gone_says_so(sign_in: SignIn, track: Track) -> None:
     page = sign_in("Olga", "viewer")
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.route(re.compile(r"/assets/Vehicle-.*\.js"), lambda route: route.fulfill(status=404))
     page.get_by_role("link", name="Van 7").click()
     expect(page.get_by_role("alert")).to_contain_text("could not be loaded")
@@ -136,7 +138,7 @@ def test_a_page_that_was_refused_its_stream_of_hints_asks_again(sign_in: SignIn,
             route.continue_()
 
     page.route("**/events", refuse)
-    page.reload()
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
     # A browser gives up after the first 503; the page asks again, and has all that changed meanwhile.
     page.get_by_role("link", name="Van 7").wait_for()
     track.owner.vehicles.create(track.fleet_id, "Van 8")

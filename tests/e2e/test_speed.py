@@ -16,6 +16,8 @@ from tests.support.uploads import RIG
 SignIn = Callable[[str, str], Page]
 # An idle machine of two cores takes a tenth of this; a busy one must not fail for it.
 MOST_MS = 2000
+# What the network takes. A frame that was fetched when it is asked for would take as long.
+LATENCY_MS = 600
 
 # From a click on how it is drawn until the canvas is on the screen, milliseconds.
 DRAW = """async (name) => {
@@ -52,7 +54,7 @@ def test_the_overlay_of_a_large_sweep_is_drawn_at_once(sign_in: SignIn, track: T
 
 
 @pytest.mark.parametrize("beside", [False, True])
-def test_the_next_frame_comes_within_a_tenth_of_a_second(sign_in: SignIn, track: Track, beside: bool) -> None:
+def test_the_next_frame_waits_for_no_network(sign_in: SignIn, track: Track, beside: bool) -> None:
     ask_marks(track, 50)
     marker = Marker(sign_in(f"Olga {beside}", "annotator"), track)
     marker.open()
@@ -61,7 +63,7 @@ def test_the_next_frame_comes_within_a_tenth_of_a_second(sign_in: SignIn, track:
         expect(marker.page.get_by_role("region", name="The sweep of this vertex")).to_be_visible()
     marker.page.context.new_cdp_session(marker.page).send(
         "Network.emulateNetworkConditions",
-        {"offline": False, "latency": 100, "downloadThroughput": -1, "uploadThroughput": -1},
+        {"offline": False, "latency": LATENCY_MS, "downloadThroughput": -1, "uploadThroughput": -1},
     )
     marker.save("u")
     took: list[float] = []
@@ -71,4 +73,4 @@ def test_the_next_frame_comes_within_a_tenth_of_a_second(sign_in: SignIn, track:
         took.append(marker.page.evaluate(NEXT_FRAME_MS))
         marker.ready()
     print(f"Enter to the next frame, LiDAR beside it: {beside}, ms: {[round(one) for one in sorted(took)]}")
-    assert sorted(took)[len(took) // 2] < MOST_MS / 10
+    assert sorted(took)[len(took) // 2] < LATENCY_MS * 2 / 3

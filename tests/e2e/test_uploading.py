@@ -8,14 +8,16 @@ from playwright.sync_api import Page, expect
 from tests.e2e.conftest import Track
 
 BYTES = 200_000_000
-# A part of 16 MiB that was hashed on the page's own thread held it for 450 ms and more.
+PARTS = -(-BYTES // (16 << 20))
+# A part of 16 MiB that was hashed on the page's own thread held it for 450 ms and more, each of them. A busy machine
+# may hold it too, now and then.
 LONGEST_MS = 150
 
-_WATCH = """() => {
-  window.longest = 0;
+_WATCH = """(limit) => {
+  window.held = [];
   let last = performance.now();
   const look = (now) => {
-    window.longest = Math.max(window.longest, now - last);
+    if (now - last > limit) window.held.push(Math.round(now - last));
     last = now;
     requestAnimationFrame(look);
   };
@@ -32,8 +34,10 @@ def test_the_page_goes_on_while_a_large_file_is_hashed(
     with large.open("wb") as file:
         file.truncate(BYTES)
     page.get_by_label("Recording", exact=True).set_input_files(large)
-    page.evaluate(_WATCH)
+    page.evaluate(_WATCH, LONGEST_MS)
     page.get_by_role("button", name="Upload").click()
     # The service compares the digest of each part with its bytes.
     expect(page.get_by_role("heading", level=1)).to_have_text("large.bag", timeout=60_000)
-    assert page.evaluate("window.longest") < LONGEST_MS
+    held: list[int] = page.evaluate("window.held")
+    print(f"{PARTS} parts; the page's thread was held for, ms: {held}")
+    assert len(held) < PARTS / 2

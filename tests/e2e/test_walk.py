@@ -17,6 +17,7 @@ SignIn = Callable[[str, str], Page]
 def test_an_engineer_goes_the_whole_way(sign_in: SignIn, track: Track, simulated: Callable[[], Path]) -> None:
     folder = simulated()
     page = sign_in("Nora", "engineer")
+    page.goto(f"{track.url}/fleets/{track.fleet_id}")
     page.set_viewport_size({"width": 1280, "height": 1000})
     describe(page, "Walker", folder / "rig.json")
     upload(page, folder / "recording.bag")

@@ -55,8 +55,8 @@ def test_a_worker_process_killed_within_a_slot(farm: Farm, undisturbed):
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
     later = time.monotonic() - began - undisturbed[1]
     assert farm.job(job_id).lost == 1
-    # The lease, and what a busy machine takes for the work that is done again.
-    assert later < LEASE_S + 20
+    # The lease, and what a busy machine takes for the work that is done again; without the lease it never ends.
+    assert later < LEASE_S + 60
 
 
 @both_in_the_long_form

@@ -3,10 +3,12 @@
 import base64
 import json
 import os
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from subprocess import Popen
+from uuid import UUID
 
 import pytest
 import redis
@@ -18,12 +20,13 @@ from apexcal.embedded.folder import DataFolder
 from service.db.jobs import Worker
 from service.db.session import Database
 from service.jobs.messages import RUN_JOB, Message, Sender
+from service.settings import Settings
+from service.storage.store import open_store
 from tests.service.jobs.support import job, make_fleet, make_jobs
 from tests.support.broker import Broker
-from tests.support.databases import one_database
 from tests.support.processes import start, stop_all, wait_until
 
-pytestmark = [one_database, pytest.mark.faults]
+pytestmark = pytest.mark.faults
 
 ORDERS = (("shutdown", {}), ("pool_shrink", {"n": 1}), ("cancel_consumer", {"queue": "solve"}), ("pool_restart", {}))
 
@@ -34,12 +37,13 @@ class Workers:
 
     broker: Broker
     database: Database
+    fleet_id: UUID
     log: Path
     children: list[Popen[bytes]]
 
     def still_work(self) -> None:
         """Fails unless both are the processes that they were and a job is still taken."""
-        (made,) = make_jobs(self.database, make_fleet(self.database), 1)
+        (made,) = make_jobs(self.database, self.fleet_id, 1)
         sender = Sender(self.broker.url)
         sender([Message(made, job(self.database, made).queue)])
         sender.close()
@@ -47,18 +51,31 @@ class Workers:
         assert [child.poll() for child in self.children] == [None, None]
 
 
-@pytest.fixture
-def workers(broker: Broker, database: Database, tmp_path: Path) -> Iterator[Workers]:
-    folder = DataFolder(tmp_path / "data")
-    environment = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", **os.environ}
-    log = tmp_path / "log"
+@pytest.fixture(scope="module")
+def workers(sqlite_template: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Workers]:
+    """The same for all tests: what one of them sends changes nothing for the next one either."""
+    root = tmp_path_factory.mktemp("workers")
+    url = f"sqlite:///{shutil.copy(sqlite_template, root / 'apexcal.db')}"
+    broker, database, folder, log = Broker(), Database(url), DataFolder(root / "data"), root / "log"
+    open_store(Settings(data_dir=folder.root)).prepare()
+    environment = {
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+        **os.environ,
+        "APEXCAL_DATA_DIR": str(folder.root),
+        "APEXCAL_DATABASE_URL": url,
+        "APEXCAL_BROKER_URL": broker.url,
+        "APEXCAL_MIN_FREE_BYTES": "0",
+    }
     commands = (plans.worker(folder, environment, 1), plans.sweeper(folder, environment))
     children = [start(list(one.command), log, env=environment) for one in commands]
     try:
         wait_until(lambda: is_warm(database), "a warm worker", 120)
-        yield Workers(broker, database, log, children)
+        yield Workers(broker, database, make_fleet(database), log, children)
     finally:
         stop_all(children)
+        database.close()
+        broker.close()
 
 
 def is_warm(database: Database) -> bool:

@@ -38,6 +38,19 @@ _EVERY_CASE = (
 )
 
 
+# Each statement that these run on PostgreSQL is run there by other tests as well (docs/decisions/0080): what they
+# test is the object store, streams, and rules that look at what was read.
+_SAME_STATEMENTS = (
+    "tests/service/annotations/test_mark_routes.py",
+    "tests/service/annotations/test_own_pairs.py",
+    "tests/service/calibrations/test_weight_rules.py",
+    "tests/service/calibrations/test_work_rules.py",
+    "tests/service/correspondence_sets/test_streamed_views.py",
+    "tests/service/events/",
+    "tests/service/recordings/test_presigned_routes.py",
+)
+
+
 class SideBySide(LoadFileScheduling):
     """`--dist loadfile`, where some folders count as one file."""
 
@@ -66,7 +79,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _leave_out_crossed(items: list[pytest.Item]) -> None:
-    """Mark as slow: on PostgreSQL, all but the first case of a test whose cases all run on SQLite as well."""
+    """Mark as slow what runs on SQLite as well: on PostgreSQL, all but a test's first case, or all of its cases."""
     all_ids = {item.nodeid for item in items}
     seen: set[str] = set()
     for item in items:
@@ -74,6 +87,6 @@ def _leave_out_crossed(items: list[pytest.Item]) -> None:
         on_sqlite = f"{test}[{case.replace('postgresql', 'sqlite')}"
         if "postgresql" not in case or on_sqlite not in all_ids or test.startswith(_EVERY_CASE):
             continue
-        if test in seen:
+        if test in seen or test.startswith(_SAME_STATEMENTS):
             item.add_marker("slow")
         seen.add(test)

@@ -173,7 +173,7 @@ def test_a_dry_run_waits_for_no_writer(api, vans: Vans):
         session.execute(update(Fleet).values(version=Fleet.version))
         began = time.monotonic()
         answer = vans.ask(dry_run=True, headers={"Idempotency-Key": "typing"})
-        assert time.monotonic() - began < 10, "a writer waits for 30 s"
+        assert time.monotonic() - began < 25, "a writer waits for 30 s"
     assert (answer.status_code, answer.json()["matched"]) == (200, 1)
 
 

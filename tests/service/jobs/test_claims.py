@@ -13,6 +13,7 @@ from service.db.models import Calibration, Fleet, Job
 from service.jobs.claims import CancelledError, Lease, LostLeaseError, claim, finishing, give_back, stumble
 from service.jobs.queue import cancel
 from service.settings import Settings, get_settings
+from tests.support.processes import wait_until
 
 from .support import job, let_backoff_end, let_lease_expire, make_calibration, make_fleet, make_jobs
 
@@ -95,7 +96,7 @@ def test_a_lease_is_renewed_while_the_work_goes_on_and_carries_progress(database
     before = job(database, job_id).lease_until
     with Lease(database, held) as lease:
         lease.report(0.5, "half way")
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + 30
         while job(database, job_id).progress is None and time.monotonic() < deadline:
             time.sleep(0.02)
     after = job(database, job_id)
@@ -122,28 +123,26 @@ def test_a_worker_hears_of_a_cancel_and_of_a_lost_lease(database, quick):
         _until_raises(lease)
 
 
-def test_a_cancel_is_heard_within_a_second_and_renews_nothing(database):
+def test_a_cancel_is_heard_before_the_next_renewal_and_renews_nothing(database, monkeypatch):
+    # A look comes every second. Whoever looked at renewals only would hear of it after minutes.
+    settings = Settings(lease_s=900.0, renew_s=300.0)
+    monkeypatch.setattr("service.jobs.claims.get_settings", lambda: settings)
     fleet_id = make_fleet(database)
     (job_id,) = make_jobs(database, fleet_id, 1)
     held = claim(database, job_id, "w")
     assert held
     before = job(database, job_id).lease_until
-    assert get_settings().renew_s > 2.5, "the usual settings"
     with Lease(database, held) as lease:
         with database.writing() as session:
             cancel(session, [fleet_id])
-        began = time.monotonic()
-        while not lease.flag[0] and time.monotonic() < began + 5:
-            time.sleep(0.01)
-        took = time.monotonic() - began
+        wait_until(lambda: bool(lease.flag[0]), "the news of the cancel", 30)
         assert job(database, job_id).lease_until == before
         with pytest.raises(CancelledError):
             lease.check()
-    assert took < 2.0
 
 
 def _until_raises(lease: Lease) -> None:
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 30
     while time.monotonic() < deadline:
         lease.check()
         time.sleep(0.01)

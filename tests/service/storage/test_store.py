@@ -141,7 +141,8 @@ def test_a_store_that_hangs_is_waited_for_so_long(s3_server: S3Server) -> None:
             began = time.monotonic()
             with pytest.raises(StoreUnavailableError) as found:
                 look()
-            assert time.monotonic() - began < 3 * 0.5 + 1
+            # An idle machine takes twice half a second and a pause; with the settings' own patience it is twice 20 s.
+            assert time.monotonic() - began < 15
             assert isinstance(found.value, OSError)
     finally:
         s3_server.resume()

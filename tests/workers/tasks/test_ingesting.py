@@ -140,8 +140,8 @@ def test_a_child_that_hangs_ends_with_its_job(context, database, tmp_path, monke
     other.start()
     run_job(context, recording.job_id)
     other.join(timeout=60)
-    # A second between two looks, a fifth to act; the rest is for a busy machine.
-    assert ended and ended[0] < 3
+    # A second between two looks, a fifth to act; the rest is for a busy machine. By itself it ends after 60 s.
+    assert ended and ended[0] < 20
     with database.reading() as session:
         row = session.get(Recording, recording.id)
         assert (row is None) == (how == "deleted")
