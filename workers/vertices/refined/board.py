@@ -96,12 +96,15 @@ def _with_rays(
     between: NDArray[np.bool_] = (column >= ends[:, :1]) & (column <= ends[:, 1:]) & (ends[:, :1] >= 0)
     points = int(np.count_nonzero(between & (ratio > _ON_BOARD)))
     hits = np.nonzero(between & (ratio > _CONFIDENT))
+    hit_at: Floats = np.stack([left[hits], up[hits]])
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
     reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
     widths = (1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]
     widest = int(on_board[np.argmax(widths)])
     level = float(up[widest, ends[widest].sum() // 2])
+    off = (_OFF * model.sigma, _PULSE_M)
+    missed = np.nonzero((window.distance > 0.0) & (ratio < 1.0 / _CONFIDENT) & _may_be_board(left, up, hit_at, model))
     plane = Plane(
         R_window_lidar=window.R_window_lidar,
         w=w,
@@ -112,8 +115,15 @@ def _with_rays(
         reach=reach,
         ratio=ratio[at],
         below=up[at] < level,
-        mixed=mixed_rays(window.azimuth, window.slope, window.distance, w, _OFF * model.sigma, _PULSE_M, *at),
-        hits=np.stack([left[hits], up[hits]]),
+        mixed=mixed_rays(window.azimuth, window.slope, window.distance, w, *off, *at),
+        hits=hit_at,
+        misses=np.stack(
+            [
+                left[missed],
+                up[missed],
+                mixed_rays(window.azimuth, window.slope, window.distance, w, *off, *missed),
+            ]
+        ),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
         points=points,
@@ -122,6 +132,15 @@ def _with_rays(
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
     return Sighting(plane, window, ends)
+
+
+def _may_be_board(left: Floats, up: Floats, hits: Floats, model: BoardModel) -> NDArray[np.bool_]:
+    """Where in a plane a board may be that holds all hits (2, H)."""
+    if not hits.size:
+        return np.zeros(left.shape, np.bool_)
+    widest = math.hypot(*model.edges) + 2.0 * model.slack
+    (low_left, low_up), (high_left, high_up) = (hits.max(axis=1) - widest).tolist(), (hits.min(axis=1) + widest).tolist()
+    return (left > low_left) & (left < high_left) & (up > low_up) & (up < high_up)
 
 
 def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | None:
@@ -223,9 +242,15 @@ def _against(
     )
     # A wall is met far beside the board too, not only at the ends of its stretches.
     left, up = plane.hits[0], plane.hits[1]
-    reach = np.full_like(left, float(np.median(plane.reach)))
+    middle = float(np.median(plane.reach))
+    reach = np.full_like(left, middle)
     beside = covered(left, up, reach * model.growth, reach, *board)
-    return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper, lower
+    # Behind a board nothing is seen, also where no ray was chosen.
+    left, up, mixed = plane.misses
+    reach = np.full_like(left, middle)
+    through = covered(left, up, _sign(mixed > 0.0, plane) * middle * model.growth, reach, *board)
+    against = int(np.count_nonzero(beside < _UNLIKELY)) + int(np.count_nonzero(through > 1.0 - _UNLIKELY))
+    return against, upper, lower
 
 
 def _grown(plane: Plane, model: BoardModel) -> Floats:
@@ -235,8 +260,11 @@ def _grown(plane: Plane, model: BoardModel) -> Floats:
     So such returns begin as far inside of the edge as other beams reach outside. On few rings they count as misses:
     there a head's returns above the board tell where its apex is.
     """
-    sign = np.where(plane.mixed & plane.telling, -1.0, 1.0)
-    return plane.reach * model.growth * sign
+    return plane.reach * model.growth * _sign(plane.mixed, plane)
+
+
+def _sign(mixed: NDArray[np.bool_], plane: Plane) -> Floats:
+    return np.where(mixed & plane.telling, -1.0, 1.0)
 
 
 def _matrix(corner: Floats) -> Floats:

@@ -30,7 +30,12 @@ TELLING_RINGS = 4
 # Breadth of the hips of a standing man, 95th percentile (DIN 33402-2); the trunk is no broader.
 _TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
-_ROLL_SIGMA = math.radians(20.0) / 2.8
+_MOST_ROLL = math.radians(20.0)
+_ROLL_SIGMA = _MOST_ROLL / 2.8
+_YAW_SIGMA = 0.6
+# Boards lean by slopes of up to 0.7 (real recordings). Turned by 59 degrees, a board shows half of its width.
+_MOST_YAW, _MOST_TILT = 2.8 * _YAW_SIGMA, 0.7
+_HARDLY = 0.025  # two standard deviations on one side
 # Radians from `hang`: wider than any prior reaches, in steps that a person's spread of rolls covers several times.
 ROLLS: Floats = np.radians(np.arange(-38.0, 38.25, 0.5))
 
@@ -67,7 +72,7 @@ class BoardModel:
     growth_sigma: float = 0.0
     soft: float = math.radians(0.02)
     roll: tuple[float, float] = (0.0, _ROLL_SIGMA)
-    yaw: tuple[float, float] = (0.0, 0.6)
+    yaw: tuple[float, float] = (0.0, _YAW_SIGMA)
     tilt: tuple[float, float] = (0.0, 0.10)
     swapped: float = 0.5
     lost: float = 0.004
@@ -93,8 +98,18 @@ def any_roll(edges: tuple[float, float]) -> tuple[float, float]:
 
     People hold a board near one of two angles, whose mean is `hang`, and roll it from there.
     """
-    apart = 0.5 * abs(math.atan2(edges[0], edges[1]) - math.radians(45.0))
-    return 0.0, math.hypot(_ROLL_SIGMA, apart)
+    return 0.0, math.hypot(_ROLL_SIGMA, _apart(edges))
+
+
+def _apart(edges: tuple[float, float]) -> float:
+    """Radians from `hang` to either of the angles whose mean it is."""
+    return 0.5 * abs(math.atan2(edges[0], edges[1]) - math.radians(45.0))
+
+
+def _within(most: float, mean: float, variance: float) -> float:
+    """Probability that a normal variable lies between -most and most."""
+    wide = math.sqrt(2.0 * max(variance, 1e-12))
+    return 0.5 * (math.erf((most - mean) / wide) + math.erf((most + mean) / wide))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +127,8 @@ class Plane:
         below: (N,) whether the ray meets the plane below the board's widest ring.
         mixed: (N,) whether the ray's return may be of both the board and something close behind it.
         hits: (2, H) metres to the left and up, of all returns that lie in the plane where the board was followed.
+        misses: (3, M) of all returns from behind the plane, where a board that holds the hits may be: metres to the
+            left and up, and 1 if the return may be of both the board and something close behind it, else 0.
         rings: how many rings meet the board.
         top_ring: the highest of these rings.
         points: how many points lie on the board.
@@ -131,6 +148,7 @@ class Plane:
     below: NDArray[np.bool_]
     mixed: NDArray[np.bool_]
     hits: Floats
+    misses: Floats
     rings: int
     top_ring: int
     points: int
@@ -144,6 +162,18 @@ class Plane:
         right = 1.0 - wrong
         believed: Floats = (right * self.ratio + wrong) / (right + wrong * self.ratio)
         return believed
+
+    @property
+    def held(self) -> bool:
+        """Whether somebody who shows a board to the sensor may turn and lean it so."""
+        slopes = -self.w[1:] / self.w[0]
+        towards = np.column_stack([-slopes, -np.eye(2)]) / self.w[0]
+        variances = np.diag(towards @ self.spread @ towards.T).tolist()
+        likely = [
+            _within(most, slope, variance)
+            for most, slope, variance in zip((_MOST_YAW, _MOST_TILT), slopes.tolist(), variances, strict=True)
+        ]
+        return min(likely) > _HARDLY
 
     @property
     def like_a_person(self) -> bool:
@@ -221,11 +251,24 @@ class Fix:
         board's rays are less likely than that, because it bends and hands hold it: only contradictions count there.
         They must be likelier on this recording's boards than by chance.
         """
+        if not self.held:
+            return False
         if not self.plane.telling:
             as_learned = self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.expected
             return as_learned and self.against < _CONTRADICTED * (self.plane.points + self.against)
         by_chance = self.against * math.log(_BY_CHANCE / self.wrong)
         return by_chance < self.plane.points * math.log((1.0 - self.wrong) / (1.0 - _BY_CHANCE))
+
+    @property
+    def held(self) -> bool:
+        """Whether somebody may hold a board so. Doors, cars and walls have upright edges."""
+        if not self.plane.held:
+            return False
+        share = 0.0
+        for way in self.ways:
+            most, roll = _MOST_ROLL + _apart(way.edges), float(way.mean[2]) - hang(way.edges)
+            share += way.weight * _within(most, roll, float(way.covariance[2, 2]))
+        return share > _HARDLY
 
     @property
     def support(self) -> float:
