@@ -106,6 +106,8 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "that somebody carries it: record a walk of more than six seconds or several poses, or come closer",
             "like_a_person": "on the few rings that meet it, what looks like the board is no wider than a person, "
             "and the sweeps before and after show no wider board there: walk closer",
+            "never_on_many_rings": "two or three rings meet what looks like the board, as they would a person with "
+            "stretched arms, and in no sweep do four rings or more meet a board: walk closer",
             "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough",
             "off_the_track": "the vertex lies far off the path of the sweeps before and after",
         }

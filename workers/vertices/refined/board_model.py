@@ -59,6 +59,7 @@ class BoardModel:
         bias: metres, standard deviation of each ring's own constant error of distance.
         poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
         sizes_tried: from how many sizes the edges were chosen, by the same rays that then tell whether it is a board.
+        shown: whether near sweeps show the board, on so many rings that nothing else looks alike by chance.
         size: of the board, if it does not look as large as it was said to be; then the edges are as it looks.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
         wrong_below: the same below the board's widest ring, where hands and body answer in the board's plane.
@@ -81,6 +82,7 @@ class BoardModel:
     bias: float = 0.0
     poses: bool = False
     sizes_tried: int = 1
+    shown: bool = False
     size: SizeFacts | None = None
 
 

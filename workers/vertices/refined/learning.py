@@ -71,11 +71,13 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     if len(windows) < _ENOUGH:
         open_growth = _BEAM_SIGMA_RAD if float(options["edge_growth_mrad"]) < 0.0 else 0.0
         model = replace(model, sigma=BoardModel(grid).sigma, bias=_BIAS_M, growth_sigma=open_growth)
-        return model if all(edges) else _some_edges(windows, model, edges)
+        model = model if all(edges) else _some_edges(windows, model, edges)
+        return replace(model, shown=_shown([sighting.plane for sighting in _best(windows, model)], model))
     model, sightings = _learn_planes(windows, model)
     planes = [sighting.plane for sighting in sightings]
     growth_mrad = float(options["edge_growth_mrad"])
     learned = _learn_board(planes, model, edges, growth_mrad)
+    learned = replace(learned, shown=_shown(planes, learned))
     if len(planes) < _ENOUGH or not all(edges) or not doubtful(planes, learned, _mean_reach(planes)):
         return learned
     default = BoardModel(model.grid)
@@ -83,7 +85,14 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     seen = _learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
     size = other_size(edges, seen, _mean_reach(planes))
     # Apexes that are found with a wrong size are wrong by decimetres.
-    return learned if size is None else replace(seen, size=size)
+    return learned if size is None else replace(seen, size=size, shown=_shown(planes, seen))
+
+
+def _shown(planes: Sequence[Plane], model: BoardModel) -> bool:
+    """Whether at least half of what many rings meet are boards, of those that most rays meet."""
+    solid = [plane for plane in planes if plane.telling][:_SOME]
+    fixes = [fix for plane in solid if (fix := locate(plane, model, coarse=True)) is not None]
+    return 0 < len(solid) <= 2 * sum(fix.explained for fix in fixes)
 
 
 def _spread(count: int, most: int) -> list[int]:

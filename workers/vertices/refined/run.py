@@ -105,6 +105,8 @@ def _settle(
         return Rejection("not_a_board")
     if fix.plane.like_a_person and path is None and not confirmed(seen, others):
         return Rejection("like_a_person")
+    if not fix.plane.telling and not model.shown:
+        return Rejection("never_on_many_rings")
     if fix.sigma > math.radians(options["max_sigma_deg"]):
         return Rejection("too_uncertain")
     if beside >= _FAR_OFF_PATH:
