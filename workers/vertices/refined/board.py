@@ -83,9 +83,8 @@ def _at_most(plane: Plane, model: BoardModel) -> float:
 def _with_rays(
     score: float, window: Window, w: Floats, spread: Floats, seed: tuple[int, int, int], model: BoardModel
 ) -> Sighting | None:
-    left, up, ratio = likelihood_ratios(
-        window.azimuth, window.slope, window.distance, w, spread, model.sigma, model.lost
-    )
+    image = window.azimuth, window.slope, window.distance
+    left, up, ratio = likelihood_ratios(*image, w, spread, model.sigma, model.lost)
     ends = follow_board(left, up, ratio, window.inside, *seed)
     on_board = np.flatnonzero(ends[:, 0] >= 0)
     if on_board.size < 2:
@@ -115,15 +114,9 @@ def _with_rays(
         reach=reach,
         ratio=ratio[at],
         below=up[at] < level,
-        mixed=mixed_rays(window.azimuth, window.slope, window.distance, w, *off, *at),
+        mixed=mixed_rays(*image, w, *off, *at),
         hits=hit_at,
-        misses=np.stack(
-            [
-                left[missed],
-                up[missed],
-                mixed_rays(window.azimuth, window.slope, window.distance, w, *off, *missed),
-            ]
-        ),
+        misses=np.stack([left[missed], up[missed], mixed_rays(*image, w, *off, *missed)]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
         points=points,
@@ -139,7 +132,8 @@ def _may_be_board(left: Floats, up: Floats, hits: Floats, model: BoardModel) -> 
     if not hits.size:
         return np.zeros(left.shape, np.bool_)
     widest = math.hypot(*model.edges) + 2.0 * model.slack
-    (low_left, low_up), (high_left, high_up) = (hits.max(axis=1) - widest).tolist(), (hits.min(axis=1) + widest).tolist()
+    low_left, low_up = (hits.max(axis=1) - widest).tolist()
+    high_left, high_up = (hits.min(axis=1) + widest).tolist()
     return (left > low_left) & (left < high_left) & (up > low_up) & (up < high_up)
 
 
@@ -167,7 +161,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     # Both edges move out, so the apex rises by the square root of two.
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     first = int(np.argmax(weight))
-    against, upper, lower = _against(plane, model, held.ways[first].edges, corners[first])
+    against, within, upper, lower = _against(plane, model, held.ways[first].edges, corners[first])
     wrong = np.where(plane.below, model.wrong_below, model.wrong)
     expected = float(np.sum(wrong * np.log(wrong))) + plane.ratio.size * model.lost * math.log(model.lost)
     ways = tuple(
@@ -177,7 +171,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     return Fix(
         plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
         math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
-        against, upper, lower, max(float(corner[10]) for corner in corners), expected, held.evidence,
+        against, within, upper, lower, max(float(corner[10]) for corner in corners), expected, held.evidence,
         model.wrong, held.told, ways,
     )  # fmt: skip
 
@@ -227,8 +221,8 @@ def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
 
 def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
-) -> tuple[int, tuple[int, int], tuple[int, int]]:
-    """`Fix.against`, `Fix.upper` and `Fix.lower` of the board in the middle of its posterior."""
+) -> tuple[int, float, tuple[int, int], tuple[int, int]]:
+    """`Fix.against`, `Fix.within`, `Fix.upper` and `Fix.lower` of the board in the middle of its posterior."""
     board = (model.soft, model.slack, *edges, corner)
     on_board = covered(plane.left, plane.up, _grown(plane, model), plane.reach, *board)
     hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
@@ -245,12 +239,13 @@ def _against(
     middle = float(np.median(plane.reach))
     reach = np.full_like(left, middle)
     beside = covered(left, up, reach * model.growth, reach, *board)
+    within = covered(left, up, np.zeros_like(left), reach, *board)
     # Behind a board nothing is seen, also where no ray was chosen.
     left, up, mixed = plane.misses
     reach = np.full_like(left, middle)
     through = covered(left, up, _sign(mixed > 0.0, plane) * middle * model.growth, reach, *board)
     against = int(np.count_nonzero(beside < _UNLIKELY)) + int(np.count_nonzero(through > 1.0 - _UNLIKELY))
-    return against, upper, lower
+    return against, float(within.mean()), upper, lower
 
 
 def _grown(plane: Plane, model: BoardModel) -> Floats:

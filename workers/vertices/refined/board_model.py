@@ -28,13 +28,16 @@ BEAM_M = 0.0095 / math.sqrt(12.0)
 # By chance a board and a leg, or a head, can lie in one plane on two or three rings, but hardly on more.
 TELLING_RINGS = 4
 # Breadth of the hips of a standing man, 95th percentile (DIN 33402-2); the trunk is no broader.
-_TRUNK_M = 0.4
+TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
-_MOST_ROLL = math.radians(20.0)
-_ROLL_SIGMA = _MOST_ROLL / 2.8
+_ROLL_SIGMA = math.radians(20.0) / 2.8
+# Half way between the edges of doors and cars, as a sensor sees them whose direction of up is known to 4 degrees, and
+# of a board of 1 : 1.6 that hangs (32 degrees) and is rolled by 20.
+_UPRIGHT = math.radians(8.0)
 _YAW_SIGMA = 0.6
 # Boards lean by slopes of up to 0.7 (real recordings). Turned by 59 degrees, a board shows half of its width.
 _MOST_YAW, _MOST_TILT = 2.8 * _YAW_SIGMA, 0.7
+_MOST = 0.5
 _HARDLY = 0.025  # two standard deviations on one side
 # Radians from `hang`: wider than any prior reaches, in steps that a person's spread of rolls covers several times.
 ROLLS: Floats = np.radians(np.arange(-38.0, 38.25, 0.5))
@@ -59,7 +62,7 @@ class BoardModel:
         bias: metres, standard deviation of each ring's own constant error of distance.
         poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
         sizes_tried: from how many sizes the edges were chosen, by the same rays that then tell whether it is a board.
-        shown: whether near sweeps show the board, on so many rings that nothing else looks alike by chance.
+        shown: whether the near sweeps show a board, on as many rings as meet it there.
         size: of the board, if it does not look as large as it was said to be; then the edges are as it looks.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
         wrong_below: the same below the board's widest ring, where hands and body answer in the board's plane.
@@ -100,12 +103,8 @@ def any_roll(edges: tuple[float, float]) -> tuple[float, float]:
 
     People hold a board near one of two angles, whose mean is `hang`, and roll it from there.
     """
-    return 0.0, math.hypot(_ROLL_SIGMA, _apart(edges))
-
-
-def _apart(edges: tuple[float, float]) -> float:
-    """Radians from `hang` to either of the angles whose mean it is."""
-    return 0.5 * abs(math.atan2(edges[0], edges[1]) - math.radians(45.0))
+    apart = 0.5 * abs(math.atan2(edges[0], edges[1]) - math.radians(45.0))
+    return 0.0, math.hypot(_ROLL_SIGMA, apart)
 
 
 def _within(most: float, mean: float, variance: float) -> float:
@@ -180,7 +179,7 @@ class Plane:
     @property
     def like_a_person(self) -> bool:
         """Whether it may be a person's trunk and legs: on few rings, and no wider."""
-        return not self.telling and self.width < _TRUNK_M
+        return not self.telling and self.width < TRUNK_M
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,6 +215,7 @@ class Fix:
         roll, roll_sigma: radians from `hang`, and its standard deviation.
         fall: radians by which the edge to the lower left falls.
         against: how many returns contradict the board: in its plane but outside the board, or off its plane inside.
+        within: share of the returns in its plane that lie on the board, not beside it where its edges seem to be.
         upper, lower: above and below the board's side corners, how many of the edges' returns contradict it and how
             many there are.
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
@@ -236,6 +236,7 @@ class Fix:
     roll_sigma: float
     fall: float
     against: int
+    within: float
     upper: tuple[int, int]
     lower: tuple[int, int]
     best: float
@@ -247,13 +248,14 @@ class Fix:
 
     @property
     def explained(self) -> bool:
-        """Whether the returns agree with a board rather than with none.
+        """Whether the returns agree with a board rather than with none, and somebody may hold it so.
 
         On few rings the rays must also be nearly as likely as noise alone makes them. On more rings even a real
         board's rays are less likely than that, because it bends and hands hold it: only contradictions count there.
-        They must be likelier on this recording's boards than by chance.
+        They must be likelier on this recording's boards than by chance. On any number of rings most returns must lie
+        on the board, not in the rim by which a beam's width makes it larger.
         """
-        if not self.held:
+        if not self.held or self.within < _MOST:
             return False
         if not self.plane.telling:
             as_learned = self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.expected
@@ -266,11 +268,12 @@ class Fix:
         """Whether somebody may hold a board so. Doors, cars and walls have upright edges."""
         if not self.plane.held:
             return False
-        share = 0.0
-        for way in self.ways:
-            most, roll = _MOST_ROLL + _apart(way.edges), float(way.mean[2]) - hang(way.edges)
-            share += way.weight * _within(most, roll, float(way.covariance[2, 2]))
-        return share > _HARDLY
+        tip = math.radians(45.0)
+        slanted = [
+            way.weight * _within(tip - _UPRIGHT, float(way.mean[2]) - tip, float(way.covariance[2, 2]))
+            for way in self.ways
+        ]
+        return sum(slanted) > _HARDLY
 
     @property
     def support(self) -> float:

@@ -15,10 +15,11 @@ import numpy as np
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
 from workers.vertices.refined.board import find_planes, locate, open_windows, weigh
-from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting, any_roll
+from workers.vertices.refined.board_model import EDGE_M, TRUNK_M, BoardModel, Floats, Plane, Sighting, any_roll
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.size import doubtful, growth_spread, other_size
+from workers.vertices.refined.track import trustworthy
 from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, SweepSource
@@ -83,16 +84,23 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     default = BoardModel(model.grid)
     as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
     seen = _learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
-    size = other_size(edges, seen, _mean_reach(planes))
+    seen = replace(seen, shown=_shown(planes, seen))
+    # Doors and cars are no boards of another size.
+    size = other_size(edges, seen, _mean_reach(planes)) if seen.shown else None
     # Apexes that are found with a wrong size are wrong by decimetres.
-    return learned if size is None else replace(seen, size=size, shown=_shown(planes, seen))
+    return learned if size is None else replace(seen, size=size)
 
 
 def _shown(planes: Sequence[Plane], model: BoardModel) -> bool:
-    """Whether at least half of what many rings meet are boards, of those that most rays meet."""
-    solid = [plane for plane in planes if plane.telling][:_SOME]
-    fixes = [fix for plane in solid if (fix := locate(plane, model, coarse=True)) is not None]
-    return 0 < len(solid) <= 2 * sum(fix.explained for fix in fixes)
+    """Whether at least half of the near sweeps' planes are boards; if many rings meet some of them, half of these.
+
+    A board that is no wider than a person is not told from one, and what is less even than sensors are is no board.
+    """
+    if min(model.edges) < TRUNK_M or model.bias > 2.0 * _BIAS_M:
+        return False
+    some = [plane for plane in planes if plane.telling] or planes
+    fixes = [fix for plane in some if (fix := locate(plane, model, coarse=True)) is not None]
+    return 0 < len(some) <= 2 * sum(trustworthy(fix) for fix in fixes)
 
 
 def _spread(count: int, most: int) -> list[int]:
