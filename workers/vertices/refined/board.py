@@ -116,7 +116,7 @@ def _with_rays(
         below=up[at] < level,
         mixed=mixed_rays(*image, w, *off, *at),
         hits=hit_at,
-        misses=np.stack([left[missed], up[missed], mixed_rays(*image, w, *off, *missed)]),
+        misses=np.stack([left[missed], up[missed], mixed_rays(*image, w, *off, *missed).astype(np.float64)]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
         points=points,
