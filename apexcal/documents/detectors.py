@@ -101,11 +101,14 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
             "too_few_rings": "fewer than two rings meet anything in the region that could be the board",
             "overtopped": "something stands above what looks like the board and in front of its plane: it is a body "
             "below or behind the board, and the board itself meets too few rings",
-            "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top",
+            "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top, as a board "
+            "on its tip does",
             "upright_object": "it could as well be a sign, a door or a wall's end with upright edges. Nothing shows "
             "that somebody carries it: record a walk of more than six seconds or several poses, or come closer",
             "like_a_person": "on the few rings that meet it, what looks like the board is no wider than a person, "
             "and the sweeps before and after show no wider board there: walk closer",
+            "never_shown": "where most rays meet what could be the board, it is none in most sweeps. So two or three "
+            "rings, or a board of unknown size, are not enough: walk closer, or give the board's size",
             "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough",
             "off_the_track": "the vertex lies far off the path of the sweeps before and after",
         }

@@ -83,9 +83,8 @@ def _at_most(plane: Plane, model: BoardModel) -> float:
 def _with_rays(
     score: float, window: Window, w: Floats, spread: Floats, seed: tuple[int, int, int], model: BoardModel
 ) -> Sighting | None:
-    left, up, ratio = likelihood_ratios(
-        window.azimuth, window.slope, window.distance, w, spread, model.sigma, model.lost
-    )
+    image = window.azimuth, window.slope, window.distance
+    left, up, ratio = likelihood_ratios(*image, w, spread, model.sigma, model.lost)
     ends = follow_board(left, up, ratio, window.inside, *seed)
     on_board = np.flatnonzero(ends[:, 0] >= 0)
     if on_board.size < 2:
@@ -96,12 +95,15 @@ def _with_rays(
     between: NDArray[np.bool_] = (column >= ends[:, :1]) & (column <= ends[:, 1:]) & (ends[:, :1] >= 0)
     points = int(np.count_nonzero(between & (ratio > _ON_BOARD)))
     hits = np.nonzero(between & (ratio > _CONFIDENT))
+    hit_at: Floats = np.stack([left[hits], up[hits]])
     # Rings so far apart that a board holds fewer of them have met a body too.
     apart = float(np.median(np.diff(window.slope[on_board, window.slope.shape[1] // 2])) / np.median(u))
     reach = np.sqrt(1.0 + window.slope[at] ** 2) / u
     widths = (1 + ends[on_board, 1] - ends[on_board, 0]) * window.steps[on_board]
     widest = int(on_board[np.argmax(widths)])
     level = float(up[widest, ends[widest].sum() // 2])
+    off = (_OFF * model.sigma, _PULSE_M)
+    missed = np.nonzero((window.distance > 0.0) & (ratio < 1.0 / _CONFIDENT) & _may_be_board(left, up, hit_at, model))
     plane = Plane(
         R_window_lidar=window.R_window_lidar,
         w=w,
@@ -112,8 +114,9 @@ def _with_rays(
         reach=reach,
         ratio=ratio[at],
         below=up[at] < level,
-        mixed=mixed_rays(window.azimuth, window.slope, window.distance, w, _OFF * model.sigma, _PULSE_M, *at),
-        hits=np.stack([left[hits], up[hits]]),
+        mixed=mixed_rays(*image, w, *off, *at),
+        hits=hit_at,
+        misses=np.stack([left[missed], up[missed], mixed_rays(*image, w, *off, *missed).astype(np.float64)]),
         rings=int(on_board.size),
         top_ring=int(window.ring[on_board[-1]]),
         points=points,
@@ -122,6 +125,16 @@ def _with_rays(
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
     return Sighting(plane, window, ends)
+
+
+def _may_be_board(left: Floats, up: Floats, hits: Floats, model: BoardModel) -> NDArray[np.bool_]:
+    """Where in a plane a board may be that holds all hits (2, H)."""
+    if not hits.size:
+        return np.zeros(left.shape, np.bool_)
+    widest = math.hypot(*model.edges) + 2.0 * model.slack
+    low_left, low_up = (hits.max(axis=1) - widest).tolist()
+    high_left, high_up = (hits.min(axis=1) + widest).tolist()
+    return (left > low_left) & (left < high_left) & (up > low_up) & (up < high_up)
 
 
 def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | None:
@@ -148,7 +161,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     # Both edges move out, so the apex rises by the square root of two.
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
     first = int(np.argmax(weight))
-    against, upper, lower = _against(plane, model, held.ways[first].edges, corners[first])
+    against, within, upper, lower = _against(plane, model, held.ways[first].edges, corners[first])
     wrong = np.where(plane.below, model.wrong_below, model.wrong)
     expected = float(np.sum(wrong * np.log(wrong))) + plane.ratio.size * model.lost * math.log(model.lost)
     ways = tuple(
@@ -158,7 +171,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     return Fix(
         plane, xyz, errors, math.sqrt(own[0, 0] + own[1, 1]), float(mean[2]),
         math.sqrt(max(float(covariance[2, 2]), 1e-12)), float(weight @ np.array([corner[3] for corner in corners])),
-        against, upper, lower, max(float(corner[10]) for corner in corners), expected, held.evidence,
+        against, within, upper, lower, max(float(corner[10]) for corner in corners), expected, held.evidence,
         model.wrong, held.told, ways,
     )  # fmt: skip
 
@@ -208,8 +221,8 @@ def _edges(model: BoardModel, swapped: bool) -> tuple[float, float]:
 
 def _against(
     plane: Plane, model: BoardModel, edges: tuple[float, float], corner: Floats
-) -> tuple[int, tuple[int, int], tuple[int, int]]:
-    """`Fix.against`, `Fix.upper` and `Fix.lower` of the board in the middle of its posterior."""
+) -> tuple[int, float, tuple[int, int], tuple[int, int]]:
+    """`Fix.against`, `Fix.within`, `Fix.upper` and `Fix.lower` of the board in the middle of its posterior."""
     board = (model.soft, model.slack, *edges, corner)
     on_board = covered(plane.left, plane.up, _grown(plane, model), plane.reach, *board)
     hit, missed = plane.ratio > _CONFIDENT, plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
@@ -223,9 +236,16 @@ def _against(
     )
     # A wall is met far beside the board too, not only at the ends of its stretches.
     left, up = plane.hits[0], plane.hits[1]
-    reach = np.full_like(left, float(np.median(plane.reach)))
+    middle = float(np.median(plane.reach))
+    reach = np.full_like(left, middle)
     beside = covered(left, up, reach * model.growth, reach, *board)
-    return int(np.count_nonzero(inside)) + int(np.count_nonzero(beside < _UNLIKELY)), upper, lower
+    within = covered(left, up, np.zeros_like(left), reach, *board)
+    # Behind a board nothing is seen, also where no ray was chosen.
+    left, up, mixed = plane.misses
+    reach = np.full_like(left, middle)
+    through = covered(left, up, _sign(mixed > 0.0, plane) * middle * model.growth, reach, *board)
+    against = int(np.count_nonzero(beside < _UNLIKELY)) + int(np.count_nonzero(through > 1.0 - _UNLIKELY))
+    return against, float(within.mean()), upper, lower
 
 
 def _grown(plane: Plane, model: BoardModel) -> Floats:
@@ -235,8 +255,11 @@ def _grown(plane: Plane, model: BoardModel) -> Floats:
     So such returns begin as far inside of the edge as other beams reach outside. On few rings they count as misses:
     there a head's returns above the board tell where its apex is.
     """
-    sign = np.where(plane.mixed & plane.telling, -1.0, 1.0)
-    return plane.reach * model.growth * sign
+    return plane.reach * model.growth * _sign(plane.mixed, plane)
+
+
+def _sign(mixed: NDArray[np.bool_], plane: Plane) -> Floats:
+    return np.where(mixed & plane.telling, -1.0, 1.0)
 
 
 def _matrix(corner: Floats) -> Floats:

@@ -31,6 +31,14 @@ TELLING_RINGS = 4
 TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
+# Half way between the edges of doors and cars, as a sensor sees them whose direction of up is known to 4 degrees, and
+# of a board of 1 : 1.6 that hangs (32 degrees) and is rolled by 20.
+_UPRIGHT = math.radians(8.0)
+_YAW_SIGMA = 0.6
+# Boards lean by slopes of up to 0.7 (real recordings). Turned by 59 degrees, a board shows half of its width.
+_MOST_YAW, _MOST_TILT = 2.8 * _YAW_SIGMA, 0.7
+_MOST = 0.5
+_HARDLY = 0.025  # two standard deviations on one side
 # Radians from `hang`: wider than any prior reaches, in steps that a person's spread of rolls covers several times.
 ROLLS: Floats = np.radians(np.arange(-38.0, 38.25, 0.5))
 
@@ -54,6 +62,7 @@ class BoardModel:
         bias: metres, standard deviation of each ring's own constant error of distance.
         poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
         sizes_tried: from how many sizes the edges were chosen, by the same rays that then tell whether it is a board.
+        shown: whether the near sweeps show a board, on as many rings as meet it there.
         size: of the board, if it does not look as large as it was said to be; then the edges are as it looks.
         wrong: share of the returns at the board's edges that look as if their rays were on the edge's other side.
         wrong_below: the same below the board's widest ring, where hands and body answer in the board's plane.
@@ -67,7 +76,7 @@ class BoardModel:
     growth_sigma: float = 0.0
     soft: float = math.radians(0.02)
     roll: tuple[float, float] = (0.0, _ROLL_SIGMA)
-    yaw: tuple[float, float] = (0.0, 0.6)
+    yaw: tuple[float, float] = (0.0, _YAW_SIGMA)
     tilt: tuple[float, float] = (0.0, 0.10)
     swapped: float = 0.5
     lost: float = 0.004
@@ -76,6 +85,7 @@ class BoardModel:
     bias: float = 0.0
     poses: bool = False
     sizes_tried: int = 1
+    shown: bool = False
     size: SizeFacts | None = None
 
 
@@ -97,6 +107,12 @@ def any_roll(edges: tuple[float, float]) -> tuple[float, float]:
     return 0.0, math.hypot(_ROLL_SIGMA, apart)
 
 
+def _within(most: float, mean: float, variance: float) -> float:
+    """Probability that a normal variable lies between -most and most."""
+    wide = math.sqrt(2.0 * max(variance, 1e-12))
+    return 0.5 * (math.erf((most - mean) / wide) + math.erf((most + mean) / wide))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
     """A plane w . X = 1 in a window's frame, and the rays that show where the board in this plane ends.
@@ -112,6 +128,8 @@ class Plane:
         below: (N,) whether the ray meets the plane below the board's widest ring.
         mixed: (N,) whether the ray's return may be of both the board and something close behind it.
         hits: (2, H) metres to the left and up, of all returns that lie in the plane where the board was followed.
+        misses: (3, M) of all returns from behind the plane, where a board that holds the hits may be: metres to the
+            left and up, and 1 if the return may be of both the board and something close behind it, else 0.
         rings: how many rings meet the board.
         top_ring: the highest of these rings.
         points: how many points lie on the board.
@@ -131,6 +149,7 @@ class Plane:
     below: NDArray[np.bool_]
     mixed: NDArray[np.bool_]
     hits: Floats
+    misses: Floats
     rings: int
     top_ring: int
     points: int
@@ -144,6 +163,18 @@ class Plane:
         right = 1.0 - wrong
         believed: Floats = (right * self.ratio + wrong) / (right + wrong * self.ratio)
         return believed
+
+    @property
+    def held(self) -> bool:
+        """Whether somebody who shows a board to the sensor may turn and lean it so."""
+        slopes = -self.w[1:] / self.w[0]
+        towards = np.column_stack([-slopes, -np.eye(2)]) / self.w[0]
+        variances = np.diag(towards @ self.spread @ towards.T).tolist()
+        likely = [
+            _within(most, slope, variance)
+            for most, slope, variance in zip((_MOST_YAW, _MOST_TILT), slopes.tolist(), variances, strict=True)
+        ]
+        return min(likely) > _HARDLY
 
     @property
     def like_a_person(self) -> bool:
@@ -184,6 +215,7 @@ class Fix:
         roll, roll_sigma: radians from `hang`, and its standard deviation.
         fall: radians by which the edge to the lower left falls.
         against: how many returns contradict the board: in its plane but outside the board, or off its plane inside.
+        within: share of the returns in its plane that lie on the board, not beside it where its edges seem to be.
         upper, lower: above and below the board's side corners, how many of the edges' returns contradict it and how
             many there are.
         best: log likelihood of the rays for the likeliest board, 0 if every ray is as expected.
@@ -204,6 +236,7 @@ class Fix:
     roll_sigma: float
     fall: float
     against: int
+    within: float
     upper: tuple[int, int]
     lower: tuple[int, int]
     best: float
@@ -215,17 +248,32 @@ class Fix:
 
     @property
     def explained(self) -> bool:
-        """Whether the returns agree with a board rather than with none.
+        """Whether the returns agree with a board rather than with none, and somebody may hold it so.
 
         On few rings the rays must also be nearly as likely as noise alone makes them. On more rings even a real
         board's rays are less likely than that, because it bends and hands hold it: only contradictions count there.
-        They must be likelier on this recording's boards than by chance.
+        They must be likelier on this recording's boards than by chance. On any number of rings most returns must lie
+        on the board, not in the rim by which a beam's width makes it larger.
         """
+        if not self.held or self.within < _MOST:
+            return False
         if not self.plane.telling:
             as_learned = self.best >= _LEAST_LIKELY + _TIMES_EXPECTED * self.expected
             return as_learned and self.against < _CONTRADICTED * (self.plane.points + self.against)
         by_chance = self.against * math.log(_BY_CHANCE / self.wrong)
         return by_chance < self.plane.points * math.log((1.0 - self.wrong) / (1.0 - _BY_CHANCE))
+
+    @property
+    def held(self) -> bool:
+        """Whether somebody may hold a board so. Doors, cars and walls have upright edges."""
+        if not self.plane.held:
+            return False
+        tip = math.radians(45.0)
+        slanted = [
+            way.weight * _within(tip - _UPRIGHT, float(way.mean[2]) - tip, float(way.covariance[2, 2]))
+            for way in self.ways
+        ]
+        return sum(slanted) > _HARDLY
 
     @property
     def support(self) -> float:

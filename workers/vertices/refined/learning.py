@@ -15,10 +15,11 @@ import numpy as np
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
 from workers.vertices.refined.board import find_planes, locate, open_windows, weigh
-from workers.vertices.refined.board_model import EDGE_M, BoardModel, Floats, Plane, Sighting, any_roll
+from workers.vertices.refined.board_model import EDGE_M, TRUNK_M, BoardModel, Floats, Plane, Sighting, any_roll
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.size import doubtful, growth_spread, other_size
+from workers.vertices.refined.track import trustworthy
 from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, SweepSource
@@ -71,19 +72,35 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     if len(windows) < _ENOUGH:
         open_growth = _BEAM_SIGMA_RAD if float(options["edge_growth_mrad"]) < 0.0 else 0.0
         model = replace(model, sigma=BoardModel(grid).sigma, bias=_BIAS_M, growth_sigma=open_growth)
-        return model if all(edges) else _some_edges(windows, model, edges)
+        model = model if all(edges) else _some_edges(windows, model, edges)
+        return replace(model, shown=_shown([sighting.plane for sighting in _best(windows, model)], model))
     model, sightings = _learn_planes(windows, model)
     planes = [sighting.plane for sighting in sightings]
     growth_mrad = float(options["edge_growth_mrad"])
     learned = _learn_board(planes, model, edges, growth_mrad)
+    learned = replace(learned, shown=_shown(planes, learned))
     if len(planes) < _ENOUGH or not all(edges) or not doubtful(planes, learned, _mean_reach(planes)):
         return learned
     default = BoardModel(model.grid)
     as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
     seen = _learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
-    size = other_size(edges, seen, _mean_reach(planes))
+    seen = replace(seen, shown=_shown(planes, seen))
+    # Doors and cars are no boards of another size.
+    size = other_size(edges, seen, _mean_reach(planes)) if seen.shown else None
     # Apexes that are found with a wrong size are wrong by decimetres.
     return learned if size is None else replace(seen, size=size)
+
+
+def _shown(planes: Sequence[Plane], model: BoardModel) -> bool:
+    """Whether at least half of the near sweeps' planes are boards; if many rings meet some of them, half of these.
+
+    A board that is no wider than a person is not told from one, and what is less even than sensors are is no board.
+    """
+    if min(model.edges) < TRUNK_M or model.bias > 2.0 * _BIAS_M:
+        return False
+    some = [plane for plane in planes if plane.telling] or planes
+    fixes = [fix for plane in some if (fix := locate(plane, model, coarse=True)) is not None]
+    return 0 < len(some) <= 2 * sum(trustworthy(fix) for fix in fixes)
 
 
 def _spread(count: int, most: int) -> list[int]:

@@ -105,6 +105,8 @@ def _settle(
         return Rejection("not_a_board")
     if fix.plane.like_a_person and path is None and not confirmed(seen, others):
         return Rejection("like_a_person")
+    if not model.shown and not (fix.plane.telling and _size_known(options, model)):
+        return Rejection("never_shown")
     if fix.sigma > math.radians(options["max_sigma_deg"]):
         return Rejection("too_uncertain")
     if beside >= _FAR_OFF_PATH:
@@ -146,7 +148,6 @@ def _vertex(
     covariance: Covariance = ((aa, ae, ar), (ea, ee, er), (ra, re, rr))
     fine = fix.sigma_azimuth <= _FINE_AZIMUTH and fix.sigma_elevation <= _FINE_ELEVATION
     quality: Quality = "fine" if fine else "usable"
-    size_known = options["board_width_m"] > 0.0 and options["board_height_m"] > 0.0 and model.size is None
     return Vertex(
         xyz=(x, y, z),
         time_ns=time_ns,
@@ -158,5 +159,9 @@ def _vertex(
         quality=quality,
         flags=flags,
         roll=(fix.fall - math.radians(45.0), fix.roll_sigma),
-        corners=corners_of(fix, math.radians(options["max_sigma_deg"])) if size_known else None,
+        corners=corners_of(fix, math.radians(options["max_sigma_deg"])) if _size_known(options, model) else None,
     )
+
+
+def _size_known(options: Options, model: BoardModel) -> bool:
+    return options["board_width_m"] > 0.0 and options["board_height_m"] > 0.0 and model.size is None
