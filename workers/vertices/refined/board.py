@@ -246,11 +246,11 @@ def _grown(plane: Plane, model: BoardModel) -> Floats:
     """(N,) metres by which the edges seem to lie farther out at each ray.
 
     A beam that meets the edge and something close behind it gives one return between the two, which is off the plane.
-    So such returns begin inside of the edge, as far as beams reach (`BoardModel.inset`). Where that was not learned,
-    they begin as far inside as other beams reach outside, and on few rings they count as misses.
+    So such returns begin inside of the edge, as far as beams reach (`BoardModel.inset`), and at least as far as other
+    beams reach outside. Where that was not learned, they begin just so far, and on few rings they count as misses.
     """
     if model.inset is not None:
-        return plane.reach * np.where(plane.mixed, -model.inset, model.growth)
+        return plane.reach * np.where(plane.mixed, -max(model.inset, model.growth), model.growth)
     sign = np.where(plane.mixed & plane.telling, -1.0, 1.0)
     return plane.reach * model.growth * sign
 

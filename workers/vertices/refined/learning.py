@@ -213,6 +213,7 @@ def _learn_board(
     planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float
 ) -> BoardModel:
     """The board's edges where they are not given, their growth, which edge is where, and the roll."""
+    planes = _no_taller(planes, edges)
     if len(planes) < _ENOUGH:
         return model
     solid = [plane for plane in planes if plane.telling]
@@ -231,6 +232,15 @@ def _learn_board(
         # Growth and roll are told by the same edges, so each is learned again with the other.
         model = _learn_roll(planes, model)
     return model
+
+
+def _no_taller(planes: Sequence[Plane], edges: tuple[float, float]) -> Sequence[Plane]:
+    """The planes whose returns fit on the board, if its size is known; the others met a body, too."""
+    if not all(edges):
+        return planes
+    most = math.hypot(*edges)
+    fit = [p for p in planes if np.ptp(p.hits[1]) < most + 2.0 * _GROWTH_RAD[1] * float(np.median(p.reach))]
+    return fit if len(fit) >= _ENOUGH else planes
 
 
 def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:
