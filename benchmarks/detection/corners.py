@@ -157,6 +157,24 @@ def solved(pairs: Columns, chosen: Sequence[int], model: str, *, locked: bool) -
     return solve_finish(problem, run_schedule(problem)[0])
 
 
+def off_the_image(pairs: Columns) -> Floats:
+    """(N,) millimetres at the board by which corners miss their places in the image, with the published lens.
+
+    The mount is fitted to the same corners: six numbers.
+    """
+    mount = from_document(solved(pairs, range(len(pairs["x"])), "kannala_brandt", locked=True)["transform"])
+    there = mount.apply(np.column_stack([pairs[axis] for axis in "xyz"]))
+    projected, _ = project("kannala_brandt", LENS, there)
+    off = np.linalg.norm(projected - np.column_stack([pairs["u"], pairs["v"]]), axis=1)
+    return 1e3 * off * np.linalg.norm(there, axis=1) / LENS["f_x"]
+
+
+def as_published(pairs: Columns, poses: Sequence[dict[CornerName, Labelled]]) -> Columns:
+    """Pairs of tips with the published tips instead of those that were found."""
+    xyz = np.array([poses[pose][TOP].xyz for pose in pairs["group"]])
+    return pairs | dict(zip("xyz", xyz.T.tolist(), strict=True))
+
+
 def held_out(pairs: Columns, judges: Columns, model: str, *, locked: bool) -> Held:
     """Fit to the poses of all folds but one, and test on all corners (`judges`) of the poses of that one."""
     group, judged = np.array(pairs["group"]), np.array(judges["group"])
@@ -198,6 +216,10 @@ def main() -> None:
             f"{name}: {len(rows)} corners, median {1e3 * np.median(off):.0f} mm, worst {1e3 * off.max():.0f} mm from "
             f"the published ones, chi-square {chi.mean():.2f} (median {np.median(chi):.2f})"
         )
+    tips = pairs_of(vertices, poses, (TOP,))
+    for whose, pairs in (("found", tips), ("published", as_published(tips, poses))):
+        off = off_the_image(pairs)
+        print(f"tips {whose}: {np.sqrt(np.mean(off**2)):.1f} mm (RMS) beside the tips in the images")
     judges = pairs_of(vertices, poses, CORNERS)
     for model, locked in (("kannala_brandt", True), ("kannala_brandt", False), ("brown_conrady", False)):
         print(f"{model}, {'the published lens, mount open' if locked else 'lens and mount open'}")

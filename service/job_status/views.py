@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Sequence
 from uuid import UUID
 
 from sqlalchemy import select
@@ -33,13 +34,21 @@ def job_views(session: Session, ids: Iterable[int | None]) -> dict[int, JobView]
 
 
 def jobs_of(session: Session, subject_ids: Iterable[UUID]) -> dict[UUID, Job]:
-    """For each subject the job that tells most: the oldest one that has not ended, else the newest."""
-    found: dict[UUID, Job] = {}
+    """For each subject the job that tells most.
+
+    It is the oldest one that has not ended, else the newest that failed and whose work no later one did, else the
+    newest.
+    """
+    latest: dict[UUID, dict[str, Job]] = {}
     for job in session.scalars(select(Job).where(Job.subject_id.in_(list(subject_ids))).order_by(Job.id)):
-        known = found.get(job.subject_id)
-        if known is None or known.state not in UNENDED:
-            found[job.subject_id] = job
-    return found
+        work = json.dumps([job.kind, job.payload], sort_keys=True)
+        latest.setdefault(job.subject_id, {})[work] = job
+    return {subject: _telling(sorted(jobs.values(), key=lambda job: job.id)) for subject, jobs in latest.items()}
+
+
+def _telling(jobs: Sequence[Job]) -> Job:
+    unended = next((job for job in jobs if job.state in UNENDED), None)
+    return unended or next((job for job in reversed(jobs) if job.state == WorkState.FAILED), jobs[-1])
 
 
 def _seconds_left(job: Job) -> float | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.vertices.refined.board import find_planes, locate, open_windows
-from workers.vertices.refined.board_model import BoardModel, Fix
+from workers.vertices.refined.board_model import TRUNK_M, BoardModel, Fix
 from workers.vertices.sensor_grid import SensorGrid
 from workers.vertices.upright_pieces import upright_pieces
 
@@ -29,7 +29,6 @@ _CONTRADICTED: Final = 0.05
 _MOST_SIGMA: Final = math.radians(0.5)
 _MOST_PIECES: Final = 40
 _PLANES: Final = 3  # of each group of points that stand together
-_TRUNK_M: Final = 0.4  # hips of a standing man, 95 % (DIN 33402-2): nothing narrower is taken for a board
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +53,7 @@ def search(sweep: Sweep, kept: Mask, grid: SensorGrid, *, sure: bool) -> Found |
     windows = open_windows(sweep, kept, grid)
     sightings = [sighting for window in windows for sighting in find_planes([window], model, _PLANES)]
     for plane in (sighting.plane for sighting in sightings):
-        if plane.points < _FEWEST_POINTS or plane.width < _TRUNK_M:
+        if plane.points < _FEWEST_POINTS or plane.width < TRUNK_M:
             continue
         for edges in _SIZES_M:
             fix = locate(plane, replace(model, edges=edges), coarse=True)

@@ -28,7 +28,9 @@ _GRID_SWEEPS: Final = 8
 _PAIRS: Final = 4
 _A_SWEEP: Final = 500  # points; clouds with fewer were cut out already and show no surroundings
 _LOOKED_AT: Final = 16
-_MOST_POINTS: Final = 16_384  # of a sweep; where the largest thing that moves is, is told by fewer
+# Sweeps that tell where the largest thing that moves is. All points of a sweep are compared with them: of every k-th
+# point, pieces of a facade have a person's size.
+_MOST_IMAGES: Final = 12
 _RUNS, _RUN_SWEEPS = 4, 6  # of neighbouring sweeps that tell a walk from poses
 _BODY_M: Final = 0.5
 _FEET_M: Final = 0.3
@@ -176,11 +178,10 @@ def _walked(source: SweepSource, backdrop: Backdrop) -> bool:
 def _places(source: SweepSource, backdrop: Backdrop, numbers: range) -> list[tuple[int, float, float]]:
     """Stamp, x and y of the largest thing that moves in each of some sweeps."""
     places: list[tuple[int, float, float]] = []
+    few = backdrop.thinned(_MOST_IMAGES)
     for number in numbers:
         sweep = source.sweep(number)
-        kept = np.zeros(len(sweep.xyz), np.bool_)
-        kept[:: max(1, len(kept) // _MOST_POINTS)] = True
-        middle = _largest(sweep.xyz[backdrop.compare(sweep, kept).moved].astype(np.float64))
+        middle = _largest(sweep.xyz[few.compare(sweep).moved].astype(np.float64))
         if middle is not None:
             places.append((sweep.stamp_ns, *middle))
     return places

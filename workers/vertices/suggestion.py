@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from workers.geometry.errors import InputError
 from workers.vertices.backdrop import Backdrop
 from workers.vertices.occupancy import Occupancy
+from workers.vertices.own_motion import passes_by
 from workers.vertices.pose_suggestion import suggest_poses
+from workers.vertices.sensor_grid import SensorGrid
 from workers.vertices.still_poses import find_poses
 from workers.vertices.suggested_region import (
     KEPT,
@@ -64,12 +66,12 @@ def suggest(
     grid = some_grid(source)
     if hangs(grid):
         turned = Turned(source, grid)
-        return turned_back(_suggest(turned, some_grid(turned).R_level_lidar, samples, on_sweep, still))
-    return _suggest(source, grid.R_level_lidar, samples, on_sweep, still)
+        return turned_back(_suggest(turned, some_grid(turned), samples, on_sweep, still))
+    return _suggest(source, grid, samples, on_sweep, still)
 
 
 def _suggest(
-    source: SweepSource, level: Floats, samples: int, on_sweep: Callable[[int], None] | None, still: bool
+    source: SweepSource, grid: SensorGrid, samples: int, on_sweep: Callable[[int], None] | None, still: bool
 ) -> Suggestion:
     def check() -> None:
         if on_sweep is not None:
@@ -77,6 +79,9 @@ def _suggest(
 
     if Backdrop.of(source, _COMPARED, check).moves_itself():
         raise _everything_moves("What stands upright around the LiDAR is elsewhere in each sweep")
+    if passes_by(source, grid, check):
+        raise _everything_moves("What stands upright on many sides of the LiDAR shifts together from sweep to sweep")
+    level = grid.R_level_lidar
     poses = find_poses(source, stated=still, on_sweep=check)
     if poses is not None:
         return suggest_poses(source, poses, level, check)

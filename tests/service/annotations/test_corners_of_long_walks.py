@@ -101,11 +101,13 @@ def test_a_failed_job_leaves_the_detection_done_and_is_started_again(api, seed, 
     sweep(context.database, context.store)
     work(context)
     assert counts(api.database)["left"] == (7, 7, 7)
-    assert engineer.get(f"/detections/{seed.detection_id}").json()["state"] == "done"
+    told = engineer.get(f"/detections/{seed.detection_id}").json()
+    assert (told["state"], told["job"]["id"], told["job"]["state"]) == ("done", first, "failed")
     with api.database.writing() as session:
         assert len(retry(session, first)) == 2
     work(context)
     assert counts(api.database)["left"] == (11, 11, 11)
+    assert engineer.get(f"/detections/{seed.detection_id}").json()["job"]["state"] == "done"
 
 
 def test_a_corner_that_only_the_last_vertex_states_is_made(api, seed, context):

@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 
 from apexcal.documents.corners import CORNERS
-from benchmarks.detection.corners import DATA, NAME, TOP, compared, found_in, halves, held_out, pairs_of, published
+from benchmarks.detection.corners import (
+    DATA,
+    NAME,
+    TOP,
+    as_published,
+    compared,
+    found_in,
+    halves,
+    held_out,
+    off_the_image,
+    pairs_of,
+    published,
+)
 from tests.workers.vertices.refined_walks import REGION, SIZE, angles, corners_at, walk, walker
 from workers.vertices.corners import moved
 from workers.vertices.detectors import detect_range
@@ -149,6 +161,8 @@ def test_a_real_board_has_its_corners_and_calibrates_better_from_all_of_them():
         assert np.median(rows[:, 0]) < 0.02, name
         assert np.median(rows[:, 1]) < 3.0, name
     everything, tips = (pairs_of(vertices, poses, names) for names in (CORNERS, (TOP,)))
+    found, said = (np.median(off_the_image(one)) for one in (tips, as_published(tips, poses)))
+    assert found < 3.0 < said  # millimetres: the published tips err more than those that they judge
     all_px, tips_px = (
         np.median(held_out(one, everything, "kannala_brandt", locked=True).px) for one in (everything, tips)
     )

@@ -1,10 +1,16 @@
 """A street of smooth facades, cast here ray by ray: their ranges depend on the phase of the firings."""
 
 import numpy as np
+import pytest
 
+from workers.geometry.errors import InputError
 from workers.readers.recording import Sweep
 from workers.vertices.backdrop import Backdrop
-from workers.vertices.still_poses import find_poses
+from workers.vertices.jumps import count_steps
+from workers.vertices.own_motion import passes_by
+from workers.vertices.sensor_grid import learn_grid
+from workers.vertices.still_poses import _places, find_poses
+from workers.vertices.suggestion import suggest
 from workers.vertices.sweep_source import Listed
 
 ELEVATIONS = np.radians(np.arange(-15.0, 16.0, 2.0))
@@ -22,29 +28,33 @@ def meets_box(directions, low, high):
     return np.where((first < last) & (first > 0.0), first, np.inf)
 
 
-def street(number, boxes, random):
+def street(
+    number, boxes, random, elevations=ELEVATIONS, columns=COLUMNS, reach_m=80.0, driven_m=0.0, facades_m=FACADES_M,
+    doorsteps_m=DOORSTEPS_M,
+):  # fmt: skip
     """The sweep of that number: ground, facades, steps at the doors, and boxes (low, high)."""
-    azimuth = (np.arange(COLUMNS) + random.uniform()) * (2.0 * np.pi / COLUMNS)
-    elevation = np.repeat(ELEVATIONS[:, None], COLUMNS, axis=1)
+    rings = len(elevations)
+    azimuth = (np.arange(columns) + random.uniform()) * (2.0 * np.pi / columns)
+    elevation = np.repeat(elevations[:, None], columns, axis=1)
     directions = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.where(directions[..., 2] < 0.0, -HEIGHT_M / directions[..., 2], np.inf)
-        for side in FACADES_M:
+        for side in facades_m:
             wall = side / directions[..., 1]
             distance = np.minimum(distance, np.where(wall > 0.0, wall, np.inf))
-    steps = [((x, y - 0.5, -HEIGHT_M), (x + 2.0, y + 0.5, 0.4)) for x, y in DOORSTEPS_M]
+    steps = [((x - driven_m, y - 0.5, -HEIGHT_M), (x - driven_m + 2.0, y + 0.5, 0.4)) for x, y in doorsteps_m]
     for low, high in [*boxes, *steps]:
         distance = np.minimum(distance, meets_box(directions, low, high))
-    seen = distance < 80.0
+    seen = distance < reach_m
     distance = distance + 0.01 * random.normal(size=distance.shape)
     count = int(seen.sum())
     return Sweep(
         stamp_ns=1_000_000_000 + number * 100_000_000,
         xyz=(distance[..., None] * directions)[seen].astype(np.float32),
         intensity=np.zeros(count, np.float32),
-        ring=np.repeat(np.arange(16), COLUMNS).reshape(16, COLUMNS)[seen].astype(np.uint16),
+        ring=np.repeat(np.arange(rings), columns).reshape(rings, columns)[seen].astype(np.uint16),
         offset_ns=np.zeros(count, np.int64),
     )
 
@@ -62,6 +72,42 @@ def test_facades_do_not_make_a_short_walk_still_poses():
         [street(k, [person(*at)], random) for k, at in enumerate(random.uniform((6, -6), (14, 6), (12, 2)))]
     )
     assert find_poses(poses, stated=False).count == 12
+
+
+def test_twelve_sweeps_tell_who_walks_between_facades():
+    """All points are compared, with fewer sweeps: of every k-th point, pieces of a facade have a person's size."""
+    random = np.random.default_rng(3)
+    walk = Listed([street(k, [person(9.0, -2.4 + 0.2 * k)], random, reach_m=40.0) for k in range(24)])
+    backdrop = Backdrop.of(walk)
+    few = backdrop.thinned(12)
+    assert len(few.near) == 12
+    assert {few.stamps_ns[0], few.stamps_ns[-1]} == {walk.sweep(0).stamp_ns, walk.sweep(23).stamp_ns}
+    steps = count_steps(_places(walk, backdrop, range(24)))
+    assert steps.jumps == 0
+    assert steps.walks > 18
+
+
+@pytest.mark.parametrize("speed_m_s", [0.5, 6.0])
+def test_a_drive_between_smooth_facades_is_refused(speed_m_s):
+    random = np.random.default_rng(4)
+    drive = Listed([street(k, [], random, driven_m=0.1 * speed_m_s * k) for k in range(20)])
+    with pytest.raises(InputError) as refused:
+        suggest(drive)
+    assert refused.value.code == "everything_moves"
+
+
+def test_people_who_walk_alike_are_no_drive():
+    """In an open field they are all that is upright."""
+    random = np.random.default_rng(5)
+    walk = [street(k, [], random) for k in range(12)]
+    grid = learn_grid(walk)
+    assert not passes_by(Listed(walk), grid)
+    people = [(x, y) for x in (6.0, 8.0, 10.0) for y in (-3.0, -1.0, 1.0)]
+    both = [
+        street(k, [person(x, y + 0.14 * k) for x, y in people], random, facades_m=(), doorsteps_m=())
+        for k in range(12)
+    ]
+    assert not passes_by(Listed(both), grid)
 
 
 def test_a_facade_at_grazing_incidence_is_the_same_in_all_sweeps():

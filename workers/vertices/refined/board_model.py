@@ -28,7 +28,7 @@ BEAM_M = 0.0095 / math.sqrt(12.0)
 # By chance a board and a leg, or a head, can lie in one plane on two or three rings, but hardly on more.
 TELLING_RINGS = 4
 # Breadth of the hips of a standing man, 95th percentile (DIN 33402-2); the trunk is no broader.
-_TRUNK_M = 0.4
+TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
 # Radians from `hang`: wider than any prior reaches, in steps that a person's spread of rolls covers several times.
@@ -151,7 +151,7 @@ class Plane:
     @property
     def like_a_person(self) -> bool:
         """Whether it may be a person's trunk and legs: on few rings, and no wider."""
-        return not self.telling and self.width < _TRUNK_M
+        return not self.telling and self.width < TRUNK_M
 
 
 @dataclass(frozen=True, slots=True, eq=False)

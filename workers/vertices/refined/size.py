@@ -9,12 +9,11 @@ from typing import Final
 import numpy as np
 
 from workers.vertices.refined.board import locate
-from workers.vertices.refined.board_model import BEAM_M, EDGE_M, BoardModel, Plane
+from workers.vertices.refined.board_model import BEAM_M, EDGE_M, TRUNK_M, BoardModel, Plane
 from workers.vertices.vertex import SizeFacts
 
 Edges = tuple[float, float]
 _TELLING: Final = 2  # boards on four rings or more; any one may be a board and a body
-_TRUNK_M: Final = 0.4  # DIN 33402-2, hips of a standing man, 95 %: nothing as narrow is told from a person
 _HIDDEN: Final = 0.03  # of the edges; smaller errors do not show (`_DIFFERS`)
 _CONTRADICT: Final = 0.01  # of a board's returns; five times as many as a sensor gets wrong
 # Two edges, each to either side: 4 * 0.0013 = 0.5 % of the sizes that are right.
@@ -62,7 +61,7 @@ def other_size(given: Edges, seen: BoardModel, reach: float) -> SizeFacts | None
         (0.5 * seen.slack) ** 2 + (2.0 * reach * seen.growth_sigma) ** 2 + 2.0 * (EDGE_M**2 + BEAM_M**2)
     )
     (short, long), said = sorted(seen.edges), sorted(given)
-    if short < _TRUNK_M:
+    if short < TRUNK_M:
         return None
     if max(abs(short - said[0]), abs(long - said[1])) < _DIFFERS * sigma:
         return None

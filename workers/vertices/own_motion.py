@@ -1,0 +1,107 @@
+"""Whether the LiDAR itself moves past surfaces that look alike along its way.
+
+A facade stays where it is for a LiDAR that drives along it, so most of what is upright seems to stand still. What
+tells is the rest: ends of facades, cars, poles. Two sweeps are laid on each other as seen from above. If the LiDAR
+moves, one shift lays more of all that is upright on itself than no shift does, and what it gains lies on many sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.readers.recording import Sweep
+from workers.vertices.sensor_grid import SensorGrid
+from workers.vertices.sweep_source import SweepSource, stamp_of
+
+Floats = NDArray[np.float64]
+
+_PAIRS: Final = 8
+_APART_S: Final = (0.0, 1.0)  # neighbours tell a drive, sweeps farther apart tell that the LiDAR creeps
+_COLUMNS: Final = 900
+_CELL_M: Final = 0.15  # upright surfaces are met within this: accuracy 0.03 m (data sheets), motion during a sweep
+_CELLS: Final = 480
+_FARTHEST: Final = 27  # cells: 40 m/s in the tenth of a second between two sweeps
+_SIDES: Final = 8
+_MANY_SIDES: Final = 4  # half of the way around: a person, or cars in a lane, take fewer
+
+
+def passes_by(source: SweepSource, grid: SensorGrid, on_sweep: Callable[[], None] | None = None) -> bool:
+    """Whether most pairs of sweeps tell that the LiDAR moved between them."""
+    return any(_most_shifted(source, grid, apart_s, on_sweep) for apart_s in _APART_S)
+
+
+def _most_shifted(source: SweepSource, grid: SensorGrid, apart_s: float, on_sweep: Callable[[], None] | None) -> bool:
+    count = len(source)
+    if count < 2:
+        return False
+    step_s = max((stamp_of(source, count - 1) - stamp_of(source, 0)) * 1e-9 / (count - 1), 1e-3)
+    gap = max(1, round(apart_s / step_s))
+    firsts = sorted({int(n) for n in np.linspace(0, count - 1 - gap, _PAIRS).round()}) if gap < count else []
+    shifted = 0
+    for first in firsts:
+        one, other = (_upright(source.sweep(number), grid) for number in (first, first + gap))
+        shifted += _shifted(one, other)
+        if on_sweep is not None:
+            on_sweep()
+    return 2 * shifted > len(firsts)
+
+
+def _upright(sweep: Sweep, grid: SensorGrid) -> Floats:
+    """(N, 2) metres, level axes: points from which the next ring's surface rises more than it recedes."""
+    rings = grid.elevation.size
+    xyz = sweep.xyz.astype(np.float64)
+    distance = np.linalg.norm(xyz, axis=1)
+    good = np.isfinite(distance) & (distance > 0.0) & (sweep.ring < rings)
+    xyz, ring, farthest_first = xyz[good], sweep.ring[good], np.argsort(-distance[good])
+    column = ((np.arctan2(xyz[:, 1], xyz[:, 0]) / (2.0 * np.pi) + 0.5) * _COLUMNS).astype(int) % _COLUMNS
+    image = np.full((rings, _COLUMNS, 3), np.nan)
+    image[ring[farthest_first], column[farthest_first]] = (xyz @ grid.R_level_lidar.T)[farthest_first]
+    recedes = np.abs(np.diff(np.linalg.norm(image[..., :2], axis=2), axis=0))
+    steep = recedes < np.abs(np.diff(image[..., 2], axis=0))
+    upright = np.zeros(image.shape[:2], np.bool_)
+    upright[1:] |= steep
+    upright[:-1] |= steep
+    found: Floats = image[upright][:, :2]
+    return found
+
+
+def _shifted(one: Floats, other: Floats) -> bool:
+    """Whether a shift lays the one on the other better than none does, on many sides."""
+    here, there = _cells(one), _cells(other)
+    before, after = np.zeros((2, _CELLS, _CELLS))
+    inside = _inside(here)
+    before[here[inside, 0], here[inside, 1]] = 1.0
+    for dx in (-1, 0, 1):
+        for dy in (-1, 0, 1):
+            wide = there + np.array([dx, dy])
+            wide = wide[_inside(wide)]
+            after[wide[:, 0], wide[:, 1]] = 1.0
+    common = np.fft.irfft2(np.conj(np.fft.rfft2(before)) * np.fft.rfft2(after), s=before.shape)
+    near = np.arange(-_FARTHEST, _FARTHEST + 1)
+    best = np.unravel_index(int(np.argmax(common[np.ix_(near, near)])), (near.size, near.size))
+    shift = near[np.array(best)]
+    if np.abs(shift).max() < 2:  # cells: what one surface varies by
+        return False
+
+    def on(moved: NDArray[np.int64]) -> NDArray[np.bool_]:
+        kept = _inside(moved)
+        found = np.zeros(len(moved), np.bool_)
+        found[kept] = after[moved[kept, 0], moved[kept, 1]] > 0.0
+        return found
+
+    gained = one[on(here + shift) & ~on(here)]
+    side = ((np.arctan2(gained[:, 1], gained[:, 0]) / (2.0 * np.pi) + 0.5) * _SIDES).astype(int) % _SIDES
+    return np.unique(side).size >= _MANY_SIDES
+
+
+def _cells(xy: Floats) -> NDArray[np.int64]:
+    return np.floor(xy / _CELL_M).astype(np.int64) + _CELLS // 2
+
+
+def _inside(cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    found: NDArray[np.bool_] = (cells >= 0) & (cells < _CELLS)
+    return found[:, 0] & found[:, 1]
