@@ -124,7 +124,7 @@ def _say_drawn(result: dict[str, Any]) -> None:
     for walk in result["each"]:
         print(
             f"  {walk['seed']}: share {walk['share']:.2f} gross {walk['gross']:.3f} covered {walk['coverage']:.2f} "
-            f"bias {walk['bias_deg']:.3f}  {walk['about']}  {walk['rejected']}",
+            f"bias {walk['bias_deg']:.3f} +- {walk['bias_sigma_deg']:.3f}  {walk['about']}  {walk['rejected']}",
             file=sys.stderr,
         )
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.detection.figures import figures
+from benchmarks.detection.figures import figures, mean_sigma
 from benchmarks.detection.real import DATA
 from benchmarks.detection.walks import Found, found, looked_at
 from workers.readers.detect import open_recording
@@ -52,7 +52,11 @@ def run_drawn(asked: tuple[int, float]) -> DrawnWalk:
 
 
 def drawn_figures(walks: Sequence[DrawnWalk]) -> dict[str, Any]:
-    """All drawn walks together, and each by itself; ``worst_bias_deg`` is of azimuth and elevation."""
+    """All drawn walks together, and each by itself.
+
+    ``worst_bias_deg`` is of azimuth and elevation. ``bias_sigma_deg`` is the standard error of a walk's mean: what is
+    not well above it, the walk is too short to tell.
+    """
     whole = figures([walk.found for walk in walks])
     each = [{"seed": walk.seed, "about": walk.about, **_each(walk.found)} for walk in walks]
     told = [walk["bias_deg"] for walk in each if walk["vertices"] >= _FEW]
@@ -70,12 +74,14 @@ def drawn_figures(walks: Sequence[DrawnWalk]) -> dict[str, Any]:
 
 def _each(seen: Found) -> dict[str, Any]:
     own = figures([seen])
+    axis = int(abs(own.get("bias_deg", 0.0)) > abs(own.get("bias_azimuth_deg", 0.0)))
     return {
         "vertices": len(seen.vertices),
         "share": own["accepted_share"],
         "gross": own.get("gross_share", 0.0),
         "coverage": own.get("coverage_2sigma", 0.0),
         "bias_deg": max(abs(own.get("bias_deg", 0.0)), abs(own.get("bias_azimuth_deg", 0.0))),
+        "bias_sigma_deg": mean_sigma(seen.vertices[:, axis]),
         "rejected": dict(seen.rejected),
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -71,6 +72,24 @@ def _honesty(rows: NDArray[np.float64]) -> dict[str, Any]:
         "coverage_2sigma_by_axis": dict(zip(names, np.mean(np.abs(scaled) <= 2.0, axis=0).tolist(), strict=True)),
         "normalised_rms_by_axis": dict(zip(names, np.sqrt(np.mean(scaled**2, axis=0)).tolist(), strict=True)),
     }
+
+
+def mean_sigma(errors: NDArray[np.float64]) -> float:
+    """Standard error of the mean of errors in order of time, which neighbours share.
+
+    Their number counts as N / (1 + 2 times the sum of the autocorrelations before the first that is not positive).
+    """
+    about = errors - np.mean(errors)
+    variance = float(np.mean(about**2))
+    if errors.size < 2 or variance == 0.0:
+        return 0.0
+    shared = 1.0
+    for lag in range(1, errors.size // 2):
+        correlation = float(about[:-lag] @ about[lag:]) / errors.size / variance
+        if correlation <= 0.0:
+            break
+        shared += 2.0 * correlation
+    return math.sqrt(variance * min(shared, errors.size) / errors.size)
 
 
 def _rms(values: NDArray[np.float64]) -> float:

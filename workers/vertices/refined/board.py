@@ -243,23 +243,40 @@ def _against(
     # Behind a board nothing is seen, also where no ray was chosen.
     left, up, mixed = plane.misses
     reach = np.full_like(left, middle)
-    through = covered(left, up, _sign(mixed > 0.0, plane) * middle * model.growth, reach, *board)
+    through = covered(left, up, _growth(mixed > 0.0, plane, model) * middle, reach, *board)
     against = int(np.count_nonzero(beside < _UNLIKELY)) + int(np.count_nonzero(through > 1.0 - _UNLIKELY))
     return against, float(within.mean()), upper, lower
+
+
+def inside_of(plane: Plane, model: BoardModel, fix: Fix) -> tuple[Floats, Floats]:
+    """Of the returns that meet a board that was found: radians to its nearest edge, and 1 where they are mixed."""
+    way = max(fix.ways, key=lambda way: way.weight)
+    mixed = plane.mixed & plane.returned & (plane.ratio < 1.0 / _CONFIDENT)
+    reach = np.concatenate([plane.reach[mixed], np.full(plane.hits.shape[1], float(np.median(plane.reach)))])
+    x = np.concatenate([plane.left[mixed], plane.hits[0]]) - way.mean[0]
+    y = np.concatenate([plane.up[mixed], plane.hits[1]]) - way.mean[1]
+    cosine, sine = math.cos(way.mean[2]), math.sin(way.mean[2])
+    p, q = cosine * x - sine * y, -sine * x - cosine * y
+    depth = np.minimum(np.minimum(p, way.edges[0] - p), np.minimum(q, way.edges[1] - q)) / reach
+    on_board = depth > 0.0
+    return depth[on_board], np.repeat([1.0, 0.0], [np.count_nonzero(mixed), plane.hits.shape[1]])[on_board]
 
 
 def _grown(plane: Plane, model: BoardModel) -> Floats:
     """(N,) metres by which the edges seem to lie farther out at each ray.
 
     A beam that meets the edge and something close behind it gives one return between the two, which is off the plane.
-    So such returns begin as far inside of the edge as other beams reach outside. On few rings they count as misses:
-    there a head's returns above the board tell where its apex is.
+    So such returns begin inside of the edge, as far as beams reach (`BoardModel.inset`), and at least as far as other
+    beams reach outside. Where that was not learned, they begin just so far, and on few rings they count as misses.
     """
-    return plane.reach * model.growth * _sign(plane.mixed, plane)
+    return plane.reach * _growth(plane.mixed, plane, model)
 
 
-def _sign(mixed: NDArray[np.bool_], plane: Plane) -> Floats:
-    return np.where(mixed & plane.telling, -1.0, 1.0)
+def _growth(mixed: NDArray[np.bool_], plane: Plane, model: BoardModel) -> Floats:
+    """Radians of `_grown`, negative where edges seem to lie farther in, for rays of which (N,) bool mixed is told."""
+    if model.inset is not None:
+        return np.where(mixed, -max(model.inset, model.growth), model.growth)
+    return np.where(mixed & plane.telling, -model.growth, model.growth)
 
 
 def _matrix(corner: Floats) -> Floats:

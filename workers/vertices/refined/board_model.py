@@ -54,6 +54,8 @@ class BoardModel:
         slack: metres, half width of the range in which each of these lengths may lie.
         growth: radians by which the edges seem to lie farther out, because a beam has a width.
         growth_sigma: radians, standard deviation of growth.
+        inset: radians by which the middle of a beam may lie inside of an edge while it still meets what is behind it;
+            None if that was not learned.
         soft: radians, half width of the step from hits to misses at an edge.
         roll: radians from how the board hangs (`hang`), counter-clockwise as the sensor sees it.
         yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
@@ -74,6 +76,7 @@ class BoardModel:
     slack: float = 0.35
     growth: float = 0.0
     growth_sigma: float = 0.0
+    inset: float | None = None
     soft: float = math.radians(0.02)
     roll: tuple[float, float] = (0.0, _ROLL_SIGMA)
     yaw: tuple[float, float] = (0.0, _YAW_SIGMA)

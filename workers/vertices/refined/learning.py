@@ -11,13 +11,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
-from workers.vertices.refined.board import find_planes, locate, open_windows, weigh
+from workers.vertices.refined.board import find_planes, inside_of, locate, open_windows, weigh
 from workers.vertices.refined.board_model import EDGE_M, TRUNK_M, BoardModel, Floats, Plane, Sighting, any_roll
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
+from workers.vertices.refined.rays import WRONG
 from workers.vertices.refined.size import doubtful, growth_spread, other_size
 from workers.vertices.refined.track import trustworthy
 from workers.vertices.refined.window import Window
@@ -41,6 +43,7 @@ _HOPELESS = -300.0
 _WIDE_ROLL = math.radians(12.0)  # the grid reaches 2.8 deviations: 34 degrees
 _SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 _GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
+_INSETS_RAD = (0.25e-3 * np.arange(1, 21)).tolist()  # beams are up to 10 mrad wide
 _BIAS_M = 0.015  # data sheets: accuracy 0.03 m, as two standard deviations
 _BEAM_SIGMA_RAD = 1.5e-3  # data sheets: half of a beam of 3 mrad
 _GROWTH_RAD = (-0.25e-3, 10.0e-3)
@@ -141,6 +144,8 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
         about = [_ring_spread(*part[2:], noise) for part in upper if part[3] >= _MANY_RINGS]
         about = [value for value in about if value < _SIGMA_M[1]]  # larger ones are no planes
         bias = float(np.median(about)) if len(about) >= _ENOUGH else 0.0
+        if sum(sighting.plane.telling for sighting in sightings) < _ENOUGH:
+            bias = min(bias, _BIAS_M)  # on few rings a plane may have met the body, too
         slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 1))
         turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
         model = replace(
@@ -225,6 +230,7 @@ def _learn_board(
     planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float
 ) -> BoardModel:
     """The board's edges where they are not given, their growth, which edge is where, and the roll."""
+    planes = _no_taller(planes, edges)
     if len(planes) < _ENOUGH:
         return model
     solid = [plane for plane in planes if plane.telling]
@@ -235,12 +241,23 @@ def _learn_board(
         model = _first_growth(solid, model)
     for step in (1.0, 0.4):
         model = _refine(planes, model, edges, growth_mrad, step)
+        if told and all(edges):
+            model = _learn_inset(solid[:_SOME], model)
         if told:
             model = _learn_blur(solid[:_SOME], model)
             model = _learn_wrong(solid[:_SOME], model)
         # Growth and roll are told by the same edges, so each is learned again with the other.
         model = _learn_roll(planes, model)
     return model
+
+
+def _no_taller(planes: Sequence[Plane], edges: tuple[float, float]) -> Sequence[Plane]:
+    """The planes whose returns fit on the board, if its size is known; the others met a body, too."""
+    if not all(edges):
+        return planes
+    most = math.hypot(*edges)
+    fit = [p for p in planes if np.ptp(p.hits[1]) < most + 2.0 * _GROWTH_RAD[1] * float(np.median(p.reach))]
+    return fit if len(fit) >= _ENOUGH else planes
 
 
 def _first_edges(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> BoardModel:
@@ -280,7 +297,11 @@ def _some_edges(windows: Sequence[Window], model: BoardModel, edges: tuple[float
 
 def _first_growth(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """Of a coarse table of growths and widths of the step at an edge those that explain the best seen boards best."""
-    tried = [replace(model, growth=growth, soft=math.radians(deg)) for growth in _GROWTHS_RAD for deg in _SOFT_DEG]
+    tried = [
+        replace(model, growth=growth, inset=max(growth, _BEAM_SIGMA_RAD), soft=math.radians(deg))
+        for growth in _GROWTHS_RAD
+        for deg in _SOFT_DEG
+    ]
     return max(tried, key=lambda candidate: _evidence(planes[:_FIRST], candidate))
 
 
@@ -288,6 +309,35 @@ def _learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """How gradually the hits end at an edge: what explains the near sweeps best."""
     widths = [replace(model, soft=math.radians(width)) for width in _SOFT_DEG]
     return max(widths, key=lambda tried: _evidence(planes, tried))
+
+
+def _learn_inset(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
+    """How far inside of an edge a beam still meets what is behind it.
+
+    Up to there some share of the returns is mixed, and farther inside only those that are wrong. Which depth parts
+    two such shares best is told by the returns on boards that are found, and by data sheets.
+    """
+    parts = [
+        inside_of(plane, model, fix)
+        for plane in planes
+        if (fix := locate(plane, model, coarse=True)) is not None and fix.explained
+    ]
+    depth, mixed = (np.concatenate([np.zeros(0), *(part[k] for part in parts)]) for k in (0, 1))
+
+    def likely(inset: float) -> float:
+        usual = -0.5 * ((inset - _BEAM_SIGMA_RAD) / _BEAM_SIGMA_RAD) ** 2
+        return usual + _parted(depth < inset, mixed > 0.0)
+
+    return replace(model, inset=max(_INSETS_RAD, key=likely))
+
+
+def _parted(shallow: NDArray[np.bool_], mixed: NDArray[np.bool_]) -> float:
+    """Log likelihood that returns are mixed, where the shallow ones and the others have a share each."""
+    total = 0.0
+    for part in (mixed[shallow], mixed[~shallow]):
+        share = (np.count_nonzero(part) + WRONG) / (part.size + 2.0 * WRONG)
+        total += np.count_nonzero(part) * math.log(share) + np.count_nonzero(~part) * math.log1p(-share)
+    return total
 
 
 def _learn_wrong(planes: Sequence[Plane], model: BoardModel) -> BoardModel:

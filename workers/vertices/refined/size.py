@@ -27,12 +27,19 @@ def doubtful(planes: Sequence[Plane], model: BoardModel, reach: float) -> bool:
     If a board is larger than it was said to be, its edges seem to lie farther out; if it is smaller, the step at its
     edges seems to be wide, or rays contradict it. Otherwise the size is right. Learning it anew would tell nothing,
     and takes as long as all other learning. On two or three rings legs and bodies look like a part of the board, so
-    boards on these alone tell no size.
+    boards on these alone tell no size. No beam reaches farther outside of an edge than its half width, which returns
+    of board and body tell; so a growth between zero and that is as the right size has it.
 
     Args:
         reach: metres, mean distance of the boards.
     """
     if sum(plane.telling for plane in planes) < _TELLING:
+        return False
+    if (
+        model.inset is not None
+        and -model.growth_sigma < model.growth < model.inset
+        and model.soft < 2.0 * model.inset
+    ):
         return False
     if 2.0 * reach * max(abs(model.growth), model.soft) > _HIDDEN * 0.5 * sum(model.edges):
         return True

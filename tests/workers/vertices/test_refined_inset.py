@@ -1,0 +1,56 @@
+"""How far inside of an edge beams still meet the body, and what follows for the size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from apexcal.documents.detectors import resolve_options
+from benchmarks.detection.figures import mean_sigma
+from benchmarks.detection.walks import looked_at
+from workers.simulation.drawn import draw
+from workers.vertices.fixed_objects import without_fixed
+from workers.vertices.refined.learning import learn
+from workers.vertices.refined.size import doubtful
+from workers.vertices.region import Region
+from workers.vertices.sweep_source import Listed
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """A surface must fill two fifths of this beam to answer, and somebody's body is 0.25 m behind the board."""
+    return draw(9016)
+
+
+@pytest.fixture(scope="module")
+def learned(drawn):
+    source = Listed(looked_at(*drawn.simulated(5.0), 5.0).sweeps)
+    options = resolve_options("refined", {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1]})
+    return learn(source, without_fixed(source, Region.from_document(drawn.region())), options, lambda: None)
+
+
+def test_the_inset_is_the_beam_and_the_growth_is_much_less(drawn, learned):
+    half_rad = 0.5e-3 * drawn.disturbances.beam_mrad
+    assert learned.inset == pytest.approx(half_rad, rel=0.35)
+    assert learned.growth < 0.25 * half_rad
+
+
+def test_a_growth_within_the_beam_is_no_doubt_of_the_size(learned):
+    class Board:
+        telling = True
+
+    boards = [Board(), Board(), Board(), Board()]
+    far_m = 30.0  # here the same growth is several hundredths of the edges
+    sharp = replace(learned, growth=0.5 * learned.inset, soft=learned.inset)
+    assert not doubtful(boards, sharp, far_m)
+    assert doubtful(boards, replace(sharp, growth=2.0 * learned.inset), far_m)
+    assert doubtful(boards, replace(sharp, inset=None), far_m)
+
+
+def test_neighbours_that_share_their_errors_count_less():
+    random = np.random.default_rng(0)
+    alone = random.normal(size=4000)
+    assert mean_sigma(alone) == pytest.approx(4000**-0.5, rel=0.15)
+    assert mean_sigma(np.repeat(alone[:400], 10)) == pytest.approx(400**-0.5, rel=0.25)
