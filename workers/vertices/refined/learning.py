@@ -90,8 +90,16 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
     seen = replace(seen, shown=_shown(planes, seen))
     # Doors and cars are no boards of another size.
     size = other_size(edges, seen, _mean_reach(planes)) if seen.shown else None
+    if size is None or _likelihood(planes, seen) < _likelihood(planes, learned):
+        return learned
     # Apexes that are found with a wrong size are wrong by decimetres.
-    return learned if size is None else replace(seen, size=size)
+    return replace(seen, size=size)
+
+
+def _likelihood(planes: Sequence[Plane], model: BoardModel) -> float:
+    """Log evidence of a model, whose growth is as likely as the step at the edges makes it."""
+    unusual = (model.growth - model.soft) / growth_spread(model.soft)
+    return _evidence(planes, model) - 0.5 * unusual**2
 
 
 def _shown(planes: Sequence[Plane], model: BoardModel) -> bool:
