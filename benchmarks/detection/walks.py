@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,11 +51,13 @@ class Walked:
     Attributes:
         apexes: (S, 3) the apex when the sensor looked at it, metres, in its frame.
         rings: (S,) how many rings meet the board.
+        apex_at: the apex at a moment, nanoseconds; metres, in the sensor's frame.
     """
 
     sweeps: list[Sweep]
     apexes: NDArray[np.float64]
     rings: NDArray[np.int64]
+    apex_at: Callable[[int], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +66,9 @@ class Found:
 
     Attributes:
         visible: (M,) ranges of the apex in the sweeps in which two rings or more meet the board, metres.
-        vertices: (N, 10) azimuth, elevation (degrees) and range error (m); their stated standard deviations; true
-            range; whether two rings meet the board; whether graded fine; whether flagged.
+        vertices: (N, 10) azimuth, elevation (degrees) and range error (m) at the moment that the vertex states; their
+            stated standard deviations; true range; whether two rings meet the board; whether graded fine; whether
+            flagged.
         rejected: how many sweeps were refused for which reason.
     """
 
@@ -95,7 +98,7 @@ def found(case: str, key: str, walked: Walked, region: Region, detector: str, op
     detected = detect_range(Listed(walked.sweeps), region, detector, options, indices=range(len(walked.sweeps)))
     rows = [
         [
-            *_errors(np.array(vertex.xyz), walked.apexes[vertex.sweep_index]),
+            *_errors(np.array(vertex.xyz), walked.apex_at(vertex.time_ns)),
             *_stated(vertex.covariance),
             reach[vertex.sweep_index],
             float(walked.rings[vertex.sweep_index] >= 2),
@@ -139,7 +142,11 @@ def looked_at(walk: Walks, lidar: Lidar, seconds: float) -> Walked:
         sweeps.append(sweep)
         apexes.append(apex)
         rings.append(np.unique(sweep.ring[surface == BOARD]).size)
-    return Walked(sweeps, np.array(apexes), np.array(rings))
+
+    def apex_at(time_ns: int) -> NDArray[np.float64]:
+        return lidar.seen(walk.poses(np.array([(time_ns - _START_NS) * 1e-9])).apex)[0]
+
+    return Walked(sweeps, np.array(apexes), np.array(rings), apex_at)
 
 
 def _angles(xyz: NDArray[np.float64]) -> NDArray[np.float64]:

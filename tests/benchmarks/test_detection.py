@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from benchmarks.detection.drawn import DrawnWalk, drawn_figures
-from benchmarks.detection.walks import Found, looked_at
+from benchmarks.detection.walks import Found, found, looked_at
 from workers.simulation.drawn import draw
 from workers.simulation.lidar import BOARD
+from workers.vertices.region import Region
 
 
 @pytest.mark.parametrize("seed", [2, 4, 5])
@@ -40,3 +41,16 @@ def test_one_walk_that_is_off_shows_among_many():
     assert figures["accepted_share"] == pytest.approx(503 / 660)
     assert figures["rejected"] == {"too_uncertain": 110}
     assert figures["each"][9]["coverage"] == pytest.approx(2 / 3)
+
+
+def test_a_vertex_is_judged_at_the_moment_that_it_states():
+    """Half of this sensor's lasers look 11 degrees aside of the others: at the seam, they see the board a turn apart."""
+    drawn = draw(10001)
+    assert drawn.sensor.name == "qt64"
+    walked = looked_at(*drawn.simulated(1.6), 1.6)
+    azimuth = np.degrees(np.arctan2(walked.apexes[:, 1], walked.apexes[:, 0]))
+    assert np.abs(azimuth - drawn.mount.seam_deg).min() < 2.0
+    size = {"board_width_m": drawn.board_m[0], "board_height_m": drawn.board_m[1]}
+    seen = found("drawn", "refined", walked, Region.from_document(drawn.region()), "refined", size)
+    assert len(seen.vertices) >= 6
+    assert np.hypot(*seen.vertices[:, :2].T).max() < 0.2
