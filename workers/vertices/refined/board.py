@@ -156,7 +156,7 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     own = J @ covariance[:2, :2] @ J.T
     errors = own + (EDGE_M**2 + BEAM_M**2) * (J @ J.T)
     # What all rings have in common is of the size by which they differ.
-    errors[2, 2] += along + model.bias**2
+    errors[2, 2] += along * _by_rings(plane, model) + model.bias**2
     errors[2, 2] = max(errors[2, 2], EDGE_M**2)  # boards bend by as much as their edges are off
     # Both edges move out, so the apex rises by the square root of two.
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
@@ -174,6 +174,12 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
         against, within, upper, lower, max(float(corner[10]) for corner in corners), expected, held.evidence,
         model.wrong, held.told, ways,
     )  # fmt: skip
+
+
+def _by_rings(plane: Plane, model: BoardModel) -> float:
+    """How many times larger a plane's variances are because the points of a ring err alike, not each by itself."""
+    alike = model.bias**2
+    return 1.0 + (plane.points / plane.rings - 1.0) * alike / max(model.sigma**2, alike)
 
 
 class _Way(NamedTuple):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,10 +149,14 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
         if len(sightings) < _ENOUGH:
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
-        # Rings differ: the spread about the plane holds that, the second differences do not.
-        about = [_ring_spread(*part[2:], noise) for part in upper if part[3] >= _MANY_RINGS]
-        about = [value for value in about if value < _SIGMA_M[1]]  # larger ones are no planes
-        bias = float(np.median(about)) if len(about) >= _ENOUGH else 0.0
+        # Larger ones are no planes.
+        about = [part[2] for part in upper if part[2] is not None and part[2].between < _SIGMA_M[1] ** 2]
+        bias = 0.0
+        if len(about) >= _ENOUGH:
+            within, between = (float(np.median(values)) for values in zip(*about, strict=True))
+            bias = math.sqrt(max(between, 0.0))
+            # A bend of the board is within, and what no plane has, as its edges, is in the second differences.
+            noise = min(noise, math.sqrt(within))
         if sum(sighting.plane.telling for sighting in sightings) < _ENOUGH:
             bias = min(bias, _BIAS_M)  # on few rings a plane may have met the body, too
         slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 1))
@@ -166,14 +171,15 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
     return model, _best(windows, model)
 
 
-def _ring_spread(beyond: Floats, rings: int, noise: float) -> float:
-    """Metres, standard deviation of the rings' errors, of which the plane takes up two degrees of freedom."""
-    about = 1.05 * 1.4826 * float(np.median(np.abs(beyond)))
-    return math.sqrt(max(about**2 - noise**2, 0.0) * rings / (rings - 2))
+class _Spread(NamedTuple):
+    """Variances of distances about a plane, square metres: within the rings, and of the rings' own errors."""
+
+    within: float
+    between: float
 
 
-def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Floats, int]:
-    """The plane's two slopes, their variances, its residuals (metres), and how many rings it was fitted to.
+def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, _Spread | None]:
+    """The plane's two slopes, their variances, and the spread about it.
 
     It is fitted to the rings that are nearly as wide as the widest; where these are few, to the next above them, too.
     Farther down a ring may have met the body, and farther up a head: both are only centimetres behind the board.
@@ -195,9 +201,29 @@ def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, 
     w, info = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
     towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
     variances: Floats = np.asarray(np.diag(towards @ np.linalg.inv(info) @ towards.T), np.float64)
-    beyond = _beyond(azimuth, slope, distance, w)
-    # Any two rings lie in one plane, whatever their biases.
-    return -w[1:] / w[0], variances, beyond, len(kept)
+    ring = np.repeat(np.arange(len(runs)), [run.stop - run.start for _, run in runs])[on_it]
+    return -w[1:] / w[0], variances, _spread_about(_beyond(azimuth, slope, distance, w), ring)
+
+
+def _spread_about(beyond: Floats, ring: NDArray[np.int64]) -> _Spread | None:
+    """One-way analysis of variance of points that lie ``beyond`` a plane fitted to them; None on fewer than 3 rings.
+
+    Any two rings lie in one plane, whatever their biases: it takes two degrees of freedom of the rings' means.
+    """
+    count = np.bincount(ring).astype(np.float64)
+    kept = (count > 1.0)[ring]
+    count = count[count > 1.0]
+    rings, points = count.size, float(count.sum())
+    if rings < _MANY_RINGS:
+        return None
+    beyond, ring = beyond[kept], np.unique(ring[kept], return_inverse=True)[1]
+    mean = np.bincount(ring, beyond) / count
+    within = float(np.sum((beyond - mean[ring]) ** 2)) / (points - rings)
+    free = rings - 2
+    between = float(count @ (mean - beyond.mean()) ** 2) / free
+    between /= (1.0 - 2.0 / (9.0 * free)) ** 3  # median of chi-square (Wilson and Hilferty)
+    on_each = (points - float(count @ count) / points) / (rings - 1)
+    return _Spread(within, (between - within) / on_each)
 
 
 def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floats:
@@ -243,16 +269,20 @@ def _learn_board(
         return model
     solid = [plane for plane in planes if plane.telling]
     told = len(solid) >= _ENOUGH
+    steps = _usual_steps()
     if not all(edges):
         model = _first_edges(planes, model, edges)
     elif told and growth_mrad < 0.0:
         model = _first_growth(solid, model)
     for step in (1.0, 0.4):
-        model = _refine(planes, model, edges, growth_mrad, step)
+        if told and all(edges):
+            model, steps = _learn_step(solid[:_SOME], model)
+        model = _refine(planes, model, edges, growth_mrad, step, steps)
         if told and all(edges):
             model = _learn_inset(solid[:_SOME], model)
-        if told:
+        elif told:
             model = _learn_blur(solid[:_SOME], model)
+        if told:
             model = _learn_wrong(solid[:_SOME], model)
         # Growth and roll are told by the same edges, so each is learned again with the other.
         model = _learn_roll(planes, model)
@@ -317,6 +347,22 @@ def _learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """How gradually the hits end at an edge: what explains the near sweeps best."""
     widths = [replace(model, soft=math.radians(width)) for width in _SOFT_DEG]
     return max(widths, key=lambda tried: _evidence(planes, tried))
+
+
+def _usual_steps() -> Floats:
+    """(K,) share of the sensors with each of the half widths `_SOFT_DEG`, as data sheets tell: half of a beam."""
+    widths = np.radians(_SOFT_DEG)
+    # The widths of the table are even in their logarithm.
+    share: Floats = widths * np.exp(-0.5 * ((widths - _BEAM_SIGMA_RAD) / _BEAM_SIGMA_RAD) ** 2)
+    return share / share.sum()
+
+
+def _learn_step(planes: Sequence[Plane], model: BoardModel) -> tuple[BoardModel, Floats]:
+    """How gradually the hits end at an edge: the mean; and how likely each of the table's half widths is (K,)."""
+    told = np.array([_evidence(planes, replace(model, soft=math.radians(width))) for width in _SOFT_DEG])
+    share = _usual_steps() * np.exp(told - told.max())
+    share /= share.sum()
+    return replace(model, soft=float(share @ np.radians(_SOFT_DEG))), share
 
 
 def _learn_inset(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
@@ -395,8 +441,9 @@ def _evidence(planes: Sequence[Plane], model: BoardModel) -> float:
 
 
 def _refine(
-    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float, step: float
-) -> BoardModel:
+    planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float], growth_mrad: float, step: float,
+    widths: Floats,
+) -> BoardModel:  # fmt: skip
     """Whatever is open of edge lengths and growth, by the evidence of the near sweeps, one after the other.
 
     A growth makes a board larger by twice the growth times its distance; so the lengths are varied as they appear at
@@ -423,7 +470,8 @@ def _refine(
     if open_growth:
         reaches = np.array([np.median(plane.reach) for plane in planes])
         lever = float(np.std(reaches) if free else np.mean(reaches)) * math.sqrt(len(planes))
-        state[2], sigmas[2] = _likely_growth(state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3)), model.soft)
+        told = state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3))
+        state[2], sigmas[2] = _likely_growth(*told, model.soft) if free else _any_growth(*told, widths)
     slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
     return replace(modelled(state), slack=slack, growth_sigma=float(sigmas[2]))
 
@@ -442,6 +490,18 @@ def _likely_growth(told: float, sigma: float, soft: float) -> tuple[float, float
     weight = spread**2 / (spread**2 + sigma**2)
     growth = weight * told + (1.0 - weight) * soft
     return min(max(growth, _GROWTH_RAD[0]), _GROWTH_RAD[1]), spread * math.sqrt(1.0 - weight)
+
+
+def _any_growth(told: float, sigma: float, widths: Floats) -> tuple[float, float]:
+    """As `_likely_growth`, where the step's half width may be each of `_SOFT_DEG`, with the shares ``widths`` (K,)."""
+    soft = np.radians(_SOFT_DEG)
+    spread = np.array([growth_spread(width) for width in soft.tolist()])
+    variance = spread**2 + sigma**2
+    share = widths * np.exp(-0.5 * (told - soft) ** 2 / variance) / np.sqrt(variance)
+    share /= share.sum()
+    growth, own = np.array([_likely_growth(told, sigma, width) for width in soft.tolist()]).T
+    mean = float(share @ growth)
+    return mean, math.sqrt(float(share @ (own**2 + (growth - mean) ** 2)))
 
 
 def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float) -> tuple[Floats, float]:
