@@ -44,7 +44,7 @@ def test_one_walk_that_is_off_shows_among_many():
 
 
 def test_a_vertex_is_judged_at_the_moment_that_it_states():
-    """Half of this sensor's lasers look 11 degrees aside of the others: at the seam, they see the board a turn apart."""
+    """Half of the lasers look 11 degrees aside of the others: at the seam, they see the board a turn apart."""
     drawn = draw(10001)
     assert drawn.sensor.name == "qt64"
     walked = looked_at(*drawn.simulated(1.6), 1.6)

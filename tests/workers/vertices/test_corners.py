@@ -75,7 +75,8 @@ def test_the_corners_of_a_sweep_err_together_as_they_say(seen):
             ranges = covariance[2::3, 2::3]
             known.append(ranges[0, 3] / np.sqrt(ranges[0, 0] * ranges[3, 3]))
     assert 0.3 < np.mean(scores) < 1.2
-    assert np.median(known) < -0.3, "a plane that leans farther has its top farther away and its bottom nearer"
+    # What the rings may have in common is learned as 2 mm here, and is the same for both.
+    assert np.median(known) < -0.2, "a plane that leans farther has its top farther away and its bottom nearer"
 
 
 def test_without_the_boards_size_there_is_only_the_apex(seen):

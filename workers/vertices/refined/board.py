@@ -93,7 +93,8 @@ def _with_rays(
     u = w[0] * np.cos(window.azimuth[at]) + w[1] * np.sin(window.azimuth[at]) + w[2] * window.slope[at]
     column: NDArray[np.int64] = np.arange(int(ratio.shape[1]))
     between: NDArray[np.bool_] = (column >= ends[:, :1]) & (column <= ends[:, 1:]) & (ends[:, :1] >= 0)
-    points = int(np.count_nonzero(between & (ratio > _ON_BOARD)))
+    on_points = between & (ratio > _ON_BOARD)
+    points = int(np.count_nonzero(on_points))
     hits = np.nonzero(between & (ratio > _CONFIDENT))
     hit_at: Floats = np.stack([left[hits], up[hits]])
     # Rings so far apart that a board holds fewer of them have met a body too.
@@ -108,6 +109,7 @@ def _with_rays(
         R_window_lidar=window.R_window_lidar,
         w=w,
         spread=spread,
+        uneven=_of_rings(w, spread, window, on_points, model),
         score=score,
         left=left[at],
         up=up[at],
@@ -125,6 +127,22 @@ def _with_rays(
         telling=on_board.size >= TELLING_RINGS and (TELLING_RINGS - 1) * apart < math.hypot(*model.edges),
     )
     return Sighting(plane, window, ends)
+
+
+def _of_rings(w: Floats, spread: Floats, window: Window, on_board: NDArray[np.bool_], model: BoardModel) -> Floats:
+    """What is added (3, 3) to the covariance of a plane's w, because its points (R, C) share their ring's error."""
+    if model.ring_bias == 0.0:
+        return np.zeros((3, 3))
+    ring, column = np.nonzero(on_board)
+    azimuth, slope = window.azimuth[ring, column], window.slope[ring, column]
+    rays = np.stack([np.cos(azimuth), np.sin(azimuth), slope])
+    # By what a metre of distance changes the right side of the normal equations.
+    pull = rays / (w @ rays) ** 2 / model.sigma**2
+    count = np.bincount(ring)
+    of_ring = np.stack([np.bincount(ring, part) for part in pull])[:, count > 0]
+    alike = 1.0 - 1.0 / count[count > 0]
+    more: Floats = model.ring_bias**2 * spread @ ((of_ring * alike) @ of_ring.T) @ spread
+    return more
 
 
 def _may_be_board(left: Floats, up: Floats, hits: Floats, model: BoardModel) -> NDArray[np.bool_]:
@@ -152,11 +170,11 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
     mean: Floats = weight @ means
     apart = means - mean
     covariance = np.einsum("w,wij->ij", weight, [_matrix(corner) for corner in corners]) + (apart.T * weight) @ apart
-    xyz, J, along, rises = to_angles(plane.R_window_lidar, plane.w, plane.spread, mean[:2])
+    xyz, J, along, rises = to_angles(plane.R_window_lidar, plane.w, plane.spread + plane.uneven, mean[:2])
     own = J @ covariance[:2, :2] @ J.T
     errors = own + (EDGE_M**2 + BEAM_M**2) * (J @ J.T)
     # What all rings have in common is of the size by which they differ.
-    errors[2, 2] += along * _by_rings(plane, model) + model.bias**2
+    errors[2, 2] += along + model.bias**2
     errors[2, 2] = max(errors[2, 2], EDGE_M**2)  # boards bend by as much as their edges are off
     # Both edges move out, so the apex rises by the square root of two.
     errors += 2.0 * model.growth_sigma**2 * np.outer(rises, rises)
@@ -174,12 +192,6 @@ def locate(plane: Plane, model: BoardModel, *, coarse: bool = False) -> Fix | No
         against, within, upper, lower, max(float(corner[10]) for corner in corners), expected, held.evidence,
         model.wrong, held.told, ways,
     )  # fmt: skip
-
-
-def _by_rings(plane: Plane, model: BoardModel) -> float:
-    """How many times larger a plane's variances are because the points of a ring err alike, not each by itself."""
-    alike = model.bias**2
-    return 1.0 + (plane.points / plane.rings - 1.0) * alike / max(model.sigma**2, alike)
 
 
 class _Way(NamedTuple):

@@ -61,7 +61,8 @@ class BoardModel:
         yaw, tilt: slopes of the plane, depth per metre to the left and per metre up.
         swapped: share of sweeps in which the second edge is the one to the lower left.
         lost: share of the rays on the board that bring no return.
-        bias: metres, standard deviation of each ring's own constant error of distance.
+        bias: metres, standard deviation of what neighbouring distances have in common: errors of rings, bends.
+        ring_bias: metres, standard deviation of each ring's own constant error of distance.
         poses: whether the board jumps between sweeps: nobody walks so far in the time between their stamps.
         sizes_tried: from how many sizes the edges were chosen, by the same rays that then tell whether it is a board.
         shown: whether the near sweeps show a board, on as many rings as meet it there.
@@ -86,6 +87,7 @@ class BoardModel:
     wrong: float = WRONG
     wrong_below: float = WRONG
     bias: float = 0.0
+    ring_bias: float = 0.0
     poses: bool = False
     sizes_tried: int = 1
     shown: bool = False
@@ -123,7 +125,8 @@ class Plane:
     Attributes:
         R_window_lidar: (3, 3) from the LiDAR frame to the window's.
         w: (3,) 1/m, normal of the plane over its distance.
-        spread: (3, 3) covariance of w.
+        spread: (3, 3) covariance of w, from each point's own error.
+        uneven: (3, 3) what the rings' own errors add to it.
         score: log likelihood of the points in it, against clutter.
         left, up: (N,) metres, where each ray meets the plane, from the foot of the sensor's perpendicular.
         reach: (N,) metres, distance from the sensor to that place.
@@ -144,6 +147,7 @@ class Plane:
     R_window_lidar: Floats
     w: Floats
     spread: Floats
+    uneven: Floats
     score: float
     left: Floats
     up: Floats

@@ -52,7 +52,7 @@ def _of_way(plane: Plane, way: Way) -> tuple[Floats, Floats, Floats]:
     """For one way to hold the board: (12,) x, y, z of all corners in the window's frame; two (12, 12) covariances.
 
     The first is what the rays leave open: apex and roll in the plane, and the plane itself. The second is what they
-    cannot tell: the lengths of the edges, and how straight they are.
+    cannot tell: the lengths of the edges, how straight they are, and the errors of whole rings.
     """
     first, second = way.edges
     at: Floats = np.array([*way.mean, first, second, *plane.w])
@@ -64,6 +64,7 @@ def _of_way(plane: Plane, way: Way) -> tuple[Floats, Floats, Floats]:
     # Either end of an edge may err by EDGE_M. Both upper edges tell the roll.
     roll = 0.5 * EDGE_M**2 * (first**-2 + second**-2)
     floor = np.diag([0.0, 0.0, roll, EDGE_M**2, EDGE_M**2, 0.0, 0.0, 0.0])
+    floor[5:, 5:] = plane.uneven
     return _place(plane, at), J @ told @ J.T, J @ floor @ J.T
 
 

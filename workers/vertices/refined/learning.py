@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,18 @@ from apexcal.documents.detectors import Options
 from workers.vertices.jumps import jumps
 from workers.vertices.refined.board import find_planes, inside_of, locate, open_windows, weigh
 from workers.vertices.refined.board_model import EDGE_M, TRUNK_M, BoardModel, Floats, Plane, Sighting, any_roll
+from workers.vertices.refined.growth import (
+    BEAM_SIGMA_RAD,
+    GROWTH_RAD,
+    SOFT_DEG,
+    any_growth,
+    likely_growth,
+    usual_steps,
+)
 from workers.vertices.refined.holding import learn_roll, learn_slope
 from workers.vertices.refined.planes import fit_plane
 from workers.vertices.refined.rays import WRONG
+from workers.vertices.refined.ring_errors import MANY_RINGS, Spread, spread_about
 from workers.vertices.refined.size import doubtful, growth_spread, other_size
 from workers.vertices.refined.track import trustworthy
 from workers.vertices.refined.window import Window
@@ -32,7 +40,6 @@ _SWEEPS = 96
 _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart by boards at many distances
 _ENOUGH = 4  # near sweeps from which something is learned
 _MIN_RINGS, _MIN_POINTS = 2, 12
-_MANY_RINGS = 3
 _DEVIATIONS = 4.0  # points farther off a plane are not of it
 _FIRST_SIGMA_M = 0.03
 _SIGMA_M = (0.004, 0.08)
@@ -42,12 +49,9 @@ _LENGTHS_M = (0.36 * 1.15 ** np.arange(10)).tolist()
 _FIRST, _SOME = 5, 10
 _HOPELESS = -300.0
 _WIDE_ROLL = math.radians(12.0)  # the grid reaches 2.8 deviations: 34 degrees
-_SOFT_DEG = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 _GROWTHS_RAD = (0.0, 1.0e-3, 2.0e-3, 4.0e-3, 8.0e-3)
 _INSETS_RAD = (0.25e-3 * np.arange(1, 21)).tolist()  # beams are up to 10 mrad wide
 _BIAS_M = 0.015  # data sheets: accuracy 0.03 m, as two standard deviations
-_BEAM_SIGMA_RAD = 1.5e-3  # data sheets: half of a beam of 3 mrad
-_GROWTH_RAD = (-0.25e-3, 10.0e-3)
 _MOST_WRONG = 0.45  # from one half on, a return would speak for the other side of an edge
 
 
@@ -74,7 +78,7 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         for _, _, window in sorted(near, key=lambda item: (-item[0], item[1]))[: _NEAR if all(edges) else _NEAR_OPEN]
     ]
     if len(windows) < _ENOUGH:
-        open_growth = _BEAM_SIGMA_RAD if float(options["edge_growth_mrad"]) < 0.0 else 0.0
+        open_growth = BEAM_SIGMA_RAD if float(options["edge_growth_mrad"]) < 0.0 else 0.0
         model = replace(model, sigma=BoardModel(grid).sigma, bias=_BIAS_M, growth_sigma=open_growth)
         model = model if all(edges) else _some_edges(windows, model, edges)
         return replace(model, shown=_shown([sighting.plane for sighting in _best(windows, model)], model))
@@ -150,20 +154,24 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
             return model, sightings
         upper = [_upper_part(sighting, model) for sighting in sightings]
         # Larger ones are no planes.
-        about = [part[2] for part in upper if part[2] is not None and part[2].between < _SIGMA_M[1] ** 2]
-        bias = 0.0
+        about = [part[2] for part in upper if part[2] is not None and part[2].own(noise) < _SIGMA_M[1]]
+        spread = rings = bias = 0.0
         if len(about) >= _ENOUGH:
-            within, between = (float(np.median(values)) for values in zip(*about, strict=True))
-            bias = math.sqrt(max(between, 0.0))
-            # A bend of the board is within, and what no plane has, as its edges, is in the second differences.
-            noise = min(noise, math.sqrt(within))
+            # Rings differ: the spread about the plane holds that, the second differences do not.
+            spread = float(np.median([part.own(noise) for part in about]))
+            within = float(np.median([part.within for part in about]))
+            rings = math.sqrt(max(float(np.median([part.between for part in about])), 0.0))
+            # A bend of the board is an error that neighbours share, too.
+            bias = math.hypot(math.sqrt(max(within - noise**2, 0.0)), rings)
         if sum(sighting.plane.telling for sighting in sightings) < _ENOUGH:
-            bias = min(bias, _BIAS_M)  # on few rings a plane may have met the body, too
+            # On few rings a plane may have met the body, too.
+            spread, rings, bias = (min(value, _BIAS_M) for value in (spread, rings, bias))
         slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 1))
         turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
         model = replace(
             model,
-            sigma=_clip(math.hypot(noise, bias)),
+            sigma=_clip(math.hypot(noise, spread)),
+            ring_bias=rings,
             bias=bias,
             tilt=learn_slope(slopes[:, 1], variances[:, 1], _ANY_TILT, default.tilt, _LEAST_TILT),
             yaw=(0.0, max(2.0 * turn[1], 0.2)),
@@ -171,14 +179,7 @@ def _learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardMo
     return model, _best(windows, model)
 
 
-class _Spread(NamedTuple):
-    """Variances of distances about a plane, square metres: within the rings, and of the rings' own errors."""
-
-    within: float
-    between: float
-
-
-def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, _Spread | None]:
+def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Spread | None]:
     """The plane's two slopes, their variances, and the spread about it.
 
     It is fitted to the rings that are nearly as wide as the widest; where these are few, to the next above them, too.
@@ -190,7 +191,7 @@ def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, 
     widest = max(rings, key=lambda r: width[r])
     wide = [r for r in rings if width[r] > 0.6 * width[widest]]
     above = [r for r in rings if r > widest and r not in wide]
-    kept = [*wide, *above[: max(_MANY_RINGS - len(wide), 0)]]
+    kept = [*wide, *above[: max(MANY_RINGS - len(wide), 0)]]
     runs = [(r, slice(ends[r, 0], ends[r, 1] + 1)) for r in kept]
     azimuth, slope, distance = (
         np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
@@ -202,28 +203,7 @@ def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, 
     towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
     variances: Floats = np.asarray(np.diag(towards @ np.linalg.inv(info) @ towards.T), np.float64)
     ring = np.repeat(np.arange(len(runs)), [run.stop - run.start for _, run in runs])[on_it]
-    return -w[1:] / w[0], variances, _spread_about(_beyond(azimuth, slope, distance, w), ring)
-
-
-def _spread_about(beyond: Floats, ring: NDArray[np.int64]) -> _Spread | None:
-    """One-way analysis of variance of points that lie ``beyond`` a plane fitted to them; None on fewer than 3 rings.
-
-    Any two rings lie in one plane, whatever their biases: it takes two degrees of freedom of the rings' means.
-    """
-    count = np.bincount(ring).astype(np.float64)
-    kept = (count > 1.0)[ring]
-    count = count[count > 1.0]
-    rings, points = count.size, float(count.sum())
-    if rings < _MANY_RINGS:
-        return None
-    beyond, ring = beyond[kept], np.unique(ring[kept], return_inverse=True)[1]
-    mean = np.bincount(ring, beyond) / count
-    within = float(np.sum((beyond - mean[ring]) ** 2)) / (points - rings)
-    free = rings - 2
-    between = float(count @ (mean - beyond.mean()) ** 2) / free
-    between /= (1.0 - 2.0 / (9.0 * free)) ** 3  # median of chi-square (Wilson and Hilferty)
-    on_each = (points - float(count @ count) / points) / (rings - 1)
-    return _Spread(within, (between - within) / on_each)
+    return -w[1:] / w[0], variances, spread_about(_beyond(azimuth, slope, distance, w), ring)
 
 
 def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floats:
@@ -269,7 +249,7 @@ def _learn_board(
         return model
     solid = [plane for plane in planes if plane.telling]
     told = len(solid) >= _ENOUGH
-    steps = _usual_steps()
+    steps = usual_steps()
     if not all(edges):
         model = _first_edges(planes, model, edges)
     elif told and growth_mrad < 0.0:
@@ -294,7 +274,7 @@ def _no_taller(planes: Sequence[Plane], edges: tuple[float, float]) -> Sequence[
     if not all(edges):
         return planes
     most = math.hypot(*edges)
-    fit = [p for p in planes if np.ptp(p.hits[1]) < most + 2.0 * _GROWTH_RAD[1] * float(np.median(p.reach))]
+    fit = [p for p in planes if np.ptp(p.hits[1]) < most + 2.0 * GROWTH_RAD[1] * float(np.median(p.reach))]
     return fit if len(fit) >= _ENOUGH else planes
 
 
@@ -336,33 +316,25 @@ def _some_edges(windows: Sequence[Window], model: BoardModel, edges: tuple[float
 def _first_growth(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """Of a coarse table of growths and widths of the step at an edge those that explain the best seen boards best."""
     tried = [
-        replace(model, growth=growth, inset=max(growth, _BEAM_SIGMA_RAD), soft=math.radians(deg))
+        replace(model, growth=growth, inset=max(growth, BEAM_SIGMA_RAD), soft=math.radians(deg))
         for growth in _GROWTHS_RAD
-        for deg in _SOFT_DEG
+        for deg in SOFT_DEG
     ]
     return max(tried, key=lambda candidate: _evidence(planes[:_FIRST], candidate))
 
 
 def _learn_blur(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     """How gradually the hits end at an edge: what explains the near sweeps best."""
-    widths = [replace(model, soft=math.radians(width)) for width in _SOFT_DEG]
+    widths = [replace(model, soft=math.radians(width)) for width in SOFT_DEG]
     return max(widths, key=lambda tried: _evidence(planes, tried))
-
-
-def _usual_steps() -> Floats:
-    """(K,) share of the sensors with each of the half widths `_SOFT_DEG`, as data sheets tell: half of a beam."""
-    widths = np.radians(_SOFT_DEG)
-    # The widths of the table are even in their logarithm.
-    share: Floats = widths * np.exp(-0.5 * ((widths - _BEAM_SIGMA_RAD) / _BEAM_SIGMA_RAD) ** 2)
-    return share / share.sum()
 
 
 def _learn_step(planes: Sequence[Plane], model: BoardModel) -> tuple[BoardModel, Floats]:
     """How gradually the hits end at an edge: the mean; and how likely each of the table's half widths is (K,)."""
-    told = np.array([_evidence(planes, replace(model, soft=math.radians(width))) for width in _SOFT_DEG])
-    share = _usual_steps() * np.exp(told - told.max())
+    told = np.array([_evidence(planes, replace(model, soft=math.radians(width))) for width in SOFT_DEG])
+    share = usual_steps() * np.exp(told - told.max())
     share /= share.sum()
-    return replace(model, soft=float(share @ np.radians(_SOFT_DEG))), share
+    return replace(model, soft=float(share @ np.radians(SOFT_DEG))), share
 
 
 def _learn_inset(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
@@ -379,7 +351,7 @@ def _learn_inset(planes: Sequence[Plane], model: BoardModel) -> BoardModel:
     depth, mixed = (np.concatenate([np.zeros(0), *(part[k] for part in parts)]) for k in (0, 1))
 
     def likely(inset: float) -> float:
-        usual = -0.5 * ((inset - _BEAM_SIGMA_RAD) / _BEAM_SIGMA_RAD) ** 2
+        usual = -0.5 * ((inset - BEAM_SIGMA_RAD) / BEAM_SIGMA_RAD) ** 2
         return usual + _parted(depth < inset, mixed > 0.0)
 
     return replace(model, inset=max(_INSETS_RAD, key=likely))
@@ -471,37 +443,13 @@ def _refine(
         reaches = np.array([np.median(plane.reach) for plane in planes])
         lever = float(np.std(reaches) if free else np.mean(reaches)) * math.sqrt(len(planes))
         told = state[2], math.hypot(sigmas[2], EDGE_M / max(lever, 1e-3))
-        state[2], sigmas[2] = _likely_growth(*told, model.soft) if free else _any_growth(*told, widths)
+        state[2], sigmas[2] = likely_growth(*told, model.soft) if free else any_growth(*told, widths)
     slack = 2.0 * float(max([sigmas[index] for index in free], default=0.0))
     return replace(modelled(state), slack=slack, growth_sigma=float(sigmas[2]))
 
 
 def _mean_reach(planes: Sequence[Plane]) -> float:
     return float(np.mean([np.median(plane.reach) for plane in planes]))
-
-
-def _likely_growth(told: float, sigma: float, soft: float) -> tuple[float, float]:
-    """Growth and its standard deviation: what the boards tell, and what the step at the edges does.
-
-    A beam whose middle is on the board lies on it for the most part. So the step from hits to misses begins at the
-    edge or outside of it, and its middle lies as far out as half of its width, or farther.
-    """
-    spread = growth_spread(soft)
-    weight = spread**2 / (spread**2 + sigma**2)
-    growth = weight * told + (1.0 - weight) * soft
-    return min(max(growth, _GROWTH_RAD[0]), _GROWTH_RAD[1]), spread * math.sqrt(1.0 - weight)
-
-
-def _any_growth(told: float, sigma: float, widths: Floats) -> tuple[float, float]:
-    """As `_likely_growth`, where the step's half width may be each of `_SOFT_DEG`, with the shares ``widths`` (K,)."""
-    soft = np.radians(_SOFT_DEG)
-    spread = np.array([growth_spread(width) for width in soft.tolist()])
-    variance = spread**2 + sigma**2
-    share = widths * np.exp(-0.5 * (told - soft) ** 2 / variance) / np.sqrt(variance)
-    share /= share.sum()
-    growth, own = np.array([_likely_growth(told, sigma, width) for width in soft.tolist()]).T
-    mean = float(share @ growth)
-    return mean, math.sqrt(float(share @ (own**2 + (growth - mean) ** 2)))
 
 
 def _climb(value: Callable[[Floats], float], at: Floats, index: int, step: float) -> tuple[Floats, float]:
