@@ -134,9 +134,9 @@ $(STAMPS)/collected: $(STAMPS)/installed
 	$(BIN)/python -m pytest --collect-only -q > $(STAMPS)/collected.log 2>&1 || { tail -30 $(STAMPS)/collected.log; exit 1; }
 	@touch $@
 
-# Else each process that meets a kernel before another has compiled it would compile it as well, workers too: 40 s each.
+# Else every process that meets a kernel before another has compiled it compiles it too, workers included: up to 45 s.
 $(STAMPS)/kernels: $(STAMPS)/compiled
-	$(BIN)/python -c "from workers.tasks.warming import warm_up; warm_up()"
+	$(BIN)/python -m tests.support.kernels > /dev/null
 	@touch $@
 
 # The benchmarks' peers are large, and only they need them.
