@@ -1,4 +1,4 @@
-"""`python -m tests.support.kernels`: compile once what several processes of tests would each compile at the same time.
+"""`python -m tests.support.kernels`: compile once what processes of tests would each compile at the same time.
 
 Numba keeps the machine code beside the source.
 """
