@@ -12,7 +12,7 @@ from xdist.scheduler.loadfile import LoadFileScheduling
 # takes longer, so they come first.
 _TOGETHER = (("tests/e2e/",), ("tests/faults/",), ("tests/apexcal/", "tests/operations/", "tests/integration/"))
 
-# `make` has compiled the kernels (tests/support/kernels.py). Long ones come first, so that short ones fill up the end.
+# `make` has compiled the kernels (tests/support/kernels.py). Long groups come first; short files fill up the end.
 _FIRST = (
     *(folder for folders in _TOGETHER for folder in folders),
     "tests/workers/vertices/",
