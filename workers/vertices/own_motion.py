@@ -27,7 +27,7 @@ _COLUMNS: Final = 900
 _CELL_M: Final = 0.15  # upright surfaces are met within this: accuracy 0.03 m (data sheets), motion during a sweep
 _CELLS: Final = 480
 _FARTHEST: Final = 27  # cells: 40 m/s in the tenth of a second between two sweeps
-_DENSE_M: Final = 0.3  # two cells: where rays meet a facade farther apart, the motor's phase tells which cells they meet
+_DENSE_M: Final = 0.3  # two cells; farther along a facade the motor's phase tells which cells are met
 _BY_CHANCE: Final = 3.0  # standard deviations of a difference of two counts
 
 

@@ -108,7 +108,7 @@ def lane(number, y, speed_m_s):
 @pytest.mark.parametrize("speeds_m_s", [(3.0,), (8.0,), (3.0, -3.0)])
 @pytest.mark.parametrize("walls", [{"doorsteps_m": ()}, {"facades_m": (), "doorsteps_m": ()}])
 def test_traffic_that_passes_a_parked_car_is_no_drive(speeds_m_s, walls):
-    """Before, each of these was: cars of one lane lie on four sides, and facades agree with every shift along them."""
+    """Before, each of these was: cars of one lane lie on four sides, and facades agree with a shift along them."""
     random = np.random.default_rng(6)
     lanes = list(zip((4.0, -4.0), speeds_m_s, strict=False))
     sweeps = [street(k, [box for y, v in lanes for box in lane(k, y, v)], random, **walls) for k in range(16)]
