@@ -2,11 +2,13 @@
 
 A facade stays where it is for a LiDAR that drives along it, so most of what is upright seems to stand still. What
 tells is the rest: ends of facades, cars, poles. Two sweeps are laid on each other as seen from above. If the LiDAR
-moves, one shift lays more of all that is upright on itself than no shift does, and what it gains lies on many sides.
+moves, one shift lays more of what is upright on itself than no shift does, to the left of its way and to the right.
+Traffic that passes a parked car gains on the side of its lane only, and what stands there loses.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -25,8 +27,8 @@ _COLUMNS: Final = 900
 _CELL_M: Final = 0.15  # upright surfaces are met within this: accuracy 0.03 m (data sheets), motion during a sweep
 _CELLS: Final = 480
 _FARTHEST: Final = 27  # cells: 40 m/s in the tenth of a second between two sweeps
-_SIDES: Final = 8
-_MANY_SIDES: Final = 4  # half of the way around: a person, or cars in a lane, take fewer
+_DENSE_M: Final = 0.3  # two cells; farther along a facade the motor's phase tells which cells are met
+_BY_CHANCE: Final = 3.0  # standard deviations of a difference of two counts
 
 
 def passes_by(source: SweepSource, grid: SensorGrid, on_sweep: Callable[[], None] | None = None) -> bool:
@@ -51,7 +53,10 @@ def _most_shifted(source: SweepSource, grid: SensorGrid, apart_s: float, on_swee
 
 
 def _upright(sweep: Sweep, grid: SensorGrid) -> Floats:
-    """(N, 2) metres, level axes: points from which the next ring's surface rises more than it recedes."""
+    """(N, 2) metres, level axes: points from which the next ring's surface rises more than it recedes.
+
+    A neighbour on the same ring is near them.
+    """
     rings = grid.elevation.size
     xyz = sweep.xyz.astype(np.float64)
     distance = np.linalg.norm(xyz, axis=1)
@@ -65,13 +70,18 @@ def _upright(sweep: Sweep, grid: SensorGrid) -> Floats:
     upright = np.zeros(image.shape[:2], np.bool_)
     upright[1:] |= steep
     upright[:-1] |= steep
+    near = np.linalg.norm((np.roll(image, -1, axis=1) - image)[..., :2], axis=2) < _DENSE_M
+    upright &= near | np.roll(near, 1, axis=1)
     found: Floats = image[upright][:, :2]
     return found
 
 
 def _shifted(one: Floats, other: Floats) -> bool:
-    """Whether a shift lays the one on the other better than none does, on many sides."""
-    here, there = _cells(one), _cells(other)
+    """Whether a shift lays the one on the other better than none does, to the left of its direction and to the right.
+
+    A surface counts by the cells that it takes, not by its points: of a near car there are many.
+    """
+    here, there = np.unique(_cells(one), axis=0), _cells(other)
     before, after = np.zeros((2, _CELLS, _CELLS))
     inside = _inside(here)
     before[here[inside, 0], here[inside, 1]] = 1.0
@@ -93,9 +103,16 @@ def _shifted(one: Floats, other: Floats) -> bool:
         found[kept] = after[moved[kept, 0], moved[kept, 1]] > 0.0
         return found
 
-    gained = one[on(here + shift) & ~on(here)]
-    side = ((np.arctan2(gained[:, 1], gained[:, 0]) / (2.0 * np.pi) + 0.5) * _SIDES).astype(int) % _SIDES
-    return np.unique(side).size >= _MANY_SIDES
+    stays, comes = on(here), on(here + shift)
+    x, y = (here - _CELLS // 2).T
+    left = shift[0] * y > shift[1] * x
+    return all(_more(comes & ~stays & side, stays & ~comes & side) for side in (left, ~left))
+
+
+def _more(gained: NDArray[np.bool_], lost: NDArray[np.bool_]) -> bool:
+    """Whether more is gained than lost, and not by chance."""
+    gains, losses = int(np.count_nonzero(gained)), int(np.count_nonzero(lost))
+    return gains - losses > _BY_CHANCE * math.sqrt(gains + losses)
 
 
 def _cells(xy: Floats) -> NDArray[np.int64]:

@@ -18,7 +18,7 @@ ELEVATIONS = np.radians(np.arange(-15.0, 16.0, 2.0))
 COLUMNS = 1800
 HEIGHT_M = 1.8
 FACADES_M = (14.0, -12.0)
-DOORSTEPS_M = [(x, 13.0 * side) for x in range(-60, 90, 15) for side in (1, -1)]  # boxes before the facades
+DOORSTEPS_M = [(x, y) for x in range(-60, 90, 15) for y in (13.0, -11.0)]  # boxes before the facades
 
 
 def meets_box(directions, low, high):
@@ -96,6 +96,25 @@ def test_a_drive_between_smooth_facades_is_refused(speed_m_s):
     with pytest.raises(InputError) as refused:
         suggest(drive)
     assert refused.value.code == "everything_moves"
+
+
+def car(x, y):
+    return (x - 2.1, y - 0.9, 0.2 - HEIGHT_M), (x + 2.1, y + 0.9, -0.3)
+
+
+def lane(number, y, speed_m_s):
+    """Cars 9 m apart that pass on a lane 80 m long."""
+    return [car((x + 0.1 * speed_m_s * number + 40.0) % 80.0 - 40.0, y) for x in range(-40, 40, 9)]
+
+
+@pytest.mark.parametrize("speeds_m_s", [(3.0,), (8.0,), (3.0, -3.0)])
+@pytest.mark.parametrize("walls", [{"doorsteps_m": ()}, {"facades_m": (), "doorsteps_m": ()}])
+def test_traffic_that_passes_a_parked_car_is_no_drive(speeds_m_s, walls):
+    """Before, each of these was: cars of one lane lie on four sides, and facades agree with a shift along them."""
+    random = np.random.default_rng(6)
+    lanes = list(zip((4.0, -4.0), speeds_m_s, strict=False))
+    sweeps = [street(k, [box for y, v in lanes for box in lane(k, y, v)], random, **walls) for k in range(16)]
+    assert not passes_by(Listed(sweeps), learn_grid(sweeps))
 
 
 def test_people_who_walk_alike_are_no_drive():
