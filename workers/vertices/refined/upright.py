@@ -1,4 +1,4 @@
-"""How well an upright rectangle, as a sign or a door, explains the rays that a board on its tip explains.
+"""How well an upright rectangle, as a sign, a door or a lowered board, explains the rays that a board explains.
 
 In the plane, with hard edges, the log likelihood of a rectangle is a sum over the rays inside it. With upper and
 lower edges fixed, the likeliest left and right edges are the ends of the stretch of rays with the largest sum. The
@@ -32,6 +32,11 @@ def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
     if model.sizes_tried > 1 and fix.against > _CHOSEN_CONTRADICTED * (fix.plane.points + fix.against):
         return False
     return fix.evidence - upright_evidence(fix, model) > _CLEAR + math.log(model.sizes_tried)
+
+
+def likelier_than_upright(fix: Fix, model: BoardModel) -> bool:
+    """Whether the board explains the rays better than upright rectangles do, one of which a lowered board is."""
+    return fix.evidence > upright_evidence(fix, model)
 
 
 def upright_evidence(fix: Fix, model: BoardModel) -> float:
