@@ -30,10 +30,10 @@ demo: setup frontend  ## start the service and drive the whole job through its A
 serve: setup frontend  ## leave the service up, with the demo's data where there is some; ARGS="--port 8001"
 	$(BIN)/apexcal serve $(ARGS)
 
-test: setup frontend $(STAMPS)/collected  ## all tests but the long ones, each draw the same at every run; ARGS="tests/apexcal -x"
+test: setup $(STAMPS)/kernels frontend $(STAMPS)/collected  ## all tests but the long ones, each draw the same at every run; ARGS="tests/apexcal -x"
 	$(BIN)/python -m pytest -m "not slow" --hypothesis-profile=ci $(SIDE_BY_SIDE) $(ARGS)
 
-test-long: setup frontend $(STAMPS)/collected  ## all tests, with new draws
+test-long: setup $(STAMPS)/kernels frontend $(STAMPS)/collected  ## all tests, with new draws
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(ARGS)
 # Four at a time: three start services and mostly wait, the fourth computes; in the order of tests/support/side_by_side.py.
 # SIDE_BY_SIDE= runs them one after the other.
@@ -43,6 +43,7 @@ SIDE_BY_SIDE ?= -n 4 --dist loadfile
 test test-long: export OPENBLAS_NUM_THREADS = 1
 test test-long: export OMP_NUM_THREADS = 1
 test test-long $(STAMPS)/collected: export PYTHONDONTWRITEBYTECODE =
+$(STAMPS)/kernels: export OPENBLAS_NUM_THREADS = 1
 
 screenshots: setup frontend  ## pictures of every page, light and dark, three widths, into docs/images/pages and var/screenshots
 	$(BIN)/python -m pytest tests/e2e/screenshots.py -q $(ARGS)
@@ -131,6 +132,11 @@ $(STAMPS)/compiled: $(STAMPS)/installed $(SOURCES)
 # Else each process of the first tests would rewrite all of their modules. Beside it, npm installs and builds.
 $(STAMPS)/collected: $(STAMPS)/installed
 	$(BIN)/python -m pytest --collect-only -q > $(STAMPS)/collected.log 2>&1 || { tail -30 $(STAMPS)/collected.log; exit 1; }
+	@touch $@
+
+# Else every process that meets a kernel before another has compiled it compiles it too, workers included: up to 45 s.
+$(STAMPS)/kernels: $(STAMPS)/compiled
+	$(BIN)/python -m tests.support.kernels > /dev/null
 	@touch $@
 
 # The benchmarks' peers are large, and only they need them.

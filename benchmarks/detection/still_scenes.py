@@ -244,13 +244,18 @@ class _Sensor:
         columns = int(2.0 * math.pi / self.step)
         azimuth = -math.pi + (np.arange(columns) + random.uniform()) * self.step
         e, a = np.meshgrid(self.elevation, azimuth, indexing="ij")
-        rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1).reshape(-1, 3)
-        distance = np.where(rays[:, 2] < 0.0, ground_z / np.minimum(rays[:, 2], -1e-9), np.inf)
-        label = np.zeros(distance.size, np.int64)
+        grid = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
+        nearest = np.where(grid[..., 2] < 0.0, ground_z / np.minimum(grid[..., 2], -1e-9), np.inf)
         for box in things.boxes:
-            distance = np.minimum(distance, _meets_box(rays, box))
+            looks = looking_at(azimuth, _footprint(box))
+            nearest[:, looks] = np.minimum(nearest[:, looks], _meets_box(grid[:, looks], box))
         for cylinder in things.cylinders:
-            distance = np.minimum(distance, _meets_cylinder(rays, cylinder))
+            x, y, radius = cylinder[:3]
+            around = radius * np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
+            looks = looking_at(azimuth, np.array([x, y]) + around)
+            nearest[:, looks] = np.minimum(nearest[:, looks], _meets_cylinder(grid[:, looks], cylinder))
+        rays, distance = grid.reshape(-1, 3), nearest.ravel()
+        label = np.zeros(distance.size, np.int64)
         if board is not None:
             met = _meets_board(rays, board)
             label[met < distance] = BOARD
@@ -266,12 +271,36 @@ class _Sensor:
         return sweep, label[kept]
 
 
+def looking_at(azimuth: Floats, corners: Floats) -> NDArray[np.intp]:
+    """Which of the azimuths (C,) lie between those of a footprint's corners (4, 2).
+
+    All of them where the sensor stands above the footprint, or nearly so.
+    """
+    towards = np.arctan2(corners[:, 1], corners[:, 0])
+    middle = math.atan2(np.sin(towards).sum(), np.cos(towards).sum())
+    half = np.abs(_wrapped(towards - middle)).max() + 1e-6
+    if half > 0.45 * math.pi:
+        return np.arange(len(azimuth))
+    return np.flatnonzero(np.abs(_wrapped(azimuth - middle)) < half)
+
+
+def _wrapped(angle: Floats) -> Floats:
+    return np.remainder(angle + math.pi, 2.0 * math.pi) - math.pi
+
+
+def _footprint(box: tuple[float, ...]) -> Floats:
+    """(4, 2) the corners of an upright box seen from above."""
+    x, y, _, long, wide, _, yaw = box
+    along, across = np.array([math.cos(yaw), math.sin(yaw)]), np.array([-math.sin(yaw), math.cos(yaw)])
+    return np.array([[x, y] + a * long * along + b * wide * across for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
+
+
 def _meets_box(rays: Floats, box: tuple[float, ...]) -> Floats:
     x, y, z, *half, yaw = box
     c, s = math.cos(yaw), math.sin(yaw)
-    turned = np.stack([c * rays[:, 0] + s * rays[:, 1], c * rays[:, 1] - s * rays[:, 0], rays[:, 2]])
+    turned = (c * rays[..., 0] + s * rays[..., 1], c * rays[..., 1] - s * rays[..., 0], rays[..., 2])
     middle = (c * x + s * y, c * y - s * x, z)
-    first, last = np.zeros(len(rays)), np.full(len(rays), np.inf)
+    first, last = np.zeros(rays.shape[:-1]), np.full(rays.shape[:-1], np.inf)
     for ray, centre, reach in zip(turned, middle, half, strict=True):
         inverse = 1.0 / np.where(np.abs(ray) < 1e-9, 1e-9, ray)
         one, other = (centre - reach) * inverse, (centre + reach) * inverse
@@ -281,11 +310,11 @@ def _meets_box(rays: Floats, box: tuple[float, ...]) -> Floats:
 
 def _meets_cylinder(rays: Floats, cylinder: tuple[float, ...]) -> Floats:
     x, y, radius, low, high = cylinder
-    flat = rays[:, 0] ** 2 + rays[:, 1] ** 2
-    along = (rays[:, 0] * x + rays[:, 1] * y) / flat
+    flat = rays[..., 0] ** 2 + rays[..., 1] ** 2
+    along = (rays[..., 0] * x + rays[..., 1] * y) / flat
     inner = along**2 - (x * x + y * y - radius**2) / flat
     distance = along - np.sqrt(np.maximum(inner, 0.0))
-    height = distance * rays[:, 2]
+    height = distance * rays[..., 2]
     return np.where((inner > 0.0) & (distance > 0.0) & (height > low) & (height < high), distance, np.inf)
 
 

@@ -1,6 +1,7 @@
 """A real embedded service for the client's and the command's tests."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -53,7 +54,15 @@ def stop(embedded: Embedded) -> int:
 
 @pytest.fixture(scope="session")
 def embedded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Embedded]:
-    served = start(tmp_path_factory.mktemp("embedded") / "data")
+    """Of all tests of these folders. Its folder was open to others before, and who starts it lets them read."""
+    data = tmp_path_factory.mktemp("embedded") / "data"
+    data.mkdir()
+    data.chmod(0o755)
+    umask = os.umask(0o002)
+    try:
+        served = start(data)
+    finally:
+        os.umask(umask)
     try:
         yield served
     finally:

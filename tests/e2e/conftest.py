@@ -18,7 +18,7 @@ from tests.e2e.chromium import find_chromium
 from tests.support.processes import start, stop
 
 WEB = Path(__file__).parents[2] / "service" / "web" / "index.html"
-SECONDS = 16
+SECONDS = 12
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

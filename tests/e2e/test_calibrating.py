@@ -188,7 +188,7 @@ def test_a_fleet_is_asked_for_and_one_vehicle_fails(
     add_cart(track, "Cart 3", 5)
     # Keeps the only worker until the second cart has lost all of its own.
     slow = track.owner.calibrations.create(
-        first, [first_set], models=["pinhole"], folds=0, schedule=SLOW | {"generations": 1000}
+        first, [first_set], models=["pinhole"], folds=0, schedule=SLOW | {"generations": 2000}
     )
     page = sign_in("Mia", "engineer")
     page.goto(f"{track.url}/fleets/{track.fleet_id}")

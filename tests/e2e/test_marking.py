@@ -142,7 +142,7 @@ def test_the_next_frame_comes_at_once_and_the_answer_is_saved_behind_it(sign_in:
     hal.save("u")
     took: list[float] = []
     given: dict[str, tuple[float, float]] = {}
-    for turn in range(12):
+    for turn in range(8):
         vertex = hal.vertex
         given[vertex] = hal.click(0.3 + 0.03 * turn, 0.4)
         hal.page.wait_for_timeout(700)  # people take about a second a mark

@@ -53,7 +53,8 @@ def test_the_overlay_of_a_large_sweep_is_drawn_at_once(sign_in: SignIn, track: T
     assert drawn[len(drawn) // 2] < MOST_MS
 
 
-@pytest.mark.parametrize("beside", [False, True])
+# Without the LiDAR beside it, test_marking.py says the same.
+@pytest.mark.parametrize("beside", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_the_next_frame_waits_for_no_network(sign_in: SignIn, track: Track, beside: bool) -> None:
     ask_marks(track, 50)
     marker = Marker(sign_in(f"Olga {beside}", "annotator"), track)
@@ -67,7 +68,7 @@ def test_the_next_frame_waits_for_no_network(sign_in: SignIn, track: Track, besi
     )
     marker.save("u")
     took: list[float] = []
-    for turn in range(12):
+    for turn in range(8):
         marker.click(0.3 + 0.02 * turn, 0.4)
         marker.page.wait_for_timeout(600)  # people take about a second a mark
         took.append(marker.page.evaluate(NEXT_FRAME_MS))

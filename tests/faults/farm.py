@@ -102,22 +102,37 @@ class Farm:
         self.start("worker")
 
     def kill_who_works_on(self, kind: str, part: str | None = None) -> int:
-        """Wait until a pool process works on a job of this kind, kill it, and return the job's id."""
-        found: list[tuple[int, str]] = []
+        """Wait until a pool process works on a job of this kind, kill it, and return the job's id.
 
-        def working() -> bool:
-            with self.database.reading() as session:
-                asked = select(Job).where(Job.kind == kind, Job.state == "running")
-                for job in session.scalars(asked.order_by(Job.id.desc())):
-                    if part in (None, job.payload.get("part")):
-                        found.append((job.id, job.worker or ""))
-                        return True
-            return False
+        It is stopped first: else a short job might end between the look and the kill.
+        """
+        killed: list[int] = []
 
-        wait_until(working, f"work on {kind}", 120)
-        job_id, worker = found[-1]
-        os.kill(int(worker.rpartition(":")[2]), signal.SIGKILL)
-        return job_id
+        def struck() -> bool:
+            found = self._at_work(kind, part)
+            if found is None:
+                return False
+            job_id, worker = found
+            pid = int(worker.rpartition(":")[2])
+            os.kill(pid, signal.SIGSTOP)
+            if self._at_work(kind, part, job_id) != found:
+                os.kill(pid, signal.SIGCONT)
+                return False
+            os.kill(pid, signal.SIGKILL)
+            killed.append(job_id)
+            return True
+
+        wait_until(struck, f"work on {kind}", 120)
+        return killed[0]
+
+    def _at_work(self, kind: str, part: str | None, job_id: int | None = None) -> tuple[int, str] | None:
+        """The newest such job that runs, or this one, and who works on it."""
+        asked = select(Job).where(Job.kind == kind, Job.state == "running").order_by(Job.id.desc())
+        with self.database.reading() as session:
+            for job in session.scalars(asked if job_id is None else asked.where(Job.id == job_id)):
+                if part in (None, job.payload.get("part")):
+                    return job.id, job.worker or ""
+        return None
 
     def job(self, job_id: int) -> Job:
         """A job's row."""

@@ -17,8 +17,8 @@ from apexcal.documents.fleets import RigOut, VehicleOut
 from apexcal.rigs import read_rig
 
 REGION = {"and": [{"quantity": "x", "op": ">", "value": 1.0}, {"quantity": "z", "op": ">", "value": -1.2}]}
-# A slot of about a quarter of a second, so that a kill finds somebody at work.
-SLOW = {"slots": 4, "population": 2000, "generations": 400, "max_iterations": 2}
+# A slot of about an eighth of a second, so that a kill finds somebody at work.
+SLOW = {"slots": 4, "population": 1000, "generations": 400, "max_iterations": 2}
 
 
 class Walk(NamedTuple):
@@ -29,8 +29,8 @@ class Walk(NamedTuple):
 
 
 def record(folder: Path) -> Walk:
-    """Simulate 20 seconds."""
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "20", "--seed", "5"]
+    """Simulate 14 seconds: a detection takes a fifth of one."""
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "14", "--seed", "5"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return Walk(next(folder.glob("*.bag")), read_rig(folder / "rig.json", "roof"))
 

@@ -9,17 +9,11 @@ from xdist.scheduler.loadfile import LoadFileScheduling
 
 # Starting a service costs more than most of what is asked of it: whoever shares one stays together. Farms mostly wait
 # for processes to start and for leases to end, so they come one after the other, beside tests that compute. Nothing
-# takes longer, so they begin as soon as the kernels are compiled.
+# takes longer, so they come first.
 _TOGETHER = (("tests/e2e/",), ("tests/faults/",), ("tests/apexcal/", "tests/operations/", "tests/integration/"))
 
-# First come tests that compile the kernels of the solver, the detectors and the simulation; others then find these
-# beside their source. In a fresh clone that takes 40 s of a processor, for each process that does not wait. Meanwhile
-# tests run that need no kernel. Then come the long ones, so that short ones fill up the end.
+# `make` has compiled the kernels (tests/support/kernels.py). Long groups come first; short files fill up the end.
 _FIRST = (
-    "tests/workers/tasks/test_warming.py",
-    "tests/workers/simulation/test_lidar.py",
-    "tests/service/auth/",
-    "tests/service/annotations/",
     *(folder for folders in _TOGETHER for folder in folders),
     "tests/workers/vertices/",
     "tests/workers/solver/",

@@ -24,7 +24,7 @@ KERNELS = (
 )
 
 
-@pytest.mark.timeout(900)  # all are compiled here in a fresh clone
+@pytest.mark.timeout(900)  # in a fresh clone all are compiled here, where `make` did not do so
 def test_every_kernel_of_the_detectors_has_its_machine_code_afterwards():
     warm_up()
     assert [kernel.__name__ for kernel in KERNELS if not kernel.signatures] == []

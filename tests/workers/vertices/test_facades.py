@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.detection.still_scenes import looking_at
 from workers.geometry.errors import InputError
 from workers.readers.recording import Sweep
 from workers.vertices.backdrop import Backdrop
@@ -46,7 +47,8 @@ def street(
             distance = np.minimum(distance, np.where(wall > 0.0, wall, np.inf))
     steps = [((x - driven_m, y - 0.5, -HEIGHT_M), (x - driven_m + 2.0, y + 0.5, 0.4)) for x, y in doorsteps_m]
     for low, high in [*boxes, *steps]:
-        distance = np.minimum(distance, meets_box(directions, low, high))
+        looks = looking_at(azimuth, np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])]))
+        distance[:, looks] = np.minimum(distance[:, looks], meets_box(directions[:, looks], low, high))
     seen = distance < reach_m
     distance = distance + 0.01 * random.normal(size=distance.shape)
     count = int(seen.sum())

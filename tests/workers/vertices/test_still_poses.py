@@ -143,7 +143,7 @@ def test_a_drive_is_refused(seed):
         assert "Park" in caught.value.hint
 
 
-@pytest.mark.parametrize("seed", [27, 28])
+@pytest.mark.parametrize("seed", [27, pytest.param(28, marks=pytest.mark.slow)])
 def test_a_walk_is_not_taken_for_poses(seed):
     sweeps = walk(seed, 30.0).sweeps
     for first in range(0, 300, 60):
@@ -158,7 +158,7 @@ def test_a_walk_that_is_said_to_be_poses_is_noticed():
         assert not find_poses(recorded(place, 3, count, each=each).source, stated=True).walked
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_size_that_is_not_the_boards_is_said(seed):
     recording = recorded("street", seed, 8)
     region = around("street", recording)
