@@ -31,8 +31,8 @@ class DetectorWords(NamedTuple):
 
 
 _UP = (
-    "{axis} of the direction of up in the LiDAR's frame; all three 0: as the rig states it, else as the ground tells. "
-    "State it if the LiDAR is tilted by more than 35 degrees, or another corner is taken for the tip"
+    "{axis} of the direction of up in the LiDAR's frame; all three 0: as the rig states it, else as the ground "
+    "tells. State it if the LiDAR is tilted by more than 35 degrees, or another corner is taken for the tip"
 )
 _NO_POINTS = "no point of the sweep lies in the region"
 # Reasons that every detector has for recordings of still poses.
