@@ -61,9 +61,13 @@ def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
     if not found:
         return _Findings((), (), "overtopped" if every else "too_few_rings")
     if any(fix.explained for _, fix in found):
-        # Where nothing shows that it is carried, its shape alone must tell it from what stands about.
-        is_board = likelier_than_upright if area.fixed_left_out else clearly_a_board
-        found = [pair for pair in found if not pair[1].explained or is_board(pair[1], model)]
+        if area.fixed_left_out:
+            # The first one counts. What comes after it is a board only on the path of others that came first.
+            while found and found[0][1].explained and not likelier_than_upright(found[0][1], model):
+                found = found[1:]
+        else:
+            # Nothing shows that it is carried: its shape alone must tell it from what stands about.
+            found = [pair for pair in found if not pair[1].explained or clearly_a_board(pair[1], model)]
         if not any(fix.explained for _, fix in found):
             return _Findings((), (), "upright_object")
     seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]
