@@ -118,6 +118,10 @@ def test_the_mounts_blink(sign_in: SignIn, track: Track, calibration_id: str) ->
     with page.expect_download() as saved:
         overlay.get_by_role("button", name="Save as PNG").click()
     assert Path(saved.value.path()).read_bytes().startswith(b"\x89PNG")
+    for view in PHONE:
+        show(page, view)
+        assert_accessible(page, "section[aria-labelledby=overlay]")
+    assert_fits(page)
 
 
 def test_annotators_are_not_shown_where_the_board_is(sign_in: SignIn, track: Track, calibration_id: str) -> None:
@@ -126,13 +130,3 @@ def test_annotators_are_not_shown_where_the_board_is(sign_in: SignIn, track: Tra
     expect(page.get_by_role("heading", name="brown_conrady", exact=True)).to_be_visible()
     page.wait_for_load_state("networkidle")
     expect(page.get_by_role("region", name="Points in the frame")).to_have_count(0)
-
-
-def test_the_overlay_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, calibration_id: str) -> None:
-    page = sign_in("Yann", "reviewer")
-    show(page, PHONE[0])
-    open_overlay(page, track, calibration_id)
-    for view in PHONE:
-        show(page, view)
-        assert_accessible(page, "section[aria-labelledby=overlay]")
-    assert_fits(page)

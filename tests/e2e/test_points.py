@@ -114,6 +114,10 @@ def test_a_picked_point_is_one_of_the_sweep(sign_in: SignIn, track: Track, dense
         page.mouse.click(box["x"] + across * box["width"], box["y"] + down * box["height"])
         assert np.abs(points.xyz - said(page)).max(axis=1).min() <= 0.00051
         page.keyboard.press("Escape")
+    for view in PHONE:
+        show(page, view)
+        assert_accessible(page, "section[aria-labelledby=sweeps]")
+    assert_fits(page)
 
 
 def test_everything_is_done_by_keys(sign_in: SignIn, track: Track, dense: str) -> None:
@@ -155,16 +159,6 @@ def test_a_small_sensors_sweeps_are_shown_over_one_another(sign_in: SignIn, trac
     shown = [int(one) for one in (stage.get_attribute("data-sweeps") or "").split()]
     counts = {one.index: one.points for one in track.owner.recordings.sweeps(track.recording_id)}
     assert int(stage.get_attribute("data-points") or 0) == sum(counts[index] for index in shown)
-
-
-def test_the_view_is_accessible_and_fits_a_phone(sign_in: SignIn, track: Track, dense: str) -> None:
-    page = sign_in("Max", "viewer")
-    show(page, PHONE[0])
-    open_points(page, track, dense)
-    for view in PHONE:
-        show(page, view)
-        assert_accessible(page, "section[aria-labelledby=sweeps]")
-    assert_fits(page)
 
 
 def test_without_webgl_the_page_says_so_and_works(sign_in: SignIn, track: Track, dense: str) -> None:

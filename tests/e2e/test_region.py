@@ -64,6 +64,7 @@ def drag(page: Page, handle: Locator, right: float, down: float) -> None:
 def test_the_drawing_and_the_text_are_one_region(sign_in: SignIn, track: Track) -> None:
     page = sign_in("Pia", "engineer")
     drawing = open_drawing(page, track)
+    assert_accessible(page, "section:has([role=group] > polyline)")
     before = counted(page)
     assert before == kept_of(page, track, typed(page))
 
@@ -120,9 +121,3 @@ def test_shapes_are_drawn_moved_and_cut_out(sign_in: SignIn, track: Track) -> No
     expect(headings).to_have_count(before + 1, timeout=20_000)
     newest = next(iter(track.owner.detections.list(track.recording_id)))
     assert newest.region == Region.from_document(region).document
-
-
-def test_the_drawing_is_accessible(sign_in: SignIn, track: Track) -> None:
-    page = sign_in("Rolf", "engineer")
-    open_drawing(page, track).scroll_into_view_if_needed()
-    assert_accessible(page, "section:has([role=group] > polyline)")

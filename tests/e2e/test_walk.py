@@ -115,6 +115,8 @@ def calibrate(page: Page) -> None:
     expect(page.get_by_role("checkbox", name=re.compile(f"{MARKS} pairs from annotations"))).to_be_checked()
     for other in ("pinhole", "kannala_brandt"):
         page.get_by_role("checkbox", name=re.compile(other)).uncheck()
+    page.get_by_text("Options", exact=True).click()
+    page.get_by_label("Folds").fill("2")
     page.get_by_role("button", name="Calibrate").click()
     expect(page.get_by_role("heading", level=1)).to_contain_text("Calibration of")
     expect(page.get_by_role("button", name="Publish for the vehicle")).to_be_visible(timeout=90_000)

@@ -22,29 +22,44 @@ def cast_rays(road: Road, origins: Floats, directions: Floats) -> tuple[Floats, 
     count = len(directions)
     distance, albedo, cosine = np.full(count, np.inf), np.zeros(count), np.zeros(count)
     _cast(
-        np.ascontiguousarray(origins), np.ascontiguousarray(directions), road.boxes, road.poles, road.paint,
-        road.asphalt, distance, albedo, cosine,
+        np.ascontiguousarray(origins), np.ascontiguousarray(directions), road.boxes, _circles(road.boxes), road.poles,
+        road.paint, road.asphalt, distance, albedo, cosine,
     )  # fmt: skip
     return distance, albedo, cosine
 
 
+def _circles(boxes: Floats) -> Floats:
+    """(B, 3) circles seen from above that hold the boxes, a little wider: x and y of the middle, radius."""
+    low, high = boxes[:, 0:4:2], boxes[:, 1:4:2]
+    radius = 0.5 * np.linalg.norm(high - low, axis=1) * (1.0 + 1e-6) + 1e-6
+    return np.column_stack([0.5 * (low + high), radius])
+
+
 @nb.njit(nogil=True, cache=True, error_model="numpy")
 def _cast(
-    origins: Floats, directions: Floats, boxes: Floats, poles: Floats, paint: Floats, asphalt: float,
+    origins: Floats, directions: Floats, boxes: Floats, circles: Floats, poles: Floats, paint: Floats, asphalt: float,
     distance: Floats, albedo: Floats, cosine: Floats,
 ) -> None:  # fmt: skip
     for i in range(directions.shape[0]):
         x, y, z = origins[i, 0], origins[i, 1], origins[i, 2]
         a, b, c = directions[i, 0], directions[i, 1], directions[i, 2]
+        flat = math.sqrt(a * a + b * b)
         if c < -1e-6:
             hit = -z / c
             distance[i], cosine[i], albedo[i] = hit, -c, _ground(x + hit * a, y + hit * b, paint, asphalt)
         for j in range(boxes.shape[0]):
+            dx, dy, reach = circles[j, 0] - x, circles[j, 1] - y, circles[j, 2] * flat
+            along = dx * a + dy * b
+            # Beside the box, behind the sensor, or behind what was met.
+            if abs(dx * b - dy * a) > reach or along < -reach or along - reach > distance[i] * flat * flat:
+                continue
             hit, axis = _box(x, y, z, a, b, c, boxes[j])
             if hit < distance[i]:
                 distance[i], albedo[i] = hit, boxes[j, 6]
                 cosine[i] = abs(a) if axis == 0 else (abs(b) if axis == 1 else abs(c))
         for j in range(poles.shape[0]):
+            if abs((poles[j, 0] - x) * b - (poles[j, 1] - y) * a) > (poles[j, 2] + 1e-6) * flat:
+                continue
             hit, facing = _pole(x, y, z, a, b, c, poles[j])
             if hit < distance[i]:
                 distance[i], albedo[i], cosine[i] = hit, poles[j, 4], facing
