@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -150,13 +150,18 @@ def _preview(preview: PreviewView) -> str:
 def _outcome(detection: DetectionView) -> str:
     counts = detection.counts
     rejected = sorted(counts.rejected.items(), key=lambda item: -item[1])
-    reasons = "".join(f"\n  {count} without: {reason.replace('_', ' ')}" for reason, count in rejected)
+    reasons = "".join(f"\n  {count} without: {_why(reason, detection.reasons)}" for reason, count in rejected)
     quality = ", ".join(f"{count} {name}" for name, count in sorted(counts.quality.items()))
     return (
         f"The detection {detection.id} accepted {counts.accepted} of {counts.sweeps} sweeps"
         f"{f' ({quality})' if quality else ''}, {counts.paired} of them with a camera frame."
         f"{_poses(detection)}{reasons}{_held(counts.roll)}{_size(detection)}{_advice(detection)}"
     )
+
+
+def _why(reason: str, sentences: Mapping[str, str]) -> str:
+    name = reason.replace("_", " ")
+    return f"{name}: {sentences[reason]}" if reason in sentences else name
 
 
 def _poses(detection: DetectionView) -> str:

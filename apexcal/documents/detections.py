@@ -102,6 +102,7 @@ class DetectionCounts(Document):
 class DetectionView(Sent):
     """A detection. ``counts`` grows while it runs. When it is done, ``counts`` also has the paired vertices.
 
+    ``reasons``: a sentence for each reason for which sweeps were rejected, with what to change.
     ``marked_corners`` are the board's corners that people are to mark.
     """
 
@@ -119,6 +120,7 @@ class DetectionView(Sent):
     created_at: datetime
     finished_at: datetime | None
     marked_corners: list[CornerName] = [TOP]
+    reasons: dict[str, str] = {}
 
 
 class CornerView(Sent):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final, Literal, NamedTuple
 
 from apexcal.documents.errors import DocumentError
@@ -31,7 +31,8 @@ class DetectorWords(NamedTuple):
 
 
 _UP = (
-    "{axis} of the direction of up in the LiDAR's frame; all three 0: as the rig states it, else as the ground tells"
+    "{axis} of the direction of up in the LiDAR's frame; all three 0: as the rig states it, else as the ground "
+    "tells. State it if the LiDAR is tilted by more than 35 degrees, or another corner is taken for the tip"
 )
 _NO_POINTS = "no point of the sweep lies in the region"
 # Reasons that every detector has for recordings of still poses.
@@ -98,19 +99,23 @@ DETECTORS: Final[dict[DetectorName, DetectorWords]] = {
         },
         {
             "no_points": _NO_POINTS,
-            "too_few_rings": "fewer than two rings meet anything in the region that could be the board",
+            "too_few_rings": "fewer than two rings meet anything in the region that could be the board: walk closer",
             "overtopped": "something stands above what looks like the board and in front of its plane: it is a body "
-            "below or behind the board, and the board itself meets too few rings",
+            "below or behind the board, and the board itself meets too few rings. Walk closer, or hold it higher",
             "not_a_board": "nothing in the region is flat and ends in a right-angled corner at the top, as a board "
-            "on its tip does",
-            "upright_object": "it could as well be a sign, a door or a wall's end with upright edges. Nothing shows "
-            "that somebody carries it: record a walk of more than six seconds or several poses, or come closer",
+            "does that is held on its tip, leans by less than 35 degrees, and is turned by less than 60 degrees from "
+            "the sensor",
+            "upright_object": "an upright rectangle explains the rays as well as a board on its tip: a sign, a door, "
+            "the end of a wall, or a lowered board. Hold it on its tip. If this is a single pose or shorter than six "
+            "seconds, record a longer walk or several poses, or come closer",
             "like_a_person": "on the few rings that meet it, what looks like the board is no wider than a person, "
             "and the sweeps before and after show no wider board there: walk closer",
-            "never_shown": "where most rays meet what could be the board, it is none in most sweeps. So two or three "
-            "rings, or a board of unknown size, are not enough: walk closer, or give the board's size",
-            "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough",
-            "off_the_track": "the vertex lies far off the path of the sweeps before and after",
+            "never_shown": "the near sweeps of this recording do not show a board, so this could be a person. State "
+            "the board's size: then four rings that meet it are enough. With fewer rings, walk closer, and lower the "
+            "board as little as possible",
+            "too_uncertain": "the rays that meet and miss the board do not determine its apex well enough: walk "
+            "closer, or state the board's size",
+            "off_the_track": "the vertex lies far off the path of the sweeps before and after, so it is no board",
         }
         | _STILL_POSES,
     ),
@@ -137,6 +142,12 @@ def parse_detector(name: str) -> DetectorName:
         f"The detectors are {', '.join(DETECTORS)}.",
         detectors=list(DETECTORS),
     )
+
+
+def sentences_of(detector: str, reasons: Iterable[str]) -> dict[str, str]:
+    """What each of a detector's reasons says in words; those of older versions that are no more say nothing."""
+    known = next((words.reasons for name, words in DETECTORS.items() if name == detector), {})
+    return {reason: known[reason] for reason in reasons if reason in known}
 
 
 def resolve_options(detector: str, given: Mapping[str, Any] | None = None) -> dict[str, float]:

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.base import stored
 from apexcal.documents.corners import CORNERS, TOP, CornerName
 from apexcal.documents.detections import DetectionView, FrameOfVertex, Moved, VertexView
+from apexcal.documents.detectors import sentences_of
 from apexcal.documents.states import WorkState
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
@@ -35,6 +36,7 @@ def detection_view(row: Detection, job: Job | None) -> DetectionView:
         created_at=row.created_at,
         finished_at=row.finished_at,
         marked_corners=marked_corners(row),
+        reasons=sentences_of(row.detector, row.counts.get("rejected", {})),
     )
 
 

@@ -11,6 +11,7 @@ from apexcal.commands.detect import _outcome as _detected
 from apexcal.commands.reading import reading_of, which_is_which
 from apexcal.commands.reread import _added
 from apexcal.documents.detections import DetectionCounts, DetectionView, Pairing, SizeSeen
+from apexcal.documents.detectors import sentences_of
 from apexcal.documents.studies import ClockOffset
 
 
@@ -110,6 +111,17 @@ def test_an_offset_is_said_with_the_command_that_uses_it():
 )
 def test_time_left_is_said_roughly(seconds, said):
     assert time_left(seconds) == f"about {said} left"
+
+
+def test_reasons_say_what_to_change():
+    """A reason of an older version is said by its name alone."""
+    reasons = sentences_of("refined", ["never_shown", "of_old"])
+    counts = DetectionCounts(sweeps=8, accepted=2, paired=2, rejected={"never_shown": 5, "of_old": 1})
+    detection = DetectionView.model_construct(id="d", counts=counts, options={}, detector="refined", reasons=reasons)
+    said = _detected(detection)
+    assert "5 without: never shown: the near sweeps of this recording do not show a board" in said
+    assert "State the board's size" in said
+    assert "1 without: of old" in said.splitlines()[-1]
 
 
 def test_what_is_not_as_the_owner_said_is_said():

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from apexcal.documents.detectors import DETECTORS
 from tests.e2e.conftest import Track
 from tests.e2e.looks import PHONE, assert_accessible, assert_fits, show
 
@@ -52,6 +53,7 @@ def test_every_sweep_has_its_verdict(sign_in: SignIn, track: Track, narrow_id: s
     refused.click()
     status = panel.get_by_role("status").first
     expect(status).to_contain_text(f"refused: {reason.replace('_', ' ')}")
+    expect(status).to_contain_text(DETECTORS["strict"].reasons[reason])
     shown = int(panel.locator("[data-sweep]").first.get_attribute("data-sweep") or -1)
     assert any(first <= shown <= last for first, last in runs)
     # Also a refused sweep is seen, with the frame of its moment.

@@ -18,6 +18,7 @@ const vertex = (sweep_index: number, flags: string[] = []): Vertex =>
     ],
   }) as unknown as Vertex;
 const detection = {
+  reasons: { no_points: "no point lies in the region" },
   counts: {
     refused_sweeps: {
       no_points: [
@@ -42,6 +43,13 @@ test("each sweep has its verdict and reason", () => {
       "refused: no points",
       "refused: the reason was not kept",
     ],
+  );
+  assert.deepEqual(
+    judged.map((one) => one.sentence),
+    ["no point lies in the region", "no point lies in the region", "", "", "head_above; occluded"].concat(
+      "no point lies in the region",
+      "",
+    ),
   );
   assert.deepEqual(
     runsOf(judged).map(({ first, last }) => [first, last]),

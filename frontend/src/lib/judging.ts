@@ -15,6 +15,8 @@ export interface Judged {
   verdict: Verdict;
   /** Why it was refused or is uncertain; empty for a vertex that says nothing of the kind. */
   reason: string;
+  /** The reason in a sentence; empty where there is none. */
+  sentence: string;
   vertex: Vertex | null;
 }
 
@@ -24,19 +26,23 @@ export function judgedSweeps(detection: Detection, vertices: readonly Vertex[], 
     index,
     verdict: "refused",
     reason: "the reason was not kept",
+    sentence: "",
     vertex: null,
   }));
   for (const [reason, runs] of Object.entries(detection.counts.refused_sweeps ?? {})) {
     for (const [first = 0, last = -1] of runs) {
       for (let index = first; index <= last && index < count; index += 1) {
-        judged[index] = { index, verdict: "refused", reason: words(reason), vertex: null };
+        const sentence = detection.reasons?.[reason] ?? "";
+        judged[index] = { index, verdict: "refused", reason: words(reason), sentence, vertex: null };
       }
     }
   }
   for (const vertex of vertices) {
     const reason = vertex.flags.map((flag) => words(flag.name)).join(", ");
     const verdict = reason ? "uncertain" : "found";
-    if (vertex.sweep_index < count) judged[vertex.sweep_index] = { index: vertex.sweep_index, verdict, reason, vertex };
+    const sentence = vertex.flags.map((flag) => flag.sentence).join("; ");
+    const index = vertex.sweep_index;
+    if (index < count) judged[index] = { index, verdict, reason, sentence, vertex };
   }
   return judged;
 }

@@ -2,6 +2,7 @@
 
 import pytest
 
+from apexcal.documents.detectors import DETECTORS
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.jobs import Job
 from service.db.recordings import Recording
@@ -37,6 +38,17 @@ def test_a_detection_is_stored_with_all_its_options_and_its_jobs(make_api):
     assert engineer.get(f"/detections/{found['id']}").json() == found
     listed = engineer.get(f"/recordings/{recording}/detections").json()
     assert (listed["items"], listed["next"]) == ([found], None)
+    assert found["reasons"] == {}
+
+
+def test_reasons_of_refused_sweeps_are_said_in_sentences(api, fleet, engineer):
+    recording, _ = seed_recording(api.database, seed_rig(api.database, fleet), 10)
+    body = {"region": REGION, "detector": "refined"}
+    made = engineer.post(f"/recordings/{recording}/detections", body).json()
+    with api.database.writing() as session:
+        session.query(Detection).one().counts = {"sweeps": 10, "rejected": {"never_shown": 4, "of_old": 6}}
+    found = engineer.get(f"/detections/{made['id']}").json()
+    assert found["reasons"] == {"never_shown": DETECTORS["refined"].reasons["never_shown"]}
 
 
 def test_up_is_as_the_rig_states_it_unless_the_request_does(api, fleet, engineer):

@@ -263,7 +263,7 @@ def _against(
     reach = np.full_like(left, middle)
     through = covered(left, up, _growth(mixed > 0.0, plane, model) * middle, reach, *board)
     against = int(np.count_nonzero(beside < _UNLIKELY)) + int(np.count_nonzero(through > 1.0 - _UNLIKELY))
-    return against, float(within.mean()), upper, lower
+    return against, float(within.mean()) if within.size else 0.0, upper, lower
 
 
 def inside_of(plane: Plane, model: BoardModel, fix: Fix) -> tuple[Floats, Floats]:

@@ -31,6 +31,7 @@ from workers.vertices.refined.rays import WRONG
 from workers.vertices.refined.ring_errors import MANY_RINGS, Spread, spread_about
 from workers.vertices.refined.size import doubtful, growth_spread, other_size
 from workers.vertices.refined.track import trustworthy
+from workers.vertices.refined.upright import likelier_than_upright
 from workers.vertices.refined.window import Window
 from workers.vertices.sensor_grid import learn_grid
 from workers.vertices.sweep_source import Area, SweepSource
@@ -81,18 +82,18 @@ def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[
         open_growth = BEAM_SIGMA_RAD if float(options["edge_growth_mrad"]) < 0.0 else 0.0
         model = replace(model, sigma=BoardModel(grid).sigma, bias=_BIAS_M, growth_sigma=open_growth)
         model = model if all(edges) else _some_edges(windows, model, edges)
-        return replace(model, shown=_shown([sighting.plane for sighting in _best(windows, model)], model))
+        return replace(model, shown=_shown([sighting.plane for sighting in _best(windows, model)], model, edges))
     model, sightings = _learn_planes(windows, model)
     planes = [sighting.plane for sighting in sightings]
     growth_mrad = float(options["edge_growth_mrad"])
     learned = _learn_board(planes, model, edges, growth_mrad)
-    learned = replace(learned, shown=_shown(planes, learned))
+    learned = replace(learned, shown=_shown(planes, learned, edges))
     if len(planes) < _ENOUGH or not all(edges) or not doubtful(planes, learned, _mean_reach(planes)):
         return learned
     default = BoardModel(model.grid)
     as_seen = replace(model, edges=default.edges, slack=default.slack, roll=default.roll)
     seen = _learn_board(planes, as_seen, (0.0, 0.0), growth_mrad)
-    seen = replace(seen, shown=_shown(planes, seen))
+    seen = replace(seen, shown=_shown(planes, seen, (0.0, 0.0)))
     # Doors and cars are no boards of another size.
     size = other_size(edges, seen, _mean_reach(planes)) if seen.shown else None
     if size is None or _likelihood(planes, seen) < _likelihood(planes, learned):
@@ -107,16 +108,19 @@ def _likelihood(planes: Sequence[Plane], model: BoardModel) -> float:
     return _evidence(planes, model) - 0.5 * unusual**2
 
 
-def _shown(planes: Sequence[Plane], model: BoardModel) -> bool:
-    """Whether at least half of the near sweeps' planes are boards; if many rings meet some of them, half of these.
+def _shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> bool:
+    """Whether near sweeps' planes are boards: four that many rings meet, or at least half of the planes.
 
-    A board that is no wider than a person is not told from one, and what is less even than sensors are is no board.
+    If many rings meet some planes that fit on the board, only these count. A board of unknown size that is no wider
+    than a person is not told from one, and what is less even than sensors are is no board.
     """
-    if min(model.edges) < TRUNK_M or model.bias > 2.0 * _BIAS_M:
+    if (not all(edges) and min(model.edges) < TRUNK_M) or model.bias > 2.0 * _BIAS_M:
         return False
-    some = [plane for plane in planes if plane.telling] or planes
+    telling = [plane for plane in _no_taller(planes, edges) if plane.telling]
+    some = telling or planes
     fixes = [fix for plane in some if (fix := locate(plane, model, coarse=True)) is not None]
-    return 0 < len(some) <= 2 * sum(trustworthy(fix) for fix in fixes)
+    boards = sum(trustworthy(fix) and likelier_than_upright(fix, model) for fix in fixes)
+    return 0 < len(some) <= 2 * boards or (some is telling and boards >= _ENOUGH)
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -274,7 +278,11 @@ def _no_taller(planes: Sequence[Plane], edges: tuple[float, float]) -> Sequence[
     if not all(edges):
         return planes
     most = math.hypot(*edges)
-    fit = [p for p in planes if np.ptp(p.hits[1]) < most + 2.0 * GROWTH_RAD[1] * float(np.median(p.reach))]
+    fit = [
+        p
+        for p in planes
+        if p.hits.size and np.ptp(p.hits[1]) < most + 2.0 * GROWTH_RAD[1] * float(np.median(p.reach))
+    ]
     return fit if len(fit) >= _ENOUGH else planes
 
 

@@ -16,7 +16,7 @@ from workers.vertices.refined.corners import corners_of
 from workers.vertices.refined.learning import learn
 from workers.vertices.refined.surroundings import apex_time, flags_of, overtopped
 from workers.vertices.refined.track import Seen, confirmed, off_path, reach_of, roll_prior, trustworthy
-from workers.vertices.refined.upright import clearly_a_board
+from workers.vertices.refined.upright import clearly_a_board, likelier_than_upright
 from workers.vertices.sweep_source import Area, OnSweep, SweepSource
 from workers.vertices.vertex import Answers, Covariance, Rejection, Vertex
 
@@ -60,9 +60,14 @@ def _find(sweep: Sweep, area: Area, model: BoardModel) -> _Findings:
     found = [pair for pair in every if not overtopped(*pair, model)]
     if not found:
         return _Findings((), (), "overtopped" if every else "too_few_rings")
-    if not area.fixed_left_out and any(fix.explained for _, fix in found):
-        # Nothing shows that it is carried: its shape alone must tell it from what stands about.
-        found = [pair for pair in found if not pair[1].explained or clearly_a_board(pair[1], model)]
+    if any(fix.explained for _, fix in found):
+        if area.fixed_left_out:
+            # The first one counts. What comes after it is a board only on the path of others that came first.
+            while found and found[0][1].explained and not likelier_than_upright(found[0][1], model):
+                found = found[1:]
+        else:
+            # Nothing shows that it is carried: its shape alone must tell it from what stands about.
+            found = [pair for pair in found if not pair[1].explained or clearly_a_board(pair[1], model)]
         if not any(fix.explained for _, fix in found):
             return _Findings((), (), "upright_object")
     seen = [Seen(sweep.stamp_ns + apex_time(sweep, sighting, fix), fix) for sighting, fix in found]

@@ -1,4 +1,4 @@
-"""How well an upright rectangle, as a sign or a door, explains the rays that a board on its tip explains.
+"""How well an upright rectangle, as a sign, a door or a lowered board, explains the rays that a board explains.
 
 In the plane, with hard edges, the log likelihood of a rectangle is a sum over the rays inside it. With upper and
 lower edges fixed, the likeliest left and right edges are the ends of the stretch of rays with the largest sum. The
@@ -16,6 +16,7 @@ from workers.vertices.refined.board_model import BoardModel, Fix
 
 Floats = NDArray[np.float64]
 Ends = tuple[float, float]
+_Stretch = tuple[Floats, Floats, int, int]
 _TURNS = 6
 _STARTS = (1.0, 0.9, 0.5)
 # A scene has some ten things that could be a board, and none may pass in 200 sweeps: log(2000).
@@ -32,6 +33,11 @@ def clearly_a_board(fix: Fix, model: BoardModel) -> bool:
     if model.sizes_tried > 1 and fix.against > _CHOSEN_CONTRADICTED * (fix.plane.points + fix.against):
         return False
     return fix.evidence - upright_evidence(fix, model) > _CLEAR + math.log(model.sizes_tried)
+
+
+def likelier_than_upright(fix: Fix, model: BoardModel) -> bool:
+    """Whether the board explains the rays better than upright rectangles do, one of which a lowered board is."""
+    return fix.evidence > upright_evidence(fix, model)
 
 
 def upright_evidence(fix: Fix, model: BoardModel) -> float:
@@ -57,32 +63,44 @@ def _climb(
     if share < 1.0 and hits.size:
         low, high = np.quantile(hits, [0.5 - 0.5 * share, 0.5 + 0.5 * share]).tolist()
         ends[1 - axis] = (low, high)
-    kept = [0.0, 0.0]
+    found: list[_Stretch | None] = [None, None]
     total = 0.0
-    for _ in range(_TURNS):
+    for turn in range(_TURNS):
         other = along[1 - axis]
         within = (other >= ends[1 - axis][0]) & (other <= ends[1 - axis][1])
-        total, ends[axis], kept[axis] = _stretch(along[axis][order[axis]], np.where(within, gain, 0.0)[order[axis]])
+        before = ends[axis]
+        total, ends[axis], found[axis] = _stretch(along[axis][order[axis]], np.where(within, gain, 0.0)[order[axis]])
+        if turn > 1 and ends[axis] == before:
+            break  # all further turns find the same
         axis = 1 - axis
-    return total + sum(kept)
+    return total + sum(_kept_ends(*stretch) for stretch in found if stretch is not None)
 
 
-def _stretch(at: Floats, gain: Floats) -> tuple[float, Ends, float]:
-    """Largest sum of consecutive gains, its ends, and a log for both ends: of the part of a metre where each may lie.
+def _stretch(at: Floats, gain: Floats) -> tuple[float, Ends, _Stretch]:
+    """Largest sum of consecutive gains, its ends, and what tells how certain they are (`_kept_ends`).
 
     Args:
         at: (N,) metres, rising; gain: (N,) log likelihood ratio of the ray there.
     """
-    before = np.concatenate([[0.0], np.cumsum(gain)])
+    before = np.zeros(gain.size + 1)
+    np.cumsum(gain, out=before[1:])
     lowest = np.minimum.accumulate(before)
     last = int(np.argmax(before - lowest))
     first = int(np.argmin(before[: last + 1]))
+    total = float(before[last] - before[first])
+    ends = float(at[min(first, at.size - 1)]), float(at[max(last - 1, 0)])
+    return total, ends, (at, before, first, last)
+
+
+def _kept_ends(at: Floats, before: Floats, first: int, last: int) -> float:
+    """A log for both ends of a stretch: of the part of a metre where each may lie.
+
+    Args:
+        at: (N,) metres, rising; before: (N + 1,) sum of the gains of the rays before each.
+    """
     # An end between two rays is anywhere between them.
     gaps: Floats = np.diff(np.concatenate([[at[0] - 0.5], at, [at[-1] + 0.5]]))
-    low = _kept(-before[: last + 1], gaps[: last + 1])
-    high = _kept(before[first:], gaps[first:])
-    total = float(before[last] - before[first])
-    return total, (float(at[min(first, at.size - 1)]), float(at[max(last - 1, 0)])), low + high
+    return _kept(-before[: last + 1], gaps[: last + 1]) + _kept(before[first:], gaps[first:])
 
 
 def _kept(log: Floats, width: Floats) -> float:
