@@ -1,0 +1,124 @@
+"""The noise of distances, what rings err by, and how people turn and lean the board: from planes of near sweeps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workers.vertices.refined.board import find_planes
+from workers.vertices.refined.board_model import BoardModel, Floats, Sighting
+from workers.vertices.refined.holding import learn_slope
+from workers.vertices.refined.planes import fit_plane
+from workers.vertices.refined.ring_errors import MANY_RINGS, Spread, spread_about
+from workers.vertices.refined.window import Window
+
+ENOUGH = 4  # near sweeps from which something is learned
+MIN_RINGS = 2
+_DEVIATIONS = 4.0  # points farther off a plane are not of it
+FIRST_SIGMA_M = 0.03
+_SIGMA_M = (0.004, 0.08)
+_ANY_TILT = (0.0, 0.25)  # boards held on their tip lean by slopes up to 0.7 (real recordings); 2.8 deviations
+_LEAST_TILT, _LEAST_YAW = 0.03, 0.1
+BIAS_M = 0.015  # data sheets: accuracy 0.03 m, as two standard deviations
+
+
+def learn_planes(windows: Sequence[Window], model: BoardModel) -> tuple[BoardModel, list[Sighting]]:
+    """The noise of the distances, and how upright the board is held."""
+    sightings = best_sightings(windows, model)
+    noise = _noise(sightings)
+    default = BoardModel(model.grid)
+    model = replace(model, sigma=_clip(noise), lost=_lost(sightings, default.lost))
+    for _ in range(3):
+        sightings = best_sightings(windows, model)
+        if len(sightings) < ENOUGH:
+            return model, sightings
+        upper = [_upper_part(sighting, model) for sighting in sightings]
+        # Larger ones are no planes.
+        about = [part[2] for part in upper if part[2] is not None and part[2].own(noise) < _SIGMA_M[1]]
+        spread = rings = bias = 0.0
+        if len(about) >= ENOUGH:
+            # Rings differ: the spread about the plane holds that, the second differences do not.
+            spread = float(np.median([part.own(noise) for part in about]))
+            within = float(np.median([part.within for part in about]))
+            rings = math.sqrt(max(float(np.median([part.between for part in about])), 0.0))
+            # A bend of the board is an error that neighbours share, too.
+            bias = math.hypot(math.sqrt(max(within - noise**2, 0.0)), rings)
+        if sum(sighting.plane.telling for sighting in sightings) < ENOUGH:
+            # On few rings a plane may have met the body, too.
+            spread, rings, bias = (min(value, BIAS_M) for value in (spread, rings, bias))
+        slopes, variances = (np.array([part[k] for part in upper]) for k in (0, 1))
+        turn = learn_slope(slopes[:, 0], variances[:, 0], default.yaw, default.yaw, _LEAST_YAW)
+        model = replace(
+            model,
+            sigma=_clip(math.hypot(noise, spread)),
+            ring_bias=rings,
+            bias=bias,
+            tilt=learn_slope(slopes[:, 1], variances[:, 1], _ANY_TILT, default.tilt, _LEAST_TILT),
+            yaw=(0.0, max(2.0 * turn[1], 0.2)),
+        )
+    return model, best_sightings(windows, model)
+
+
+def _upper_part(sighting: Sighting, model: BoardModel) -> tuple[Floats, Floats, Spread | None]:
+    """The plane's two slopes, their variances, and the spread about it.
+
+    It is fitted to the rings that are nearly as wide as the widest; where these are few, to the next above them, too.
+    Farther down a ring may have met the body, and farther up a head: both are only centimetres behind the board.
+    """
+    window, ends = sighting.window, sighting.ends
+    rings = np.flatnonzero(ends[:, 0] >= 0)
+    width = {r: abs(window.azimuth[r, ends[r, 1]] - window.azimuth[r, ends[r, 0]]) for r in rings}
+    widest = max(rings, key=lambda r: width[r])
+    wide = [r for r in rings if width[r] > 0.6 * width[widest]]
+    above = [r for r in rings if r > widest and r not in wide]
+    kept = [*wide, *above[: max(MANY_RINGS - len(wide), 0)]]
+    runs = [(r, slice(ends[r, 0], ends[r, 1] + 1)) for r in kept]
+    azimuth, slope, distance = (
+        np.concatenate([part[run] for run in runs]) for part in (window.azimuth, window.slope, window.distance)
+    )
+    on_it = np.abs(_beyond(azimuth, slope, distance, sighting.plane.w)) < _DEVIATIONS * model.sigma
+    azimuth, slope, distance = azimuth[on_it], slope[on_it], distance[on_it]
+    prior = np.array([*BoardModel(model.grid).yaw, *_ANY_TILT])
+    w, info = fit_plane(azimuth, slope, distance, np.ones(distance.size), model.sigma, prior)
+    towards = np.column_stack([w[1:] / w[0] ** 2, -np.eye(2) / w[0]])
+    variances: Floats = np.asarray(np.diag(towards @ np.linalg.inv(info) @ towards.T), np.float64)
+    ring = np.repeat(np.arange(len(runs)), [run.stop - run.start for _, run in runs])[on_it]
+    return -w[1:] / w[0], variances, spread_about(_beyond(azimuth, slope, distance, w), ring)
+
+
+def _beyond(azimuth: Floats, slope: Floats, distance: Floats, w: Floats) -> Floats:
+    """Horizontal metres by which points lie behind a plane."""
+    return distance - 1.0 / (w[0] * np.cos(azimuth) + w[1] * np.sin(azimuth) + w[2] * slope)
+
+
+def best_sightings(windows: Sequence[Window], model: BoardModel) -> list[Sighting]:
+    """Each window's likeliest plane, if two rings or more meet it."""
+    sightings = [sighting for window in windows for sighting in find_planes([window], model, 1)]
+    return [sighting for sighting in sightings if sighting.plane.rings >= MIN_RINGS]
+
+
+def _runs(sighting: Sighting) -> list[Floats]:
+    """Distances along the board's part of every ring, 0 where nothing came back."""
+    ends = enumerate(sighting.ends.tolist())
+    return [sighting.window.distance[r, first : last + 1] for r, (first, last) in ends if first >= 0]
+
+
+def _noise(sightings: Sequence[Sighting]) -> float:
+    """From second differences along the rings, which a plane and a slow bend do not change."""
+    runs = [run for sighting in sightings for run in _runs(sighting)]
+    second = np.concatenate([np.zeros(0), *(np.diff(run[run > 0.0], 2) for run in runs)])
+    return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if second.size else FIRST_SIGMA_M
+
+
+def _lost(sightings: Sequence[Sighting], default: float) -> float:
+    """Share of the rays on the board without a return; a hundred imagined rays at the default are counted in."""
+    runs = [run for sighting in sightings for run in _runs(sighting)]
+    missing, rays = sum(int(np.count_nonzero(run == 0.0)) for run in runs), sum(run.size for run in runs)
+    return max((missing + 100.0 * default) / (rays + 100.0), default)
+
+
+def _clip(sigma: float) -> float:
+    return min(max(sigma, _SIGMA_M[0]), _SIGMA_M[1])
