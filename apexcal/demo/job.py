@@ -59,6 +59,15 @@ def preview(
     return result
 
 
+def suggest(steps: Steps, half: str, client: Client, recording: RecordingView) -> Mapping[str, Any]:
+    """The region that the service suggests."""
+    with steps.step(half, "region of interest") as report:
+        result = client.wait(client.detections.suggest(recording.id), on_progress=report).result
+        assert result is not None
+        report(1.0, f"{result.facts.poses} still poses within {result.facts.area_m2:.0f} square metres")
+    return result.region
+
+
 def detect(
     steps: Steps,
     half: str,

@@ -12,17 +12,8 @@ from apexcal.transport import Document
 
 HALF = "real"
 CAMERA = "front"
-# The board stood in front, 1.7 to 3.4 m away; the wall is behind it, the ceiling above.
-REGION: Document = {
-    "and": [
-        {"quantity": "x", "op": ">", "value": 1.0},
-        {"quantity": "range", "op": "<", "value": 3.6},
-        {"quantity": "y", "op": ">", "value": -1.3},
-        {"quantity": "y", "op": "<", "value": 1.5},
-    ]
-}
-# As its authors give it; the poses are still, and far apart in time.
-BOARD: Document = {"board_width_m": 0.61, "board_height_m": 0.85, "track": 0}
+# As its authors give it.
+BOARD: Document = {"board_width_m": 0.61, "board_height_m": 0.85}
 # An upright camera that looks along the LiDAR's x axis; where exactly, the calibration finds.
 RIG: Document = {
     "name": "Wide-angle camera",
@@ -58,9 +49,10 @@ def run(steps: Steps, client: Client, fleet: FleetOut, folder: Path) -> Document
     reading = {"point_times": "stamp_only"}
     bag = folder / "recording.bag"
     recording = job.upload(steps, HALF, client, bag, rig, "Diamond board, 20 poses", reading=reading)
-    strict = job.detect(steps, HALF, client, recording, REGION, "strict")
-    tolerant = job.detect(steps, HALF, client, recording, REGION, "tolerant")
-    refined = job.detect(steps, HALF, client, recording, REGION, "refined", options=BOARD)
+    region = job.suggest(steps, HALF, client, recording)
+    strict = job.detect(steps, HALF, client, recording, region, "strict")
+    tolerant = job.detect(steps, HALF, client, recording, region, "tolerant")
+    refined = job.detect(steps, HALF, client, recording, region, "refined", options=BOARD)
     with steps.step(HALF, "import correspondences") as report:
         text = (folder / "correspondences.csv").read_bytes()
         pairs = client.correspondence_sets.import_csv(rig.id, CAMERA, text)
