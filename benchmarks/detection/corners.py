@@ -234,9 +234,12 @@ def _held_in_words(pairs: Columns, judges: Columns, model: str, *, locked: bool)
         held = held_out(pairs, judges, model, locked=locked)
     except SolveError as error:
         return str(error)
+    seen = np.isfinite(held.px)
+    px, mm = held.px[seen], held.mm[seen]
+    unseen = "" if seen.all() else f"; {np.count_nonzero(~seen)} of {seen.size} lie where the lens has no image"
     return (
-        f"{held.pairs} pairs; held-out corners median {np.median(held.px):.1f} px, mean {held.px.mean():.1f} px, "
-        f"worst {held.px.max():.0f} px; median {np.median(held.mm):.1f} mm at the board"
+        f"{held.pairs} pairs; held-out corners median {np.median(px):.1f} px, mean {px.mean():.1f} px, "
+        f"worst {px.max():.0f} px; median {np.median(mm):.1f} mm at the board{unseen}"
     )
 
 
