@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.detection.cases import PLAIN_REFINED
+from benchmarks.detection.walks import simulate
 from tests.workers.vertices.refined_walks import REGION, SIZE, walk
 from tests.workers.vertices.test_facades import street
 from workers.simulation.drawn import draw_street
@@ -114,6 +116,13 @@ def test_a_board_that_no_more_than_three_rings_meet_is_found():
     source = Listed([recorded.source.sweep(k) for k in far])
     found = detect_range(source, REGION, "refined", SIZE, indices=range(len(far)))
     assert len(found.vertices) > 0.5 * len(far)
+
+
+def test_a_walk_on_two_rings_whose_near_planes_are_half_bodies_shows_its_board():
+    """Of 24 near planes 11 are boards; the others go on into the body. Before, no sweep gave a vertex."""
+    walked = simulate(PLAIN_REFINED, 9314, 60.0)
+    found = detect_range(Listed(walked.sweeps), REGION, "refined", SIZE, indices=range(150))
+    assert len(found.vertices) > 0.6 * np.count_nonzero(walked.rings[:150] >= 2)
 
 
 def test_a_few_sweeps_of_a_near_board_still_give_it(recorded):

@@ -36,6 +36,7 @@ _GRID_SWEEPS = 24
 _SWEEPS = 96
 _NEAR, _NEAR_OPEN = 24, 32  # an open size and the edges' growth are told apart by boards at many distances
 _MIN_POINTS = 12
+_SHOWN, _SHOWN_OPEN = 0.4, 0.5  # share of the near planes; persons without a board show 8 of 24, and 11 of 26
 
 
 def learn(source: SweepSource, area: Area, options: Options, on_sweep: Callable[[], None]) -> BoardModel:
@@ -96,7 +97,7 @@ def _likelihood(planes: Sequence[Plane], model: BoardModel) -> float:
 
 
 def _shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> bool:
-    """Whether near sweeps' planes are boards: four that many rings meet, or at least half of the planes.
+    """Whether near sweeps' planes are boards: four that many rings meet, or a large share of the planes.
 
     If many rings meet some planes that fit on the board, only these count. A board of unknown size that is no wider
     than a person is not told from one, and what is less even than sensors are is no board.
@@ -107,7 +108,8 @@ def _shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float
     some = telling or planes
     fixes = [fix for plane in some if (fix := locate(plane, model, coarse=True)) is not None]
     boards = sum(trustworthy(fix) and likelier_than_upright(fix, model) for fix in fixes)
-    return 0 < len(some) <= 2 * boards or (some is telling and boards >= ENOUGH)
+    least = (_SHOWN if all(edges) else _SHOWN_OPEN) * len(some)
+    return 0 < boards >= least or (some is telling and boards >= ENOUGH)
 
 
 def _spread(count: int, most: int) -> list[int]:
