@@ -70,11 +70,15 @@ class Rosbag1Bag:
         self.reader = _Reader(path)
         self._connections: dict[str, list[Connection]] = {}
         self.warnings: list[str] = []
-        with bag_damage(path):
-            self.reader.open()
-            for connection in self.reader.connections:
-                self._connections.setdefault(connection.topic, []).append(connection)
-            self._check_index()
+        try:
+            with bag_damage(path):
+                self.reader.open()
+                for connection in self.reader.connections:
+                    self._connections.setdefault(connection.topic, []).append(connection)
+                self._check_index()
+        except BaseException:
+            self.close()
+            raise
 
     def _check_index(self) -> None:
         """Refuse an index that names a message twice: a small bag would be read without end.

@@ -1,5 +1,8 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
+from making_bombs import repeated_index
 from making_packets import packets
 from making_recordings import (
     CLOUD,
@@ -224,3 +227,11 @@ def test_packets_and_intrinsics(tmp_path):
     assert sum(len(s.xyz) for s in sweeps_of(messages)) == len(stream) * 24 * 16 and warnings == []
     (camera,) = (s for s in sensors if s.kind == "camera")
     assert camera.camera_info["model"] == "kannala_brandt" and camera.camera_info["D"] == [1.0] * 4
+
+
+def test_a_bag_that_is_refused_is_closed(tmp_path):
+    bag = repeated_index(tmp_path / "again.bag", 2)
+    with pytest.raises(ReadError, match="the same message more than once") as refused:
+        Rosbag1Recording(bag, ReadOptions())
+    assert refused.value  # its traceback still holds what was opened
+    assert bag.resolve() not in {link.resolve() for link in Path("/proc/self/fd").iterdir()}
