@@ -57,12 +57,7 @@ def elevations(xyz: NDArray[np.floating], focus_m: float = 0.0) -> NDArray[np.fl
 def sample(xyz: NDArray[np.floating], most: int) -> NDArray[np.floating]:
     """At most ``most`` of the points (N, 3), without a pattern: every k-th point of a file that lists firing after
     firing is of a few rings alone. The same points each time."""
-    return xyz if len(xyz) <= most else xyz[some(len(xyz), most)]
-
-
-def some(count: int, most: int) -> NDArray[np.int64]:
-    """Ascending numbers of at most ``most`` of ``count`` points, as :func:`sample` takes them."""
-    return np.sort(np.random.default_rng(0).permutation(count)[:most])
+    return xyz if len(xyz) <= most else xyz[np.sort(np.random.default_rng(0).permutation(len(xyz))[:most])]
 
 
 def find_focus(xyz: NDArray[np.floating]) -> float:

@@ -31,8 +31,8 @@ TELLING_RINGS = 4
 TRUNK_M = 0.4
 # People roll boards by up to 20 degrees; the grid of rolls reaches 2.8 standard deviations to either side.
 _ROLL_SIGMA = math.radians(20.0) / 2.8
-# Half way between the edges of doors and cars, as a sensor sees them whose direction of up is known to 4 degrees, and
-# of a board of 1 : 1.6 that hangs (32 degrees) and is rolled by 20.
+# Doors and cars have upright edges, and up is known to 4 degrees. A board of 1 : 1.6 hangs at 32 degrees and is
+# rolled by up to 20, so its edges are 12 degrees from upright. This is half way.
 _UPRIGHT = math.radians(8.0)
 _YAW_SIGMA = 0.6
 # Boards lean by slopes of up to 0.7 (real recordings). Turned by 59 degrees, a board shows half of its width.

@@ -99,8 +99,8 @@ def _likelihood(planes: Sequence[Plane], model: BoardModel) -> float:
 def _shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float]) -> bool:
     """Whether near sweeps' planes are boards: four that many rings meet, or a large share of the planes.
 
-    If many rings meet some planes that fit on the board, only these count. A board of unknown size that is no wider
-    than a person is not told from one, and what is less even than sensors are is no board.
+    If many rings meet some planes that fit on the board, only these count. A board of unknown size must be wider than
+    a person. Planes that are less even than sensors are show no board.
     """
     if (not all(edges) and min(model.edges) < TRUNK_M) or model.bias > 2.0 * BIAS_M:
         return False
@@ -109,7 +109,7 @@ def _shown(planes: Sequence[Plane], model: BoardModel, edges: tuple[float, float
     fixes = [fix for plane in some if (fix := locate(plane, model, coarse=True)) is not None]
     boards = sum(trustworthy(fix) and likelier_than_upright(fix, model) for fix in fixes)
     least = (_SHOWN if all(edges) else _SHOWN_OPEN) * len(some)
-    return 0 < boards >= least or (some is telling and boards >= ENOUGH)
+    return boards >= max(least, 1) or (some is telling and boards >= ENOUGH)
 
 
 def _spread(count: int, most: int) -> list[int]:

@@ -27,8 +27,8 @@ def doubtful(planes: Sequence[Plane], model: BoardModel, reach: float) -> bool:
     If a board is larger than it was said to be, its edges seem to lie farther out; if it is smaller, the step at its
     edges seems to be wide, or rays contradict it. Otherwise the size is right. Learning it anew would tell nothing,
     and takes as long as all other learning. On two or three rings legs and bodies look like a part of the board, so
-    boards on these alone tell no size. No beam reaches farther outside of an edge than its half width, which returns
-    of board and body tell; so a growth between zero and that is as the right size has it.
+    boards on these alone tell no size. A beam reaches outside of an edge by at most half of its width (`inset`). So a
+    growth between zero and the inset is no sign of another size.
 
     Args:
         reach: metres, mean distance of the boards.
