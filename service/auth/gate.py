@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from uuid import UUID
 
-from fastapi.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service.auth.access import identify, keep_identity
+from service.auth.access import identified, keep_identity
 from service.http.problems import Problem
 
 # No request with one of these methods has its body read.
@@ -35,7 +34,7 @@ class Gate:
         if scope["type"] != "http" or scope["method"] in _WITHOUT_BODY or _is_open(scope):
             await self._app(scope, receive, send)
             return
-        identity = await run_in_threadpool(identify, Request(scope))
+        identity = await identified(Request(scope))
         keep_identity(scope, identity)
         with self._counted(identity.person.id):
             await self._app(scope, receive, send)

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import Annotated, NamedTuple
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse, StreamingResponse
 from sqlalchemy.orm import defer
@@ -36,8 +36,9 @@ from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.places import Places
 from service.http.problems import Problem
+from service.http.router import Router
 
-router = APIRouter(tags=["calibrations"])
+router = Router(tags=["calibrations"])
 
 # An import holds one of few places while its body arrives. 15 MB, as 100,000 pairs usually have, need 50 kB/s.
 _RECEIVING_S = 300.0
