@@ -134,7 +134,7 @@ class Database:
 
     @contextmanager
     def looking(self) -> Iterator[Session]:
-        """A session for one statement that only reads, on a connection as :meth:`alone` has it."""
+        """A session that only reads, on a connection as :meth:`alone` has it: each statement sees its own moment."""
         with self.alone() as connection, Session(connection, expire_on_commit=False) as session:
             yield session
 
