@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from apexcal.documents.camera_models import ModelName, SearchForm, parameter_names
+from service.calibration_runs.image_frames import frame_of_images
 from service.calibrations.cameras import ResolvedCamera
 from service.calibrations.common_error_rules import common_errors
 from service.calibrations.lenses import Known
@@ -47,6 +48,6 @@ def describe_camera(camera: RigCamera, model: ModelName, search: SearchForm) -> 
         "model": model,
         "camera": camera.name,
         "image_size": [camera.image_width, camera.image_height],
-        "nominal": camera.nominal,
+        "nominal": camera.nominal | {"to_frame": frame_of_images(camera.nominal["to_frame"], camera.images)},
         "bounds": {name: value for name, value in in_radians(camera.bounds).items() if name in names},
     }

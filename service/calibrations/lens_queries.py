@@ -9,6 +9,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.calibrations import CalibrationTemplate
+from apexcal.documents.lenses import lens_of_images
 from service.calibrations.cameras import CameraPairs
 from service.calibrations.lenses import check_size
 from service.db.base import Json
@@ -40,10 +41,9 @@ def with_recorded_lenses(
 
 def _stated_intrinsics(session: Session, camera: RigCamera, pairs: CorrespondenceSet) -> Json:
     """What the recording of these pairs says of the camera (CameraInfo)."""
-    facts = session.scalar(
-        select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)
-    )
-    stated: Json | None = (facts or {}).get("camera_info")
+    found = select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)
+    facts = session.scalar(found) or {}
+    stated: Json | None = facts.get("camera_info")
     if stated is None:
         raise Problem(
             422,
@@ -52,4 +52,13 @@ def _stated_intrinsics(session: Session, camera: RigCamera, pairs: Correspondenc
             "Do not ask for the recording's (intrinsics_from: recording; --stated), or give the lens as intrinsics.",
         )
     check_size(stated, camera, f"The recording states intrinsics of {camera.name}")
-    return stated
+    kind = camera.images["kind"] if camera.images else facts.get("image_kind")
+    lens = lens_of_images(stated, kind)
+    if lens is None:
+        raise Problem(
+            422,
+            "no_intrinsics_stated",
+            f"The images of {camera.name} are rectified, and its CameraInfo has no P for them.",
+            "Give the lens of the rectified images as intrinsics, or correct the rig: PATCH /v1/rigs/{id}/images.",
+        )
+    return lens

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 from workers.geometry.models import MODELS
 from workers.simulation.disturbances import SECOND_PERSON, Disturbances
 from workers.simulation.sensors import SENSORS
-from workers.simulation.settings import FORMATS, Settings, parse_cameras
+from workers.simulation.settings import CAMERA_INFOS, FORMATS, Settings, Tree, parse_cameras
 from workers.simulation.walks import WALKS
 
 _OFF = Disturbances()
@@ -70,6 +70,8 @@ def settings_of(options: argparse.Namespace) -> Settings:
             poles=options.poles,
         ),
         format=options.format,
+        camera_info=options.camera_info,
+        tree=options.tree,
     )
 
 
@@ -118,6 +120,16 @@ def _cameras(group: _Group) -> None:
     group.add_argument("--camera-hz", type=float, default=_STANDARD.camera_hz, help="frames per second")
     group.add_argument(
         "--pitch-down-deg", type=float, default=_STANDARD.pitch_down_deg, help="how far they look down"
+    )
+    group.add_argument(
+        "--camera-info",
+        choices=tuple(CAMERA_INFOS),
+        default=_STANDARD.camera_info,
+        help="; ".join(f"{name}: {what}" for name, what in CAMERA_INFOS.items())
+        + "; with it come /tf_static and vehicle.urdf",
+    )
+    group.add_argument(
+        "--tree", choices=get_args(Tree), default=_STANDARD.tree, help="where the cameras stand in that URDF"
     )
     group.add_argument(
         "--clock-offset-ms",

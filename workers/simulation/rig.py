@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from workers.readers.recording import Sweep
 from workers.simulation.camera import Camera, make_camera, nominal_mount
+from workers.simulation.driver import DriverInfo, driver_info, rectified
 from workers.simulation.lidar import Lidar
 from workers.simulation.scene import scene_with
 from workers.simulation.sensors import SENSORS, VLP16_LENS_M, LidarModel, with_rings
@@ -27,12 +28,17 @@ class MountedCamera:
     """A camera of the rig and when it looks.
 
     Attributes:
+        camera: the lens and mount that draw the images.
+        own: the same before the images are rectified.
+        info: what its driver states.
         times_ns: (F,) when each frame was taken, by the LiDAR's clock.
         stamps_ns: (F,) what the camera's own clock said then, rising: what the recording holds.
     """
 
     spec: CameraSpec
     camera: Camera
+    own: Camera
+    info: DriverInfo
     times_ns: NDArray[np.int64]
     stamps_ns: NDArray[np.int64]
 
@@ -89,8 +95,6 @@ class Rig:
 
     def _mounted(self, random: np.random.Generator, number: int) -> MountedCamera:
         settings = self.settings
-        spec = settings.cameras[number]
-        nominal = nominal_mount(spec.name, spec.yaw_deg, settings.pitch_down_deg)
         own = np.random.default_rng([settings.seed, 5, number]) if number else random
         times = _moments(own, settings.seconds, settings.camera_hz * _FREE_RUNNING, _FRAME_JITTER_S)
         stamps = times + round(settings.clock_offset_ms * 1e6)
@@ -98,8 +102,15 @@ class Rig:
             stamps += np.round(own.normal(0.0, settings.clock_jitter_ms * 1e6, len(stamps))).astype(np.int64)
             count = np.arange(len(stamps))
             stamps = np.maximum.accumulate(stamps - count) + count  # a clock never goes back
-        camera = make_camera(spec.model or settings.camera_model, settings.seed, nominal, number)
-        return MountedCamera(spec, camera, times, stamps)
+        camera = self._as_mounted(number)
+        info = driver_info(camera, self._as_mounted(0), settings.seed, number)
+        seen = rectified(camera, info) if settings.camera_info == "rectified" else camera
+        return MountedCamera(settings.cameras[number], seen, camera, info, times, stamps)
+
+    def _as_mounted(self, number: int) -> Camera:
+        spec, settings = self.settings.cameras[number], self.settings
+        nominal = nominal_mount(spec.name, spec.yaw_deg, settings.pitch_down_deg)
+        return make_camera(spec.model or settings.camera_model, settings.seed, nominal, number)
 
 
 def _sensor(settings: Settings) -> LidarModel:

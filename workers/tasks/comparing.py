@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import combinations
 from uuid import UUID
 
@@ -12,10 +13,11 @@ from sqlalchemy.orm import Session
 from service.calibration_runs.actions import end_calibration
 from service.calibration_runs.camera_summary import recommend
 from service.calibration_runs.conclusion import by_camera, results_of, runs_of
+from service.calibration_runs.image_frames import T_images_camera
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig
 from service.jobs.claims import Claim, Lease
-from workers.geometry.transforms import from_document
+from workers.geometry.transforms import RigidTransform, from_document
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
 from workers.solver.stopping import Stop
 from workers.tasks.context import Context
@@ -75,7 +77,16 @@ def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:
     """T_cameraA_cameraB by the nominal mounts of every two cameras, and as the rig knows it otherwise."""
     rig = session.get_one(Rig, rig_id)
     nominal = combinations((from_document(camera.nominal) for camera in rig.cameras), 2)
-    return [StatedTransform(a @ b.inverse(), "nominal") for a, b in nominal] + [
+    stated = [StatedTransform(a @ b.inverse(), "nominal") for a, b in nominal] + [
         StatedTransform(from_document(one["transform"]), "rig", one["std_deg"], 1e-3 * one["std_mm"])
         for one in rig.camera_transforms or []
     ]
+    turned = {one.frame: T_images_camera(one.frame, one.images) for one in rig.cameras}
+    turns = {frame: from_document(turn) for frame, turn in turned.items() if turn}
+    return [replace(one, transform=_of_images(one.transform, turns)) for one in stated]
+
+
+def _of_images(T_a_b: RigidTransform, turns: Mapping[str, RigidTransform]) -> RigidTransform:
+    """The transform between the frames of the images, to which results lead."""
+    made = turns[T_a_b.to_frame] @ T_a_b if T_a_b.to_frame in turns else T_a_b
+    return made @ turns[T_a_b.from_frame].inverse() if T_a_b.from_frame in turns else made

@@ -18,6 +18,7 @@ class CameraEdit:
         width, height: pixels.
         distortion_model: as CameraInfo names it.
         K: (9,) by rows, pixels. D: in the model's order.
+        is_rectified: whether the images are rectified, so that the lens is P of a CameraInfo.
     """
 
     name: str
@@ -28,6 +29,7 @@ class CameraEdit:
     distortion_model: str
     K: tuple[float, ...]
     D: tuple[float, ...]
+    is_rectified: bool = False
 
 
 @dataclass(frozen=True, slots=True)

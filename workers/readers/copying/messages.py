@@ -34,9 +34,17 @@ class Messages:
         return self._written(self._make(INFO, header, *_lens(camera), 0, 0, roi), INFO)
 
     def with_lens(self, raw: bytes, camera: CameraEdit) -> bytes:
-        """A CameraInfo with this lens; stamp, frame, binning and region of interest stay."""
+        """A CameraInfo with this lens; stamp, frame, binning and region of interest stay.
+
+        Of rectified images P alone is replaced; K, D and R stay those of the raw ones.
+        """
         found = self._read(raw, INFO)
-        made = self._make(INFO, found.header, *_lens(camera), found.binning_x, found.binning_y, found.roi)
+        lens = _lens(camera)
+        if camera.is_rectified and (np.any(found.d) or not np.array_equal(found.r, _NO_TURN)):
+            P = lens[-1]
+            P[3::4] = found.p[3::4] * (P[0] / found.p[0])  # -f_x b of a stereo camera
+            lens = (*lens[:2], found.distortion_model, found.d, found.k, found.r, P)
+        made = self._make(INFO, found.header, *lens, found.binning_x, found.binning_y, found.roi)
         return self._written(made, INFO)
 
     def children(self, raw: bytes) -> list[str]:

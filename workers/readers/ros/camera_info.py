@@ -7,17 +7,25 @@ import posixpath
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+import numpy as np
+
 from apexcal.documents.lenses import coefficients_of, model_stated
+from apexcal.documents.readings import ImageKind
 from workers.readers.ros.topic_messages import CameraInfo
+from workers.readers.topic_words import words
 
 _IMAGE_SUFFIXES: Final = ("/compressed", "/raw")
+_RECTIFIED: Final = frozenset(("rect", "rectified", "undistorted"))
+# image_proc's names of images that it did not rectify.
+_RAW: Final = ("image_color", "image_mono")
+_NO_TURN: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def camera_info(
-    stamp_ns: int, frame_id: str, width: int, height: int, model: str, d: Sequence[float], k: Sequence[float]
+    stamp_ns: int, frame_id: str, width: int, height: int, model: str, *dkrp: Sequence[float]
 ) -> CameraInfo:
-    """A message's fields, numbers made Python's own."""
-    numbers = ([float(value) for value in d], [float(value) for value in k])
+    """A message's fields, numbers made Python's own. ``dkrp``: D, K, R and P."""
+    numbers = ([float(value) for value in one] for one in dkrp)
     return CameraInfo(stamp_ns, frame_id, int(width), int(height), str(model), *numbers)
 
 
@@ -33,14 +41,42 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
         return None
     model = model_stated(info.distortion_model)
     D = coefficients_of(model, info.d) if model else None
+    is_rectifying = len(info.p) == 12 and all(map(math.isfinite, info.p)) and info.p[0] > 0 and info.p[5] > 0
     return {
         "model": model if D is not None else None,
         "K": list(info.k),
         "D": list(info.d) if D is None else D,
+        "R": list(info.r) if is_rectifying and _is_rotation(info.r) else None,
+        "P": list(info.p) if is_rectifying else None,
         "distortion_model": info.distortion_model[:64],
         "width": info.width,
         "height": info.height,
     }
+
+
+def _is_rotation(r: Sequence[float]) -> bool:
+    if len(r) != 9 or not all(map(math.isfinite, r)):
+        return False
+    R = np.reshape(np.clip(r, -2.0, 2.0), (3, 3))
+    return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0)
+
+
+def image_kind(topic: str, info: CameraInfo | None) -> ImageKind | None:
+    """Whether a topic's images are raw or rectified; None where neither its name nor its CameraInfo tells.
+
+    RealSense's ``image_rect_raw`` is rectified. A CameraInfo without distortion and rotation, whose P repeats its K,
+    is that of rectified images: raw and rectified ones would be the same.
+    """
+    plain = topic
+    for suffix in _IMAGE_SUFFIXES:
+        plain = plain.removesuffix(suffix)
+    if words(plain) & _RECTIFIED:
+        return "rectified"
+    if "raw" in words(last := posixpath.basename(plain)) or last in _RAW:
+        return "raw"
+    if info is None or len(info.k) != 9 or len(info.p) != 12 or any(info.d) or tuple(info.r) != _NO_TURN:
+        return None
+    return "rectified" if [*info.p[:3], *info.p[4:7], *info.p[8:11]] == list(info.k) else None
 
 
 def match_infos(cameras: Mapping[str, str], infos: Mapping[str, CameraInfo]) -> dict[str, CameraInfo]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import import_module
 from itertools import islice
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from workers.readers.images.headers import read_image_header
 from workers.readers.images.still_images import image_frame
 from workers.readers.images.transcode import raw_to_png
 from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, StaticTransform, Sweep
-from workers.readers.ros.camera_info import info_document, match_infos
+from workers.readers.ros.camera_info import image_kind, info_document, match_infos
 from workers.readers.ros.containers import Container
 from workers.readers.ros.static_transforms import static_transforms
 from workers.readers.ros.topic_messages import (
@@ -81,8 +81,9 @@ class TopicRecording:
             self._decoders[topic.name] = decoder
             sensors.append(_sensor(topic, first))
         matched = match_infos({s.name: s.frame_id for s in sensors if s.kind == "camera"}, infos)
-        documents = {name: info_document(info) for name, info in matched.items()}
-        return [replace(s, camera_info=documents[s.name]) if s.name in documents else s for s in sensors]
+        return [
+            replace(s, **_described_by(s.name, matched.get(s.name))) if s.kind == "camera" else s for s in sensors
+        ]
 
     def _first(self, topic: Topic, decoder: Decoder) -> Message | None:
         for _, raw in self._container.samples(topic.name, 1):
@@ -259,6 +260,10 @@ def _described(topic: Topic) -> str:
     if topic.type.startswith("foxglove.") and topic.encoding not in ("protobuf", "json"):
         return f"{topic.name} ({topic.type} encoded as {topic.encoding or 'nothing'}, which is not read)"
     return f"{topic.name} ({topic.type})"
+
+
+def _described_by(topic: str, info: CameraInfo | None) -> dict[str, Any]:
+    return {"camera_info": info and info_document(info), "image_kind": image_kind(topic, info)}
 
 
 def _sensor(topic: Topic, first: Message | None) -> Sensor:

@@ -9,12 +9,18 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 import numpy as np
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Bag1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2
 from rosbags.typesys import Stores, get_typestore
 
+from workers.geometry.rotations import quaternion_from_rotation
+from workers.geometry.transforms import RigidTransform
+from workers.readers.copying.edits import PoseEdit
+from workers.readers.copying.messages import Messages, ros1_types
 from workers.readers.recording import Sweep
+from workers.readers.ros.ros_types import INFO, TRANSFORM
 from workers.simulation.render import encode_jpeg
 from workers.simulation.writers.recording import Channel, Picture, refuse_existing
 
@@ -43,17 +49,24 @@ class RosWriter:
 
     Args:
         path: a file for ``bag``, a folder that does not exist for ``db3`` and ``mcap``.
+        tree: T_parent_child of ``/tf_static``, published at ``start_ns``; empty: there is no such topic.
 
     Raises:
         FileExistsError: something is at ``path`` already.
     """
 
     def __init__(
-        self, path: Path, kind: Literal["bag", "db3", "mcap"], lidar_frame: str, cameras: Sequence[Channel]
+        self,
+        path: Path,
+        kind: Literal["bag", "db3", "mcap"],
+        lidar_frame: str,
+        cameras: Sequence[Channel],
+        tree: Sequence[RigidTransform] = (),
+        start_ns: int = 0,
     ) -> None:
         refuse_existing(path)
         self.path = path
-        self.names = {"lidar": LIDAR_TOPIC, **{c.name: f"/camera/{c.name}/image/compressed" for c in cameras}}
+        self.names = {"lidar": LIDAR_TOPIC, **{c.name: f"/camera/{c.name}/{c.topic}/compressed" for c in cameras}}
         self._frame_ids = {"lidar": lidar_frame, **{camera.name: camera.frame_id for camera in cameras}}
         self._sequence: Counter[str] = Counter()
         self._ros1 = kind == "bag"
@@ -66,6 +79,23 @@ class RosWriter:
         }
         serialize: Callable[[Any, str], Any] = self._types.serialize_ros1 if self._ros1 else self._types.serialize_cdr
         self._serialize = serialize
+        self._infos = {one.name: one for one in cameras if one.info is not None}
+        for name in self._infos:
+            topic = f"/camera/{name}/camera_info"
+            self._connections[f"{name}/info"] = self._bag.add_connection(topic, INFO, typestore=self._types)
+        if tree:
+            self._write_tree(tree, start_ns)
+
+    def _write_tree(self, tree: Sequence[RigidTransform], start_ns: int) -> None:
+        """One latched message, as robot_state_publisher sends."""
+        poses = [
+            PoseEdit(one.to_frame, one.from_frame, tuple(one.t), tuple(quaternion_from_rotation(one.R)), True)
+            for one in tree
+        ]
+        types = ros1_types() if self._ros1 else self._types
+        latched: dict[str, Any] = {"latching": 1} if self._ros1 else {"offered_qos_profiles": [_LATCHED]}
+        connection = self._bag.add_connection("/tf_static", TRANSFORM, typestore=types, **latched)
+        self._bag.write(connection, start_ns, Messages("ros1" if self._ros1 else "cdr").new_poses(poses, start_ns))
 
     def __enter__(self) -> Self:
         return self
@@ -100,6 +130,16 @@ class RosWriter:
             data=np.frombuffer(encode_jpeg(picture.image), np.uint8),
         )
         self._bag.write(self._connections[camera], received_ns, self._serialize(message, _IMAGE))
+        if camera in self._infos:
+            info = self._info(self._infos[camera], message.header)
+            self._bag.write(self._connections[f"{camera}/info"], received_ns, self._serialize(info, INFO))
+
+    def _info(self, camera: Channel, header: Any) -> Any:
+        info, (width, height) = camera.info, camera.image_size
+        assert info is not None
+        matrices = (one.reshape(-1) for one in (info.D, info.K, info.R, info.P))
+        roi = self._types.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+        return self._types.types[INFO](header, height, width, info.distortion_model, *matrices, 0, 0, roi)
 
     def _header(self, sensor: str, stamp_ns: int) -> Any:
         number: dict[str, int] = {"seq": self._sequence[sensor]} if self._ros1 else {}
@@ -110,4 +150,9 @@ class RosWriter:
         return self._types.types["std_msgs/msg/Header"](**number, stamp=stamp, frame_id=self._frame_ids[sensor])
 
 
+_NEVER = QosTime(0, 0)
+_LATCHED = Qos(
+    *(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _NEVER, _NEVER),
+    *(QosLiveliness.SYSTEM_DEFAULT, _NEVER, False),
+)
 _PLUGINS = {"db3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
