@@ -25,8 +25,6 @@ apexcal simulate --out rig3 --cameras front,left,right --format mcap
     three cameras, as a ROS 2 bag
 apexcal simulate --out far --sensor os1-64 --walk field --board 1.0x1.0 --seconds 300
     would a larger board do for the far half of the field?
-apexcal simulate --out stereo --cameras left:0,right:0 --camera-info rectified
-    rectified images with CameraInfo, /tf_static and a URDF
 apexcal simulate --out real --beam-mrad 3 --dropouts 0.05 --clock-offset-ms 30 --second-person beside
     as untidy as a real recording"""
 COMMAND = grouped(EXAMPLES)
@@ -40,7 +38,7 @@ Sensor = Literal[
     "os2-128", "xt32", "qt64", "pandar40p", "mixed128", "lux4",
 ]  # fmt: skip
 Walk = Literal["rows", "field", "cover", "yard", "slow", "still"]
-CameraInfos = Literal["none", "raw", "rectified"]
+Infos = Literal["none", "raw", "rectified"]
 Tree = Literal["nominal", "true"]
 Second = Literal["none", "beside", "behind"]
 
@@ -91,17 +89,10 @@ def simulate(
     camera_hz: Annotated[float, option("--camera-hz", _CAMERAS, "HZ", "Frames per second of each.")] = 15.0,
     pitch_down_deg: Annotated[float, option("--pitch-down-deg", _CAMERAS, "DEG", "How far they look down.")] = 15.0,
     camera_info: Annotated[
-        CameraInfos,
-        option(
-            "--camera-info",
-            _CAMERAS,
-            None,
-            "Of a bag: images alone; image_raw with CameraInfo; or image_rect_color with it, as a stereo driver "
-            "writes them. With CameraInfo come /tf_static and vehicle.urdf.",
-        ),
+        Infos, option("--camera-info", _CAMERAS, None, "Write image_raw or image_rect_color, CameraInfo and a URDF.")
     ] = "none",
     tree: Annotated[
-        Tree, option("--tree", _CAMERAS, None, "Where the cameras stand in that URDF: as drawn, or as they are.")
+        Tree, option("--tree", _CAMERAS, None, "Where cameras stand in that URDF: as drawn, or as they are.")
     ] = "nominal",
     clock_offset_ms: Annotated[
         float, option("--clock-offset-ms", _CAMERAS, "MS", "How far their clock is ahead of the LiDAR's.")

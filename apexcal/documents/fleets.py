@@ -13,7 +13,7 @@ from apexcal.documents.camera_models import ANGLES, EXTRINSICS, MODELS, all_name
 from apexcal.documents.gates import Gate
 from apexcal.documents.readings import ImageKind
 from apexcal.documents.roles import Role
-from apexcal.documents.transforms import Matrix, Transform, Vector, check_frames
+from apexcal.documents.transforms import Matrix, Transform, check_frames
 
 # A camera's name stands in addresses.
 CameraName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -77,21 +77,13 @@ class OwnedJoint(Received):
 
 
 class Images(Received):
-    """What a camera's images are. ``R`` of rectified ones turns from the camera's ``frame`` to that of the images.
+    """What a camera's images are. ``rotation`` is R of its CameraInfo, if these are rectified.
 
-    ``R`` is that of the CameraInfo, by rows. Without it ``frame`` is the frame of the rectified images.
+    It turns from the camera's ``frame`` to that of its images. Without it ``frame`` is the frame of the images.
     """
 
     kind: ImageKind
-    R: tuple[Vector, Vector, Vector] | None = None
-
-    @model_validator(mode="after")
-    def _turns(self) -> Self:
-        if self.R is not None:
-            if self.kind == "raw":
-                raise ValueError("raw images are in the camera's own frame: leave R out")
-            Matrix(matrix=self.R)
-        return self
+    rotation: Matrix | None = None
 
 
 class Camera(Received):

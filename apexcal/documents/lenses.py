@@ -33,11 +33,4 @@ def lens_of_images(stated: Mapping[str, Any], kind: ImageKind | None) -> dict[st
     if kind != "rectified":
         return dict(stated)
     P = stated.get("P")
-    if P is None:
-        return None
-    return dict(stated) | {
-        "model": "brown_conrady",
-        "distortion_model": "plumb_bob",
-        "K": [*P[:3], *P[4:7], *P[8:11]],
-        "D": [0.0] * len(CAMERA_MODELS["brown_conrady"].distortion),
-    }
+    return P and {**stated, "model": "brown_conrady", "K": [*P[:3], *P[4:7], *P[8:11]], "D": [0.0] * 5}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from apexcal.documents.camera_models import ModelName, SearchForm, parameter_names
-from service.calibration_runs.image_frames import frame_of_images
+from service.calibration_runs.image_frames import T_images_camera
 from service.calibrations.cameras import ResolvedCamera
 from service.calibrations.common_error_rules import common_errors
 from service.calibrations.lenses import Known
@@ -48,6 +48,7 @@ def describe_camera(camera: RigCamera, model: ModelName, search: SearchForm) -> 
         "model": model,
         "camera": camera.name,
         "image_size": [camera.image_width, camera.image_height],
-        "nominal": camera.nominal | {"to_frame": frame_of_images(camera.nominal["to_frame"], camera.images)},
+        "nominal": camera.nominal
+        | {"to_frame": T_images_camera(camera.nominal["to_frame"], camera.images)["to_frame"]},
         "bounds": {name: value for name, value in in_radians(camera.bounds).items() if name in names},
     }

@@ -11,7 +11,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
-from service.calibration_runs.image_frames import frame_of_images, joint_of_images
+from service.calibration_runs.image_frames import T_images_camera, joint_of_images
 from service.calibrations.publication_views import override_view
 from service.db.aliases import AliasMove, Withdrawal
 from service.db.base import Json
@@ -35,8 +35,9 @@ def cameras_of(session: Session, vehicle_id: UUID) -> set[str]:
 
 def _document(one: Given, alias: str, until: datetime | None) -> Json:
     move, result, rig = one.move, one.result, one.rig
-    transform: Json = result.document["transform"] | {"to_frame": frame_of_images(one.frame, one.images)}
-    joint = joint_of_images(one.joint, one.frame, rig.lidar_frame, one.images)
+    turn = T_images_camera(one.frame, one.images)
+    joint = joint_of_images(one.joint, turn, rig.lidar_frame)
+    transform: Json = result.document["transform"] | {"to_frame": turn["to_frame"]}
     document: dict[str, Any] = {
         "vehicle_id": str(move.vehicle_id),
         "camera": one.camera,

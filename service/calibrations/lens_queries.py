@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.calibrations import CalibrationTemplate
 from apexcal.documents.lenses import lens_of_images
+from apexcal.documents.readings import ImageKind
 from service.calibrations.cameras import CameraPairs
 from service.calibrations.lenses import check_size
 from service.db.base import Json
@@ -43,22 +44,15 @@ def _stated_intrinsics(session: Session, camera: RigCamera, pairs: Correspondenc
     """What the recording of these pairs says of the camera (CameraInfo)."""
     found = select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)
     facts = session.scalar(found) or {}
-    stated: Json | None = facts.get("camera_info")
+    kind: ImageKind | None = camera.images["kind"] if camera.images else facts.get("image_kind")
+    stated = facts.get("camera_info") and lens_of_images(facts["camera_info"], kind)
     if stated is None:
+        which = "P of rectified images" if kind == "rectified" else "its intrinsics"
         raise Problem(
             422,
             "no_intrinsics_stated",
-            f"The pairs of {camera.name} come from no recording that states its intrinsics.",
+            f"The pairs of {camera.name} come from no recording that states {which}.",
             "Do not ask for the recording's (intrinsics_from: recording; --stated), or give the lens as intrinsics.",
         )
     check_size(stated, camera, f"The recording states intrinsics of {camera.name}")
-    kind = camera.images["kind"] if camera.images else facts.get("image_kind")
-    lens = lens_of_images(stated, kind)
-    if lens is None:
-        raise Problem(
-            422,
-            "no_intrinsics_stated",
-            f"The images of {camera.name} are rectified, and its CameraInfo has no P for them.",
-            "Give the lens of the rectified images as intrinsics, or correct the rig: PATCH /v1/rigs/{id}/images.",
-        )
-    return lens
+    return stated

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from apexcal.documents.camera_models import CAMERA_MODELS, CameraModel, ModelName, WrittenAs
-from apexcal.documents.readings import ImageKind
 from service.exports.transform import Transform
 
 
@@ -25,8 +24,8 @@ class CalibratedCamera:
     """A camera's lens and mount. ``intrinsics`` is a result's: pixels, and coefficients without a unit.
 
     ``T_camera_lidar`` maps LiDAR points into the optical frame (x right, y down, z forward) of the images. ``source``
-    is the id of the result. ``T_images_camera`` is there if the images are rectified: it turns the camera's own
-    frame, which the vehicle's tree has, into theirs.
+    is the id of the result. ``T_own_camera`` leads from there to the camera's own frame, which the vehicle's tree
+    has; None if they are the same.
     """
 
     name: str
@@ -41,8 +40,8 @@ class CalibratedCamera:
     source: str
     at: datetime
     joint: SolvedJoint | None = None
-    image_kind: ImageKind | None = None
-    T_images_camera: Transform | None = None
+    is_rectified: bool = False
+    T_own_camera: Transform | None = None
 
     @property
     def skew(self) -> float:
@@ -84,8 +83,7 @@ class CalibratedCamera:
     @property
     def T_own_lidar(self) -> Transform:  # noqa: N802 - a transform
         """LiDAR points into the camera's own frame, before its images were rectified."""
-        turn = self.T_images_camera
-        return self.T_camera_lidar if turn is None else turn.inverse().after(self.T_camera_lidar)
+        return self.T_own_camera.after(self.T_camera_lidar) if self.T_own_camera else self.T_camera_lidar
 
     @property
     def lidar_frame(self) -> str:

@@ -14,7 +14,7 @@ def camera_info(camera: CalibratedCamera) -> str:
     """
     P = [entry for row in camera.K for entry in (*row, 0.0)]
     lines = [
-        *([f"# Of rectified images, in the frame {camera.frame}."] if camera.image_kind == "rectified" else []),
+        *([f"# Of rectified images, in the frame {camera.frame}."] if camera.is_rectified else []),
         f"image_width: {camera.width}",
         f"image_height: {camera.height}",
         f'camera_name: "{file_name(camera.name)}"',

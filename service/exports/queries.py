@@ -10,7 +10,7 @@ from sqlalchemy import Select, and_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import parse_model
-from service.calibration_runs.image_frames import T_images_camera, frame_of_images, joint_of_images
+from service.calibration_runs.image_frames import T_images_camera, joint_of_images
 from service.db.calibrations import Calibration, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.exports.given_queries import Asked, given
@@ -67,7 +67,7 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
     from service.exports.transform import Transform
 
     turn = T_images_camera(camera.frame, camera.images)
-    joint = joint_of_images(camera.joint, camera.frame, rig.lidar_frame, camera.images)
+    joint = joint_of_images(camera.joint, turn, rig.lidar_frame)
     return CalibratedCamera(
         name=camera.name,
         topic=camera.topic,
@@ -75,9 +75,7 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         height=camera.image_height,
         model=parse_model(result.model),
         intrinsics=result.document["intrinsics"],
-        T_camera_lidar=Transform.of(result.document["transform"])._replace(
-            to_frame=frame_of_images(camera.frame, camera.images)
-        ),
+        T_camera_lidar=Transform.of(result.document["transform"])._replace(to_frame=turn["to_frame"]),
         T_vehicle_lidar=Transform.of(rig.T_vehicle_lidar) if rig.T_vehicle_lidar else None,
         rig=rig.name,
         source=str(result.id),
@@ -85,6 +83,6 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         joint=SolvedJoint(*(Transform.of(joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
         if joint
         else None,
-        image_kind=(camera.images or {}).get("kind"),
-        T_images_camera=turn and Transform.of(turn),
+        is_rectified=(camera.images or {}).get("kind") == "rectified",
+        T_own_camera=Transform.of(turn).inverse(),
     )

@@ -70,20 +70,14 @@ def frame_of(sensor: Sensor, otherwise: str) -> str:
 
 
 def _camera(camera: CalibratedCamera, sensor: Sensor, frame: str) -> Json:
-    is_rectified = camera.image_kind == "rectified"
-    if is_rectified and any(camera.D):
+    # CameraInfo has no skew; P, the lens of rectified images, has no distortion either.
+    lost = "a skew" if camera.skew else "a distortion" if camera.is_rectified and any(camera.D) else None
+    if lost:
         raise Problem(
             422,
             "lens_without_equal",
-            f"The lens of {camera.name} has a distortion, and its images are rectified: P of a CameraInfo has none.",
-            "Calibrate it as pinhole.",
-        )
-    if camera.skew:
-        raise Problem(
-            422,
-            "lens_without_equal",
-            f"The lens of {camera.name} has a skew, which readers of CameraInfo ignore.",
-            "Calibrate with skew locked at 0 (`locked`).",
+            f"The lens of {camera.name} has {lost}, which readers of CameraInfo ignore.",
+            "Calibrate with skew locked at 0 (`locked`), and rectified images as pinhole.",
         )
     return {
         "name": camera.name,
@@ -94,7 +88,7 @@ def _camera(camera: CalibratedCamera, sensor: Sensor, frame: str) -> Json:
         "distortion_model": camera.written_as.camera_info,
         "K": [value for row in camera.K for value in row],
         "D": camera.D,
-        "is_rectified": is_rectified,
+        "is_rectified": camera.is_rectified,
     }
 
 

@@ -31,11 +31,6 @@ FORMATS: dict[Format, str] = {
     "kitti": "KITTI raw folders: .bin clouds (which have no rings) and PNG images",
 }
 CameraInfos = Literal["none", "raw", "rectified"]
-CAMERA_INFOS: dict[CameraInfos, str] = {
-    "none": "images alone",
-    "raw": "image_raw and camera_info",
-    "rectified": "image_rect_color and the same camera_info",
-}
 Tree = Literal["nominal", "true"]
 PACKET_FORMATS: tuple[Format, ...] = ("pcap", "pcapng", "video")
 _YAWS_DEG = {FRONT: 0.0, "left": 45.0, "right": -45.0, "front_left": 25.0, "front_right": -25.0}
@@ -120,8 +115,8 @@ class Settings:
         board_m: lengths of the board's edges, to the left and to the right of the apex as the LiDAR sees it.
         disturbances: what makes the board harder to see.
         format: of the recording, in ``FORMATS``.
-        camera_info: what a bag's camera topics are, in ``CAMERA_INFOS``. All but ``none`` write ``/tf_static`` and
-            ``vehicle.urdf`` too.
+        camera_info: ``raw``: a bag holds ``image_raw`` and CameraInfo; ``rectified``: ``image_rect_color`` and the
+            same CameraInfo. Both have ``/tf_static``, and ``vehicle.urdf`` beside them.
         tree: whether the cameras stand there as the rig's drawing says or as they are mounted.
 
     Raises:
@@ -168,7 +163,7 @@ class Settings:
             ("sensor", self.sensor, SENSORS),
             ("walk", self.walk, WALKS),
             ("format", self.format, get_args(Format)),
-            ("camera info", self.camera_info, CAMERA_INFOS),
+            ("camera info", self.camera_info, get_args(CameraInfos)),
             ("tree", self.tree, get_args(Tree)),
         ):
             if value not in known:

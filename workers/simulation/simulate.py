@@ -18,7 +18,7 @@ from workers.simulation.rig import START_NS, MountedCamera, Rig
 from workers.simulation.scene import WALKER_REGION
 from workers.simulation.settings import Settings
 from workers.simulation.truth import rig_document, truth_document
-from workers.simulation.writers.choose import open_writer, vehicle_tree
+from workers.simulation.writers.choose import open_writer
 from workers.simulation.writers.recording import Picture, RecordingWriter
 
 __all__ = ["START_NS", "OnProgress", "Rig", "Settings", "Simulated", "simulate"]
@@ -37,14 +37,15 @@ class Simulated:
     truth: Path
     rig: Path
     region: Path
-    urdf: Path | None
     sweeps: int
     frames: int
     recording_bytes: int
 
 
 def simulate(settings: Settings, out_dir: Path, on_progress: OnProgress | None = None) -> Simulated:
-    """Write the recording, ``truth.json``, ``rig.json`` and ``region.json`` into ``out_dir``, and ``vehicle.urdf``.
+    """Write the recording, ``truth.json``, ``rig.json`` and ``region.json`` into ``out_dir``.
+
+    Beside a recording with CameraInfo stands ``vehicle.urdf``.
 
     Whoever needs no images takes :class:`Rig` and its ``sweeps()`` instead: painting is the slow part.
 
@@ -63,15 +64,13 @@ def simulate(settings: Settings, out_dir: Path, on_progress: OnProgress | None =
     described = json.dumps(rig_document(rig, writer.names), indent=2) + "\n"
     (out_dir / "rig.json").write_text(described, encoding="utf-8")
     (out_dir / "region.json").write_text(json.dumps(WALKER_REGION, indent=2) + "\n", encoding="utf-8")
-    tree = vehicle_tree(rig)
-    if tree:
-        (out_dir / "vehicle.urdf").write_text(urdf(tree), encoding="utf-8")
+    if settings.camera_info != "none":
+        (out_dir / "vehicle.urdf").write_text(urdf(rig.tree()), encoding="utf-8")
     return Simulated(
         recording=writer.path,
         truth=out_dir / "truth.json",
         rig=out_dir / "rig.json",
         region=out_dir / "region.json",
-        urdf=out_dir / "vehicle.urdf" if tree else None,
         sweeps=len(rig.sweep_stamps_ns),
         frames=sum(len(mounted.stamps_ns) for mounted in rig.cameras),
         recording_bytes=_size(writer.path),

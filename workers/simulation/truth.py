@@ -23,7 +23,7 @@ def truth_document(rig: Rig) -> dict[str, Any]:
     recording has it; ``time_ns``, when the frame was taken by the LiDAR's clock; ``apex_xyz``, the board's apex at
     that moment, metres, LiDAR frame; ``apex_uv``, its pixel ((0, 0) is the centre of the top-left one);
     ``apex_in_image``. The first camera's stand at the top too.
-    ``camera_info``, if the recording has it: what it states. Of rectified images transform and intrinsics are theirs.
+    Of rectified images transform and intrinsics are theirs: a pinhole, turned.
     ``clock``: ``offset_ns``, the cameras' clock minus the LiDAR's; ``jitter_ns``, the standard
     deviation of a frame's stamp.
     ``sweeps``: ``stamp_ns``; ``apex_xyz`` at the stamp; ``scan_ns``, when the turning sensor looked at the
@@ -44,13 +44,11 @@ def truth_document(rig: Rig) -> dict[str, Any]:
 
 
 def _camera(rig: Rig, mounted: MountedCamera) -> dict[str, Any]:
-    info = {} if rig.settings.camera_info == "none" else {"camera_info": mounted.info.document()}
     apex = rig.walk.poses(_seconds(mounted.times_ns)).apex
     pixels = mounted.camera.project(apex)
     return {
         "transform": to_document(mounted.camera.T_camera_lidar),
         "intrinsics": mounted.camera.intrinsics_document(),
-        **info,
         "frames": {
             "stamp_ns": mounted.stamps_ns.tolist(),
             "time_ns": mounted.times_ns.tolist(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 from uuid import UUID
@@ -17,7 +17,7 @@ from service.calibration_runs.image_frames import T_images_camera
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig
 from service.jobs.claims import Claim, Lease
-from workers.geometry.transforms import RigidTransform, from_document
+from workers.geometry.transforms import from_document
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
 from workers.solver.stopping import Stop
 from workers.tasks.context import Context
@@ -81,12 +81,11 @@ def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:
         StatedTransform(from_document(one["transform"]), "rig", one["std_deg"], 1e-3 * one["std_mm"])
         for one in rig.camera_transforms or []
     ]
-    turned = {one.frame: T_images_camera(one.frame, one.images) for one in rig.cameras}
-    turns = {frame: from_document(turn) for frame, turn in turned.items() if turn}
-    return [replace(one, transform=_of_images(one.transform, turns)) for one in stated]
-
-
-def _of_images(T_a_b: RigidTransform, turns: Mapping[str, RigidTransform]) -> RigidTransform:
-    """The transform between the frames of the images, to which results lead."""
-    made = turns[T_a_b.to_frame] @ T_a_b if T_a_b.to_frame in turns else T_a_b
-    return made @ turns[T_a_b.from_frame].inverse() if T_a_b.from_frame in turns else made
+    turns = [from_document(T_images_camera(one.frame, one.images)) for one in rig.cameras]
+    by_frame = {turn.from_frame: turn for turn in turns}
+    # Results lead to the frames of the images.
+    return [
+        replace(one, transform=by_frame[known.to_frame] @ known @ by_frame[known.from_frame].inverse())
+        for one in stated
+        for known in [one.transform]
+    ]

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from apexcal.documents.lenses import coefficients_of, model_stated
+from apexcal.documents.lenses import coefficients_of, lens_of_images, model_stated
 from apexcal.documents.readings import ImageKind
 from workers.readers.ros.topic_messages import CameraInfo
 from workers.readers.topic_words import words
@@ -18,7 +18,6 @@ _IMAGE_SUFFIXES: Final = ("/compressed", "/raw")
 _RECTIFIED: Final = frozenset(("rect", "rectified", "undistorted"))
 # image_proc's names of images that it did not rectify.
 _RAW: Final = ("image_color", "image_mono")
-_NO_TURN: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def camera_info(
@@ -46,7 +45,7 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
         "model": model if D is not None else None,
         "K": list(info.k),
         "D": list(info.d) if D is None else D,
-        "R": list(info.r) if is_rectifying and _is_rotation(info.r) else None,
+        "R": _turn(info.r) if is_rectifying else None,
         "P": list(info.p) if is_rectifying else None,
         "distortion_model": info.distortion_model[:64],
         "width": info.width,
@@ -54,15 +53,18 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
     }
 
 
-def _is_rotation(r: Sequence[float]) -> bool:
-    if len(r) != 9 or not all(map(math.isfinite, r)):
-        return False
-    R = np.reshape(np.clip(r, -2.0, 2.0), (3, 3))
-    return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0)
+def _turn(r: Sequence[float]) -> list[float] | None:
+    """R, unless it is no rotation, or none that a pixel shows."""
+    # Fields of a file may hold any number.
+    R = np.reshape(r, (3, 3)) if len(r) == 9 and all(abs(one) < 1.1 for one in r) else np.zeros((3, 3))
+    is_rotation = np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0
+    return list(r) if is_rotation and not np.allclose(R, np.eye(3), atol=1e-5) else None
 
 
-def image_kind(topic: str, info: CameraInfo | None) -> ImageKind | None:
+def image_kind(topic: str, info: Mapping[str, Any] | None) -> ImageKind | None:
     """Whether a topic's images are raw or rectified; None where neither its name nor its CameraInfo tells.
+
+    ``info`` is that of :func:`info_document`.
 
     RealSense's ``image_rect_raw`` is rectified. A CameraInfo without distortion and rotation, whose P repeats its K,
     is that of rectified images: raw and rectified ones would be the same.
@@ -74,9 +76,9 @@ def image_kind(topic: str, info: CameraInfo | None) -> ImageKind | None:
         return "rectified"
     if "raw" in words(last := posixpath.basename(plain)) or last in _RAW:
         return "raw"
-    if info is None or len(info.k) != 9 or len(info.p) != 12 or any(info.d) or tuple(info.r) != _NO_TURN:
-        return None
-    return "rectified" if [*info.p[:3], *info.p[4:7], *info.p[8:11]] == list(info.k) else None
+    rectified = lens_of_images(info, "rectified") if info else None
+    is_same = info and rectified and not any(info["D"]) and info["R"] is None and rectified["K"] == info["K"]
+    return "rectified" if is_same else None
 
 
 def match_infos(cameras: Mapping[str, str], infos: Mapping[str, CameraInfo]) -> dict[str, CameraInfo]:

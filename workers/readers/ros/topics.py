@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import import_module
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -81,9 +81,7 @@ class TopicRecording:
             self._decoders[topic.name] = decoder
             sensors.append(_sensor(topic, first))
         matched = match_infos({s.name: s.frame_id for s in sensors if s.kind == "camera"}, infos)
-        return [
-            replace(s, **_described_by(s.name, matched.get(s.name))) if s.kind == "camera" else s for s in sensors
-        ]
+        return [_with_info(s, matched.get(s.name)) if s.kind == "camera" else s for s in sensors]
 
     def _first(self, topic: Topic, decoder: Decoder) -> Message | None:
         for _, raw in self._container.samples(topic.name, 1):
@@ -262,8 +260,9 @@ def _described(topic: Topic) -> str:
     return f"{topic.name} ({topic.type})"
 
 
-def _described_by(topic: str, info: CameraInfo | None) -> dict[str, Any]:
-    return {"camera_info": info and info_document(info), "image_kind": image_kind(topic, info)}
+def _with_info(camera: Sensor, info: CameraInfo | None) -> Sensor:
+    document = info and info_document(info)
+    return replace(camera, camera_info=document, image_kind=image_kind(camera.name, document))
 
 
 def _sensor(topic: Topic, first: Message | None) -> Sensor:

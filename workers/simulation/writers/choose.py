@@ -8,18 +8,13 @@ from typing import assert_never
 
 import numpy as np
 
-from workers.geometry.transforms import RigidTransform
-from workers.simulation.camera import LIDAR_FRAME, camera_frame, nominal_mount
-from workers.simulation.driver import frame_tree
+from workers.simulation.camera import LIDAR_FRAME
 from workers.simulation.rig import START_NS, Rig
-from workers.simulation.settings import CameraInfos
 from workers.simulation.writers.files import CloudsAndImages, KittiRaw
 from workers.simulation.writers.packets import Pcap, Pcapng, Vlp16Packets
 from workers.simulation.writers.recording import Channel, RecordingWriter, refuse_existing
 from workers.simulation.writers.ros import RosWriter
 from workers.simulation.writers.trees import FolderTree, TarTree, ZipTree
-
-_TOPICS: dict[CameraInfos, str] = {"none": "image", "raw": "image_raw", "rectified": "image_rect_color"}
 
 
 def open_writer(rig: Rig, out_dir: Path) -> RecordingWriter:
@@ -31,10 +26,11 @@ def open_writer(rig: Rig, out_dir: Path) -> RecordingWriter:
     kind = rig.settings.format
     cameras = _channels(rig)
     match kind:
-        case "bag":
-            return RosWriter(out_dir / "recording.bag", kind, LIDAR_FRAME, cameras, vehicle_tree(rig), START_NS)
-        case "db3" | "mcap":
-            return RosWriter(out_dir / "recording", kind, LIDAR_FRAME, cameras, vehicle_tree(rig), START_NS)
+        case "bag" | "db3" | "mcap":
+            bag = RosWriter(out_dir / ("recording.bag" if kind == "bag" else "recording"), kind, LIDAR_FRAME, cameras)
+            if rig.settings.camera_info != "none":
+                bag.write_tree(rig.tree(), START_NS)
+            return bag
         case "folder":
             return CloudsAndImages(FolderTree(out_dir / "recording"), cameras)
         case "tar":
@@ -52,25 +48,10 @@ def open_writer(rig: Rig, out_dir: Path) -> RecordingWriter:
 
 def _channels(rig: Rig) -> list[Channel]:
     hz, kind = rig.settings.camera_hz, rig.settings.camera_info
-    return [
-        Channel(
-            *(one.spec.name, camera_frame(one.spec.name), one.camera.image_size, hz, _TOPICS[kind]),
-            None if kind == "none" else one.info,
-        )
-        for one in rig.cameras
-    ]
-
-
-def vehicle_tree(rig: Rig) -> list[RigidTransform]:
-    """The tree of frames that the vehicle states beside a CameraInfo; empty without one."""
-    if rig.settings.camera_info == "none":
-        return []
-    down, is_true = rig.settings.pitch_down_deg, rig.settings.tree == "true"
-    mounts = (
-        (one.spec.name, one.own.T_camera_lidar if is_true else nominal_mount(one.spec.name, one.spec.yaw_deg, down))
-        for one in rig.cameras
-    )
-    return frame_tree(rig.scene.ground_z, list(mounts))
+    topic = {"none": "image", "raw": "image_raw", "rectified": "image_rect_color"}[kind]
+    heads = [(one.spec.name, one.info.frame_id, one.camera.image_size, hz, topic) for one in rig.cameras]
+    infos = [None if kind == "none" else one.info for one in rig.cameras]
+    return [Channel(*head, info) for head, info in zip(heads, infos, strict=True)]
 
 
 def _sweep_seconds(rig: Rig) -> tuple[float, float]:

@@ -10,8 +10,8 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.copying.edits import CameraEdit
 from workers.readers.recording import Sweep
-from workers.simulation.driver import DriverInfo
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Channel:
         frame_id: its coordinate frame.
         image_size: width, height in pixels.
         rate_hz: frames per second, about.
-        topic: last words of its images' topic in a bag.
+        topic: last word of its images' topic in a bag.
         info: what its driver states with each of them; None: nothing.
     """
 
@@ -45,7 +45,7 @@ class Channel:
     image_size: tuple[int, int]
     rate_hz: float
     topic: str = "image"
-    info: DriverInfo | None = None
+    info: CameraEdit | None = None
 
 
 class RecordingWriter(Protocol):

@@ -49,20 +49,13 @@ class RosWriter:
 
     Args:
         path: a file for ``bag``, a folder that does not exist for ``db3`` and ``mcap``.
-        tree: T_parent_child of ``/tf_static``, published at ``start_ns``; empty: there is no such topic.
 
     Raises:
         FileExistsError: something is at ``path`` already.
     """
 
     def __init__(
-        self,
-        path: Path,
-        kind: Literal["bag", "db3", "mcap"],
-        lidar_frame: str,
-        cameras: Sequence[Channel],
-        tree: Sequence[RigidTransform] = (),
-        start_ns: int = 0,
+        self, path: Path, kind: Literal["bag", "db3", "mcap"], lidar_frame: str, cameras: Sequence[Channel]
     ) -> None:
         refuse_existing(path)
         self.path = path
@@ -79,23 +72,15 @@ class RosWriter:
         }
         serialize: Callable[[Any, str], Any] = self._types.serialize_ros1 if self._ros1 else self._types.serialize_cdr
         self._serialize = serialize
-        self._infos = {one.name: one for one in cameras if one.info is not None}
-        for name in self._infos:
-            topic = f"/camera/{name}/camera_info"
-            self._connections[f"{name}/info"] = self._bag.add_connection(topic, INFO, typestore=self._types)
-        if tree:
-            self._write_tree(tree, start_ns)
-
-    def _write_tree(self, tree: Sequence[RigidTransform], start_ns: int) -> None:
-        """One latched message, as robot_state_publisher sends."""
-        poses = [
-            PoseEdit(one.to_frame, one.from_frame, tuple(one.t), tuple(quaternion_from_rotation(one.R)), True)
-            for one in tree
-        ]
-        types = ros1_types() if self._ros1 else self._types
-        latched: dict[str, Any] = {"latching": 1} if self._ros1 else {"offered_qos_profiles": [_LATCHED]}
-        connection = self._bag.add_connection("/tf_static", TRANSFORM, typestore=types, **latched)
-        self._bag.write(connection, start_ns, Messages("ros1" if self._ros1 else "cdr").new_poses(poses, start_ns))
+        self._messages = Messages("ros1" if self._ros1 else "cdr")
+        self._infos = {
+            one.name: (
+                self._bag.add_connection(f"/camera/{one.name}/camera_info", INFO, typestore=self._types),
+                one.info,
+            )
+            for one in cameras
+            if one.info is not None
+        }
 
     def __enter__(self) -> Self:
         return self
@@ -122,8 +107,17 @@ class RosWriter:
         )
         self._bag.write(self._connections["lidar"], received_ns, self._serialize(message, _CLOUD))
 
+    def write_tree(self, tree: Sequence[RigidTransform], stamp_ns: int) -> None:
+        """One latched message of T_parent_child on ``/tf_static``, as robot_state_publisher sends."""
+        turned = [(one, quaternion_from_rotation(one.R)) for one in tree]
+        poses = [PoseEdit(one.to_frame, one.from_frame, tuple(one.t), tuple(turn), True) for one, turn in turned]
+        types = ros1_types() if self._ros1 else self._types
+        latched: dict[str, Any] = {"latching": 1} if self._ros1 else {"offered_qos_profiles": [_LATCHED]}
+        connection = self._bag.add_connection("/tf_static", TRANSFORM, typestore=types, **latched)
+        self._bag.write(connection, stamp_ns, self._messages.new_poses(poses, stamp_ns))
+
     def write_picture(self, camera: str, picture: Picture, received_ns: int) -> None:
-        """One CompressedImage."""
+        """One CompressedImage, and its CameraInfo."""
         message = self._types.types[_IMAGE](
             header=self._header(camera, picture.stamp_ns),
             format="jpeg",
@@ -131,15 +125,9 @@ class RosWriter:
         )
         self._bag.write(self._connections[camera], received_ns, self._serialize(message, _IMAGE))
         if camera in self._infos:
-            info = self._info(self._infos[camera], message.header)
-            self._bag.write(self._connections[f"{camera}/info"], received_ns, self._serialize(info, INFO))
-
-    def _info(self, camera: Channel, header: Any) -> Any:
-        info, (width, height) = camera.info, camera.image_size
-        assert info is not None
-        matrices = (one.reshape(-1) for one in (info.D, info.K, info.R, info.P))
-        roi = self._types.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-        return self._types.types[INFO](header, height, width, info.distortion_model, *matrices, 0, 0, roi)
+            connection, info = self._infos[camera]
+            made = self._messages.new_info(info, picture.stamp_ns, self._frame_ids[camera])
+            self._bag.write(connection, received_ns, made)
 
     def _header(self, sensor: str, stamp_ns: int) -> Any:
         number: dict[str, int] = {"seq": self._sequence[sensor]} if self._ros1 else {}
