@@ -44,11 +44,11 @@ def fit_document(terms: Terms, camera: ResolvedCamera, model: ModelName) -> Json
 def describe_camera(camera: RigCamera, model: ModelName, search: SearchForm) -> Json:
     """The part of the solver's document that the rig tells, with the bounds that this model has."""
     names = parameter_names(model, search)
+    frame = T_images_camera(camera.nominal["to_frame"], camera.images)["to_frame"]
     return {
         "model": model,
         "camera": camera.name,
         "image_size": [camera.image_width, camera.image_height],
-        "nominal": camera.nominal
-        | {"to_frame": T_images_camera(camera.nominal["to_frame"], camera.images)["to_frame"]},
+        "nominal": camera.nominal | {"to_frame": frame},
         "bounds": {name: value for name, value in in_radians(camera.bounds).items() if name in names},
     }

@@ -30,8 +30,8 @@ def _sentence(camera: RigCamera, sensor: SensorManifest) -> str | None:
     stated = camera.images["kind"] if camera.images else None
     if stated is None and (info.get("P") or any(info.get("D", ()))):
         return (
-            f"neither the topic {topic} nor its camera info tells whether images are raw or rectified. They are taken "
-            "for raw, with the lens K and D. Say in the rig what they are."
+            f"neither the topic {topic} nor its camera info tells whether images are raw or rectified. They are "
+            "taken for raw, with the lens K and D. Say in the rig what they are."
         )
     if kind is not None and kind != stated:
         return f"images of {topic} look {kind}, and the rig says {stated}. The rig was followed: is it right?"

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from workers.geometry.rotations import quaternion_from_rotation
 from workers.geometry.transforms import RigidTransform
-from workers.readers.copying.edits import PoseEdit
+from workers.readers.copying.edits import CameraEdit, PoseEdit
 from workers.readers.copying.messages import Messages, ros1_types
 from workers.readers.recording import Sweep
 from workers.readers.ros.ros_types import INFO, TRANSFORM
@@ -73,14 +73,11 @@ class RosWriter:
         serialize: Callable[[Any, str], Any] = self._types.serialize_ros1 if self._ros1 else self._types.serialize_cdr
         self._serialize = serialize
         self._messages = Messages("ros1" if self._ros1 else "cdr")
-        self._infos = {
-            one.name: (
-                self._bag.add_connection(f"/camera/{one.name}/camera_info", INFO, typestore=self._types),
-                one.info,
-            )
-            for one in cameras
-            if one.info is not None
-        }
+        self._infos: dict[str, tuple[Any, CameraEdit]] = {}
+        for one in cameras:
+            if one.info is not None:
+                topic = f"/camera/{one.name}/camera_info"
+                self._infos[one.name] = self._bag.add_connection(topic, INFO, typestore=self._types), one.info
 
     def __enter__(self) -> Self:
         return self
