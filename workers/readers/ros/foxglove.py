@@ -117,7 +117,8 @@ def _protobuf_raw(raw: bytes) -> Message:
 def _protobuf_calibration(raw: bytes) -> Message:
     fields = fields_of(raw)
     size = (number(fields, 2), number(fields, 3))
-    return camera_info(_time(fields), text(fields, 9), *size, text(fields, 4), doubles(fields, 5), doubles(fields, 6))
+    matrices = (doubles(fields, place) for place in (5, 6, 7, 8))
+    return camera_info(_time(fields), text(fields, 9), *size, text(fields, 4), *matrices)
 
 
 _PROTOBUF: Final[dict[str, Callable[[bytes], Message]]] = {
@@ -180,9 +181,8 @@ def _json_raw(raw: bytes) -> Message:
 def _json_calibration(raw: bytes) -> Message:
     message, stamp_ns, frame_id = _document(raw)
     size = (int(message["width"]), int(message["height"]))
-    return camera_info(
-        stamp_ns, frame_id, *size, str(message["distortion_model"]), message.get("D", ()), message.get("K", ())
-    )
+    matrices = (message.get(name, ()) for name in "DKRP")
+    return camera_info(stamp_ns, frame_id, *size, str(message["distortion_model"]), *matrices)
 
 
 _JSON: Final[dict[str, Callable[[bytes], Message]]] = {

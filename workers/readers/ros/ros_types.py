@@ -182,7 +182,12 @@ def _read_compressed(message: Any) -> Message:
 
 
 def _read_info(message: Any) -> CameraInfo:
-    return camera_info(*_head(message), message.width, message.height, message.distortion_model, message.d, message.k)
+    return _info_of(_head(message), message)
+
+
+def _info_of(head: tuple[int, str], message: Any) -> CameraInfo:
+    dkrp = (message.d, message.k, message.r, message.p)
+    return camera_info(*head, message.width, message.height, message.distortion_model, *dkrp)
 
 
 def _read_packets(message: Any) -> Message:
@@ -213,8 +218,7 @@ def _read_foxglove_raw(message: Any) -> Message:
 
 
 def _read_calibration(message: Any) -> CameraInfo:
-    head = (_stamp(message.timestamp), str(message.frame_id))
-    return camera_info(*head, message.width, message.height, message.distortion_model, message.d, message.k)
+    return _info_of((_stamp(message.timestamp), str(message.frame_id)), message)
 
 
 _READERS: Final = {
