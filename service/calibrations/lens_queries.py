@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.calibrations import CalibrationTemplate
 from service.calibrations.cameras import CameraPairs
-from service.calibrations.lenses import check_size
+from service.calibrations.lenses import check_size, is_of_images
 from service.db.base import Json
 from service.db.calibrations import CorrespondenceSet
 from service.db.fleets import RigCamera
@@ -21,35 +21,41 @@ from service.http.problems import Problem
 def with_recorded_lenses(
     session: Session, wanted: CalibrationTemplate, sources: Sequence[CameraPairs]
 ) -> Sequence[CameraPairs]:
-    """The cameras with the lenses that their recordings state, where the request starts from these.
+    """The cameras with the lenses that their recordings state, where the request does not ignore these.
 
-    A lens that the request itself gives goes before.
+    A lens that the request itself gives goes before. One of other images is refused only where the request insists.
 
     Raises:
         Problem: 422 ``no_intrinsics_stated`` or ``intrinsics_of_another_size``.
     """
-    if wanted.intrinsics_from != "recording":
+    if wanted.intrinsics_from == "bounds":
         return sources
+    insists = wanted.intrinsics_from == "recording" or wanted.intrinsics_as == "locked"
     return [
         source
         if source.camera.name in wanted.intrinsics
-        else replace(source, stated=_stated_intrinsics(session, source.camera, source.pairs))
+        else replace(source, stated=_stated_intrinsics(session, source.camera, source.pairs, insists))
         for source in sources
     ]
 
 
-def _stated_intrinsics(session: Session, camera: RigCamera, pairs: CorrespondenceSet) -> Json:
+def _stated_intrinsics(
+    session: Session, camera: RigCamera, pairs: CorrespondenceSet, insists: bool
+) -> Json | None:
     """What the recording of these pairs says of the camera (CameraInfo)."""
     facts = session.scalar(
         select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)
     )
     stated: Json | None = (facts or {}).get("camera_info")
+    if not insists and (stated is None or not is_of_images(stated, camera)):
+        return None  # the recording's own notes say that its lens is of other images
     if stated is None:
         raise Problem(
             422,
             "no_intrinsics_stated",
             f"The pairs of {camera.name} come from no recording that states its intrinsics.",
-            "Do not ask for the recording's (intrinsics_from: recording; --stated), or give the lens as intrinsics.",
+            "Give the lens as intrinsics (--intrinsics), or neither ask for the recording's (intrinsics_from: "
+            "recording; --stated) nor lock it (intrinsics_as: locked; --intrinsics-as locked).",
         )
     check_size(stated, camera, f"The recording states intrinsics of {camera.name}")
     return stated
