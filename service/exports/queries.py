@@ -62,9 +62,10 @@ def _of(session: Session, statement: _Cameras) -> Calibrated:
 
 
 def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
-    from service.exports.calibrated import CalibratedCamera, SolvedJoint
+    from service.exports.calibrated import CalibratedCamera, SolvedJoint, StatedMount
     from service.exports.transform import Transform
 
+    stated = result.document.get("stated_lens")
     return CalibratedCamera(
         name=camera.name,
         topic=camera.topic,
@@ -79,5 +80,14 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         at=result.created_at,
         joint=SolvedJoint(*(Transform.of(camera.joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
         if camera.joint
+        else None,
+        stated=StatedMount(
+            model=parse_model(stated["intrinsics"]["model"]),
+            intrinsics=stated["intrinsics"],
+            T_camera_lidar=Transform.of(stated["transform"]),
+            explains=stated["explains"],
+            sentence=stated["sentence"],
+        )
+        if stated
         else None,
     )

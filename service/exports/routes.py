@@ -13,7 +13,7 @@ from apexcal.documents.exports import FormatView, UrdfRequest
 from service.auth.access import CurrentIdentity, ReadAccess
 from service.db.calibrations import Result
 from service.db.fleets import Vehicle
-from service.exports.answers import table
+from service.exports.answers import notes_header, table
 from service.exports.given_queries import Asked
 from service.exports.queries import of_given, of_result
 from service.http.bodies import DOCUMENT
@@ -56,8 +56,10 @@ def _patched(body: UrdfRequest, calibrated: Calibrated) -> Response:
     # Imported here: it needs NumPy, which takes a twentieth of the start.
     from service.exports.urdf_patch import patched
 
-    mount = calibrated.cameras[0].T_camera_lidar
+    camera = calibrated.cameras[0]
+    mount = camera.alone().T_camera_lidar
     mount = mount._replace(
         to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame
     )
-    return Response(patched(body.urdf.encode(), body.joint, mount), media_type="application/xml")
+    made = patched(body.urdf.encode(), body.joint, mount)
+    return Response(made, media_type="application/xml", headers=notes_header([camera.needs]))

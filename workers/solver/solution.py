@@ -75,7 +75,8 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     said += line_time.alarms(problem.line_time_us) if line_time else []
     stated = under_stated_lens(problem, found) if problem.fold < 0 else None
     if stated is not None and stated.explains is False:
-        said.append(stated.sentence)
+        way = "" if lens_origin(problem) == "fitted" else " Calibrate with intrinsics_as: free (--intrinsics-as free)."
+        said.append(stated.sentence + way)
     transform = transform_of(problem, p)
     status, message = _status(state, found)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)

@@ -126,8 +126,7 @@ def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
     sentence = (
         f"{sizes}: the stated lens fits them."
         if explains
-        else f"{sizes}: the stated lens is not this camera's. Load the fitted lens on the vehicle, and calibrate "
-        "without the stated one (intrinsics_as: free; --intrinsics-as free)."
+        else f"{sizes}: the stated lens is not this camera's. Load the fitted lens on the vehicle."
     )
     return {"explains": explains, "free_lens_rms_px": free_px, "sentence": sentence}
 

@@ -81,9 +81,10 @@ def variances_of(fit: Linearised, shared: Components) -> Variances:
     theta[0] = sums.rr / max(sums.rows - taken, 1)
     # A third of the noise, shared out: any positive start will do.
     mean_square = [
-        np.trace(sums.S[:, shared.component == k][:, :, shared.component == k].sum(0)) for k in range(count)
+        float(np.trace(sums.S[:, shared.component == k][:, :, shared.component == k].sum(0))) for k in range(count)
     ]
-    theta[1:] = [0.3 * theta[0] * sums.rows / max(float(square), 1e-300) / count for square in mean_square]
+    # What moves no mark has no variance that pairs could tell.
+    theta[1:] = [0.3 * theta[0] * sums.rows / square / count if square > 0.0 else 0.0 for square in mean_square]
     theta[0] *= 0.7
     here = _point(sums, fit, shared.component, theta)
     for _ in range(_MOST_STEPS):

@@ -58,14 +58,15 @@ def drawn(seed: int) -> tuple[Json, Json]:
 
 
 def real(seed: int) -> tuple[Json, Json]:
-    """As `drawn`, of 2 or 3 poses of the recorded board, 4 corners each, marked up to three times."""
+    """As `drawn`, of 2 or 3 poses of the recorded board, 4 corners each, found and marked up to nine times."""
     rng = np.random.default_rng(seed)
     points, pixels, poses = real_correspondences()
     chosen = rng.choice(np.unique(poses), int(rng.integers(2, 4)), replace=False)
     rows = np.flatnonzero(np.isin(poses, chosen))
-    rows = np.sort(np.tile(rows, int(rng.integers(1, 5))))
+    rows = np.sort(np.tile(rows, int(rng.integers(1, 10))))
     uv = pixels[rows] + rng.choice([0.0, 0.5]) * rng.normal(size=(len(rows), 2))
-    pairs = dict(zip("xyzuv", (*points[rows].T.tolist(), *uv.T.tolist()), strict=True))
+    xyz = points[rows] + rng.choice([0.0, 0.01]) * rng.normal(size=(len(rows), 3))
+    pairs = dict(zip("xyzuv", (*xyz.T.tolist(), *uv.T.tolist()), strict=True))
     pairs |= _named(rng, poses[rows])
     return _document(rng, seed, int(rng.integers(0, 3)), (1920, 1208), len(chosen)), pairs
 
@@ -87,11 +88,13 @@ def _document(rng: np.random.Generator, seed: int, model: int, size: tuple[int, 
     document: Json = {"model": MODELS[model], "camera": "front", "image_size": size, "nominal": NOMINAL}
     document |= {"schedule": SHORT, "seed": seed, "outliers": str(rng.choice(["keep", "exclude"]))}
     document["loss"] = str(rng.choice(["mean", "saturating"]))
+    focal, middle = (700.0, (640.0, 480.0)) if size == SIZE else (1177.0, (962.0, 612.0))
+    lens = {"f_x": focal, "f_y": focal, "c_x": middle[0], "c_y": middle[1]}
+    none = {"pinhole": 0, "brown_conrady": 5, "kannala_brandt": 4}[MODELS[model]]
     if rng.random() < 0.5:
-        focal, middle = (700.0, (640.0, 480.0)) if size == SIZE else (1177.0, (962.0, 612.0))
-        lens = {"f_x": focal, "f_y": focal, "c_x": middle[0], "c_y": middle[1]}
-        none = {"pinhole": 0, "brown_conrady": 5, "kannala_brandt": 4}[MODELS[model]]
         document["locked"] = lens | {f"k{i + 1}": 0.0 for i in range(none)}
+    if rng.random() < 0.5:
+        document["stated_lens"] = {"model": MODELS[model], "skew": 0.0, **lens} | {f"k{i + 1}": 0.01 for i in range(none)}
     if rng.random() < 0.5:
         document["common_errors"] = {"person_px": 0.5, "azimuth_deg": 0.02}
     if rng.random() < 0.3:
