@@ -79,11 +79,11 @@ class CalibrationTemplate(Received):
     what the preset means: ``paper`` to the Euler form and Table I, the others to the rotation vector and the image
     size. ``intrinsics`` states lenses by camera. For other cameras ``intrinsics_from: auto`` takes the lens that the
     recording states (CameraInfo) if it states one, ``recording`` insists on it, ``bounds`` ignores it.
-    ``intrinsics_as``: ``prior`` draws the lens to the stated one, ``locked`` fixes it there, both with its distortion;
+    ``intrinsics_as``: ``prior`` draws the lens to the stated one, ``locked`` fixes it there, both with distortion;
     ``bounds`` looks for focal lengths and principal point near it, where neither rig nor request bounds them;
     ``free`` fits the lens from the pairs alone. Models that cannot be the stated lens are fitted freely, or left out
-    if it is locked. Skew is locked at 0 unless bounds, a lock, a prior or ``paper-table-1`` name it. ``seed`` defaults
-    to one derived from the request and the pairs: the same request gives the same bits.
+    if it is locked. Skew is locked at 0 unless bounds, a lock, a prior or ``paper-table-1`` name it. ``seed``
+    defaults to one derived from the request and the pairs: the same request gives the same bits.
     """
 
     models: Annotated[list[str], Field(default_factory=lambda: list(MODELS), min_length=1, max_length=8)]

@@ -298,9 +298,9 @@ class RunResult(Document):
     typical pair, ``explained_px`` what marks and vertices explain of it; ``marks_outside`` counts marks outside of
     the image. ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
     ``weak_priors`` are the deviations about zero of priors that hold distortion which the pairs hardly hold.
-    ``lens`` says where the lens comes from. Intrinsics and transform hold together only; ``stated_lens`` has the mount
-    for who projects through the stated lens. ``common_errors`` are the deviations stated for what all pairs share. ``stated_too_small`` says where halves of
-    the pairs differ by more than is stated.
+    ``lens`` says where the lens comes from. Intrinsics and transform hold together only; ``stated_lens`` has the
+    mount for who projects through the stated lens. ``common_errors`` are the deviations stated for what all pairs
+    share. ``stated_too_small`` says where halves of the pairs differ by more than is stated.
     """
 
     model: str

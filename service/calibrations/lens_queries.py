@@ -39,9 +39,7 @@ def with_recorded_lenses(
     ]
 
 
-def _stated_intrinsics(
-    session: Session, camera: RigCamera, pairs: CorrespondenceSet, insists: bool
-) -> Json | None:
+def _stated_intrinsics(session: Session, camera: RigCamera, pairs: CorrespondenceSet, insists: bool) -> Json | None:
     """What the recording of these pairs says of the camera (CameraInfo)."""
     facts = session.scalar(
         select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)

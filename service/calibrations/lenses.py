@@ -21,10 +21,10 @@ from service.http.problems import Problem
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
 _FOCAL_SHARE = 0.10
 _CENTRE_SHARE = 0.05
-# Standard deviations of a calibration that was made elsewhere: focal lengths as a share of themselves, the centre as a
-# share of the image's width, and of a coefficient so much and a tenth of itself. Source: the five calibrations that
-# KITTI publishes of each colour camera (Geiger et al. 2013, 26 September to 3 October 2011) spread by 0.15 to 0.25 %
-# in f, 0.1 % of the width in c_x and 0.5 % in c_y. Five tell a deviation to a factor of two, hence f twice as wide.
+# Standard deviations of a calibration that was made elsewhere: focal lengths as a share of themselves, the centre as
+# a share of the image's width, and of a coefficient so much and a tenth of itself. The five calibrations that KITTI
+# publishes of each colour camera (Geiger et al. 2013, 26 September to 3 October 2011) spread by 0.15 to 0.25 % in f,
+# 0.1 % of the width in c_x and 0.5 % in c_y. Five tell a deviation to a factor of two, hence f twice as wide.
 _FOCAL_SIGMA = 0.005
 _CENTRE_SIGMA = 0.005
 _COEFFICIENT_SIGMA = 0.02
@@ -177,7 +177,7 @@ def _known_of(stated: Json, model: ModelName, use_as: LensUse) -> Known | None:
         return Known(bounds=_near_stated(stated))
     values = None if use_as == "free" else _values(stated, model)
     if use_as == "locked":
-        return values and Known(locked=values)
+        return None if values is None else Known(locked=values)
     if values is None:
         return Known()
     if values.get("skew") == 0.0:

@@ -42,9 +42,10 @@ def problem_from_document(
     Keys: model, image_size, nominal (a transform document T_camera_lidar); and with defaults camera, fold (-1: all
     pairs), seed, search, rotation_range_deg, bounds_preset, bounds {name: [lower, upper]}, locked {name: value},
     priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, outliers (keep or exclude), weights (equal,
-    or covariances: those given), common_errors {name: sigma}, line_time_us, stated_lens {"model", "f_x", ...}, preset, schedule {...}. Angles are in
-    radians, or in degrees where their name ends in `_deg`. A parameter that is locked keeps no prior. Preset `paper`
-    implies the Euler form and Table I's bounds unless the request names others. Raises SolveError.
+    or covariances: those given), common_errors {name: sigma}, line_time_us, stated_lens {"model",
+    "f_x", ...}, preset, schedule {...}. Angles are in radians, or in degrees where their name ends in `_deg`. A
+    parameter that is locked keeps no prior. Preset `paper` implies the Euler form and Table I's bounds unless the
+    request names others. Raises SolveError.
     """
     try:
         return _read(document, points, pixels, weights, covariances)

@@ -55,9 +55,9 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     where it projects them). Of a fit to all pairs `halves` compares the fits of disjoint halves of the pairs,
     `stated_too_small` says in sentences where they differ by more than is stated, and `prediction` has deviations
     over the image; `shared_errors` is what blocks of pairs share, and the deviations count it where it is `counted`;
-    `lens` says where the lens comes from, and `stated_lens` has the mount under a stated one, as
-    `stated_lens.under_stated_lens` makes it; `person_bias` is what was found of the people's biases, and `rolling_shutter` what the residuals show of one
-    beyond the stated `line_time_us`.
+    `lens` says where the lens comes from, and `stated_lens` has the mount under a stated one (`under_stated_lens`);
+    `person_bias` is what was found of the people's biases, and `rolling_shutter` what the residuals show of one beyond
+    the stated `line_time_us`.
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:
@@ -75,7 +75,9 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     said += line_time.alarms(problem.line_time_us) if line_time else []
     stated = under_stated_lens(problem, found) if problem.fold < 0 else None
     if stated is not None and stated.explains is False:
-        way = "" if lens_origin(problem) == "fitted" else " Calibrate with intrinsics_as: free (--intrinsics-as free)."
+        way = (
+            "" if lens_origin(problem) == "fitted" else " Calibrate with intrinsics_as: free (--intrinsics-as free)."
+        )
         said.append(stated.sentence + way)
     transform = transform_of(problem, p)
     status, message = _status(state, found)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from apexcal.documents.bounds import preset_bounds
+from apexcal.documents.bounds import Interval, preset_bounds
 from apexcal.documents.camera_models import FOCAL_AND_CENTRE
 from apexcal.documents.results import StatedLensFit
 from apexcal.documents.rules import LensOrigin
@@ -61,15 +61,14 @@ def under_stated_lens(problem: FitProblem, found: Estimate) -> StatedLensFit | N
     locked = {name: float(lens[name]) for name in INTRINSICS[model]}
     mount = _fitted(of_pairs, model, found.held_at, locked, {name: (v, v) for name, v in locked.items()})
     p = mount.parameters
-    misfit = _misfit(mount, _with_free_lens(of_pairs, found))
-    rms_px = mean_and_rms(mount.fitted, p)[1]
-    return StatedLensFit(
-        intrinsics={"model": model, **locked, "image_size": list(problem.image_size)},
-        transform=to_document(transform_of(mount.fitted, p)),
-        rms_px=rms_px,
-        **misfit,
-        **{name: value for name, value in mount.spread.to_document().items() if name in _SPREAD},
-    )
+    spread = mount.spread.to_document()
+    document = {
+        "intrinsics": {"model": model, **locked, "image_size": list(problem.image_size)},
+        "transform": to_document(transform_of(mount.fitted, p)),
+        "rms_px": mean_and_rms(mount.fitted, p)[1],
+        **_misfit(mount, _with_free_lens(of_pairs, found)),
+    }
+    return StatedLensFit.model_validate(document | {name: spread[name] for name in _SPREAD})
 
 
 _SPREAD: Final = ("std", "interval95_half_width", "covariance", "sigma_px")
@@ -80,7 +79,7 @@ def _fitted(
     model: ModelName,
     start: Floats,
     lens: Mapping[str, float],
-    bounds: Mapping[str, tuple[float, float]],
+    bounds: dict[str, Interval],
 ) -> Estimate:
     """The estimate under bounds of the whole lens, without its locks and priors; it starts from mount and `lens`."""
     mount = problem.names[:6]
@@ -101,7 +100,9 @@ def _with_free_lens(problem: FitProblem, found: Estimate) -> Estimate | None:
     if lens_origin(problem) == "fitted":
         return found
     names = INTRINSICS[problem.model]
-    bounds = preset_bounds("image-size", problem.model, problem.search, problem.image_size, problem.nominal.t.tolist())
+    bounds = preset_bounds(
+        "image-size", problem.model, problem.search, problem.image_size, problem.nominal.t.tolist()
+    )
     skew = {"skew": problem.bounds["skew"]} if "skew" in names else {}
     lens = dict(zip(names, found.held_at[6:].tolist(), strict=True))
     try:

@@ -94,7 +94,9 @@ def _document(rng: np.random.Generator, seed: int, model: int, size: tuple[int, 
     if rng.random() < 0.5:
         document["locked"] = lens | {f"k{i + 1}": 0.0 for i in range(none)}
     if rng.random() < 0.5:
-        document["stated_lens"] = {"model": MODELS[model], "skew": 0.0, **lens} | {f"k{i + 1}": 0.01 for i in range(none)}
+        document["stated_lens"] = {"model": MODELS[model], "skew": 0.0, **lens} | {
+            f"k{i + 1}": 0.01 for i in range(none)
+        }
     if rng.random() < 0.5:
         document["common_errors"] = {"person_px": 0.5, "azimuth_deg": 0.02}
     if rng.random() < 0.3:
