@@ -19,7 +19,7 @@ from apexcal.commands.camera_files import (
 from apexcal.commands.choices import FoldsOption, ModelsOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import connected
-from apexcal.documents.bounds import BoundsPreset
+from apexcal.documents.bounds import SKEW_BOUNDS, BoundsPreset
 from apexcal.documents.calibrations import CalibrationView
 from apexcal.documents.camera_models import SearchForm
 from apexcal.documents.correspondence_sets import SetView
@@ -32,6 +32,14 @@ def _check_range(degrees: float | None) -> float | None:
     if degrees is not None and not 0.0 < degrees <= 180.0:  # which NaN is not either
         raise typer.BadParameter(f"{degrees:g} is not above 0 and at most 180 degrees.")
     return degrees
+
+
+def _locked(given: str) -> tuple[str, float]:
+    name, _, value = given.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        usage(f"--lock is {given!r}, not NAME=VALUE", "Write --lock skew=0 or --lock t_z=0.3")
 
 
 def calibrate(
@@ -66,7 +74,7 @@ def calibrate(
             callback=_check_range,
         ),
     ] = None,
-    stated: Annotated[bool, typer.Option("--stated", help="Use the intrinsics that the recording states.")] = False,
+    stated: Annotated[bool, typer.Option("--stated", help="Insist on a lens that the recording states.")] = False,
     intrinsics: Annotated[
         list[str] | None,
         typer.Option(
@@ -76,8 +84,21 @@ def calibrate(
         ),
     ] = None,
     intrinsics_as: Annotated[
-        LensUse | None, typer.Option(help="How --intrinsics or --stated are used. Otherwise bounds.")
+        LensUse | None,
+        typer.Option(
+            help="How a lens that the recording or --intrinsics states is used: prior (refined), locked, bounds "
+            "(looked for near it) or free (fitted, and compared with it). Otherwise prior."
+        ),
     ] = None,
+    lock: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Lock a parameter: NAME=VALUE, in pixels, metres and radians, or degrees as NAME_deg. Repeat it for "
+            "several. Skew is locked at 0.",
+            metavar="NAME=VALUE",
+        ),
+    ] = None,
+    free_skew: Annotated[bool, typer.Option("--free-skew", help="Fit brown_conrady's skew, too.")] = False,
     loss: Annotated[
         Loss | None, typer.Option(help="saturating: limits the cost of a gross error. Otherwise mean.")
     ] = None,
@@ -124,8 +145,9 @@ def calibrate(
             "not both: --stated takes the lens that the recording states, --intrinsics the one of a file",
             "Leave one of them out",
         )
-    if intrinsics_as and not intrinsics and not stated:
-        usage("--intrinsics-as needs intrinsics", "Add --intrinsics FILE, or --stated")
+    locked = dict(_locked(one) for one in lock or [])
+    if free_skew and "skew" in locked:
+        usage("not both: --free-skew fits the skew, --lock fixes it", "Leave one of them out")
     # The service fills in what is not given, because a preset also sets the form of the search and its bounds.
     given: dict[str, object] = {
         "preset": preset,
@@ -134,6 +156,8 @@ def calibrate(
         "rotation_range_deg": rotation_range_deg,
         "intrinsics_from": "recording" if stated else None,
         "intrinsics_as": intrinsics_as,
+        "locked": locked or None,
+        "bounds": {"skew": SKEW_BOUNDS} if free_skew else None,
         "loss": loss,
         "weights": weights,
         "outliers": outliers,

@@ -24,6 +24,10 @@ def show(calibration: CalibrationView) -> None:
         out.print(table_of(name, camera))
         if camera.why:
             out.print(f"* {camera.why}", markup=False, soft_wrap=True)
+        recommended = camera.models.get(camera.recommended or "")
+        if recommended is not None:
+            said = f"Lens of {camera.recommended}: {recommended.lens}. {recommended.stated_lens or ''}".strip()
+            out.print(said, markup=False, soft_wrap=True)
         for warning in warnings_of(camera):
             out.print(f"Warning: {warning}", markup=False, soft_wrap=True)
         for objection in objections_of(camera):

@@ -102,10 +102,8 @@ def _patched(
     # Read as bytes: the ends of lines stay as they are.
     text, given = urdf.read_bytes().decode(), {name: link for name, link in links.items() if link}
     if isinstance(of, str):
-        made = client.exports.urdf_of_result(of, text, joint, **given)
-    else:
-        made = client.exports.urdf(of[0].id, of[1], text, joint, **given)
-    return Exported(urdf.name, made.encode())
+        return client.exports.urdf_of_result(of, text, joint, **given)
+    return client.exports.urdf(of[0].id, of[1], text, joint, **given)
 
 
 def _current(client: Client, vehicle: VehicleOut, camera: str, alias: str) -> CurrentCalibration:

@@ -12,6 +12,8 @@ from apexcal.resources.exports import Exported
 
 def write_exported(made: Exported, output: Path | None, force: bool) -> None:
     """Write what the service made. Several files go below ``output``, or into one where that ends with ``.zip``."""
+    for note in made.notes:
+        console(errors=True).print(note, markup=False, soft_wrap=True)
     if not made.name.endswith(".zip") or (output is not None and output.suffix == ".zip"):
         _write_one(made.content, output, force)
         return

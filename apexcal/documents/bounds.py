@@ -15,6 +15,7 @@ DEFAULT_ROTATION_RANGE_DEG: Final = 30.0
 LEAST_FOCAL_PX: Final = 1.0
 
 Interval = tuple[float, float]
+SKEW_BOUNDS: Final[Interval] = (-0.1, 0.1)
 
 _TABLE_1: Final[dict[str, Interval]] = {
     "alpha": (0.2 * pi, 0.8 * pi),
@@ -23,7 +24,7 @@ _TABLE_1: Final[dict[str, Interval]] = {
     **dict.fromkeys(("t_x", "t_y", "t_z"), (-1.0, 1.0)),
     **dict.fromkeys(("f_x", "f_y", "c_x", "c_y"), (300.0, 900.0)),
 }
-_LENS: Final[dict[str, Interval]] = {"skew": (-0.1, 0.1), **{f"k{order}": (-1.0, 1.0) for order in range(1, 6)}}
+_LENS: Final[dict[str, Interval]] = {"skew": SKEW_BOUNDS, **{f"k{order}": (-1.0, 1.0) for order in range(1, 6)}}
 
 
 def preset_bounds(

@@ -77,11 +77,13 @@ class CalibrationTemplate(Received):
 
     Angles are in radians, or in degrees with ``_deg`` behind the name. ``search`` and ``bounds_preset`` default to
     what the preset means: ``paper`` to the Euler form and Table I, the others to the rotation vector and the image
-    size. ``intrinsics`` gives lenses by camera, ``intrinsics_from: recording`` takes those that the recording states
-    (CameraInfo) for the other cameras. ``intrinsics_as``: ``bounds`` looks for focal lengths and principal point near
-    them, where neither rig nor request bounds them; ``prior`` and ``locked`` take the distortion too, for the models
-    that can be that lens. ``seed`` defaults to one derived from the request and the pairs: the same request gives the
-    same bits.
+    size. ``intrinsics`` states lenses by camera. For other cameras ``intrinsics_from: auto`` takes the lens that the
+    recording states (CameraInfo) if it states one, ``recording`` insists on it, ``bounds`` ignores it.
+    ``intrinsics_as``: ``prior`` draws the lens to the stated one, ``locked`` fixes it there, both with distortion;
+    ``bounds`` looks for focal lengths and principal point near it, where neither rig nor request bounds them;
+    ``free`` fits the lens from the pairs alone. Models that cannot be the stated lens are fitted freely, or left out
+    if it is locked. Skew is locked at 0 unless bounds, a lock, a prior or ``paper-table-1`` name it. ``seed``
+    defaults to one derived from the request and the pairs: the same request gives the same bits.
     """
 
     models: Annotated[list[str], Field(default_factory=lambda: list(MODELS), min_length=1, max_length=8)]
@@ -90,9 +92,9 @@ class CalibrationTemplate(Received):
     search: SearchForm | None = None
     rotation_range_deg: Annotated[float, Field(gt=0, le=180)] = 30.0
     bounds_preset: BoundsPreset | None = None
-    intrinsics_from: Literal["bounds", "recording"] = "bounds"
+    intrinsics_from: Literal["auto", "recording", "bounds"] = "auto"
     intrinsics: Annotated[dict[str, GivenLens], Field(default_factory=dict, max_length=16)]
-    intrinsics_as: LensUse = "bounds"
+    intrinsics_as: LensUse = "prior"
     bounds: Annotated[dict[str, tuple[Magnitude, Magnitude]], Field(default_factory=dict, max_length=40)]
     locked: Annotated[dict[str, Magnitude], Field(default_factory=dict, max_length=40)]
     priors: Annotated[dict[str, Prior], Field(default_factory=dict, max_length=40)]

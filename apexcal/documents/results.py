@@ -11,6 +11,7 @@ from uuid import UUID
 
 from apexcal.documents.base import Document
 from apexcal.documents.corners import CornerName
+from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
 
 Status = Literal["ok", "unfinished", "not_converged", "not_determined", "not_explained"]
@@ -259,6 +260,26 @@ class Prediction(Document):
     points: list[PredictedPixel]
 
 
+class StatedLensFit(Document):
+    """The mount of the same pairs under a lens that the recording or a file states, locked there.
+
+    ``explains``: whether the pairs bear that lens out, null if they are too few to tell; ``sentence`` says it.
+    ``rms_px`` is the error under it, ``free_lens_rms_px`` that under a lens that the pairs alone hold. Deviations and
+    covariance as of the result.
+    """
+
+    intrinsics: Intrinsics
+    transform: SolvedTransform
+    rms_px: float
+    free_lens_rms_px: float | None = None
+    explains: bool | None
+    sentence: str
+    std: Deviations
+    interval95_half_width: Deviations
+    covariance: Covariance
+    sigma_px: float
+
+
 class Provenance(Document):
     """What a result was computed from and by. ``request`` is the solver's own document, angles in radians."""
 
@@ -277,8 +298,9 @@ class RunResult(Document):
     typical pair, ``explained_px`` what marks and vertices explain of it; ``marks_outside`` counts marks outside of
     the image. ``degrees_of_freedom`` are those of each deviation, where what pairs share counts in it.
     ``weak_priors`` are the deviations about zero of priors that hold distortion which the pairs hardly hold.
-    ``common_errors`` are the deviations stated for what all pairs share. ``stated_too_small`` says where halves of
-    the pairs differ by more than is stated.
+    ``lens`` says where the lens comes from. Intrinsics and transform hold together only; ``stated_lens`` has the
+    mount for who projects through the stated lens. ``common_errors`` are the deviations stated for what all pairs
+    share. ``stated_too_small`` says where halves of the pairs differ by more than is stated.
     """
 
     model: str
@@ -287,6 +309,8 @@ class RunResult(Document):
     polished: LeastSquares
     intrinsics: Intrinsics
     transform: SolvedTransform
+    lens: LensOrigin = "fitted"
+    stated_lens: StatedLensFit | None = None
     search: str | None = None
     loss: str | None = None
     weights: Literal["equal", "covariances"] | None = None

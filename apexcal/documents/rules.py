@@ -9,7 +9,10 @@ OutlierRule = Literal["keep", "exclude"]
 # What pairs weigh by; `auto` is by their covariances where all state them.
 Weights = Literal["equal", "covariances"]
 WeightRule = Literal["auto", "equal", "covariances"]
-LensUse = Literal["bounds", "prior", "locked"]
+# How a fit uses a stated lens; `free` only compares with it.
+LensUse = Literal["free", "bounds", "prior", "locked"]
+# Where a result's lens comes from.
+LensOrigin = Literal["fitted", "stated", "stated, refined"]
 Farm = Literal["auto", "slots", "runs"]
 CommonError = Literal[
     "azimuth_deg", "elevation_deg", "mark_u_px", "mark_v_px", "clock_ms", "line_time_us", "person_px"

@@ -13,6 +13,7 @@ from apexcal.documents.base import Document, Sent, Stored
 from apexcal.documents.jobs import ProblemView
 from apexcal.documents.publications import OverrideView
 from apexcal.documents.results import Deviations, Errors, Intrinsics, Status, Stopped
+from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
 
 
@@ -45,6 +46,7 @@ class ModelSummary(Document):
     ``objections`` is what speaks against publishing it, whatever its camera has; ``behind`` how far it is behind the
     model under which held-out pairs are likeliest. ``weight`` is its share among the models, ``heldout_sigma_px``
     the noise per coordinate of held-out pairs without wrong marks, ``heldout_forbidden`` how many have no projection.
+    ``stated_lens`` says in a sentence how well a stated lens fits.
     """
 
     result_id: UUID
@@ -57,6 +59,8 @@ class ModelSummary(Document):
     free_parameters: int | None = None
     at_bounds: list[str] = []
     several_optima: list[str] = []
+    lens: LensOrigin = "fitted"
+    stated_lens: str | None = None
     pairs: int | None = None
     explained_px: float | None = None
     marks_outside: int | None = None

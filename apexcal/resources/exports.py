@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 from uuid import UUID
+
+import httpx
 
 from apexcal.documents.exports import FormatView
 from apexcal.documents.publications import CURRENT
@@ -14,10 +18,14 @@ _FILE_NAME = re.compile(r'filename="([^"/\\]+)"')
 
 
 class Exported(NamedTuple):
-    """A file with the name that the service gives it. A format of several files comes as one ``.zip``."""
+    """A file with the name that the service gives it. A format of several files comes as one ``.zip``.
+
+    ``notes`` say with which lens a mount holds that comes without one.
+    """
 
     name: str
     content: bytes
+    notes: Sequence[str] = ()
 
 
 class Exports:
@@ -41,25 +49,29 @@ class Exports:
         """Any result. Raises ApiError ``format_cannot_carry`` as :meth:`current` does."""
         return self._file(at("results", result_id), format)
 
-    def urdf(self, vehicle_id: UUID | str, camera: str, urdf: str, joint: str, **links: str) -> str:
+    def urdf(self, vehicle_id: UUID | str, camera: str, urdf: str, joint: str, **links: str) -> Exported:
         """The vehicle's own URDF, its ``joint`` set to the camera's current calibration.
 
         ``links``: ``camera_link`` and ``lidar_link``, if the links are not named like the frames.
         """
         return self._patched(_current(vehicle_id, camera), urdf, joint, links)
 
-    def urdf_of_result(self, result_id: UUID | str, urdf: str, joint: str, **links: str) -> str:
+    def urdf_of_result(self, result_id: UUID | str, urdf: str, joint: str, **links: str) -> Exported:
         """The same with any result."""
         return self._patched(at("results", result_id), urdf, joint, links)
 
     def _file(self, path: str, format: str, **query: str) -> Exported:
         answer = self._http.send("GET", path, params={"format": format, **query})
         named = _FILE_NAME.search(answer.headers.get("content-disposition", ""))
-        return Exported(named[1] if named else format, answer.content)
+        return _exported(named[1] if named else format, answer)
 
-    def _patched(self, path: str, urdf: str, joint: str, links: dict[str, str]) -> str:
+    def _patched(self, path: str, urdf: str, joint: str, links: dict[str, str]) -> Exported:
         body = {"urdf": urdf, "joint": joint, **links}
-        return self._http.send("POST", path + "/urdf", json=body).content.decode()
+        return _exported("vehicle.urdf", self._http.send("POST", path + "/urdf", json=body))
+
+
+def _exported(name: str, answer: httpx.Response) -> Exported:
+    return Exported(name, answer.content, json.loads(answer.headers.get("apexcal-notes", "[]")))
 
 
 def _current(vehicle_id: UUID | str, camera: str) -> str:

@@ -135,6 +135,8 @@ def _model_summary(full: Result, work: Json) -> Json:
         "at_bounds": document["at_bounds"],
         # The previous version's workers do not send it.
         "several_optima": document.get("several_optima", []),
+        "lens": document.get("lens", "fitted"),
+        "stated_lens": (document.get("stated_lens") or {}).get("sentence"),
         "explained_px": document.get("explained_px"),
         "marks_outside": document.get("marks_outside"),
         "stated_too_small": document.get("stated_too_small", []),

@@ -18,6 +18,7 @@ def fit_document(terms: Terms, camera: ResolvedCamera, model: ModelName) -> Json
     """The document with only the parameters that this model has.
 
     What the request says of a parameter goes before what is known of the lens; the rig's bounds go before its bounds.
+    Skew is 0 unless anyone names it. Table I of the paper leaves it open.
 
     Raises:
         Problem: as :func:`~service.calibrations.weight_rules.weighing`.
@@ -26,11 +27,14 @@ def fit_document(terms: Terms, camera: ResolvedCamera, model: ModelName) -> Json
     names = parameter_names(model, common["search"])
     described = describe_camera(camera.camera, model, common["search"])
     known = camera.lens.known[model] if camera.lens else Known()
+    is_named = "skew" in {*asked, *described["bounds"], *known.priors} or common["bounds_preset"] == "paper-table-1"
+    default = {} if is_named or "skew" not in names else {"skew": 0.0}
     parameters = {
         "bounds": known.bounds
         | described["bounds"]
         | {name: list(value) for name, value in terms.bounds.items() if name in names},
-        "locked": {name: value for name, value in known.locked.items() if name not in asked}
+        "locked": default
+        | {name: value for name, value in known.locked.items() if name not in asked}
         | {name: value for name, value in common["locked"].items() if name in names},
         "priors": {name: value for name, value in known.priors.items() if name not in asked}
         | {name: value for name, value in common["priors"].items() if name in names},
@@ -38,7 +42,8 @@ def fit_document(terms: Terms, camera: ResolvedCamera, model: ModelName) -> Json
     stated = weighing(camera.name, camera.pairs.columns, terms.weights) | common_errors(
         camera.pairs, terms.common_errors
     )
-    return common | described | parameters | stated
+    stated_lens = camera.lens and camera.lens.parameters
+    return common | described | parameters | stated | ({"stated_lens": stated_lens} if stated_lens else {})
 
 
 def describe_camera(camera: RigCamera, model: ModelName, search: SearchForm) -> Json:

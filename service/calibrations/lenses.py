@@ -21,8 +21,10 @@ from service.http.problems import Problem
 # How far a stated focal length may be off, as a share of itself, and a principal point, as a share of the image.
 _FOCAL_SHARE = 0.10
 _CENTRE_SHARE = 0.05
-# Standard deviations of a careful calibration that was made elsewhere: focal lengths and centre as shares, and of a
-# coefficient so much and a tenth of itself.
+# Standard deviations of a calibration that was made elsewhere: focal lengths as a share of themselves, the centre as
+# a share of the image's width, and of a coefficient so much and a tenth of itself. The five calibrations that KITTI
+# publishes of each colour camera (Geiger et al. 2013, 26 September to 3 October 2011) spread by 0.15 to 0.25 % in f,
+# 0.1 % of the width in c_x and 0.5 % in c_y. Five tell a deviation to a factor of two, hence f twice as wide.
 _FOCAL_SIGMA = 0.005
 _CENTRE_SIGMA = 0.005
 _COEFFICIENT_SIGMA = 0.02
@@ -76,9 +78,14 @@ def as_stated(camera: str, given: Json) -> Json:
     return {"model": model, "K": K, "D": D, "width": given["width"], "height": given["height"]}
 
 
+def is_of_images(stated: Json, camera: RigCamera) -> bool:
+    """Whether intrinsics are of images of the camera's size."""
+    return (stated["width"], stated["height"]) == (camera.image_width, camera.image_height)
+
+
 def check_size(stated: Json, camera: RigCamera, what: str) -> None:
     """Refuse intrinsics of other images than the camera's: 422 ``intrinsics_of_another_size``."""
-    if (stated["width"], stated["height"]) != (camera.image_width, camera.image_height):
+    if not is_of_images(stated, camera):
         raise Problem(
             422,
             "intrinsics_of_another_size",
@@ -90,11 +97,18 @@ def check_size(stated: Json, camera: RigCamera, what: str) -> None:
 
 @dataclass(frozen=True)
 class Lens:
-    """A stated lens, and what it says of the parameters of each model that can be it: ``known``, in their order."""
+    """A stated lens, and what it says of the parameters of each model that is fitted: ``known``, in their order."""
 
     stated: Json
     use_as: LensUse
     known: Mapping[ModelName, Known]
+
+    @property
+    def parameters(self) -> Json | None:
+        """The lens itself, as ``stated_lens`` of the solver's document; None where no model here is it."""
+        model: ModelName | None = self.stated["model"]
+        values = _values(self.stated, model) if model else None
+        return values and {"model": model, **values}
 
     def locks_besides(self, named: Collection[str]) -> dict[str, float]:
         """Focal lengths and principal point (pixels) at which the lens holds them, where it locks any.
@@ -107,10 +121,10 @@ class Lens:
 
 
 def take_over(camera: str, stated: Json, models: Sequence[ModelName], use_as: LensUse) -> Lens:
-    """The lens as those of the models that can be it take it over.
+    """The lens as the models take it over. If it is locked, those that cannot be it are left out.
 
     Raises:
-        Problem: 422 ``intrinsics_of_another_model`` where none can.
+        Problem: 422 ``intrinsics_of_another_model`` where none is left.
     """
     known: dict[ModelName, Known] = {
         model: found for model in models if (found := _known_of(stated, model, use_as)) is not None
@@ -132,11 +146,16 @@ def lens_notes(lens: Lens, models: Sequence[ModelName], settled: Collection[str]
     """What became of a lens. ``settled`` are the parameters that the request or the rig bounds or locks."""
     if lens.use_as == "bounds":
         return [_bounds_note(lens.stated, settled)]
-    notes = [f"the intrinsics are {'locked at' if lens.use_as == 'locked' else 'drawn to'} those stated."]
-    rest = [model for model in models if model not in lens.known]
+    if lens.use_as == "free":
+        return ["the lens is fitted, and compared with the stated one."]
+    locks = lens.use_as == "locked"
+    rest = [model for model in models if lens.known.get(model, Known()) == Known()]
+    notes = [f"the intrinsics are {'locked at' if locks else 'drawn to'} those stated."] if rest != models else []
     if rest:
-        verb = "is" if len(rest) == 1 else "are"
-        notes.append(f"{' and '.join(rest)} {verb} left out, for the stated lens is {lens.stated['model']}.")
+        verb, ways = ("is", "its own lens") if len(rest) == 1 else ("are", "their own lenses")
+        what = f"{verb} left out" if locks else f"{verb} fitted with {ways}"
+        of = lens.stated["model"] or f"of a model without equal here ({lens.stated.get('distortion_model')})"
+        notes.append(f"{' and '.join(rest)} {what}, for the stated lens is {of}.")
     return notes
 
 
@@ -149,18 +168,20 @@ def _bounds_note(stated: Json, settled: Collection[str]) -> str:
 
 
 def _known_of(stated: Json, model: ModelName, use_as: LensUse) -> Known | None:
-    """What a stated lens says of a model's parameters; None where the model cannot be that lens.
+    """What a stated lens says of a model's parameters; None where it is locked and the model cannot be it.
 
     As bounds only focal lengths and centre count, which every model has. As priors and locks the distortion counts
     too: a lens without any is a pinhole's as well as ``brown_conrady``'s.
     """
     if use_as == "bounds":
         return Known(bounds=_near_stated(stated))
-    values = _values(stated, model)
-    if values is None:
-        return None
+    values = None if use_as == "free" else _values(stated, model)
     if use_as == "locked":
-        return Known(locked=values)
+        return None if values is None else Known(locked=values)
+    if values is None:
+        return Known()
+    if values.get("skew") == 0.0:
+        del values["skew"]  # as every lens without one
     priors: dict[str, Json] = {
         name: {"mean": value, "sigma": _sigma(name, value, stated)} for name, value in values.items()
     }
@@ -197,6 +218,6 @@ def _sigma(name: str, value: float, stated: Json) -> float:
     if name in ("f_x", "f_y"):
         return _FOCAL_SIGMA * value
     if name in ("c_x", "c_y"):
-        return _CENTRE_SIGMA * float(stated["width" if name == "c_x" else "height"])
+        return _CENTRE_SIGMA * float(stated["width"])
     small = name == "skew" or name in CAMERA_MODELS[stated["model"]].tangential
     return (_TANGENTIAL_SIGMA if small else _COEFFICIENT_SIGMA) + 0.1 * abs(value)

@@ -5,6 +5,8 @@ The formats are imported when one is asked for: they need NumPy, which takes a t
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from hashlib import sha256
 from typing import TYPE_CHECKING, Annotated
 
@@ -53,12 +55,18 @@ def exported(wanted: str, calibrated: Calibrated, conditions: Conditions) -> Res
     etag = content_etag(sha256(made.content).hexdigest())
     conditions.offer(etag)
     headers = {
+        **notes_header(made.notes),
         "ETag": etag,
         "Vary": "Accept",
         "Content-Disposition": f'attachment; filename="{made.name}"',
         "Cache-Control": "private, no-cache",
     }
     return Response(made.content, media_type=made.media_type, headers=headers)
+
+
+def notes_header(notes: Sequence[str]) -> dict[str, str]:
+    """What the reader of a file has to know beside it: a JSON list of sentences, since headers are ASCII."""
+    return {"Apexcal-Notes": json.dumps(notes)} if notes else {}
 
 
 def table() -> list[dict[str, object]]:
@@ -71,9 +79,9 @@ def table() -> list[dict[str, object]]:
             "title": one.title,
             "media_type": f"{_TYPE}{one.name}",
             "direction": one.direction,
-            "lenses": sorted(one.lenses) if one.takes_lens else [],
-            "skew": one.skew and one.takes_lens,
-            "third_radial": one.third_radial and one.takes_lens,
+            "lenses": sorted(one.lenses) if one.carries_lens else [],
+            "skew": one.skew and one.carries_lens,
+            "third_radial": one.third_radial and one.carries_lens,
             "needs_T_vehicle_lidar": one.needs_vehicle,
             "one_lidar": one.one_lidar,
         }

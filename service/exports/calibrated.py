@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 from apexcal.documents.camera_models import CAMERA_MODELS, CameraModel, ModelName, WrittenAs
@@ -17,6 +17,20 @@ class SolvedJoint:
 
     T_parent_lidar: Transform
     T_child_camera: Transform
+
+
+@dataclass(frozen=True)
+class StatedMount:
+    """A lens that the recording or a file states, the mount of the same pairs under it, and whether they bear it out.
+
+    ``explains`` is None where the pairs are too few to tell; ``sentence`` says how well each lens fits.
+    """
+
+    model: ModelName
+    intrinsics: Mapping[str, float]
+    T_camera_lidar: Transform
+    explains: bool | None
+    sentence: str
 
 
 @dataclass(frozen=True)
@@ -42,6 +56,22 @@ class CalibratedCamera:
     joint: SolvedJoint | None = None
     is_rectified: bool = False
     T_own_camera: Transform | None = None
+    stated: StatedMount | None = None
+
+    def alone(self) -> CalibratedCamera:
+        """The camera for who takes its mount without its lens: under the stated lens, unless the pairs deny that."""
+        if self.stated is None or self.stated.explains is False:
+            return self
+        stated = self.stated
+        return replace(self, model=stated.model, intrinsics=stated.intrinsics, T_camera_lidar=stated.T_camera_lidar)
+
+    @property
+    def needs(self) -> str:
+        """The lens with which :meth:`alone` holds, as a sentence."""
+        if self.stated is not None and self.stated.explains is not False:
+            return f"{self.name}: this mount holds with the stated lens (CameraInfo). {self.stated.sentence}"
+        fitted = f"the lens of its result alone: load that too (GET /v1/results/{self.source}?format=camera_info)."
+        return f"{self.name}: this mount holds with {fitted} {self.stated.sentence if self.stated else ''}".strip()
 
     @property
     def skew(self) -> float:
@@ -109,6 +139,10 @@ class Calibrated:
 
     vehicle: str
     cameras: Sequence[CalibratedCamera]
+
+    def alone(self) -> Calibrated:
+        """The mounts for who takes them without their lenses."""
+        return replace(self, cameras=[camera.alone() for camera in self.cameras])
 
     @property
     def lidar_frames(self) -> list[str]:

@@ -29,7 +29,8 @@ class Format:
     """One format: what writes it, and what it can say.
 
     ``direction`` says what its transform maps into what. ``skew``: whether its readers use the camera matrix whole.
-    ``third_radial``: whether it has OpenCV's k3. ``takes_lens``: mounts alone are the same for every lens.
+    ``third_radial``: whether it has OpenCV's k3. ``carries_lens``: a mount alone is the one for the
+    lens that the vehicle uses, see :meth:`CalibratedCamera.alone`.
     ``one_tree``: whether all frames must hang together. ``plain_frames``: whether its readers may take a frame's name
     for arguments or commands.
     """
@@ -42,7 +43,7 @@ class Format:
     lenses: frozenset[ModelName] = KNOWN_ELSEWHERE
     skew: bool = False
     third_radial: bool = True
-    takes_lens: bool = True
+    carries_lens: bool = True
     needs_vehicle: bool = False
     one_lidar: bool = False
     one_tree: bool = False
@@ -52,7 +53,7 @@ class Format:
 def obstacle(wanted: Format, calibrated: Calibrated) -> str | None:
     """Why the format cannot carry this, as a sentence; None where it can."""
     for camera in calibrated.cameras:
-        reason = (_of_lens(wanted, camera) if wanted.takes_lens else None) or _of_mount(wanted, camera)
+        reason = (_of_lens(wanted, camera) if wanted.carries_lens else None) or _of_mount(wanted, camera)
         if reason:
             return reason
     if reason := _clash(calibrated):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from service.exports import autoware, camera_info, kalibr, kitti, nuscenes, opencv, openlabel, ros2, urdf
@@ -20,11 +21,12 @@ _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 class Exported(NamedTuple):
-    """One file to hand out."""
+    """One file to hand out; ``notes`` say which lens a mount without one needs."""
 
     name: str
     media_type: str
     content: bytes
+    notes: Sequence[str] = ()
 
 
 def media_type(wanted: Format, kind: str) -> str:
@@ -59,13 +61,14 @@ def export(wanted: Format, calibrated: Calibrated) -> Exported:
             format=wanted.name,
             formats=able,
         )
-    files = wanted.write(calibrated)
+    notes = [] if wanted.carries_lens else [camera.needs for camera in calibrated.cameras]
+    files = wanted.write(calibrated if wanted.carries_lens else calibrated.alone())
     name = "-".join([*(file_name(part) for part in _named(calibrated)), wanted.name])
     if len(files) == 1 and wanted.kind != "zip":
         (inside, text), *_ = files.items()
         suffix = inside.partition(".")[2]
-        return Exported(f"{name}.{suffix}", media_type(wanted, wanted.kind), text.encode())
-    return Exported(f"{name}.zip", media_type(wanted, "zip"), _zipped(files))
+        return Exported(f"{name}.{suffix}", media_type(wanted, wanted.kind), text.encode(), notes)
+    return Exported(f"{name}.zip", media_type(wanted, "zip"), _zipped(files), notes)
 
 
 def _named(calibrated: Calibrated) -> list[str]:

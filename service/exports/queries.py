@@ -63,11 +63,12 @@ def _of(session: Session, statement: _Cameras) -> Calibrated:
 
 
 def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
-    from service.exports.calibrated import CalibratedCamera, SolvedJoint
+    from service.exports.calibrated import CalibratedCamera, SolvedJoint, StatedMount
     from service.exports.transform import Transform
 
     turn = T_images_camera(camera.frame, camera.images)
     joint = joint_of_images(camera.joint, turn, rig.lidar_frame)
+    stated = result.document.get("stated_lens")
     return CalibratedCamera(
         name=camera.name,
         topic=camera.topic,
@@ -85,4 +86,13 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         else None,
         is_rectified=(camera.images or {}).get("kind") == "rectified",
         T_own_camera=Transform.of(turn).inverse(),
+        stated=StatedMount(
+            model=parse_model(stated["intrinsics"]["model"]),
+            intrinsics=stated["intrinsics"],
+            T_camera_lidar=Transform.of(stated["transform"]),
+            explains=stated["explains"],
+            sentence=stated["sentence"],
+        )
+        if stated
+        else None,
     )

@@ -56,7 +56,8 @@ def _launch(calibrated: Calibrated) -> str:
         nodes.append(
             f'  <node pkg="tf2_ros" exec="static_transform_publisher" name={quoteattr(name)} args={quoteattr(said)}/>'
         )
-    return "\n".join(['<?xml version="1.0"?>', "<launch>", *nodes, "</launch>", ""])
+    note = "<!-- Each mount holds with the camera_info.yaml of this export: load both. -->"
+    return "\n".join(['<?xml version="1.0"?>', note, "<launch>", *nodes, "</launch>", ""])
 
 
 def _files(calibrated: Calibrated) -> Files:

@@ -12,7 +12,7 @@ from apexcal.documents.exports import FormatView, UrdfRequest
 from service.auth.access import CurrentIdentity, ReadAccess
 from service.db.calibrations import Result
 from service.db.fleets import Vehicle
-from service.exports.answers import table
+from service.exports.answers import notes_header, table
 from service.exports.given_queries import Asked
 from service.exports.queries import of_given, of_result
 from service.http.bodies import DOCUMENT
@@ -58,8 +58,10 @@ def _patched(body: UrdfRequest, calibrated: Calibrated) -> Response:
 
     camera = calibrated.cameras[0]
     # The file has the camera's own frame, or names that of the rectified images.
-    mount = camera.T_camera_lidar if body.camera_link == camera.frame else camera.T_own_lidar
+    alone = camera.alone()
+    mount = alone.T_camera_lidar if body.camera_link == camera.frame else alone.T_own_lidar
     mount = mount._replace(
         to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame
     )
-    return Response(patched(body.urdf.encode(), body.joint, mount), media_type="application/xml")
+    made = patched(body.urdf.encode(), body.joint, mount)
+    return Response(made, media_type="application/xml", headers=notes_header([camera.needs]))

@@ -20,6 +20,8 @@ def _files(calibrated: Calibrated) -> Files:
     joints = poses(calibrated)
     links = dict.fromkeys([*(pose.to_frame for pose in joints), *(pose.from_frame for pose in joints)])
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(file_name(calibrated.vehicle))}>"]
+    # A comment holds no double hyphen.
+    lines += [f"  <!-- {camera.needs.replace('--', '__')} -->" for camera in calibrated.cameras]
     lines += [f"  <link name={quoteattr(link)}/>" for link in links]
     for pose in joints:
         lines += [
@@ -38,7 +40,7 @@ FORMAT = Format(
     write=_files,
     kind="xml",
     direction="the child link's pose in its parent: T_lidar_camera or the rig's T_parent_child, T_vehicle_lidar",
-    takes_lens=False,
+    carries_lens=False,
     one_tree=True,
     plain_frames=True,
 )

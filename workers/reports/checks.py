@@ -63,6 +63,7 @@ def checks(material: Material, found: Estimate, errors: PairErrors) -> list[Chec
         together(document),
         halves(document),
         Check(*coverage_check(material, errors), forbids=False),
+        stated_lens(document),
         elsewhere(material.elsewhere),
     ]
 
@@ -72,6 +73,8 @@ def off_axis(found: Estimate, errors: PairErrors) -> Check:
     title = "Errors off the camera's axis"
     rings = rings_of(found, errors)
     figures: dict[str, Any] = {"rings": rings}
+    if not rings:
+        return Check("off_axis", title, "unknown", "Under the result the camera sees none of the points.", figures)
     told = " and ".join(
         f"{ring['rms_px']:.1f} px RMS {words} {ring[end]:.0f} degrees"
         for ring, words, end in ((rings[0], "within", "to_deg"), (rings[-1], "beyond", "from_deg"))
@@ -97,8 +100,10 @@ def off_axis(found: Estimate, errors: PairErrors) -> Check:
 
 
 def rings_of(found: Estimate, errors: PairErrors, count: int = 4) -> list[dict[str, float]]:
-    """Rings about the axis with equally many pairs: angles, number of pairs, RMS distance px."""
+    """Rings about the axis with equally many pairs: angles, number of pairs, RMS distance px. None without a pair."""
     used = (found.holding.weights > 0.0) & errors.seen
+    if not np.any(used):
+        return []
     angle, distance = errors.angle_deg[used], errors.distance_px[used]
     edges = np.quantile(angle, np.linspace(0.0, 1.0, count + 1))
     ring = np.clip(np.searchsorted(edges, angle, side="right") - 1, 0, count - 1)
@@ -255,6 +260,17 @@ def halves(document: dict[str, Any]) -> Check:
     ratios = " and ".join(f"{one['ratio']:.2f}" for one in compared)
     sentence = f"Two fits of halves differ by {ratios} times the stated standard deviation; 1 is expected."
     return Check("halves", title, "passed", sentence, figures)
+
+
+def stated_lens(document: dict[str, Any]) -> Check:
+    """Whether the pairs bear out the lens that the recording or a file states, as the result says."""
+    title, of = "Stated lens", document.get("stated_lens")
+    if not of:
+        return Check("stated_lens", title, "unknown", "Neither the recording nor a file states a lens.")
+    verdict: Verdict = "unknown" if of["explains"] is None else "passed" if of["explains"] else "failed"
+    figures = {name: of[name] for name in ("rms_px", "free_lens_rms_px")}
+    sentence = f"{of['sentence']} The result's lens is {document['lens']}."
+    return Check("stated_lens", title, verdict, sentence, figures, forbids=False)
 
 
 def elsewhere(validations: Sequence[dict[str, Any]]) -> Check:

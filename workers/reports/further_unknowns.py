@@ -58,11 +58,11 @@ def tested(found: Estimate, columns: Floats) -> Tested | None:
     statistic = float(step @ np.linalg.pinv(covariance, hermitian=True) @ step) / more
     freedom = min(float(np.median(wider.of_pairs().freedoms()[-more:])), 1e9)
     values = combined @ step
-    deviations = np.sqrt(np.einsum("ei,ij,ej->e", combined, covariance, combined))
-    lost = np.linalg.norm(combined, axis=1) == 0.0
+    variances = np.einsum("ei,ij,ej->e", combined, covariance, combined)
+    lost = ~(variances > 0.0)
     return Tested(
         values,
-        np.where(lost, np.inf, deviations),
+        np.sqrt(np.where(lost, np.inf, variances)),
         float(_chance_above(more, freedom, statistic)),
         np.einsum("nce,e->nc", np.nan_to_num(columns), values),
     )

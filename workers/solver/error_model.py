@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from workers.solver.variance_components import Components, Linearised
 
 Floats = NDArray[np.float64]
 Used = NDArray[np.bool_]
+_OPEN: Final = 1e-14
+"""Share of the largest eigenvalue below which pairs tell nothing of a direction."""
 Arm = tuple[Floats, Used | None]
 """An estimate's Q (F, F), with its sign in a difference, and the pairs (N,) that it is from; None: all."""
 
@@ -50,7 +53,13 @@ class ErrorModel:
     def inverse(self, used: Used | None = None) -> Floats:
         """Q (F, F) of the used pairs (N,), in scaled parameters; priors count whole."""
         J = self._rows(used).reshape(-1, len(self.scale))
-        return np.linalg.pinv(J.T @ J / self.noise + self.fit.prior, rcond=1e-14, hermitian=True).astype(np.float64)
+        return np.linalg.pinv(J.T @ J / self.noise + self.fit.prior, rcond=_OPEN, hermitian=True).astype(np.float64)
+
+    def determines(self, used: Used) -> bool:
+        """Whether the used pairs (N,) and the priors determine every parameter."""
+        J = self._rows(used).reshape(-1, len(self.scale))
+        values = np.linalg.eigvalsh(J.T @ J / self.noise + self.fit.prior)
+        return bool(values[0] > _OPEN * values[-1])
 
     def step(self, used: Used | None = None) -> Floats:
         """(F,) the step from the linearisation to the optimum of the used pairs and the priors: rad, m, px."""
@@ -90,7 +99,7 @@ class ErrorModel:
         if self.estimated:
             of_people = self._by_common(self.inverse(), None)[:, -self.estimated :] * self.scale[:, None]
             unsure = unsure + 2.0 * np.sum(of_people**2, axis=1) ** 2 / self.common_freedom
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             return 2.0 * np.diag(self.covariance()) ** 2 / unsure
 
     def freedom_of(self, shares: Floats) -> float:

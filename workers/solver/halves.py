@@ -37,7 +37,7 @@ _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
 
 
 def halves_of(found: Estimate) -> list[Halves]:
-    """Both splits of the pairs that determine the estimate, if each half has enough pairs for the parameters.
+    """Both splits of the pairs that determine the estimate, if each half determines the parameters by itself.
 
     The halves are polished from the full result, with its bounds, locks and priors; priors count in both.
     """
@@ -48,7 +48,8 @@ def halves_of(found: Estimate) -> list[Halves]:
     compared: list[Halves] = []
     for split, mask in zip(_SPLITS, problem.blocks.halves, strict=True):
         first, second = used & mask, used & ~mask
-        if min(np.count_nonzero(first), np.count_nonzero(second)) > len(problem.free):
+        enough = min(np.count_nonzero(first), np.count_nonzero(second)) > len(problem.free)
+        if enough and errors.determines(first) and errors.determines(second):
             compared.append(_compared(found, errors, split, first, second))
     return compared
 

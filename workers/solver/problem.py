@@ -1,8 +1,10 @@
 """What is to be fitted: one frozen, checked value that every later step reads."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import isfinite, pi
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,7 @@ class FitProblem:
     by name. `velocities` (N, 3): how the apex moved at its moment, m/s in the LiDAR frame, where that is known.
     `people` (N, P): each person's share in the marks; without it all marks are one person's. `line_time_us`: from
     one row of the image to the next (`rolling_shutter` moves the points by it).
+    `stated_lens`: the lens that somebody stated of the camera, {"model", "f_x", ...}, whatever holds this fit's.
     `unstated`: parameters of which the request says nothing, so that weak priors may hold them (`lens_priors`).
     `stop`: what may end the work on it; every long computation checks it within a second.
     Raises SolveError where the parts do not make a problem that can be fitted.
@@ -71,6 +74,7 @@ class FitProblem:
     velocities: NDArray[np.float64] | None = field(default=None, repr=False)
     people: NDArray[np.float64] | None = field(default=None, repr=False)
     line_time_us: float = 0.0
+    stated_lens: Mapping[str, Any] | None = None
     unstated: frozenset[str] = frozenset()
     stop: Stop = field(default=NEVER, repr=False)
 

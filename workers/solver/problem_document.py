@@ -25,7 +25,7 @@ _KEYS: Final = frozenset(
     {
         *("model", "camera", "fold", "seed", "search", "rotation_range_deg", "bounds_preset", "bounds", "locked"),
         *("priors", "loss", "saturation_px", "mark_sigma_px", "outliers", "weights", "preset", "schedule"),
-        *("image_size", "nominal", "common_errors", "line_time_us"),
+        *("image_size", "nominal", "common_errors", "line_time_us", "stated_lens"),
     }
 )
 
@@ -42,9 +42,10 @@ def problem_from_document(
     Keys: model, image_size, nominal (a transform document T_camera_lidar); and with defaults camera, fold (-1: all
     pairs), seed, search, rotation_range_deg, bounds_preset, bounds {name: [lower, upper]}, locked {name: value},
     priors {name: {"mean", "sigma"}}, loss, saturation_px, mark_sigma_px, outliers (keep or exclude), weights (equal,
-    or covariances: those given), common_errors {name: sigma}, line_time_us, preset, schedule {...}. Angles are in
-    radians, or in degrees where their name ends in `_deg`. A parameter that is locked keeps no prior. Preset `paper`
-    implies the Euler form and Table I's bounds unless the request names others. Raises SolveError.
+    or covariances: those given), common_errors {name: sigma}, line_time_us, stated_lens {"model",
+    "f_x", ...}, preset, schedule {...}. Angles are in radians, or in degrees where their name ends in `_deg`. A
+    parameter that is locked keeps no prior. Preset `paper` implies the Euler form and Table I's bounds unless the
+    request names others. Raises SolveError.
     """
     try:
         return _read(document, points, pixels, weights, covariances)
@@ -117,6 +118,7 @@ def _read(
         unstated=frozenset() if paper else frozenset(bounds) - overrides.keys() - fixed - priors.keys(),
         common_errors=parse_common_errors(document.get("common_errors")),
         line_time_us=float(document.get("line_time_us") or 0.0),
+        stated_lens=document.get("stated_lens"),
         covariances=_weighed_by(document.get("weights") or "equal", covariances),
     )
 

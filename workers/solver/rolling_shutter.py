@@ -78,7 +78,7 @@ def at_their_rows(problem: FitProblem) -> FitProblem:
 
 
 def line_time_of(found: Estimate) -> LineTime | None:
-    """What the residuals show. None if the pairs do not say how the apex moved, or do not determine the fit.
+    """What the residuals show. None if the pairs do not say how the apex moved, or do not determine it.
 
     What stretches of a walk share is estimated beside the line time, because they would absorb it otherwise.
     """
@@ -96,5 +96,7 @@ def line_time_of(found: Estimate) -> LineTime | None:
         shared = shared_errors(problem, p, wider)
         wider = shared.errors if shared is not None else wider
     variance, freedom = float(wider.covariance()[-1, -1]), float(wider.freedoms()[-1])
+    if not variance > 0.0:
+        return None  # the fit's own parameters move the marks alike
     limit = float(_student_quantile(min(max(freedom, 1.0), 1e6), 1.0 - 0.5 * _FALSE_ALARMS))
     return LineTime(float(wider.step()[-1]), float(np.sqrt(variance)), limit)

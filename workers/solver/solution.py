@@ -28,6 +28,7 @@ from workers.solver.problem import FitProblem
 from workers.solver.residuals import transform_of
 from workers.solver.rolling_shutter import line_time_of
 from workers.solver.schedule import State
+from workers.solver.stated_lens import lens_origin, under_stated_lens
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
@@ -54,8 +55,9 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     where it projects them). Of a fit to all pairs `halves` compares the fits of disjoint halves of the pairs,
     `stated_too_small` says in sentences where they differ by more than is stated, and `prediction` has deviations
     over the image; `shared_errors` is what blocks of pairs share, and the deviations count it where it is `counted`;
-    `person_bias` is what was found of the people's biases, and `rolling_shutter` what the residuals show of one
-    beyond the stated `line_time_us`.
+    `lens` says where the lens comes from, and `stated_lens` has the mount under a stated one (`under_stated_lens`);
+    `person_bias` is what was found of the people's biases, and `rolling_shutter` what the residuals show of one beyond
+    the stated `line_time_us`.
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:
@@ -71,6 +73,12 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     line_time = line_time_of(found) if problem.fold < 0 else None
     said = found.moved_alarms() + doubts + (found.shared.alarms() if found.shared else [])
     said += line_time.alarms(problem.line_time_us) if line_time else []
+    stated = under_stated_lens(problem, found) if problem.fold < 0 else None
+    if stated is not None and stated.explains is False:
+        way = (
+            "" if lens_origin(problem) == "fitted" else " Calibrate with intrinsics_as: free (--intrinsics-as free)."
+        )
+        said.append(stated.sentence + way)
     transform = transform_of(problem, p)
     status, message = _status(state, found)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
@@ -104,6 +112,8 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "parameters": people_parameters(problem, p, transform),
         "intrinsics": intrinsics_document(problem, p),
         "transform": to_document(transform),
+        "lens": lens_origin(problem),
+        "stated_lens": stated and stated.model_dump(exclude_none=False),
         "residuals_px": distances(problem, p).tolist(),
         "at_bounds": at_bounds(problem, p),
         **spread.to_document(),

@@ -16,6 +16,7 @@ Indices = NDArray[np.int64]
 _MOST_STEPS: Final = 60
 _HALVINGS: Final = 12
 _ALONE: Final = 4
+_LEAST_NOISE: Final = 1e-10  # of the residuals' mean square: what is left when blocks explain all else is rounding
 _SETTLED: Final = 1e-6  # of the likelihood's logarithm: far below what changes any deviation
 
 
@@ -79,11 +80,13 @@ def variances_of(fit: Linearised, shared: Components) -> Variances:
     taken = len(fit.pull)
     theta = np.zeros(1 + count)
     theta[0] = sums.rr / max(sums.rows - taken, 1)
+    least = _LEAST_NOISE * theta[0]
     # A third of the noise, shared out: any positive start will do.
     mean_square = [
-        np.trace(sums.S[:, shared.component == k][:, :, shared.component == k].sum(0)) for k in range(count)
+        float(np.trace(sums.S[:, shared.component == k][:, :, shared.component == k].sum(0))) for k in range(count)
     ]
-    theta[1:] = [0.3 * theta[0] * sums.rows / max(float(square), 1e-300) / count for square in mean_square]
+    # What moves no mark has no variance that pairs could tell.
+    theta[1:] = [0.3 * theta[0] * sums.rows / square / count if square > 0.0 else 0.0 for square in mean_square]
     theta[0] *= 0.7
     here = _point(sums, fit, shared.component, theta)
     for _ in range(_MOST_STEPS):
@@ -92,7 +95,7 @@ def variances_of(fit: Linearised, shared: Components) -> Variances:
         step[free] = np.linalg.lstsq(here.information[np.ix_(free, free)], here.score[free], rcond=1e-12)[0]
         for _ in range(_HALVINGS):
             there = np.maximum(theta + step, 0.0)
-            there[0] = max(there[0], 0.01 * theta[0])
+            there[0] = max(there[0], 0.01 * theta[0], least)
             new = _point(sums, fit, shared.component, there)
             if new.likelihood >= here.likelihood:
                 break

@@ -3,12 +3,31 @@
 import { MODELS, type CalibrationTemplate, type ModelName } from "./api/types.ts";
 import { counted, words } from "./format.ts";
 
+/** What a fit makes of a lens that the recording states. */
+export const LENS_USES: Record<NonNullable<CalibrationTemplate["intrinsics_as"]>, string> = {
+  prior: "refined",
+  locked: "locked",
+  bounds: "looked for near it",
+  free: "fitted without it",
+};
+
+/** Where a skew is looked for if it is fitted. */
+export const SKEW_BOUNDS: [number, number] = [-0.1, 0.1];
+
+/** `c_x=960, skew=0` as values by name; null if it does not read so. */
+export function locksOf(text: string): Record<string, number> | null {
+  const parts = text.split(",").filter((part) => part.trim());
+  const locks = parts.map((part) => /^\s*(\w+)\s*=\s*(\S+)\s*$/.exec(part)).map((found) => found?.slice(1) ?? []);
+  const locked = locks.map(([name = "", value = "x"]): [string, number] => [name, Number(value)]);
+  return locked.every(([name, value]) => name && Number.isFinite(value)) ? Object.fromEntries(locked) : null;
+}
+
 /** The options that the form has. */
 export type TemplateDraft = { models: ModelName[] } & Required<
   Pick<
     CalibrationTemplate,
     | ("preset" | "search" | "loss" | "outliers" | "bounds_preset")
-    | ("intrinsics_from" | "line_time_us" | "folds" | "farm" | "seed" | "publish")
+    | ("intrinsics_as" | "locked" | "bounds" | "line_time_us" | "folds" | "farm" | "seed" | "publish")
   >
 >;
 
@@ -19,7 +38,9 @@ export const newTemplate = (): TemplateDraft => ({
   loss: "mean",
   outliers: "keep",
   bounds_preset: null,
-  intrinsics_from: "bounds",
+  intrinsics_as: "prior",
+  locked: {},
+  bounds: {},
   line_time_us: 0,
   folds: 5,
   farm: "auto",
@@ -34,7 +55,10 @@ export function templateInWords(asked: CalibrationTemplate): string {
   if (asked.preset && asked.preset !== usual.preset) parts.push(`preset ${asked.preset}`);
   if (asked.search) parts.push(words(asked.search));
   if (asked.bounds_preset) parts.push(`bounds ${asked.bounds_preset}`);
-  if (asked.intrinsics_from === "recording") parts.push("focal lengths near the recording's");
+  const use = asked.intrinsics_as ?? "prior";
+  if (use !== usual.intrinsics_as) parts.push(`a stated lens ${LENS_USES[use]}`);
+  for (const [name, value] of Object.entries(asked.locked ?? {})) parts.push(`${name} locked at ${value}`);
+  if (asked.bounds?.skew) parts.push("skew fitted");
   if (asked.loss && asked.loss !== usual.loss) parts.push(`${asked.loss} loss`);
   if (asked.outliers === "exclude") parts.push("outliers excluded");
   if (asked.line_time_us) parts.push(`rolling shutter of ${asked.line_time_us} µs a row`);

@@ -19,7 +19,7 @@ CARRIED = [
     (name, model)
     for name in FORMATS
     for model in LENSES
-    if not FORMATS[name].takes_lens or model in FORMATS[name].lenses
+    if not FORMATS[name].carries_lens or model in FORMATS[name].lenses
 ]
 
 
@@ -108,7 +108,9 @@ def test_the_page_about_exports_has_every_format_in_its_table():
         said = rows[name].split("|")[4]
         assert ("skew" in said and "no skew" not in said) == one.skew
         assert ("k5" in said) != one.third_radial
-        assert ("none" in said) != one.takes_lens and (("all" in said) == (len(one.lenses) == 3 and one.takes_lens))
+        assert ("none" in said) != one.carries_lens and (
+            ("all" in said) == (len(one.lenses) == 3 and one.carries_lens)
+        )
 
 
 def test_rigs_that_contradict_each_other_and_names_that_fall_together_are_refused():

@@ -125,7 +125,7 @@ def test_what_is_wrong_with_the_template_refuses_the_whole_and_makes_nothing(api
     vans.add("van")
     lens = {"width": 640, "height": 480, "distortion_model": "equidistant", "D": [0.0] * 4}
     lens["K"] = [500.0, 0.0, 320.0, 0.0, 500.0, 240.0, 0.0, 0.0, 1.0]
-    as_prior = {"intrinsics_as": "prior"}
+    is_locked = {"intrinsics_as": "locked"}
     for calibration, code in (
         ({"models": ["fisheye"]}, "unknown_model"),
         ({"locked": {"nonsense": 1.0}}, "unknown_parameter"),
@@ -133,7 +133,7 @@ def test_what_is_wrong_with_the_template_refuses_the_whole_and_makes_nothing(api
         ({"locked": {"f_x": -400.0}}, "locked_out_of_bounds"),
         ({"intrinsics": {"front": lens | {"distortion_model": "nonsense"}}}, "unknown_distortion_model"),
         ({"intrinsics": {"front": lens | {"K": [0.0] * 9}}}, "invalid_intrinsics"),
-        ({"models": ["pinhole"], "intrinsics": {"front": lens}, **as_prior}, "intrinsics_of_another_model"),
+        ({"models": ["pinhole"], "intrinsics": {"front": lens}, **is_locked}, "intrinsics_of_another_model"),
         ({"correspondence_set_ids": [str(uuid4())]}, "invalid_request"),
     ):
         for vehicles in ({}, {"name": "nobody"}, {"new_pairs": True}):

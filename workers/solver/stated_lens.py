@@ -1,0 +1,139 @@
+# pyright: reportMissingTypeStubs=false
+"""The mount under a lens that somebody stated, and whether the pairs bear that lens out.
+
+A vehicle whose driver publishes a lens projects through it whatever was fitted here. A mount and a lens that were
+fitted together hold together only, so such a vehicle needs the mount that was fitted under its own lens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from apexcal.documents.bounds import Interval, preset_bounds
+from apexcal.documents.camera_models import FOCAL_AND_CENTRE
+from apexcal.documents.results import StatedLensFit
+from apexcal.documents.rules import LensOrigin
+from workers.geometry.models import INTRINSICS, ModelName, parse_model
+from workers.geometry.transforms import to_document
+from workers.solver.errors import SolveError
+from workers.solver.estimate import Estimate, estimate
+from workers.solver.polish import mean_and_rms, weighted_residuals
+from workers.solver.problem import FitProblem
+from workers.solver.residuals import transform_of
+from workers.solver.weighting import whitened
+
+Floats = NDArray[np.float64]
+# scipy publishes no types.
+_chance_above: Callable[[float, float, float], float] = special.fdtrc
+_CHANCE: Final = 1e-3
+"""How often the pairs of a true lens speak against it."""
+_MATTERS: Final = 0.5
+"""Misfit of a lens, as a share of a mark's noise per coordinate, below which it is as good as true."""
+
+
+def lens_origin(problem: FitProblem) -> LensOrigin:
+    """Whether the request locks the lens, draws it to values, or leaves it to the pairs. Skew does not count."""
+    names = INTRINSICS[problem.model]
+    if all(name in problem.locked for name in names if name != "skew"):
+        return "stated"
+    is_drawn = all(name in problem.priors or name in problem.locked for name in FOCAL_AND_CENTRE)
+    return "stated, refined" if is_drawn else "fitted"
+
+
+def under_stated_lens(problem: FitProblem, found: Estimate) -> StatedLensFit | None:
+    """The mount of the same pairs under the problem's `stated_lens`, from `found`, the estimate of the problem.
+
+    Both fits are least squares on the pairs that hold `found`. The stated lens is compared with the lens that these
+    pairs alone show: with `found`, or if a lock or prior holds its lens, with a fit without them. Its misfit is what
+    it adds to the residuals (F test of nested models; Seber and Wild 2003, ch. 5). None if no lens is stated.
+    """
+    lens = problem.stated_lens
+    if lens is None:
+        return None
+    of_pairs = replace(problem, weights=found.holding.weights, outliers="keep")
+    model = parse_model(lens["model"])
+    locked = {name: float(lens[name]) for name in INTRINSICS[model]}
+    mount = _fitted(of_pairs, model, found.held_at, locked, {name: (v, v) for name, v in locked.items()})
+    p = mount.parameters
+    spread = mount.spread.to_document()
+    document = {
+        "intrinsics": {"model": model, **locked, "image_size": list(problem.image_size)},
+        "transform": to_document(transform_of(mount.fitted, p)),
+        "rms_px": mean_and_rms(mount.fitted, p)[1],
+        **_misfit(mount, _with_free_lens(of_pairs, found)),
+    }
+    return StatedLensFit.model_validate(document | {name: spread[name] for name in _SPREAD})
+
+
+_SPREAD: Final = ("std", "interval95_half_width", "covariance", "sigma_px")
+
+
+def _fitted(
+    problem: FitProblem,
+    model: ModelName,
+    start: Floats,
+    lens: Mapping[str, float],
+    bounds: dict[str, Interval],
+) -> Estimate:
+    """The estimate under bounds of the whole lens, without its locks and priors; it starts from mount and `lens`."""
+    mount = problem.names[:6]
+    here = replace(
+        problem,
+        model=model,
+        bounds={name: problem.bounds[name] for name in mount} | bounds,
+        locked={name: value for name, value in problem.locked.items() if name in mount},
+        priors={name: value for name, value in problem.priors.items() if name in mount},
+        unstated=frozenset(bounds),
+        stated_lens=None,
+    )
+    return estimate(here, np.concatenate([start[:6], [lens[name] for name in INTRINSICS[model]]]))
+
+
+def _with_free_lens(problem: FitProblem, found: Estimate) -> Estimate | None:
+    """The estimate with a lens that only the pairs hold; None if they are too few for one."""
+    if lens_origin(problem) == "fitted":
+        return found
+    names = INTRINSICS[problem.model]
+    bounds = preset_bounds(
+        "image-size", problem.model, problem.search, problem.image_size, problem.nominal.t.tolist()
+    )
+    skew = {"skew": problem.bounds["skew"]} if "skew" in names else {}
+    lens = dict(zip(names, found.held_at[6:].tolist(), strict=True))
+    try:
+        return _fitted(problem, problem.model, found.held_at, lens, {name: bounds[name] for name in names} | skew)
+    except SolveError:
+        return None
+
+
+def _misfit(mount: Estimate, free: Estimate | None) -> dict[str, Any]:
+    """Whether the pairs bear the stated lens out, and a sentence."""
+    if free is None or free.spread.freedom is None or mount.spread.freedom is None:
+        return {"explains": None, "sentence": "These pairs are too few to tell whether the stated lens is true."}
+    of_mount, of_free = _squares(mount), _squares(free)
+    at_px, free_px = (mean_and_rms(one.fitted, one.held_at)[1] for one in (mount, free))
+    more, left = max(mount.spread.freedom - free.spread.freedom, 1.0), free.spread.freedom
+    noise = max(of_free / left, 1e-12)
+    statistic = max(of_mount - of_free, 0.0) / (more * noise)
+    pairs = 2.0 * np.count_nonzero(mount.fitted.weights)
+    matters = of_mount - of_free > pairs * _MATTERS**2 * noise
+    explains = not (matters and _chance_above(more, left, statistic) < _CHANCE)
+    sizes = f"The stated lens leaves {at_px:.2g} px RMS, the lens of these pairs {free_px:.2g} px"
+    sentence = (
+        f"{sizes}: the stated lens fits them."
+        if explains
+        else f"{sizes}: the stated lens is not this camera's. Load the fitted lens on the vehicle."
+    )
+    return {"explains": explains, "free_lens_rms_px": free_px, "sentence": sentence}
+
+
+def _squares(found: Estimate) -> float:
+    """Sum of squared residuals of the marks, px^2, whitened where pairs state covariances."""
+    here = whitened(found.fitted, found.parameters)
+    residuals = weighted_residuals(here, found.parameters)[0][: 2 * len(here.points)]
+    return float(residuals @ residuals)
