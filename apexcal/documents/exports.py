@@ -11,6 +11,8 @@ from pydantic import Field
 from apexcal.documents.base import Received, Sent
 from apexcal.documents.summaries import CurrentCalibration
 
+# With every answer for a whole vehicle, in each format: the id of the vehicle that it is of.
+VEHICLE_HEADER = "Apexcal-Vehicle"
 Link = Annotated[str, Field(min_length=1, max_length=200)]
 
 

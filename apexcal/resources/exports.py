@@ -53,7 +53,8 @@ class Exports:
         return self._patched(at("results", result_id), urdf, joint, links)
 
     def _file(self, path: str, format: str, **query: str) -> Exported:
-        answer = self._http.send("GET", path, params={"format": format, **query})
+        answer = self._http.get_export(path, format, **query)
+        assert answer is not None, "no ETag was sent"
         named = _FILE_NAME.search(answer.headers.get("content-disposition", ""))
         return Exported(named[1] if named else format, answer.content)
 
