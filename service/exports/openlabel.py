@@ -7,7 +7,7 @@ from typing import Any
 
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.format import RADIAL_TANGENTIAL, Files, Format
-from service.exports.ros2 import poses
+from service.exports.mounts import poses
 from service.exports.transform import numbers
 
 Json = dict[str, Any]

@@ -114,6 +114,17 @@ def published(said: str) -> tuple[tuple[str, str], np.ndarray]:
     return (given["frame-id"], given["child-frame-id"]), rigid(R, [float(given[name]) for name in "xyz"])
 
 
+def own_tree(calibrated: Calibrated) -> dict[tuple[str, str], np.ndarray]:
+    """What robot_state_publisher publishes of the vehicle's own tree, the solved joints left out."""
+    edges: dict[tuple[str, str], np.ndarray] = {}
+    joints = [camera.joint for camera in calibrated.cameras if camera.joint]
+    stated = [pose for joint in joints for pose in (joint.T_parent_lidar, joint.T_child_camera)]
+    for pose in [*stated, *(one.T_vehicle_lidar for one in calibrated.cameras if one.T_vehicle_lidar)]:
+        if pose.to_frame != pose.from_frame and pose.from_frame not in {child for _, child in edges}:
+            edges[pose.to_frame, pose.from_frame] = pose.matrix
+    return edges
+
+
 def ros2(calibrated: Calibrated) -> list[Projection]:
     files = files_of("ros2", calibrated)
     edges = dict(published(line) for line in only(files, ".txt").decode().splitlines())
@@ -121,9 +132,12 @@ def ros2(calibrated: Calibrated) -> list[Projection]:
     nodes = [node for node in launch.iter("node") if node.get("exec") == "static_transform_publisher"]
     launched = dict(published(node.attrib["args"]) for node in nodes)
     assert launched.keys() == edges.keys() and all((launched[edge] == edges[edge]).all() for edge in edges)
+    own = own_tree(calibrated)
+    children = [child for _, child in [*edges, *own]]
+    assert len(edges) == len(calibrated.cameras) and len(set(children)) == len(children), "tf2 takes one parent"
     found = []
     for number, name in enumerate(_of_cameras(files, "camera_info.yaml")):
-        lens, T = by_camera_info(files[name]), _tree(edges, f"camera{number}/camera_optical_link")
+        lens, T = by_camera_info(files[name]), _tree(edges | own, f"camera{number}/camera_optical_link")
         found.append(lambda points, lens=lens, T=T: lens(move(T, points)))
     return found
 
