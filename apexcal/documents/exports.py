@@ -36,6 +36,8 @@ class FormatView(Sent):
 class UrdfRequest(Received):
     """A vehicle's URDF file, and the fixed joint of it that is to be as calibrated.
 
+    Or Autoware's ``sensor_kit_calibration.yaml`` (``sensors_calibration.yaml``), and the entry that is the child.
+
     The links of the camera's optical frame and of the LiDAR are named like their frames, where nothing else is said.
     """
 

@@ -14,7 +14,7 @@ from service.exports.transform import Transform, numbers, yaml_number
 
 _KIT = "sensor_kit_base_link"
 _OPTICAL, _BODY = "camera_optical_link", "camera_link"
-_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
+NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def _optical_from_body(optical: str, body: str) -> Transform:
@@ -33,7 +33,7 @@ def mounted_edge(camera: CalibratedCamera) -> Transform:
 
 def values(pose: Transform) -> dict[str, str]:
     """Metres, and radians about the fixed axes x, y, z of the parent, as the files write them."""
-    numbered = zip(_NAMES, numbers([*pose.t, *pose.roll_pitch_yaw]), strict=True)
+    numbered = zip(NAMES, numbers([*pose.t, *pose.roll_pitch_yaw]), strict=True)
     return {name: yaml_number(value) for name, value in numbered}
 
 

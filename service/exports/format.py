@@ -76,7 +76,8 @@ def remedy(wanted: Format, calibrated: Calibrated) -> str:
         return "Say T_vehicle_lidar in the rig."
     if any(camera.lens not in wanted.lenses for camera in calibrated.cameras):
         return f"Calibrate as {' or '.join(sorted(wanted.lenses))}."
-    locks = ["skew"] if not wanted.skew and any(camera.skew for camera in calibrated.cameras) else []
+    skewed = [camera for camera in calibrated.cameras if camera.skew and not _carries_skew(wanted, camera)]
+    locks = ["skew"] if skewed else []
     if not wanted.third_radial and any(_third_radial(camera) for camera in calibrated.cameras):
         locks.append("k5")
     return f"Calibrate with {' and '.join(locks)} locked at 0 (`locked`)."
@@ -117,11 +118,16 @@ def _odd_frames(camera: CalibratedCamera) -> list[str]:
 def _of_lens(wanted: Format, camera: CalibratedCamera) -> str | None:
     if camera.lens not in wanted.lenses:
         return f"{wanted.title} has no lens model for {camera.name}'s {camera.lens} distortion."
-    if camera.skew and not wanted.skew:
+    if camera.skew and not _carries_skew(wanted, camera):
         return f"The lens of {camera.name} has a skew of {camera.skew:.3g}, which readers of {wanted.title} ignore."
     if _third_radial(camera) and not wanted.third_radial:
         return f"The lens of {camera.name} has a third radial coefficient (k5), {wanted.title} has two."
     return None
+
+
+def _carries_skew(wanted: Format, camera: CalibratedCamera) -> bool:
+    # Fisheye lenses have focal lengths in other programs, and no matrix.
+    return wanted.skew and camera.lens in RADIAL_TANGENTIAL
 
 
 def _third_radial(camera: CalibratedCamera) -> bool:

@@ -12,8 +12,11 @@ from service.exports.format import Files, Format, obstacle, remedy
 from service.http.problems import Problem
 
 FORMATS: dict[str, Format] = {
-    one.FORMAT.name: one.FORMAT
-    for one in (camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel)
+    one.name: one
+    for one in (
+        *(one.FORMAT for one in (camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel)),
+        openlabel.VCD,
+    )
 }
 # What ZIP writes where it knows no time: the same export has the same bytes.
 _NO_TIME = (1980, 1, 1, 0, 0, 0)

@@ -37,7 +37,7 @@ def test_points_fall_where_ours_do(name, model, rig):
         assert np.abs(projection(seen(camera)) - ours(camera)).max() < LIMIT_PX
 
 
-@pytest.mark.parametrize("name", ["openlabel", "nuscenes"])
+@pytest.mark.parametrize("name", ["openlabel", "vcd", "nuscenes"])
 def test_a_skew_is_carried_where_the_matrix_is_used_whole(name):
     flat = dict.fromkeys(("k1", "k2", "k3", "k4", "k5"), 0.0) if name == "nuscenes" else {}
     calibrated = rig_of("brown_conrady", 1, skew=0.013, **flat)
@@ -65,14 +65,16 @@ def refusal(name, calibrated) -> Problem:
 def test_a_skew_is_refused_where_readers_ignore_it(name):
     problem = refusal(name, rig_of("brown_conrady", 0, skew=1e-3, k5=0.0))
     assert "skew of 0.001" in problem.detail and "skew locked at 0" in problem.hint
-    assert problem.fields["formats"] == ["json", "urdf", "openlabel"]
+    assert problem.fields["formats"] == ["json", "urdf", "openlabel", "vcd"]
 
 
 def test_a_lens_that_readers_do_not_know_is_refused():
-    for name in ("kitti", "openlabel", "nuscenes"):
+    for name in ("kitti", "nuscenes"):
         problem = refusal(name, rig_of("kannala_brandt", 0))
         assert "kannala_brandt" in problem.detail
-        assert problem.fields["formats"] == ["json", "camera_info", "ros2", "urdf", "autoware", "kalibr", "opencv"]
+        assert problem.fields["formats"] == [
+            *("json", "camera_info", "ros2", "urdf", "autoware", "kalibr", "opencv", "openlabel", "vcd")
+        ]
     assert "brown_conrady distortion" in refusal("nuscenes", rig_of("brown_conrady", 0)).detail
     problem = refusal("kalibr", rig_of("brown_conrady", 0))
     assert "third radial" in problem.detail and "k5 locked at 0" in problem.hint

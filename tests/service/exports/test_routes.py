@@ -85,7 +85,7 @@ def test_an_unknown_format_and_one_that_cannot_carry_it(api, fleet, rig, result)
         row.model, row.document = "brown_conrady", row.document | {"intrinsics": lens}
     refused = viewer.get(current_address(rig), params={"format": "kalibr"})
     assert (refused.status_code, refused.json()["code"]) == (406, "format_cannot_carry")
-    assert refused.json()["formats"] == ["json", "urdf", "openlabel"]
+    assert refused.json()["formats"] == ["json", "urdf", "openlabel", "vcd"]
     assert refused.headers["content-type"] == "application/problem+json"
 
 
