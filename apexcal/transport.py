@@ -126,7 +126,7 @@ class Transport:
     def get_export(self, path: str, format: str, etag: str | None = None, **query: Any) -> httpx.Response | None:
         """GET a calibration in a format, or None where it still is what ``etag`` names.
 
-        Raises ForeignAnswerError unless it is a whole answer in that format, with the SHA-256 that the service states.
+        Raises ForeignAnswerError unless it is a whole answer in that format, with the SHA-256 that it states.
         """
         headers = {"Accept-Encoding": "identity"} | ({"If-None-Match": etag} if etag else {})
         params = _given({"format": None if format == "json" else format, **query})
@@ -159,9 +159,9 @@ class Transport:
     ) -> httpx.Response:
         """One request, tried again while the service is away or busy. No redirect is followed.
 
-        Raises ApiError, ForeignAnswerError, InputError, UnreachableError. ``most_bytes`` limits the answer, which must
-        not be compressed then. Every request of this client may be repeated: reads and deletes by nature, parts by their digest, edits by
-        their version, creations by their key.
+        Raises ApiError, ForeignAnswerError, InputError, UnreachableError. ``most_bytes`` limits the answer, which
+        must not be compressed then. Every request of this client may be repeated: reads and deletes by nature, parts
+        by their digest, edits by their version, creations by their key.
         """
         strange = _not_finite(json)
         if strange is not None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rich.markup import escape
+
 from apexcal.archives import read_archive
 from apexcal.commands.common import check_target, complain, console, usage, write_content
 from apexcal.resources.exports import Exported
@@ -11,6 +13,8 @@ from apexcal.resources.exports import Exported
 
 def write_exported(made: Exported, output: Path | None, force: bool) -> None:
     """Write what the service made. Several files go below ``output``, or into one where that ends with ``.zip``."""
+    for note in made.notes:
+        console(errors=True).print(escape(note), soft_wrap=True)
     if not made.name.endswith(".zip") or (output is not None and output.suffix == ".zip"):
         _write_one(made.content, output, force)
         return

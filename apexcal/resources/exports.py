@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 from uuid import UUID
 
@@ -14,10 +16,14 @@ _FILE_NAME = re.compile(r'filename="([^"/\\]+)"')
 
 
 class Exported(NamedTuple):
-    """A file with the name that the service gives it. A format of several files comes as one ``.zip``."""
+    """A file with the name that the service gives it. A format of several files comes as one ``.zip``.
+
+    ``notes`` are sentences that its reader has to know, such as what the format leaves out of a lens.
+    """
 
     name: str
     content: bytes
+    notes: Sequence[str] = ()
 
 
 class Exports:
@@ -56,7 +62,8 @@ class Exports:
         answer = self._http.get_export(path, format, **query)
         assert answer is not None, "no ETag was sent"
         named = _FILE_NAME.search(answer.headers.get("content-disposition", ""))
-        return Exported(named[1] if named else format, answer.content)
+        notes = json.loads(answer.headers.get("Apexcal-Notes", "[]"))
+        return Exported(named[1] if named else format, answer.content, notes)
 
     def _patched(self, path: str, urdf: str, joint: str, links: dict[str, str]) -> str:
         body = {"urdf": urdf, "joint": joint, **links}

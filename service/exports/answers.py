@@ -5,6 +5,8 @@ The formats are imported when one is asked for: they need NumPy, which takes a t
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from hashlib import sha256
 from typing import TYPE_CHECKING, Annotated
 
@@ -53,6 +55,7 @@ def exported(wanted: str, calibrated: Calibrated, conditions: Conditions) -> Res
     etag = content_etag(sha256(made.content).hexdigest())
     conditions.offer(etag)
     headers = {
+        **notes_header(made.notes),
         "ETag": etag,
         "Vary": "Accept",
         "Content-Disposition": f'attachment; filename="{made.name}"',
@@ -60,6 +63,11 @@ def exported(wanted: str, calibrated: Calibrated, conditions: Conditions) -> Res
         **repr_digest(made.content),
     }
     return Response(made.content, media_type=made.media_type, headers=headers)
+
+
+def notes_header(notes: Sequence[str]) -> dict[str, str]:
+    """What the reader of a file has to know beside it: a JSON list of sentences, since headers are ASCII."""
+    return {"Apexcal-Notes": json.dumps(notes)} if notes else {}
 
 
 def table() -> list[dict[str, object]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from apexcal.documents.camera_models import CAMERA_MODELS, CameraModel, ModelName, WrittenAs
-from service.exports.transform import Transform
+from service.exports.transform import Floats, Transform
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class SolvedJoint:
 class CalibratedCamera:
     """A camera's lens and mount. ``intrinsics`` is a result's: pixels, and coefficients without a unit.
 
-    ``T_camera_lidar`` maps LiDAR points into the optical frame (x right, y down, z forward). ``source`` is the id of
-    the result.
+    ``marked`` are the pixels (n, 2) of the pairs. ``T_camera_lidar`` maps LiDAR points into the optical frame
+    (x right, y down, z forward). ``source`` is the id of the result.
     """
 
     name: str
@@ -39,6 +39,7 @@ class CalibratedCamera:
     source: str
     at: datetime
     joint: SolvedJoint | None = None
+    marked: Floats | None = None
 
     @property
     def skew(self) -> float:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from service.exports import autoware, camera_info, kalibr, kitti, nuscenes, opencv, openlabel, ros2, urdf
 from service.exports.calibrated import Calibrated, file_name
-from service.exports.format import Files, Format, obstacle, remedy
+from service.exports.format import Files, Format, carried, lacking, obstacle, remedy
 from service.http.problems import Problem
 
 FORMATS: dict[str, Format] = {
@@ -23,11 +25,12 @@ _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 class Exported(NamedTuple):
-    """One file to hand out."""
+    """One file to hand out; ``notes`` say what its reader has to know beside it."""
 
     name: str
     media_type: str
     content: bytes
+    notes: Sequence[str] = ()
 
 
 def media_type(wanted: Format, kind: str) -> str:
@@ -62,13 +65,16 @@ def export(wanted: Format, calibrated: Calibrated) -> Exported:
             format=wanted.name,
             formats=able,
         )
-    files = wanted.write(calibrated)
+    dropped = [carried(wanted, camera) for camera in calibrated.cameras]
+    pairs = list(zip(calibrated.cameras, dropped, strict=True))
+    notes = [f"{lacking(wanted, camera)}: {less.sentence}." for camera, less in pairs if less]
+    files = wanted.write(replace(calibrated, cameras=[less.camera if less else camera for camera, less in pairs]))
     name = "-".join([*(file_name(part) for part in _named(calibrated)), wanted.name])
     if len(files) == 1 and wanted.kind != "zip":
         (inside, text), *_ = files.items()
         suffix = inside.partition(".")[2]
-        return Exported(f"{name}.{suffix}", media_type(wanted, wanted.kind), text.encode())
-    return Exported(f"{name}.zip", media_type(wanted, "zip"), _zipped(files))
+        return Exported(f"{name}.{suffix}", media_type(wanted, wanted.kind), text.encode(), notes)
+    return Exported(f"{name}.zip", media_type(wanted, "zip"), _zipped(files), notes)
 
 
 def _named(calibrated: Calibrated) -> list[str]:
