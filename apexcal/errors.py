@@ -36,6 +36,11 @@ class ApiError(ClientError):
         super().__init__(self.detail, str(fields.get("hint") or ""))
 
     @property
+    def is_temporary(self) -> bool:
+        """Whether the same request may succeed later."""
+        return self.status >= 500 or self.status in (408, 429)
+
+    @property
     def is_about_the_input(self) -> bool:
         """Whether the values of the request are wrong by themselves, whatever the service holds."""
         return self.code in (
@@ -53,6 +58,17 @@ class ApiError(ClientError):
 
 class UnreachableError(ClientError):
     """The service did not answer, also not after trying again."""
+
+
+class ForeignAnswerError(ClientError):
+    """Another program than the service answered, or the answer was damaged on its way."""
+
+    def __init__(self, url: object, what: str) -> None:
+        super().__init__(
+            f"{url} {what}",
+            "Is this the address of an apexcal service, its prefix too, and does a proxy or the sign-in page of a "
+            "network answer in its place?",
+        )
 
 
 class TokenError(ClientError):

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import tempfile
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
@@ -82,6 +84,35 @@ def replace_whole(target: Path, content: bytes, name: str) -> None:
         part.unlink(missing_ok=True)
         raise
     _keep_names(target.parent)
+
+
+def replace_folder(link: Path, files: Mapping[str, bytes]) -> None:
+    """Make the link lead to a folder of these files and no others, in one step.
+
+    The folder before stays until the next time, for who reads it now. If it raises OSError, the link is unchanged.
+    """
+    before = link.resolve()
+    if link.is_symlink() and _files(before) == files:
+        return
+    folder = Path(tempfile.mkdtemp(prefix=f".{link.name}.", suffix=".unpacked", dir=link.parent))
+    try:
+        for name, content in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            replace_whole(folder / name, content, "unpacked")
+        folder.chmod(0o755)
+        (folder / ".link").symlink_to(folder.name)
+        (folder / ".link").replace(link)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    _keep_names(link.parent)
+    for left in link.parent.glob(f".{_literal(link.name)}.*.unpacked"):
+        if left not in (folder, before):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {str(one.relative_to(folder)): one.read_bytes() for one in folder.rglob("*") if one.is_file()}
 
 
 def _literal(name: str) -> str:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import math
+import random
 import re
 import time
 import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from email.utils import parsedate_to_datetime
+from ipaddress import ip_address
 from typing import Any, TypeVar
 from urllib.parse import SplitResult, quote, urlsplit
 
@@ -16,7 +21,7 @@ import httpx
 from pydantic import BaseModel, ValidationError
 
 from apexcal.documents.base import Page
-from apexcal.errors import ApiError, ClientError, InputError, TokenError, UnreachableError
+from apexcal.errors import ApiError, ForeignAnswerError, InputError, TokenError, UnreachableError
 
 Document = dict[str, Any]
 M = TypeVar("M", bound=BaseModel)
@@ -24,7 +29,11 @@ M = TypeVar("M", bound=BaseModel)
 # A part of 16 MiB over a slow line takes minutes; everything else answers at once.
 TIMEOUT = httpx.Timeout(60.0, connect=5.0, write=300.0)
 _PAUSES_S = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0, 8.0)
-_BUSY = (429, 502, 503, 504)
+_BUSY = (408, 429, 502, 503, 504)
+# A longer wait is the caller's to decide.
+_MOST_WAIT_S = 30.0
+# The export of a vehicle of 100 cameras has less than 1 MB.
+_MOST_BYTES = 16 * 2**20
 # What a header can carry behind "Bearer ": visible ASCII.
 _TOKEN = re.compile(r"[!-~]+")
 
@@ -38,8 +47,11 @@ class Transport:
         token: str | None = None,
         pauses_s: tuple[float, ...] = _PAUSES_S,
         timeout_s: float | None = None,
+        insecure_http: bool = False,
     ) -> None:
         parts = _split(base_url)
+        if not insecure_http:
+            _check_private(parts)
         self.base_url = f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}"
         self._pauses_s = pauses_s
         self._reached = False
@@ -49,7 +61,11 @@ class Transport:
             if not _TOKEN.fullmatch(token):
                 raise TokenError("the given text")
             headers["Authorization"] = f"Bearer {token}"
-        self._http = httpx.Client(base_url=self.base_url + "/v1", headers=headers, timeout=timeout_s or TIMEOUT)
+        # A proxy of the environment would read over http what is meant for this machine alone.
+        trusted = insecure_http or parts.scheme == "https"
+        self._http = httpx.Client(
+            base_url=self.base_url + "/v1", headers=headers, timeout=timeout_s or TIMEOUT, trust_env=trusted
+        )
 
     def close(self) -> None:
         """Close the connections."""
@@ -107,13 +123,24 @@ class Transport:
             return None
         return read(response, kind), _etag(response)
 
-    def get_bytes_if_changed(self, path: str, etag: str | None, **query: Any) -> tuple[bytes, str] | None:
-        """GET what is no JSON with its ETag, or None where it still is what ``etag`` names."""
-        headers = {"If-None-Match": etag} if etag else None
-        response = self.send("GET", path, params=_given(query), headers=headers)
-        if response.status_code == httpx.codes.NOT_MODIFIED:
+    def get_export(self, path: str, format: str, etag: str | None = None, **query: Any) -> httpx.Response | None:
+        """GET a calibration in a format, or None where it still is what ``etag`` names.
+
+        Raises ForeignAnswerError unless it is a whole answer in that format, with the SHA-256 that it states.
+        """
+        headers = {"Accept-Encoding": "identity"} | ({"If-None-Match": etag} if etag else {})
+        params = _given({"format": None if format == "json" else format, **query})
+        response = self.send("GET", path, params=params, headers=headers, most_bytes=_MOST_BYTES)
+        if etag and response.status_code == httpx.codes.NOT_MODIFIED:
             return None
-        return response.content, _etag(response)
+        _etag(response)
+        media_type = "application/json" if format == "json" else f"application/vnd.apexcal.{format}+"
+        if not response.headers.get("Content-Type", "").startswith(media_type):
+            raise ForeignAnswerError(response.request.url, f"answered what is no {media_type.rstrip('+')}")
+        sha256 = base64.b64encode(hashlib.sha256(response.content).digest()).decode()
+        if response.headers.get("Repr-Digest") != f"sha-256=:{sha256}:":
+            raise ForeignAnswerError(response.request.url, "answered bytes without their SHA-256 (Repr-Digest)")
+        return response
 
     def delete(self, path: str, **query: Any) -> None:
         """DELETE; nothing is answered."""
@@ -128,31 +155,41 @@ class Transport:
         json: Any = None,
         content: bytes | None = None,
         headers: Mapping[str, str] | None = None,
+        most_bytes: int | None = None,
     ) -> httpx.Response:
-        """One request, tried again while the service is away or busy. Raises ApiError, InputError, UnreachableError.
+        """One request, tried again while the service is away or busy. No redirect is followed.
 
-        Every request of this client may be repeated: reads and deletes by nature, parts by their digest, edits by
-        their version, creations by their key.
+        Raises ApiError, ForeignAnswerError, InputError, UnreachableError. ``most_bytes`` limits the answer, which
+        must not be compressed then. Every request of this client may be repeated: reads and deletes by nature, parts
+        by their digest, edits by their version, creations by their key.
         """
         strange = _not_finite(json)
         if strange is not None:
             raise InputError(f"{strange or 'what would be sent'} is not a finite number", "JSON has no such numbers.")
-        request = {"params": params, "json": json, "content": content, "headers": headers}
+        named = {"params": params, "json": json, "content": content, "headers": headers}
+        request = {name: value for name, value in named.items() if value is not None}
         # A service that never answered is more likely misspelt than restarting.
         pauses_s = self._pauses_s if self._reached else self._pauses_s[:2]
         for pause_s in (*pauses_s, None):
+            asked_s = 0.0
             try:
-                response = self._http.request(method, path, **{k: v for k, v in request.items() if v is not None})
+                with self._http.stream(method, path, **request) as streamed:
+                    response = _read(streamed, most_bytes)
             except httpx.TransportError as error:
                 if pause_s is None:
                     raise self._unreachable(error) from error
             else:
                 self._reached = True
+                if response.has_redirect_location:
+                    where = response.headers["Location"]
+                    raise ForeignAnswerError(response.request.url, f"leads on to {where}, which is not followed")
                 if response.status_code < 400:
                     return response
-                if response.status_code not in _BUSY or pause_s is None:
+                asked_s = _retry_after_s(response)
+                if response.status_code not in _BUSY or pause_s is None or asked_s > _MOST_WAIT_S:
                     raise problem_of(response)
-            time.sleep(pause_s)
+            # Spread, so that a fleet does not come back at one moment.
+            time.sleep(max(pause_s, asked_s) * random.uniform(1.0, 1.5))
         raise AssertionError("the last pause is None")
 
     @contextmanager
@@ -182,10 +219,8 @@ def read(response: httpx.Response, kind: type[M]) -> M:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(step) for step in first["loc"])
-        raise ClientError(
-            f"{response.request.url} answered something else than this client knows: {where}: {first['msg']}",
-            "Are the service and this client of one version?",
-        ) from None
+        what = f"answered something else than this client knows: {where}: {first['msg']}"
+        raise ForeignAnswerError(response.request.url, what) from None
 
 
 def _split(base_url: str) -> SplitResult:
@@ -196,6 +231,18 @@ def _split(base_url: str) -> SplitResult:
     except ValueError:
         pass
     raise ValueError(f"{base_url!r} is no address of a service; it looks like http://127.0.0.1:8000")
+
+
+def _check_private(parts: SplitResult) -> None:
+    """Raises InputError where a token would go over http to another machine."""
+    host = parts.hostname or ""
+    with suppress(ValueError):
+        if parts.scheme == "https" or host == "localhost" or ip_address(host).is_loopback:
+            return
+    raise InputError(
+        f"a token for {parts.netloc} would go over http, where others on the way can read it",
+        "Give an https address, or allow it in a network that you trust: APEXCAL_INSECURE_HTTP=1",
+    )
 
 
 def at(*segments: object) -> str:
@@ -222,6 +269,8 @@ def problem_of(response: httpx.Response) -> ApiError:
             "detail": f"{response.request.url} answered {response.status_code} {response.reason_phrase}",
             "hint": "Is this the address of an apexcal service?",
         }
+    if asked_s := _retry_after_s(response):
+        fields["hint"] = f"{fields.get('hint') or ''} Ask again in {asked_s:.0f} s.".strip()
     return ApiError(response.status_code, fields)
 
 
@@ -235,11 +284,36 @@ def _not_finite(document: Any, at: str = "") -> str | None:
     return next((found for found in inside if found is not None), None)
 
 
+def _retry_after_s(response: httpx.Response) -> float:
+    """Seconds that the answer asks to wait: a number or a date (RFC 9110, 10.2.3); 0 where it asks for none."""
+    asked = response.headers.get("Retry-After", "")
+    with suppress(ValueError):
+        return max(float(asked) if asked.isdigit() else parsedate_to_datetime(asked).timestamp() - time.time(), 0.0)
+    return 0.0
+
+
+def _read(streamed: httpx.Response, most_bytes: int | None) -> httpx.Response:
+    """The whole answer. Raises ForeignAnswerError if there is a limit and it is longer, or is compressed."""
+    if most_bytes is None:
+        streamed.read()
+        return streamed
+    content = bytearray()
+    for piece in streamed.iter_raw():
+        content += piece
+        if len(content) > most_bytes or streamed.headers.get("Content-Encoding", "identity") != "identity":
+            raise ForeignAnswerError(
+                streamed.request.url, f"answered more than {most_bytes} bytes, or compressed ones"
+            )
+    return httpx.Response(
+        streamed.status_code, headers=streamed.headers, content=bytes(content), request=streamed.request
+    )
+
+
 def _etag(response: httpx.Response) -> str:
-    """The ETag of a whole answer. Raises ClientError for what only a program in between can have sent."""
+    """The ETag of a whole answer. Raises ForeignAnswerError for what only another program can have sent."""
     etag = response.headers.get("ETag")
     if response.status_code != httpx.codes.OK or not etag:
-        raise ClientError(f"{response.request.url} answered what is no document", "Is a proxy in between?")
+        raise ForeignAnswerError(response.request.url, "answered what is no document")
     return etag
 
 

@@ -32,7 +32,7 @@ FormatOption = Annotated[
     str,
     typer.Option(
         "--format",
-        help="json, or one of camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel.",
+        help="json, or one of camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel, vcd.",
     ),
 ]
 
@@ -45,9 +45,15 @@ def export(
     format: FormatOption = "json",
     alias: Annotated[str, typer.Option(help="The alias to follow, such as canary.")] = CURRENT,
     urdf: Annotated[
-        Path | None, typer.Option(help="The vehicle's own URDF, to replace one joint's origin in.")
+        Path | None,
+        typer.Option(
+            help="The vehicle's own URDF, or Autoware's sensor_kit_calibration.yaml, to change one pose in."
+        ),
     ] = None,
-    joint: Annotated[str, typer.Option(help="The joint of --urdf, between camera and LiDAR.")] = "",
+    joint: Annotated[
+        str,
+        typer.Option(help="The joint of --urdf, between camera and LiDAR; in Autoware's file the camera's entry."),
+    ] = "",
     camera_link: Annotated[str, typer.Option(help="The camera's optical link in --urdf, if not the frame.")] = "",
     lidar_link: Annotated[str, typer.Option(help="The LiDAR's link in --urdf, if not the frame.")] = "",
     output: Annotated[

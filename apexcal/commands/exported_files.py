@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
+from rich.markup import escape
+
+from apexcal.archives import read_archive
 from apexcal.commands.common import check_target, complain, console, usage, write_content
 from apexcal.resources.exports import Exported
 
@@ -19,8 +20,10 @@ def write_exported(made: Exported, output: Path | None, force: bool) -> None:
         return
     if output is None:
         usage("this format is several files", "Name a folder for them with --output, or a file that ends with .zip")
-    with zipfile.ZipFile(io.BytesIO(made.content)) as archive:
-        files = {name: archive.read(name) for name in archive.namelist()}
+    try:
+        files = read_archive(made.content)
+    except ValueError as error:
+        complain(f"what the service answered {error}")
     _write_below(files, output, force)
 
 
@@ -37,9 +40,6 @@ def _write_below(files: dict[str, bytes], folder: Path, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
         usage(f"{folder} is a file", "Name a folder")
     for name in files:
-        steps = PurePosixPath(name)
-        if steps.is_absolute() or ".." in steps.parts or "\\" in name:
-            complain(f"the service names a file {name!r}, which is outside of the folder")
         if (folder / name).exists() and not force:
             usage(f"{folder / name} exists already", "Name another folder, or say --force")
     for name, content in files.items():

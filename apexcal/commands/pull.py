@@ -1,28 +1,33 @@
 """``apexcal pull``: what a vehicle is given, kept in a file. For start-up scripts.
 
 Exit codes: 0 the file is what the vehicle is given now, replaced or not; 1 the service refused, or the file could
-not be written; 2 wrong usage; 3 no answer; 5 it was withdrawn or deleted; 6 it is of other sensors than the mounted
-ones. After 1, 3, 5 and 6 the file is still the last that was pulled. 4: as these, but no file was ever pulled whole.
+not be written; 2 wrong usage; 3 no answer now, or one that says to come again: try again; 5 it was withdrawn or
+deleted; 6 it is of other sensors than the mounted ones; 7 what answered is no calibration of this vehicle. After 1,
+3, 5, 6 and 7 the file is still the last that was pulled. 4: as these, but no file was ever pulled whole.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
+from uuid import UUID
 
 import typer
 
+from apexcal.archives import read_archive
 from apexcal.cli import FAILED, UNREACHABLE
-from apexcal.client import ApiError, Client
+from apexcal.client import ApiError, Client, ForeignAnswerError
 from apexcal.commands.common import DataOption, TokenOption, UrlOption, complain, console, usage
 from apexcal.commands.connect import connected, find_vehicle, is_id
 from apexcal.commands.publications import FleetOption, VehicleOption
 from apexcal.documents.publications import CURRENT
 from apexcal.embedded.folder import DEFAULT
-from apexcal.kept_file import KeptFile
+from apexcal.kept_file import KeptFile, replace_folder
 
-NOTHING_KEPT, WITHDRAWN, OTHER_SENSORS = 4, 5, 6
+NOTHING_KEPT, WITHDRAWN, OTHER_SENSORS, FOREIGN = 4, 5, 6, 7
 _REFUSED = {
     "calibration_withdrawn": WITHDRAWN,
     "calibration_deleted": WITHDRAWN,
@@ -45,6 +50,9 @@ def pull(
         list[str] | None,
         typer.Option(help="NAME=SERIAL of a mounted sensor; NAME is a camera or lidar. May be repeated."),
     ] = None,
+    unpack: Annotated[
+        bool, typer.Option("--unpack", help="Keep a folder of the files of --format: OUTPUT is a link to it.")
+    ] = False,
     timeout: Annotated[float, typer.Option(help="Seconds to wait for each answer.", min=0.1, max=600.0)] = 10.0,
     url: UrlOption = "",
     token: TokenOption = "",
@@ -53,49 +61,68 @@ def pull(
     """Keep what a vehicle is given now (all its cameras) in a file. It is replaced whole, or not at all.
 
     Exit codes: 0 the file is what the vehicle is given now; 1 the service refused, or the file cannot be written;
-    2 wrong usage; 3 no answer; 5 the calibration was withdrawn or deleted; 6 it is of other sensors than the mounted
-    ones. After 1, 3, 5 and 6 the last good file stays. 4: as these, but there is no good file.
+    2 wrong usage; 3 no answer now: try again; 5 the calibration was withdrawn or deleted; 6 it is of other sensors
+    than the mounted ones; 7 what answered is no calibration of this vehicle. After 1, 3, 5, 6 and 7 the last good
+    file stays. 4: as these, but there is no good file.
     """
-    output = output.resolve()  # a link stays, and what it leads to is replaced
-    if (output.exists() and not output.is_file()) or not output.parent.is_dir():
-        usage(f"{output} is no place for a file", "Name a file in a folder that exists")
-    kept = KeptFile(output)
+    # A link to a file stays, and what it leads to is replaced. A link to a folder is replaced itself.
+    output = output.parent.resolve() / output.name if unpack else output.resolve()
+    fits = output.is_symlink() if unpack else output.is_file()
+    if (output.exists() and not fits) or not output.parent.is_dir():
+        usage(f"{output} is no place for a {'link' if unpack else 'file'}", "Name a new one in a folder that exists")
+    kept = KeptFile(output.with_name(f".{output.name}.zip") if unpack else output)
     try:
-        with connected(url, token, data, timeout_s=timeout) as client:
-            by_name = bool(sensor or vehicle) and not is_id(vehicle)
-            named = {"vehicle": vehicle or None, "fleet": fleet or None, "sensor": sensor or None}
-            vehicle_id = "" if by_name else str(find_vehicle(client, fleet, vehicle).id)
-            query = {"camera": camera or None, "as_of": as_of or None, "format": format}
-            query |= {"alias": alias, "serial": serial or None}
-            query |= named if by_name else {}
-            asked = json.dumps([client.base_url, vehicle_id, query])
-            new = _new(client, vehicle_id, kept.etag(asked), query)
-            if new is not None:
-                _replace(kept, *new, asked)
+        with connected(url, token, data, timeout_s=timeout) as client, _ended():
+            query: dict[str, Any] = {"camera": camera or None, "as_of": as_of or None, "serial": serial or None}
+            query |= {} if alias == CURRENT else {"alias": alias}
+            vehicle_id = None
+            if (sensor or vehicle) and not is_id(vehicle):
+                query |= {"vehicle": vehicle or None, "fleet": fleet or None, "sensor": sensor or None}
+            else:
+                vehicle_id = UUID(vehicle) if vehicle else find_vehicle(client, fleet, vehicle).id
+            asked = json.dumps([client.base_url, str(vehicle_id), format, query])
+            changed = _keep(client, kept, asked, {"vehicle_id": vehicle_id, "format": format, **query}, unpack)
+            if unpack:
+                replace_folder(output, read_archive(kept.path.read_bytes()))
     except typer.Exit as left:
-        if left.exit_code in (FAILED, UNREACHABLE, *_REFUSED.values()):
+        if left.exit_code in (FAILED, UNREACHABLE, FOREIGN, *_REFUSED.values()):
             _say_what_is_kept(kept)
         raise
-    state = "has not changed" if new is None else "was replaced"
-    console(errors=True).print(f"{output} {state}.", soft_wrap=True)
+    console(errors=True).print(f"{output} {'was replaced' if changed else 'has not changed'}.", soft_wrap=True)
 
 
-def _new(client: Client, vehicle_id: str, etag: str | None, query: dict[str, Any]) -> tuple[bytes, str] | None:
+@contextmanager
+def _ended() -> Iterator[None]:
+    """Ends the command with the exit code of what goes wrong inside the block, if it has one of its own."""
     try:
-        if not vehicle_id:
-            return client.calibrations.found_if_changed(etag, **query)
-        return client.calibrations.vehicle_if_changed(vehicle_id, etag, **query)
+        yield
     except ApiError as error:
-        if error.code not in _REFUSED:
+        is_foreign = error.code == "not_a_problem_document"
+        code = UNREACHABLE if error.is_temporary else FOREIGN if is_foreign else _REFUSED.get(error.code)
+        if code is None:
             raise
-        complain(f"{str(error).rstrip('.')} ({error.code})", error.hint, code=_REFUSED[error.code])
-
-
-def _replace(kept: KeptFile, content: bytes, etag: str, asked: str) -> None:
-    try:
-        kept.replace(content, etag, asked)
+        complain(f"{str(error).rstrip('.')} ({error.code})", error.hint, code=code)
+    except ForeignAnswerError as error:
+        complain(str(error), error.hint, code=FOREIGN)
     except OSError as error:
-        complain(f"cannot write {kept.path}: {(error.strerror or str(error)).lower()}")
+        complain(f"cannot write {error.filename or 'the file'}: {(error.strerror or str(error)).lower()}")
+
+
+def _keep(client: Client, kept: KeptFile, asked: str, request: dict[str, Any], unpack: bool) -> bool:
+    """Whether the kept file was replaced, because the service has another content than it."""
+    new = client.calibrations.vehicle_if_changed(etag=kept.etag(asked), **request)
+    if new is None:
+        return False
+    content, etag = new
+    if unpack:
+        if not content.startswith(b"PK"):
+            usage("--unpack is for a format of several files", "Leave it out for this format")
+        try:
+            read_archive(content)
+        except ValueError as error:
+            raise ForeignAnswerError(client.base_url, f"answered what {error}") from None
+    kept.replace(content, etag, asked)
+    return True
 
 
 def _say_what_is_kept(kept: KeptFile) -> None:

@@ -11,6 +11,8 @@ from pydantic import Field
 from apexcal.documents.base import Received, Sent
 from apexcal.documents.summaries import CurrentCalibration
 
+# With every answer for a whole vehicle, in each format: the id of the vehicle that it is of.
+VEHICLE_HEADER = "Apexcal-Vehicle"
 Link = Annotated[str, Field(min_length=1, max_length=200)]
 
 
@@ -33,6 +35,8 @@ class FormatView(Sent):
 
 class UrdfRequest(Received):
     """A vehicle's URDF file, and the fixed joint of it that is to be as calibrated.
+
+    Or Autoware's ``sensor_kit_calibration.yaml`` (``sensors_calibration.yaml``), and the entry that is the child.
 
     The links of the camera's optical frame and of the LiDAR are named like their frames, where nothing else is said.
     """

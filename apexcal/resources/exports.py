@@ -20,7 +20,7 @@ _FILE_NAME = re.compile(r'filename="([^"/\\]+)"')
 class Exported(NamedTuple):
     """A file with the name that the service gives it. A format of several files comes as one ``.zip``.
 
-    ``notes`` say with which lens a mount holds that comes without one.
+    ``notes`` are sentences that its reader has to know: which lens a mount needs, what a format leaves out of a lens.
     """
 
     name: str
@@ -61,7 +61,8 @@ class Exports:
         return self._patched(at("results", result_id), urdf, joint, links)
 
     def _file(self, path: str, format: str, **query: str) -> Exported:
-        answer = self._http.send("GET", path, params={"format": format, **query})
+        answer = self._http.get_export(path, format, **query)
+        assert answer is not None, "no ETag was sent"
         named = _FILE_NAME.search(answer.headers.get("content-disposition", ""))
         return _exported(named[1] if named else format, answer)
 

@@ -13,19 +13,20 @@ from fastapi.responses import JSONResponse, Response
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
+from apexcal.documents.exports import VEHICLE_HEADER
 from apexcal.documents.publications import CURRENT
 from service.auth.access import Identity, identified
 from service.auth.secrets import TOKEN_PREFIX
 from service.calibrations.given_state import Look, Seen, read_states
 from service.calibrations.given_views import cameras_of, given_documents
-from service.calibrations.kept_answers import KeptAnswers
+from service.calibrations.kept_answers import KeptAnswer, KeptAnswers
 from service.calibrations.state_reader import StateReader
 from service.db.fleets import Vehicle
 from service.db.session import Database
 from service.exports.answers import exported
 from service.exports.given_queries import Asked
 from service.exports.queries import of_given
-from service.http.etags import Conditions, content_etag, names
+from service.http.etags import Conditions, content_etag, names, repr_digest
 from service.http.problems import Problem, not_found
 
 # Part of every ETag: a version whose answers differ takes the next number.
@@ -70,7 +71,7 @@ class Retrieval:
             return at_hand
         made, etag = await run_in_threadpool(self._make, vehicle_id, asked, wanted, seen.digest)
         if wanted is None:
-            self._kept.put(etag, bytes(made.body))
+            self._kept.put(etag, KeptAnswer(bytes(made.body), dict(made.headers)))
         return _unless_any(request, made, etag)
 
     def answer_now(
@@ -93,7 +94,7 @@ class Retrieval:
         kept = None if wanted else self._kept.get(etag)
         if kept is None:
             return None
-        return _unless_any(request, Response(kept, media_type="application/json", headers=_headers(etag)), etag)
+        return _unless_any(request, Response(kept.content, headers=dict(kept.headers)), etag)
 
     def _look(self, vehicle_id: UUID, alias: str) -> Seen:
         with self._database.alone() as connection:
@@ -137,7 +138,7 @@ def _made(session: Session, vehicle: Vehicle, asked: Asked, wanted: str | None, 
         # Without the request's conditions: they are of this answer's ETag, not of the file's.
         unconditional = Request({"type": "http", "method": "GET", "headers": []})
         made = exported(wanted, of_given(session, vehicle, asked), Conditions(unconditional, Response()))
-        made.headers["ETag"] = etag
+        made.headers.update({"ETag": etag, VEHICLE_HEADER: str(vehicle.id)})
         return made
     found = given_documents(session, vehicle, asked)
     without = [] if asked.cameras else sorted(cameras_of(session, vehicle.id) - set(found))
@@ -149,7 +150,9 @@ def _made(session: Session, vehicle: Vehicle, asked: Asked, wanted: str | None, 
         "cameras": found,
         "without": without,
     }
-    return JSONResponse(jsonable_encoder(document), headers=_headers(etag))
+    answer = JSONResponse(jsonable_encoder(document), headers=_headers(etag) | {VEHICLE_HEADER: str(vehicle.id)})
+    answer.headers.update(repr_digest(bytes(answer.body)))
+    return answer
 
 
 def _has(request: Request, etag: str) -> bool:

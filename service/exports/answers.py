@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from fastapi import Depends, Query, Request
 from fastapi.responses import Response
 
-from service.http.etags import Conditions, content_etag
+from service.http.etags import Conditions, content_etag, repr_digest
 
 if TYPE_CHECKING:
     from service.exports.calibrated import Calibrated
@@ -60,6 +60,7 @@ def exported(wanted: str, calibrated: Calibrated, conditions: Conditions) -> Res
         "Vary": "Accept",
         "Content-Disposition": f'attachment; filename="{made.name}"',
         "Cache-Control": "private, no-cache",
+        **repr_digest(made.content),
     }
     return Response(made.content, media_type=made.media_type, headers=headers)
 

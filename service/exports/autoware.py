@@ -9,10 +9,12 @@ import numpy as np
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.camera_info import camera_info
 from service.exports.format import Files, Format
+from service.exports.mounts import solved_edge
 from service.exports.transform import Transform, numbers, yaml_number
 
 _KIT = "sensor_kit_base_link"
 _OPTICAL, _BODY = "camera_optical_link", "camera_link"
+NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def _optical_from_body(optical: str, body: str) -> Transform:
@@ -20,41 +22,59 @@ def _optical_from_body(optical: str, body: str) -> Transform:
     return Transform(optical, body, np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.zeros(3))
 
 
-def _body(camera: CalibratedCamera) -> Transform:
-    """The pose of the camera's ``camera_link`` in the LiDAR's frame."""
-    frame = camera.frame
+def mounted_edge(camera: CalibratedCamera) -> Transform:
+    """The solved edge. If it ends at the optical frame, it ends at the camera's ``camera_link`` instead."""
+    edge, frame = solved_edge(camera), camera.frame
+    if edge.from_frame != frame:
+        return edge
     body = frame.replace(_OPTICAL, _BODY) if frame.endswith(_OPTICAL) else f"{file_name(camera.name)}/{_BODY}"
-    return camera.T_lidar_camera.after(_optical_from_body(frame, body))
+    return edge.after(_optical_from_body(frame, body))
 
 
-def _tree(parent: str, poses: list[Transform]) -> str:
-    lines = [f"{json.dumps(parent, ensure_ascii=False)}:"]
-    for pose in poses:
-        named = zip(("x", "y", "z", "roll", "pitch", "yaw"), numbers([*pose.t, *pose.roll_pitch_yaw]), strict=True)
-        lines += [
-            f"  {json.dumps(pose.from_frame, ensure_ascii=False)}:",
-            *(f"    {name}: {yaml_number(value)}" for name, value in named),
-        ]
+def values(pose: Transform) -> dict[str, str]:
+    """Metres, and radians about the fixed axes x, y, z of the parent, as the files write them."""
+    numbered = zip(NAMES, numbers([*pose.t, *pose.roll_pitch_yaw]), strict=True)
+    return {name: yaml_number(value) for name, value in numbered}
+
+
+def _trees(edges: list[Transform]) -> str:
+    lines: list[str] = []
+    for parent in dict.fromkeys(edge.to_frame for edge in edges):
+        lines.append(f"{json.dumps(parent, ensure_ascii=False)}:")
+        for edge in (one for one in edges if one.to_frame == parent):
+            lines.append(f"  {json.dumps(edge.from_frame, ensure_ascii=False)}:")
+            lines += [f"    {name}: {value}" for name, value in values(edge).items()]
     return "\n".join(lines) + "\n"
 
 
-def _files(calibrated: Calibrated) -> Files:
-    """The sensor kit lies on the LiDAR's frame, or is the frame to which the rig's T_vehicle_lidar leads."""
+def _lidar_in_kit(calibrated: Calibrated) -> Transform:
+    """The LiDAR's pose in the sensor kit: that of a rig, else none, because the kit lies on the LiDAR's frame."""
     first = calibrated.cameras[0]
+    stated = [camera.joint.T_parent_lidar for camera in calibrated.cameras if camera.joint]
+    stated += [first.T_vehicle_lidar] if first.T_vehicle_lidar else []
+    on_lidar = Transform(_KIT, first.lidar_frame, np.eye(3), np.zeros(3))
+    return next((one for one in stated if one.to_frame == _KIT), on_lidar)
+
+
+def _files(calibrated: Calibrated) -> Files:
+    """What hangs on the sensor kit stands in its file, all else in the vehicle's."""
+    first, T_kit_lidar = calibrated.cameras[0], _lidar_in_kit(calibrated)
     T_vehicle_lidar = first.T_vehicle_lidar
     assert T_vehicle_lidar is not None
     folder = f"individual_params/config/{file_name(calibrated.vehicle)}/{file_name(first.rig)}"
-    bodies = [_body(camera) for camera in calibrated.cameras]
-    files = {
-        f"{folder}/{file_name(camera.name)}.camera_info.yaml": camera_info(camera) for camera in calibrated.cameras
+    edges = [mounted_edge(camera) for camera in calibrated.cameras]
+    edges = [T_kit_lidar.after(edge) if edge.to_frame == first.lidar_frame else edge for edge in edges]
+    if T_vehicle_lidar.to_frame != _KIT:
+        edges.insert(0, T_vehicle_lidar.after(T_kit_lidar.inverse()))
+    on_vehicle = [edge for edge in edges if edge.to_frame != _KIT]
+    return {
+        **{
+            f"{folder}/{file_name(camera.name)}.camera_info.yaml": camera_info(camera)
+            for camera in calibrated.cameras
+        },
+        **({f"{folder}/sensors_calibration.yaml": _trees(on_vehicle)} if on_vehicle else {}),
+        f"{folder}/sensor_kit_calibration.yaml": _trees([T_kit_lidar, *(e for e in edges if e.to_frame == _KIT)]),
     }
-    if T_vehicle_lidar.to_frame == _KIT:
-        in_kit = [T_vehicle_lidar, *(T_vehicle_lidar.after(body) for body in bodies)]
-    else:
-        on_vehicle = Transform(T_vehicle_lidar.to_frame, _KIT, T_vehicle_lidar.R, T_vehicle_lidar.t)
-        files[f"{folder}/sensors_calibration.yaml"] = _tree(T_vehicle_lidar.to_frame, [on_vehicle])
-        in_kit = [Transform(_KIT, first.lidar_frame, np.eye(3), np.zeros(3)), *bodies]
-    return {**files, f"{folder}/sensor_kit_calibration.yaml": _tree(_KIT, in_kit)}
 
 
 FORMAT = Format(

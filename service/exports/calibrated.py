@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 from apexcal.documents.camera_models import CAMERA_MODELS, CameraModel, ModelName, WrittenAs
-from service.exports.transform import Transform
+from service.exports.transform import Floats, Transform
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class StatedMount:
 class CalibratedCamera:
     """A camera's lens and mount. ``intrinsics`` is a result's: pixels, and coefficients without a unit.
 
-    ``T_camera_lidar`` maps LiDAR points into the optical frame (x right, y down, z forward) of the images. ``source``
+    ``marked`` are the pixels (n, 2) of the pairs. ``T_camera_lidar`` maps LiDAR points into the optical frame (x right, y down, z forward) of the images. ``source``
     is the id of the result. ``T_own_camera`` leads from there to the camera's own frame, which the vehicle's tree
     has; None if they are the same.
     """
@@ -54,6 +54,7 @@ class CalibratedCamera:
     source: str
     at: datetime
     joint: SolvedJoint | None = None
+    marked: Floats | None = None
     is_rectified: bool = False
     T_own_camera: Transform | None = None
     stated: StatedMount | None = None

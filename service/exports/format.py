@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,11 @@ from apexcal.documents.camera_models import CAMERA_MODELS, ModelName
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.transform import Transform
 
+if TYPE_CHECKING:
+    from service.exports.dropped import Dropped
+
+# A person's mark errs by as much: what is left out is less than what one pair says.
+MOST_DROPPED_PX = 1.0
 # Name inside the export -> text.
 Files = dict[str, str]
 
@@ -115,14 +121,41 @@ def _odd_frames(camera: CalibratedCamera) -> list[str]:
     return [name for name in (camera.frame, camera.lidar_frame, *others) if not _PLAIN_FRAME.fullmatch(name)]
 
 
+def carried(wanted: Format, camera: CalibratedCamera) -> Dropped | None:
+    """The camera as the format's readers see it, and what they leave out; None if they leave out nothing."""
+    terms = [name for name, is_dropped in _terms(wanted, camera).items() if is_dropped]
+    if not wanted.carries_lens or not terms:
+        return None
+    # Imported here: it needs OpenCV.
+    from service.exports.dropped import drop
+
+    return drop(camera, terms)
+
+
+def _terms(wanted: Format, camera: CalibratedCamera) -> dict[str, bool]:
+    """Each parameter that a format may lack, and whether the camera's has to go for this one."""
+    plain = camera.lens == "brown_conrady" and camera.lens not in wanted.lenses and "pinhole" in wanted.lenses
+    third = _third_radial(camera) and not wanted.third_radial
+    dropped = dict.fromkeys(("k1", "k2", "k3", "k4"), plain)
+    return {"skew": bool(camera.skew) and not wanted.skew, **dropped, "k5": plain or third}
+
+
 def _of_lens(wanted: Format, camera: CalibratedCamera) -> str | None:
-    if camera.lens not in wanted.lenses:
+    dropped = carried(wanted, camera)
+    if camera.lens not in wanted.lenses and dropped is None:
         return f"{wanted.title} has no lens model for {camera.name}'s {camera.lens} distortion."
+    if dropped is None or dropped.max_px <= MOST_DROPPED_PX:
+        return None
+    return f"{lacking(wanted, camera)}: {dropped.sentence}."
+
+
+def lacking(wanted: Format, camera: CalibratedCamera) -> str:
+    """What the format's readers leave out of the camera's lens."""
+    if camera.lens not in wanted.lenses:
+        return f"{wanted.title} leaves out the {camera.lens} distortion of {camera.name}"
     if camera.skew and not wanted.skew:
-        return f"The lens of {camera.name} has a skew of {camera.skew:.3g}, which readers of {wanted.title} ignore."
-    if _third_radial(camera) and not wanted.third_radial:
-        return f"The lens of {camera.name} has a third radial coefficient (k5), {wanted.title} has two."
-    return None
+        return f"The lens of {camera.name} has a skew of {camera.skew:.3g}, which readers of {wanted.title} ignore"
+    return f"The lens of {camera.name} has a third radial coefficient (k5), {wanted.title} has two"
 
 
 def _third_radial(camera: CalibratedCamera) -> bool:

@@ -5,23 +5,27 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from service.exports import autoware, camera_info, kalibr, kitti, nuscenes, opencv, openlabel, ros2, urdf
 from service.exports.calibrated import Calibrated, file_name
-from service.exports.format import Files, Format, obstacle, remedy
+from service.exports.format import Files, Format, carried, lacking, obstacle, remedy
 from service.http.problems import Problem
 
 FORMATS: dict[str, Format] = {
-    one.FORMAT.name: one.FORMAT
-    for one in (camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel)
+    one.name: one
+    for one in (
+        *(one.FORMAT for one in (camera_info, ros2, urdf, autoware, kitti, kalibr, opencv, nuscenes, openlabel)),
+        openlabel.VCD,
+    )
 }
 # What ZIP writes where it knows no time: the same export has the same bytes.
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 class Exported(NamedTuple):
-    """One file to hand out; ``notes`` say which lens a mount without one needs."""
+    """One file to hand out; ``notes`` say what its reader has to know beside it."""
 
     name: str
     media_type: str
@@ -62,7 +66,11 @@ def export(wanted: Format, calibrated: Calibrated) -> Exported:
             formats=able,
         )
     notes = [] if wanted.carries_lens else [camera.needs for camera in calibrated.cameras]
-    files = wanted.write(calibrated if wanted.carries_lens else calibrated.alone())
+    calibrated = calibrated if wanted.carries_lens else calibrated.alone()
+    dropped = [carried(wanted, camera) for camera in calibrated.cameras]
+    pairs = list(zip(calibrated.cameras, dropped, strict=True))
+    notes += [f"{lacking(wanted, camera)}: {less.sentence}." for camera, less in pairs if less]
+    files = wanted.write(replace(calibrated, cameras=[less.camera if less else camera for camera, less in pairs]))
     name = "-".join([*(file_name(part) for part in _named(calibrated)), wanted.name])
     if len(files) == 1 and wanted.kind != "zip":
         (inside, text), *_ = files.items()

@@ -1,4 +1,4 @@
-"""KITTI's raw recordings: ``calib_velo_to_cam.txt`` and ``calib_cam_to_cam.txt``, cameras numbered as in the rig."""
+"""KITTI's raw recordings: the three ``calib_*.txt`` of a folder of a date, here a folder of a camera."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from datetime import datetime
 
 import numpy as np
 
-from service.exports.calibrated import Calibrated, CalibratedCamera
+from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.format import RADIAL_TANGENTIAL, Files, Format
 from service.exports.transform import Floats, Transform, numbers
 
@@ -21,40 +21,43 @@ def _time(at: datetime) -> str:
     return f"calib_time: {at.day:02d}-{_MONTHS[at.month - 1]}-{at.year} {at:%H:%M:%S}"
 
 
-def _velo_to_cam(first: CalibratedCamera) -> str:
-    """(R|T) maps LiDAR points into camera 00."""
-    mount = first.T_camera_lidar
-    lines = [_time(first.at), _line("R", mount.R), _line("T", mount.t)]
-    return "\n".join([*lines, _line("delta_f", [0.0, 0.0]), _line("delta_c", [0.0, 0.0]), ""])
+def _rigid(at: datetime, T: Transform) -> str:
+    return "\n".join([_time(at), _line("R", T.R), _line("T", T.t), ""])
 
 
-def _camera(place: int, camera: CalibratedCamera, T_camera_first: Transform) -> list[str]:
-    """R, T map points of camera 00 into this one. The rectified image is the undistorted one, with the same K.
+def _cam_to_cam(camera: CalibratedCamera) -> str:
+    """The camera at each of KITTI's four places, so that a program finds it at the one that it looks at.
 
-    So P_rect = K [R | T], and the devkit's P_rect_xx R_rect_00 (R|T)_velo_to_cam X holds in undistorted images.
+    The rectified image is the undistorted one, with the same K: R_rect is the identity, P_rect is [K | 0].
     """
     size, K = [float(camera.width), float(camera.height)], np.array(camera.K)
     named = (
         ("S", size),
         ("K", K),
         ("D", camera.D),
-        ("R", T_camera_first.R),
-        ("T", T_camera_first.t),
+        ("R", np.eye(3)),
+        ("T", np.zeros(3)),
         ("S_rect", size),
         ("R_rect", np.eye(3)),
-        ("P_rect", K @ T_camera_first.matrix[:3]),
+        ("P_rect", np.c_[K, np.zeros(3)]),
     )
-    return [_line(f"{name}_{place:02d}", values) for name, values in named]
+    lines = [_line(f"{name}_{place:02d}", values) for place in range(4) for name, values in named]
+    return "\n".join([_time(camera.at), _line("corner_dist", [0.0]), *lines, ""])
 
 
 def _files(calibrated: Calibrated) -> Files:
-    first = calibrated.cameras[0]
-    lines = [_time(first.at), _line("corner_dist", [0.0])]
-    for place, camera in enumerate(calibrated.cameras):
-        lines += _camera(place, camera, camera.T_camera_lidar.after(first.T_camera_lidar.inverse()))
-    # Behind the rest: some readers count lines.
-    lines += [f"name_{place:02d}: {camera.name}" for place, camera in enumerate(calibrated.cameras)]
-    return {"calib_velo_to_cam.txt": _velo_to_cam(first), "calib_cam_to_cam.txt": "\n".join([*lines, ""])}
+    """A folder for each camera. In one folder KITTI's cameras differ by a shift along x alone.
+
+    The vehicle's frame takes the place of KITTI's IMU; it is the LiDAR's if no rig states it.
+    """
+    files: Files = {}
+    for camera in calibrated.cameras:
+        folder, T_vehicle_lidar = file_name(camera.name), camera.T_vehicle_lidar
+        lidar = Transform(camera.lidar_frame, camera.lidar_frame, np.eye(3), np.zeros(3))
+        files[f"{folder}/calib_velo_to_cam.txt"] = _rigid(camera.at, camera.T_camera_lidar)
+        files[f"{folder}/calib_imu_to_velo.txt"] = _rigid(camera.at, (T_vehicle_lidar or lidar).inverse())
+        files[f"{folder}/calib_cam_to_cam.txt"] = _cam_to_cam(camera)
+    return files
 
 
 FORMAT = Format(
@@ -62,7 +65,6 @@ FORMAT = Format(
     title="KITTI raw",
     write=_files,
     kind="zip",
-    direction="(R|T)_velo_to_cam maps LiDAR points into camera 00; R_xx, T_xx map camera 00 into camera xx",
+    direction="(R|T)_velo_to_cam maps LiDAR points into the folder's camera",
     lenses=RADIAL_TANGENTIAL,
-    one_lidar=True,
 )

@@ -1,66 +1,95 @@
-"""ASAM OpenLABEL 1.0: coordinate systems, and the cameras' lenses as properties of their streams."""
+"""ASAM OpenLABEL 1.0: sensors with their poses in one frame, and the cameras' lenses as properties of their streams.
+
+The lens's members are named as the standard's schema names them (raillabel takes no others), and in the format
+``vcd`` as the library VCD names them, which reads no others. A fisheye lens has both names: raillabel has no fisheye.
+"""
 
 from __future__ import annotations
 
 import json
+from functools import partial
 from typing import Any
 
+import numpy as np
+
 from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
-from service.exports.format import RADIAL_TANGENTIAL, Files, Format
-from service.exports.ros2 import poses
-from service.exports.transform import numbers
+from service.exports.format import Files, Format
+from service.exports.transform import Transform, numbers
 
 Json = dict[str, Any]
+# raillabel takes no other name for the frame that all poses are stated in.
+_BASE = "base"
 
 
-def _systems(calibrated: Calibrated) -> Json:
-    """Each frame with its pose in its parent; what has no parent is the local coordinate system."""
-    systems: Json = {}
-    for pose in poses(calibrated):
-        parent = systems.setdefault(pose.to_frame, {"type": "local_cs", "parent": "", "children": []})
-        parent["children"].append(pose.from_frame)
-        systems.setdefault(pose.from_frame, {"children": []}).update(
-            type="sensor_cs", parent=pose.to_frame, pose_wrt_parent={"matrix4x4": numbers(pose.matrix)}
-        )
-    return systems
+def _pose(T_base_sensor: Transform) -> Json:
+    return {"translation": numbers(T_base_sensor.t), "quaternion": numbers(T_base_sensor.quaternion_xyzw)}
 
 
-def _stream(camera: CalibratedCamera) -> Json:
-    """A sensor's stream has the name of its coordinate system."""
-    lens = {
-        "width_px": camera.width,
-        "height_px": camera.height,
-        "camera_matrix_3x4": [entry for row in camera.K for entry in (*row, 0.0)],
-        "distortion_coeffs_1xN": camera.D,
-    }
+def _system(T_base_sensor: Transform) -> Json:
+    return {"type": "sensor", "parent": _BASE, "children": [], "pose_wrt_parent": _pose(T_base_sensor)}
+
+
+def _pinhole(camera: CalibratedCamera, suffixes: tuple[str, str]) -> Json:
     return {
-        "type": "camera",
-        "description": camera.name,
-        "uri": "",
-        "stream_properties": {"intrinsics_pinhole": lens},
+        "intrinsics_pinhole": {
+            "width_px": camera.width,
+            "height_px": camera.height,
+            f"camera_matrix{suffixes[0]}": [entry for row in camera.K for entry in (*row, 0.0)],
+            f"distortion_coeffs{suffixes[1]}": camera.D,
+        }
     }
 
 
-def _files(calibrated: Calibrated) -> Files:
-    streams: Json = {camera.frame: _stream(camera) for camera in calibrated.cameras}
+def _fisheye(camera: CalibratedCamera) -> Json:
+    """VCD's ``kannala``: r = c1 theta + c2 theta^3 + ... + c5 theta^9, theta the angle to the optical axis."""
+    (f_x, _, c_x), (_, f_y, c_y), _ = camera.K
+    lens = {"width_px": camera.width, "height_px": camera.height, "focal_length_x": f_x, "focal_length_y": f_y}
+    coefficients = [1.0, *camera.D]
+    lens |= {"center_x_px": c_x, "center_y_px": c_y, "lens_coeffs": coefficients}
+    of_vcd = {"model": "kannala", "center_x": c_x, "center_y": c_y, "lens_coeffs_1xN": coefficients}
+    return {"intrinsics_fisheye": lens | of_vcd}
+
+
+def _stream(camera: CalibratedCamera, suffixes: tuple[str, str]) -> Json:
+    """A sensor's stream has the name of its coordinate system."""
+    lens = _fisheye(camera) if camera.lens == "kannala_brandt" else _pinhole(camera, suffixes)
+    return {"type": "camera", "description": camera.name, "uri": "", "stream_properties": lens}
+
+
+def _files(suffixes: tuple[str, str], calibrated: Calibrated) -> Files:
+    """``base`` is the frame that :meth:`Calibrated.T_root_lidar` leads to, else the LiDAR's."""
+    systems: Json = {_BASE: {"type": "local", "parent": "", "children": []}}
+    streams: Json = {}
     for camera in calibrated.cameras:
-        streams.setdefault(camera.lidar_frame, {"type": "lidar", "description": "LiDAR", "uri": ""})
+        root = calibrated.T_root_lidar(camera.lidar_frame)
+        T_base_lidar = root or Transform(camera.lidar_frame, camera.lidar_frame, np.eye(3), np.zeros(3))
+        systems[camera.lidar_frame] = _system(T_base_lidar)
+        systems[camera.frame] = _system(T_base_lidar.after(camera.T_lidar_camera))
+        streams[camera.frame] = _stream(camera, suffixes)
+        about = f"LiDAR; base is {T_base_lidar.to_frame}"
+        streams[camera.lidar_frame] = {"type": "lidar", "description": about, "uri": ""}
+    systems[_BASE]["children"] = list(streams)
     document = {
         "openlabel": {
             "metadata": {"schema_version": "1.0.0", "name": calibrated.vehicle},
-            "coordinate_systems": _systems(calibrated),
+            "coordinate_systems": systems,
             "streams": streams,
         }
     }
     return {f"{file_name(calibrated.vehicle)}.openlabel.json": json.dumps(document, indent=2) + "\n"}
 
 
-FORMAT = Format(
-    name="openlabel",
-    title="ASAM OpenLABEL",
-    write=_files,
-    kind="json",
-    direction="pose_wrt_parent is the sensor's pose in its parent: T_lidar_camera, T_vehicle_lidar",
-    lenses=RADIAL_TANGENTIAL,
-    skew=True,
-)
+def _format(name: str, title: str, suffixes: tuple[str, str]) -> Format:
+    return Format(
+        name=name,
+        title=title,
+        write=partial(_files, suffixes),
+        kind="json",
+        direction="pose_wrt_parent is the sensor's pose in the base frame",
+        skew=True,
+        one_tree=True,
+    )
+
+
+FORMAT = _format("openlabel", "ASAM OpenLABEL", ("", ""))
+VCD = _format("vcd", "ASAM OpenLABEL for VCD", ("_3x4", "_1xN"))

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import parse_model
 from service.calibration_runs.image_frames import T_images_camera, joint_of_images
-from service.db.calibrations import Calibration, Result
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.exports.given_queries import Asked, given
 from service.http.problems import Problem, not_found
@@ -19,7 +19,7 @@ from service.http.problems import Problem, not_found
 if TYPE_CHECKING:
     from service.exports.calibrated import Calibrated, CalibratedCamera
 
-_Cameras = Select[Result, Rig, RigCamera, str]
+_Cameras = Select[Result, Rig, RigCamera, str, list[float] | None, list[float] | None]
 
 
 def of_result(session: Session, result_id: UUID) -> Calibrated:
@@ -43,8 +43,10 @@ def of_results(session: Session, result_ids: Sequence[UUID]) -> Calibrated:
 
 def _cameras() -> _Cameras:
     return (
-        select(Result, Rig, RigCamera, Vehicle.name)
+        select(Result, Rig, RigCamera, Vehicle.name, CorrespondenceSet.pairs["u"], CorrespondenceSet.pairs["v"])
         .join(Calibration, Calibration.id == Result.calibration_id)
+        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
         .join(Vehicle, Vehicle.id == Calibration.vehicle_id)
         .join(Rig, Rig.id == Calibration.rig_id)
         .join(RigCamera, and_(RigCamera.rig_id == Rig.id, RigCamera.name == Result.camera))
@@ -59,10 +61,13 @@ def _of(session: Session, statement: _Cameras) -> Calibrated:
     rows = session.execute(statement).all()
     if not rows:
         raise not_found()
-    return Calibrated(rows[0][3], [_camera(result, rig, camera) for result, rig, camera, _ in rows])
+    cameras = [_camera(result, rig, camera, u or [], v or []) for result, rig, camera, _, u, v in rows]
+    return Calibrated(rows[0][3], cameras)
 
 
-def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
+def _camera(result: Result, rig: Rig, camera: RigCamera, u: list[float], v: list[float]) -> CalibratedCamera:
+    import numpy as np
+
     from service.exports.calibrated import CalibratedCamera, SolvedJoint, StatedMount
     from service.exports.transform import Transform
 
@@ -81,6 +86,7 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         rig=rig.name,
         source=str(result.id),
         at=result.created_at,
+        marked=np.array([u, v], np.float64).T,
         joint=SolvedJoint(*(Transform.of(joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
         if joint
         else None,

@@ -1,4 +1,8 @@
-"""ROS 2: camera_info, the arguments of ``static_transform_publisher``, and a launch file of the mounts."""
+"""ROS 2: camera_info, the arguments of ``static_transform_publisher``, and a launch file of the solved edges.
+
+Of the tree, each camera's solved edge alone: the vehicle's own description publishes all others, and tf2 takes one
+parent of a frame.
+"""
 
 from __future__ import annotations
 
@@ -8,30 +12,8 @@ from xml.sax.saxutils import quoteattr
 from service.exports.calibrated import Calibrated, file_name
 from service.exports.camera_info import camera_info
 from service.exports.format import Files, Format
+from service.exports.mounts import solved_edge
 from service.exports.transform import Transform
-
-
-def poses(calibrated: Calibrated) -> list[Transform]:
-    """Each frame's pose in its parent, once: the LiDAR in the vehicle where that is known, then the cameras.
-
-    A camera whose rig states a joint hangs on that joint, others on the LiDAR.
-    """
-    found: dict[str, Transform] = {}
-    for camera in calibrated.cameras:
-        root = calibrated.T_root_lidar(camera.lidar_frame)
-        if root is not None:
-            found[camera.lidar_frame] = root
-        T_parent_child = camera.T_parent_child
-        if camera.joint is None or T_parent_child is None:
-            found[camera.frame] = camera.T_lidar_camera
-            continue
-        parent, child = camera.joint.T_parent_lidar, camera.joint.T_child_camera
-        if root is not None and parent.to_frame not in (root.to_frame, camera.lidar_frame):
-            found[parent.to_frame] = root.after(parent.inverse())
-        found[child.to_frame] = T_parent_child
-        if child.to_frame != camera.frame:
-            found[camera.frame] = child
-    return list(found.values())
 
 
 def arguments(pose: Transform) -> list[tuple[str, str]]:
@@ -49,7 +31,7 @@ def _decimal(value: float) -> str:
 
 def _launch(calibrated: Calibrated) -> str:
     nodes: list[str] = []
-    for pose in poses(calibrated):
+    for pose in map(solved_edge, calibrated.cameras):
         # A node's name has letters, digits and _ alone, and begins with no digit.
         name = re.sub(r"[^A-Za-z0-9_]", "_", f"static_{pose.to_frame}_to_{pose.from_frame}")
         said = " ".join(f"--{option} {value}" for option, value in arguments(pose))
@@ -61,7 +43,10 @@ def _launch(calibrated: Calibrated) -> str:
 
 
 def _files(calibrated: Calibrated) -> Files:
-    said = [" ".join(f"--{option} {value}" for option, value in arguments(pose)) for pose in poses(calibrated)]
+    said = [
+        " ".join(f"--{option} {value}" for option, value in arguments(pose))
+        for pose in map(solved_edge, calibrated.cameras)
+    ]
     return {
         **{f"{file_name(camera.name)}/camera_info.yaml": camera_info(camera) for camera in calibrated.cameras},
         "static_transform_publisher.txt": "\n".join(said) + "\n",
@@ -74,6 +59,6 @@ FORMAT = Format(
     title="ROS 2",
     write=_files,
     kind="zip",
-    direction="the child frame's pose in its parent: T_lidar_camera or the rig's T_parent_child, T_vehicle_lidar",
+    direction="the child frame's pose in its parent: T_lidar_camera, or the rig's T_parent_child",
     plain_frames=True,
 )

@@ -41,7 +41,7 @@ def list_formats(identity: CurrentIdentity) -> list[dict[str, object]]:
 def patch_urdf(vehicle_id: UUID, camera: Sought, body: UrdfRequest, access: ReadAccess) -> Response:
     """The sent URDF with one joint's origin as the camera's current calibration has it; all other bytes stay.
 
-    Nothing is stored.
+    Or the sent calibration file of Autoware with the pose of the ``joint``'s child. Nothing is stored.
     """
     return _patched(body, of_given(access.session, access.find(Vehicle, vehicle_id), Asked([camera])))
 
@@ -53,13 +53,16 @@ def patch_urdf_of_result(result_id: UUID, body: UrdfRequest, access: ReadAccess)
 
 
 def _patched(body: UrdfRequest, calibrated: Calibrated) -> Response:
-    # Imported here: it needs NumPy, which takes a twentieth of the start.
+    # Imported here: they need NumPy, which takes a twentieth of the start.
+    from service.exports import autoware_patch
     from service.exports.urdf_patch import patched
 
-    camera = calibrated.cameras[0]
+    camera = calibrated.cameras[0].alone()
+    if not body.urdf.lstrip("\ufeff \t\r\n").startswith("<"):
+        text = autoware_patch.patched(body.urdf, body.joint, camera)
+        return Response(text, media_type="application/yaml", headers=notes_header([camera.needs]))
     # The file has the camera's own frame, or names that of the rectified images.
-    alone = camera.alone()
-    mount = alone.T_camera_lidar if body.camera_link == camera.frame else alone.T_own_lidar
+    mount = camera.T_camera_lidar if body.camera_link == camera.frame else camera.T_own_lidar
     mount = mount._replace(
         to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame
     )

@@ -6,7 +6,7 @@ from xml.sax.saxutils import quoteattr
 
 from service.exports.calibrated import Calibrated, file_name
 from service.exports.format import Files, Format
-from service.exports.ros2 import poses
+from service.exports.mounts import poses
 from service.exports.transform import Transform, numbers
 
 

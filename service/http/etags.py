@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
+from hashlib import sha256
 from typing import Annotated
 
 from fastapi import Depends, FastAPI, Request, Response
@@ -25,6 +27,11 @@ def version_etag(version: int) -> str:
 def content_etag(digest: str) -> str:
     """The entity tag of something named by a hash of its content."""
     return f'"{digest}"'
+
+
+def repr_digest(content: bytes) -> dict[str, str]:
+    """The header by which a client sees that all bytes arrived as they were sent (RFC 9530)."""
+    return {"Repr-Digest": f"sha-256=:{b64encode(sha256(content).digest()).decode()}:"}
 
 
 class Conditions:

@@ -5,6 +5,7 @@ import pytest
 from sqlalchemy import text, update
 from sqlalchemy.exc import StatementError
 
+from service.calibration_runs.transforms import write
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.db.fleets import Rig
 from tests.service.detections.seeding import LEVEL, seed_rig
@@ -21,7 +22,12 @@ DOCUMENT = {
     "pairs": 60,
     "polished": {"mean_px": 1.25, "rms_px": 1.5},
     "intrinsics": {"model": "pinhole", "f_x": 500.0, "f_y": 501.0, "c_x": 320.0, "c_y": 240.0},
-    "transform": LEVEL,
+    "transform": write(
+        LEVEL["to_frame"],
+        LEVEL["from_frame"],
+        np.array(LEVEL["rotation"]["matrix"]),
+        np.array(LEVEL["translation_m"]),
+    ),
     "std": {"t_x": 0.01},
     "covariance": {"names": ["t_x"], "units": ["m"], "matrix": [[0.0001]]},
     "alarms": ["c_y and the pitch nearly coincide."],

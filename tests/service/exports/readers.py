@@ -10,14 +10,20 @@ import json
 import shlex
 import zipfile
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 
 import cv2
 import numpy as np
+import pykitti
+import raillabel
 import yaml
 from pyquaternion import Quaternion
 from scipy.spatial.transform import Rotation
 from urdf_parser_py.urdf import URDF
+from vcd.core import OpenLABEL
+from vcd.scl import Scene
 
 from service.exports.calibrated import Calibrated
 from service.exports.formats import FORMATS, export
@@ -114,6 +120,17 @@ def published(said: str) -> tuple[tuple[str, str], np.ndarray]:
     return (given["frame-id"], given["child-frame-id"]), rigid(R, [float(given[name]) for name in "xyz"])
 
 
+def own_tree(calibrated: Calibrated) -> dict[tuple[str, str], np.ndarray]:
+    """What robot_state_publisher publishes of the vehicle's own tree, the solved joints left out."""
+    edges: dict[tuple[str, str], np.ndarray] = {}
+    joints = [camera.joint for camera in calibrated.cameras if camera.joint]
+    stated = [pose for joint in joints for pose in (joint.T_parent_lidar, joint.T_child_camera)]
+    for pose in [*stated, *(one.T_vehicle_lidar for one in calibrated.cameras if one.T_vehicle_lidar)]:
+        if pose.to_frame != pose.from_frame and pose.from_frame not in {child for _, child in edges}:
+            edges[pose.to_frame, pose.from_frame] = pose.matrix
+    return edges
+
+
 def ros2(calibrated: Calibrated) -> list[Projection]:
     files = files_of("ros2", calibrated)
     edges = dict(published(line) for line in only(files, ".txt").decode().splitlines())
@@ -121,9 +138,12 @@ def ros2(calibrated: Calibrated) -> list[Projection]:
     nodes = [node for node in launch.iter("node") if node.get("exec") == "static_transform_publisher"]
     launched = dict(published(node.attrib["args"]) for node in nodes)
     assert launched.keys() == edges.keys() and all((launched[edge] == edges[edge]).all() for edge in edges)
+    own = own_tree(calibrated)
+    children = [child for _, child in [*edges, *own]]
+    assert len(edges) == len(calibrated.cameras) and len(set(children)) == len(children), "tf2 takes one parent"
     found = []
     for number, name in enumerate(_of_cameras(files, "camera_info.yaml")):
-        lens, T = by_camera_info(files[name]), _tree(edges, f"camera{number}/camera_optical_link")
+        lens, T = by_camera_info(files[name]), _tree(edges | own, f"camera{number}/camera_optical_link")
         found.append(lambda points, lens=lens, T=T: lens(move(T, points)))
     return found
 
@@ -174,32 +194,45 @@ def autoware(calibrated: Calibrated) -> list[Projection]:
 
 
 def kitti(calibrated: Calibrated) -> list[Projection]:
-    """The raw devkit's readme. D is OpenCV's; P_rect_xx R_rect_00 (R|T)_velo_to_cam X holds where there is none."""
+    """pykitti, for each of its four cameras. It has rectified images; D, of its file, leads to the raw ones."""
     files = files_of("kitti", calibrated)
-    said = {}
-    for name in ("calib_velo_to_cam.txt", "calib_cam_to_cam.txt"):
-        for line in only(files, name).decode().splitlines():
-            key, _, value = line.partition(": ")
-            said[key] = value if key.startswith(("calib_time", "name")) else np.array(value.split(), np.float64)
-    assert said["calib_time"] == "05-Mar-2026 07:08:09" and list(said)[6] == "S_00"
-    velo_to_cam = rigid(said["R"].reshape(3, 3), said["T"])
+    with TemporaryDirectory() as base:
+        for name, content in files.items():
+            (Path(base) / name).parent.mkdir(exist_ok=True)
+            (Path(base) / name).write_bytes(content)
+        folders = sorted({name.partition("/")[0] for name in files}, key=FOLDERS.index)
+        for folder in folders:
+            # What a recording has besides, with one moment.
+            drive = Path(base) / folder / f"{folder}_drive_0001_sync" / "oxts"
+            (drive / "data").mkdir(parents=True)
+            (drive / "timestamps.txt").write_text("2011-09-26 13:02:25.964389445\n")
+            (drive / "data" / "0000000000.txt").write_text(" ".join(["49.0"] * 25 + ["4"] * 5) + "\n")
+        return [_by_pykitti(pykitti.raw(base, folder, "0001"), files, folder) for folder in folders]
 
-    def projection(place: str) -> Projection:
-        T = rigid(said[f"R_{place}"].reshape(3, 3), said[f"T_{place}"]) @ velo_to_cam
-        K, D = said[f"K_{place}"].reshape(3, 3), said[f"D_{place}"]
 
-        def pixels(points: np.ndarray) -> np.ndarray:
-            found = plumb_bob(move(T, points), K, D)
-            if not D.any():
-                homogeneous = np.c_[points, np.ones(len(points))]
-                rectified = rigid(said["R_rect_00"].reshape(3, 3), np.zeros(3)) @ velo_to_cam @ homogeneous.T
-                u, v, w = said[f"P_rect_{place}"].reshape(3, 4) @ rectified
-                assert np.abs(found - np.stack([u / w, v / w], axis=1)).max() < 1e-6
-            return found
+FOLDERS = ("front", "left_rear", "mast-1")
 
-        return pixels
 
-    return [projection(f"{place:02d}") for place in range(3)]
+def _by_pykitti(drive: pykitti.raw, files: dict[str, bytes], folder: str) -> Projection:
+    lines = files[f"{folder}/calib_cam_to_cam.txt"].decode().splitlines()
+    said = dict(line.split(": ", 1) for line in lines)
+    assert said["calib_time"] == "05-Mar-2026 07:08:09" and list(said)[2] == "S_00"
+
+    def pixels(points: np.ndarray) -> np.ndarray:
+        found = []
+        for place in range(4):
+            K, T = (getattr(drive.calib, name.format(place)) for name in ("K_cam{}", "T_cam{}_velo"))
+            u, v, w = K @ move(T, points).T
+            P = getattr(drive.calib, f"P_rect_{place}0")
+            by_P = P @ drive.calib.R_rect_00 @ np.c_[points @ T[:3, :3].T + T[:3, 3], np.ones(len(points))].T
+            assert np.abs(by_P - [u, v, w]).max() < 1e-9
+            rays = np.linalg.solve(K, np.stack([u / w, v / w, np.ones(len(u))])).T
+            D = np.array(said[f"D_0{place}"].split(), np.float64)
+            found.append(plumb_bob(rays, np.array(said[f"K_0{place}"].split(), np.float64).reshape(3, 3), D))
+        assert np.abs(np.ptp(found, axis=0)).max() < 1e-9, "each of the four places is this camera"
+        return found[0]
+
+    return pixels
 
 
 def kalibr(calibrated: Calibrated) -> list[Projection]:
@@ -279,30 +312,58 @@ def nuscenes(calibrated: Calibrated) -> list[Projection]:
 
 
 def openlabel(calibrated: Calibrated) -> list[Projection]:
-    """ASAM OpenLABEL 1.0: pose_wrt_parent maps into the parent; distortion is OpenCV's; then the whole 3x4 matrix."""
+    """raillabel for pinhole lenses; it has no fisheye, and VCD reads that of the same file."""
     (document,) = files_of("openlabel", calibrated).values()
-    said = json.loads(document)["openlabel"]
-    systems = said["coordinate_systems"]
-    assert [name for name, one in systems.items() if one["type"] == "local_cs"] == ["base_link"]
-    edges = {}
-    for name, one in systems.items():
-        for child in one["children"]:
-            assert systems[child]["parent"] == name
-            edges[name, child] = np.array(systems[child]["pose_wrt_parent"]["matrix4x4"]).reshape(4, 4)
-    streams = {name: one for name, one in said["streams"].items() if one["type"] == "camera"}
+    if calibrated.cameras[0].lens == "kannala_brandt":
+        return by_vcd(document, calibrated)
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "scene.json").write_bytes(document)
+        scene = raillabel.load(Path(folder) / "scene.json")
+    T_base_lidar = _by_raillabel(scene.sensors["velodyne"])
 
-    def projection(name: str) -> Projection:
-        lens = streams[name]["stream_properties"]["intrinsics_pinhole"]
-        matrix, T = np.array(lens["camera_matrix_3x4"]).reshape(3, 4), _tree(edges, name)
+    def projection(camera: raillabel.format.Camera) -> Projection:
+        K = np.array(camera.intrinsics.camera_matrix).reshape(3, 4)[:, :3]
+        T = np.linalg.inv(_by_raillabel(camera)) @ T_base_lidar
 
         def pixels(points: np.ndarray) -> np.ndarray:
-            distorted = plumb_bob(move(T, points), np.eye(3), lens["distortion_coeffs_1xN"])
-            u, v, w = matrix @ np.c_[distorted, np.ones((len(points), 2))].T
-            return np.stack([u / w, v / w], axis=1)
+            """x_img = camera_matrix X_ccs, the whole matrix, of rays that OpenCV's coefficients distort."""
+            distorted = plumb_bob(move(T, points), np.eye(3), camera.intrinsics.distortion)
+            return np.c_[distorted, np.ones(len(points))] @ K[:2].T
 
         return pixels
 
-    return [projection(name) for name in streams]
+    return [projection(scene.sensors[camera.frame]) for camera in calibrated.cameras]
+
+
+def _by_raillabel(sensor: raillabel.format.Camera | raillabel.format.Lidar) -> np.ndarray:
+    pos, quat = sensor.extrinsics.pos, sensor.extrinsics.quat
+    return rigid(Rotation.from_quat([quat.x, quat.y, quat.z, quat.w]).as_matrix(), [pos.x, pos.y, pos.z])
+
+
+def vcd(calibrated: Calibrated) -> list[Projection]:
+    (document,) = files_of("vcd", calibrated).values()
+    return by_vcd(document, calibrated)
+
+
+def by_vcd(document: bytes, calibrated: Calibrated) -> list[Projection]:
+    """VCD: the file held against the standard's schema, its cameras' own projection, its own chain of transforms."""
+    label = OpenLABEL()
+    label.load_from_json(json.loads(document), validation=True)
+    scene = Scene(label)
+
+    def projection(camera: str) -> Projection:
+        T, static = scene.get_transform("velodyne", camera)
+        assert static
+
+        def pixels(points: np.ndarray) -> np.ndarray:
+            inside = np.c_[move(T, points), np.ones(len(points))].T
+            found, valid = scene.get_camera(camera).project_points3d(inside)
+            assert all(valid)
+            return (found[:2] / found[2]).T
+
+        return pixels
+
+    return [projection(camera.frame) for camera in calibrated.cameras]
 
 
 READERS = {
@@ -315,4 +376,5 @@ READERS = {
     "opencv": opencv,
     "nuscenes": nuscenes,
     "openlabel": openlabel,
+    "vcd": vcd,
 }

@@ -9,7 +9,7 @@ import pytest
 
 from service.exports.calibrated import Calibrated, SolvedJoint
 from service.exports.formats import FORMATS, export
-from service.exports.ros2 import poses
+from service.exports.mounts import poses
 from service.exports.transform import Transform
 from service.http.problems import Problem
 from tests.service.exports.readers import READERS

@@ -37,7 +37,7 @@ def test_points_fall_where_ours_do(name, model, rig):
         assert np.abs(projection(seen(camera)) - ours(camera)).max() < LIMIT_PX
 
 
-@pytest.mark.parametrize("name", ["openlabel", "nuscenes"])
+@pytest.mark.parametrize("name", ["openlabel", "vcd", "nuscenes"])
 def test_a_skew_is_carried_where_the_matrix_is_used_whole(name):
     flat = dict.fromkeys(("k1", "k2", "k3", "k4", "k5"), 0.0) if name == "nuscenes" else {}
     calibrated = rig_of("brown_conrady", 1, skew=0.013, **flat)
@@ -61,19 +61,42 @@ def refusal(name, calibrated) -> Problem:
     return found.value
 
 
+LESS = [
+    *((name, "brown_conrady", {"skew": 2e-4}) for name in ("camera_info", "ros2", "autoware", "kitti", "opencv")),
+    ("kalibr", "brown_conrady", {"k5": 1e-4, "skew": 2e-4}),
+    ("nuscenes", "brown_conrady", {"k1": 1e-4, "k2": 2e-4, "k3": 1e-4, "k4": -1e-4, "k5": 1e-4, "skew": 1e-3}),
+]
+
+
+@pytest.mark.parametrize(("name", "model", "changed"), LESS)
+def test_what_a_format_leaves_out_is_said_in_pixels(name, model, changed):
+    """As the format's own reader and our projection differ, at the pixels of the pairs."""
+    calibrated = rig_of(model, 0, **changed)
+    calibrated = replace(calibrated, cameras=[replace(one, marked=ours(one)) for one in calibrated.cameras])
+    notes = export(FORMATS[name], calibrated).notes
+    assert len(notes) == 3
+    for camera, projection, note in zip(calibrated.cameras, READERS[name](calibrated), notes, strict=True):
+        off = np.linalg.norm(projection(seen(camera)) - ours(camera), axis=1)
+        assert f"up to {off.max():.2g} px, in the median {np.median(off):.2g} px, where pairs lie" in note
+        assert camera.name in note and off.max() > 0.02
+
+
 @pytest.mark.parametrize("name", ["camera_info", "ros2", "autoware", "kitti", "kalibr", "opencv"])
-def test_a_skew_is_refused_where_readers_ignore_it(name):
-    problem = refusal(name, rig_of("brown_conrady", 0, skew=1e-3, k5=0.0))
-    assert "skew of 0.001" in problem.detail and "skew locked at 0" in problem.hint
-    assert problem.fields["formats"] == ["json", "urdf", "openlabel"]
+def test_a_skew_of_more_than_a_mark_is_refused_where_readers_ignore_it(name):
+    problem = refusal(name, rig_of("brown_conrady", 0, skew=1e-2, k5=0.0))
+    assert "skew of 0.01" in problem.detail and "px" in problem.detail and "skew locked at 0" in problem.hint
+    assert problem.fields["formats"] == ["json", "urdf", "openlabel", "vcd"]
 
 
 def test_a_lens_that_readers_do_not_know_is_refused():
-    for name in ("kitti", "openlabel", "nuscenes"):
+    for name in ("kitti", "nuscenes"):
         problem = refusal(name, rig_of("kannala_brandt", 0))
         assert "kannala_brandt" in problem.detail
-        assert problem.fields["formats"] == ["json", "camera_info", "ros2", "urdf", "autoware", "kalibr", "opencv"]
-    assert "brown_conrady distortion" in refusal("nuscenes", rig_of("brown_conrady", 0)).detail
+        assert problem.fields["formats"] == [
+            *("json", "camera_info", "ros2", "urdf", "autoware", "kalibr", "opencv", "openlabel", "vcd")
+        ]
+    problem = refusal("nuscenes", rig_of("brown_conrady", 0))
+    assert "brown_conrady distortion" in problem.detail and "px" in problem.detail
     problem = refusal("kalibr", rig_of("brown_conrady", 0))
     assert "third radial" in problem.detail and "k5 locked at 0" in problem.hint
 

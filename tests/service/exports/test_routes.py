@@ -81,11 +81,11 @@ def test_an_unknown_format_and_one_that_cannot_carry_it(api, fleet, rig, result)
     assert "kalibr" in unknown.json()["hint"] and "json" in unknown.json()["formats"]
     with api.database.writing() as session:
         row = session.get_one(Result, result)
-        lens = row.document["intrinsics"] | {f"k{place}": 0.01 for place in range(1, 6)} | {"skew": 0.002}
+        lens = row.document["intrinsics"] | {f"k{place}": 0.01 for place in range(1, 6)} | {"skew": 0.02}
         row.model, row.document = "brown_conrady", row.document | {"intrinsics": lens}
     refused = viewer.get(current_address(rig), params={"format": "kalibr"})
     assert (refused.status_code, refused.json()["code"]) == (406, "format_cannot_carry")
-    assert refused.json()["formats"] == ["json", "urdf", "openlabel"]
+    assert refused.json()["formats"] == ["json", "urdf", "openlabel", "vcd"]
     assert refused.headers["content-type"] == "application/problem+json"
 
 
