@@ -1,6 +1,5 @@
 """No link, session or token outlives what made it, or rises with its person."""
 
-import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
@@ -14,6 +13,7 @@ from service.auth.bootstrap import renew_owner_token
 from service.auth.credential_actions import end_credentials, revoke
 from service.auth.session_actions import make_link, sign_in
 from service.db.people import ApiToken, Membership
+from tests.support.databases import wait_until_one_waits
 from tests.support.people import Actor, Api
 
 ORIGIN = {"Origin": "http://127.0.0.1:8000"}
@@ -135,7 +135,7 @@ def beside(api: Api, change: Callable[[Any], Any], ask: Callable[[], Any]) -> An
         with api.database.writing() as session:
             change(session)
             answer: Future[Any] = pool.submit(ask)
-            time.sleep(0.5)
+            wait_until_one_waits(api.database)
             assert not answer.done(), "it waits for the change"
         return answer.result(30)
 

@@ -3,7 +3,6 @@
 import asyncio
 import select
 import socket
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from urllib.parse import urlsplit
@@ -13,6 +12,7 @@ import httpx
 import pytest
 
 from service.auth import access
+from service.auth.gate import Gate
 from service.auth.secrets import new_secret
 from service.http.bodies import DOCUMENT
 from tests.service.auth.test_every_route import OPEN, address, fill, routes
@@ -177,12 +177,20 @@ def test_who_is_taken_out_while_a_body_comes_does_nothing_more(
         sending = {
             opened.enter_context(begun(url, engineer, where, body)): body[1:] for where, body in bodies.items()
         }
-        time.sleep(1)
+        # It is known who asks: each of them waits for the rest of its body.
+        wait_until(lambda: _under_way(api, engineer) == len(sending), "the requests")
         assert api.owner().delete(f"/fleets/{fleet}/members/{engineer.person_id}").status_code == 204
         for connection, rest in sending.items():
             connection.sendall(rest)
         wait_until(lambda: len(answered(list(sending))) == len(sending), "an answer to each")
         assert [said[9:12] for said in answered(list(sending)).values()] == [b"404"] * len(sending)
+
+
+def _under_way(api: Api, who: Actor) -> int:
+    """How many requests of a person wait for their body or are worked on."""
+    gate = api.app.router.middleware_stack
+    assert isinstance(gate, Gate)
+    return gate._under_way[who.person_id]
 
 
 def begun(url: str, who: Actor, request: str, body: bytes) -> socket.socket:

@@ -1,7 +1,6 @@
 """A fleet request from its first job to its end: failures, cancel, retry, and finishes at the same moment."""
 
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from uuid import UUID
 
@@ -29,7 +28,7 @@ from service.jobs.sweep import sweep
 from service.recordings.actions import delete_recording
 from service.settings import get_settings
 from tests.service.jobs.support import statements
-from tests.support.databases import one_database
+from tests.support.databases import one_database, wait_until_one_waits
 from tests.support.work import lose_every_worker, work
 from workers.tasks.running import run_job
 
@@ -202,7 +201,7 @@ def test_a_cancel_beside_a_retry_also_ends_what_the_retry_began(vans: Vans, cont
         retry_failed(session, row, vans.engineer.person_id, 2)
         session.flush()
         cancelling.start()
-        time.sleep(0.3)
+        wait_until_one_waits(context.database)
     cancelling.join()
     sweep(context.database, context.store)
     ended = vans.read(asked)
@@ -233,7 +232,7 @@ def test_a_recording_is_deleted_beside_a_retry_of_its_vehicle(vans: Vans, contex
 
         def plan_while_one_deletes(*given):
             deleting.append(pool.submit(delete))
-            time.sleep(0.3)
+            wait_until_one_waits(context.database)
             return plan(*given)
 
         deleting = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import httpx
@@ -128,10 +127,8 @@ def test_asking_often_costs_the_database_nothing(scraped: Api) -> None:
         said.append(args[2])
 
     event.listen(scraped.database.engine, "before_cursor_execute", listen)
-    began = time.perf_counter()
     for _ in range(5):
         read(scraped)
-    assert time.perf_counter() - began < 4
     assert said == []
 
 

@@ -54,6 +54,10 @@ def children(pid):
     return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
+# A process that was killed is gone when it is scheduled; one that was not lives for minutes.
+GONE_S = 20
+
+
 def gone_within(pid, seconds):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -272,7 +276,7 @@ def test_a_child_that_does_not_end_is_ended_with_all_that_it_started(small, tmp_
     # The machine may be busy; what never ends would take five minutes.
     assert time.monotonic() - began < 60
     pids = pids_in(tmp_path / "pids")
-    assert pids and all(gone_within(pid, 1) for pid in pids)
+    assert pids and all(gone_within(pid, GONE_S) for pid in pids)
     assert sum(len(error_note) for error_note in getattr(error, "__notes__", [])) < 5000
 
 
@@ -293,7 +297,7 @@ def test_whoever_must_stop_is_asked_although_the_child_is_silent(small, tmp_path
         ingest_limited(small, tmp_path / "out", {}, must_stop=must_stop)
     # A silent child ends by itself after 60 s.
     assert time.monotonic() - asked[-1] < 20 and asked[-1] - asked[0] < 30
-    assert all(gone_within(pid, 1) for pid in pids_in(tmp_path / "pids"))
+    assert all(gone_within(pid, GONE_S) for pid in pids_in(tmp_path / "pids"))
     assert not (tmp_path / "out").exists()
 
 

@@ -34,6 +34,9 @@ def test_no_coefficient_of_a_narrow_walk_runs_to_its_bound(model):
         # Of the fit before the priors, whose focal length may be some per cent off.
         for name, order in zip(LENSES[model][: 3 if model == "brown_conrady" else 4], (1, 2, 3, 4), strict=False):
             assert priors[name] == pytest.approx(min(0.2, 0.3 / corner ** (2 * order)), rel=0.4)
+        # A lens off its axis by a tenth of the corner's radius.
+        for name in LENSES[model][3:] if model == "brown_conrady" else ():
+            assert priors[name] == pytest.approx(0.1 * corner * min(0.2, 0.3 / corner**2), rel=0.4)
         without = finish(replace(problem, unstated=frozenset()), truth)
         assert without["weak_priors"] == {}
         exact = predict(whole, truth)[0]

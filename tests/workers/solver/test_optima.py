@@ -59,6 +59,30 @@ def test_an_optimum_that_is_clearly_worse_is_none():
     assert other_optima(problem, deep, [fit.parameters for fit in ends]) == []
 
 
+def test_nearly_as_deep_is_a_quarter_more():
+    """Of the same marks with less and less noise the wrong mount stands out more: named up to a ratio of 1.25."""
+    ratios = []
+    problem = small_board(0)
+    state, _ = run_schedule(problem)
+    starts = state.first_slot_parameters
+    exact = small_board(0, noise_px=0.0).pixels
+    for share in np.geomspace(0.4, 1.0, 19):
+        quieter = replace(problem, pixels=exact + share * (problem.pixels - exact))
+        ends = sorted((polish(quieter, start) for start in starts), key=lambda fit: fit.cost)
+        deep = ends[0]
+        other = next(fit for fit in ends if abs(fit.parameters[0] - deep.parameters[0]) > 0.5 or _turned(fit, deep))
+        ratio = np.sqrt(other.cost / deep.cost)
+        ratios.append(ratio)
+        if abs(ratio - 1.25) > 0.01:
+            assert bool(other_optima(quieter, deep, starts)) == (ratio < 1.25), ratio
+    assert sum(1.1 < ratio < 1.24 for ratio in ratios) > 1 and sum(1.26 < ratio < 1.5 for ratio in ratios) > 1
+
+
+def _turned(one, other):
+    """Whether two fits are the two mounts of the ambiguity, turned by some 70 degrees, and not one."""
+    return np.linalg.norm(np.subtract(one.parameters[:3], other.parameters[:3])) > 0.5
+
+
 @pytest.mark.parametrize("model", MODELS)
 def test_one_optimum_is_not_called_two(model):
     for seed in range(3):

@@ -107,6 +107,20 @@ def test_the_search_weighs_by_the_vertices_angles_whatever_the_mount():
     assert found.loss == loss_px(problem, found.parameters)
 
 
+def test_the_search_counts_a_vertexs_error_as_the_angle_under_which_it_is_seen():
+    """s / r across the ray, f s / r in the image; an error along the ray is not seen."""
+    focal, sigma_m, mark_px = 800.0, 0.02, 0.7
+    problem, _ = simulated("pinhole", 11, pairs=60, bounds={"f_x": (640.0, 1000.0), "f_y": (640.0, 1000.0)})
+    ranges = np.linalg.norm(problem.points, axis=1)
+    rays = problem.points / ranges[:, None]
+    along = np.einsum("ni,nj->nij", rays, rays)
+    marks = np.tile(mark_px**2 * np.eye(2), (60, 1, 1))
+    for points in (np.tile(sigma_m**2 * np.eye(3), (60, 1, 1)), sigma_m**2 * np.eye(3) + 0.3**2 * along):
+        weights, typical = search_weights(replace(problem, covariances=Covariances(points, marks)))
+        expected = np.sqrt(mark_px**2 + (focal * sigma_m / ranges) ** 2)
+        np.testing.assert_allclose(typical / weights, expected, rtol=1e-6)
+
+
 def test_a_poor_vertex_is_no_outlier_and_a_good_one_is():
     problem, truth, _ = unequal("pinhole", 8)
     sigma = np.sqrt(problem.covariances.points.trace(axis1=1, axis2=2)) / np.linalg.norm(problem.points, axis=1)

@@ -13,6 +13,7 @@ from service.db.models import Recording
 from service.db.session import Database
 from tests.service.detections.seeding import seed_rig
 from tests.service.jobs.support import make_fleet
+from tests.support.databases import waits_for_a_lock
 from tests.support.processes import wait_until
 from tests.workers.readers.making_recordings import clouds, images, interleaved, png, write_bag
 from tests.workers.tasks.test_ingesting import uploaded
@@ -57,14 +58,6 @@ def test_a_deadlock_at_the_last_commit_does_not_repeat_the_work(context, databas
     worker.join(60)
     assert "deadlock detected" in caplog.text and "is done again" in caplog.text
     assert outcome(database, recording) == DONE_AT_ONCE
-
-
-def waits_for_a_lock(database: Database) -> bool:
-    waiting = text(
-        "SELECT count(*) FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND datname = current_database()"
-    )
-    with database.alone() as connection:
-        return bool(connection.execute(waiting).scalar())
 
 
 @pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)

@@ -83,6 +83,24 @@ def test_sound_calibrations_are_seldom_accused_and_turned_ones_named():
         assert np.median([one["turn_deg"] for one in turned]) == pytest.approx(np.linalg.norm(turn), rel=0.3)
 
 
+def test_the_noise_of_the_pairs_themselves_is_part_of_what_is_stated():
+    """An almost exact calibration: the marks alone move the apparent mount, by A, and the bias, by their mean."""
+    covariance = {"names": NAMES, "units": ["deg"] * 3 + ["m"] * 3 + ["px"] * 2}
+    exact = calibration(covariance=covariance | {"matrix": np.diag((1e-4 * STD) ** 2).tolist()})
+    rng = np.random.default_rng(8)
+    found = []
+    for _ in range(150):
+        where = points(rng, 30)
+        marks, _ = exact.project(where)
+        found.append(score_pairs(exact, where, marks + rng.normal(0.0, SIGMA_PX, marks.shape)))
+    # Six freedoms, 150 draws: the mean square has a standard deviation of sqrt(2 / 900) = 0.05. The noise of 30 pairs
+    # is taken if it is larger than what is stated, so the mean lies a little below 1.
+    assert np.mean([one["sigmas"] ** 2 for one in found]) == pytest.approx(0.93, abs=0.2)
+    assert sum(one["verdict"] == "disagrees" for one in found) <= 1
+    sure = np.array([one["bias_sigma_px"] for one in found])
+    assert (sure >= SIGMA_PX / np.sqrt(30.0) - 1e-6).all() and sure.max() < 1.6 * SIGMA_PX / np.sqrt(30.0)
+
+
 def test_noise_beyond_what_is_stated_is_named_and_wrong_marks_are_counted():
     known, rng = calibration(), np.random.default_rng(4)
     noisy = score_pairs(known, *drawn(rng, known, noise=3.0))

@@ -1,0 +1,277 @@
+"""The pages of the documentation: their Python and `apexcal` blocks run, in order, against one service.
+
+A folder stands for the reader's: `apexcal serve` works on its `var/apexcal`, and the commands run inside it as they
+stand on the page. Ids, which a reader takes from what was printed before, are taken from there.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import shlex
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from apexcal.cli import app
+from apexcal.client import Client
+from apexcal.demo.annotators import mark_everything
+from apexcal.demo.truth import Truth
+from apexcal.json_files import parse_document
+from tests.apexcal.conftest import Embedded, start, stop
+from tests.apexcal.test_cli import apexcal, program
+
+ROOT = Path(__file__).parents[2]
+PAGES = {
+    str(path.relative_to(ROOT)): path.read_text()
+    for path in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+}
+_BLOCK = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
+_PRINTED = re.compile(
+    r"\b[Tt]he (recording|detection|calibration)\b.*? ([0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12})"
+)
+
+
+class Block(NamedTuple):
+    """A fenced block of a page: its language and its lines, without the page's indentation."""
+
+    language: str
+    text: str
+
+    @property
+    def runs(self) -> bool:
+        return self.language == "python" or any(line.startswith("apexcal ") for line in self.text.splitlines())
+
+
+def blocks_of(text: str) -> list[Block]:
+    return [
+        Block(language, "".join(line.removeprefix(indent) for line in body.splitlines(keepends=True)))
+        for indent, language, body in _BLOCK.findall(text)
+    ]
+
+
+@dataclass
+class Reader:
+    """Somebody who follows the pages, with the files that they have and the ids that were printed for them."""
+
+    service: Embedded
+    client: Client
+    folder: Path
+    walk: Path
+    ids: dict[str, str] = field(default_factory=dict)
+    followed: list[str] = field(default_factory=list)
+    program: dict[str, object] = field(default_factory=dict)
+
+    def follow(self, page: str) -> None:
+        """Run the page's blocks, once, after the pages that it builds on."""
+        if page in self.followed:
+            return
+        before, here = PAGE_SETUPS[page].after, PAGE_SETUPS[page]
+        for other in before:
+            self.follow(other)
+        self.followed.append(page)
+        here.prepare(self)
+        for block in blocks_of(PAGES[page]):
+            if block.language == "python":
+                self.run_program(block.text, here)
+            elif block.runs:
+                for line in block.text.splitlines():
+                    self.run_command(line, here)
+
+    def run_program(self, text: str, setup: Setup) -> None:
+        for written, ours in setup.instead.items():
+            text = text.replace(written, ours)
+        text = text.replace("http://127.0.0.1:8000", self.service.url).replace("apx_...", self.service.token)
+        self.program |= {"input": lambda _: self.mark(str(self.program["detection"].id))}
+        exec(compile(text, "a page", "exec"), self.program)
+
+    def run_command(self, line: str, setup: Setup) -> None:
+        for written, ours in setup.instead.items():
+            line = line.replace(written, ours)
+        words = [self.ids.get(word, word) for word in shlex.split(line, comments=True)]
+        if not words:
+            return
+        assert words[0] == "apexcal", f"{line!r} is no command of ours, in a block of ours"
+        if words[1:3] == ["calibrate", "--detection"]:
+            self.mark(words[3])
+        ran = apexcal(*words[1:])
+        assert ran.returncode == 0, f"{line}\n{ran.stdout}\n{ran.stderr}"
+        for thing, found in _PRINTED.findall(ran.stdout):
+            self.ids[thing.upper()] = found
+        if words[1] == "calibrate":
+            self.look_at_results()
+
+    def look_at_results(self) -> None:
+        """Take the ids that stand on the calibration's page."""
+        calibration = self.client.calibrations.get(self.ids["CALIBRATION"])
+        result, other, *_ = calibration.summary.cameras["front"].models.values()
+        self.ids |= {"RESULT": str(result.result_id), "OTHER": str(other.result_id)}
+        self.ids |= {"SET_ID": str(calibration.request.correspondence_set_ids[0])}
+
+    def mark(self, detection_id: str) -> None:
+        """What people do meanwhile: they mark each vertex, a pixel off now and then."""
+        detection = self.client.detections.get(detection_id)
+        fleet_id = self.client.recordings.get(detection.recording_id).fleet_id
+        mark_everything(self.client, fleet_id, detection, "front", Truth(self.walk / "truth.json"), lambda *_: None)
+
+    def write(self, name: str, text: str) -> None:
+        (self.folder / name).write_text(text)
+
+
+class Setup(NamedTuple):
+    """What a page supposes: pages that the reader has followed, files that they have, and what is shorter here."""
+
+    prepare: Callable[[Reader], None] = lambda _: None
+    after: tuple[str, ...] = ()
+    instead: dict[str, str] = {}  # noqa: RUF012
+
+
+def _walk(reader: Reader) -> None:
+    """A recording that is not simulated by the page itself: the simulator's, as the page offers for practice."""
+    shutil.copy(reader.walk / "recording.bag", reader.folder / "walk.bag")
+    shutil.copy(reader.walk / "rig.json", reader.folder / "rig.json")
+
+
+def _truck(reader: Reader) -> None:
+    """The tree of the truck, whose links bear the names of the rig's frames; and a calibration without skew."""
+    reader.write("truck.urdf", _TRUCK)
+    client, set_id = reader.client, reader.ids["SET_ID"]
+    vehicle_id = client.correspondence_sets.get(set_id).vehicle_id
+    asked = client.calibrations.create(vehicle_id, [set_id], ["brown_conrady"], locked={"skew": 0})
+    found = client.wait(asked).summary.cameras["front"].models["brown_conrady"]
+    client.calibrations.publish(found.result_id, "For programs without skew.", override=True)
+
+
+def _other_programs(reader: Reader) -> None:
+    """What other programs wrote of the truck: pairs of the toolbox, a camchain of Kalibr, a calibration of KITTI."""
+    reader.write("truck.urdf", _TRUCK)
+    truth = Truth(reader.walk / "truth.json")
+    lens, R, t = truth.intrinsics, truth.R, truth.t
+    size = lens["image_size"]
+    pairs = reader.client.correspondence_sets.get(reader.ids["SET_ID"]).pairs
+    reader.write(
+        "labels.txt",
+        "".join(f"{n} {n} {one.x} {one.y} {one.z} {one.u + 1} {one.v + 1}\n" for n, one in enumerate(pairs, start=1)),
+    )
+    camera = {
+        "camera_model": "pinhole",
+        "intrinsics": [lens[name] for name in ("f_x", "f_y", "c_x", "c_y")],
+        "distortion_model": "radtan",
+        "distortion_coeffs": [lens[name] for name in ("k1", "k2", "k3", "k4")],
+        "resolution": size,
+    }
+    reader.write("camchain.yaml", yaml.safe_dump({"cam0": camera}))
+    K = [lens["f_x"], 0, lens["c_x"], 0, lens["f_y"], lens["c_y"], 0, 0, 1]
+    P, eye = [*K[:3], 0, *K[3:6], 0, *K[6:], 0], [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    written = {"S_02": size, "K_02": K, "D_02": [0] * 5, "R_02": eye, "T_02": [0, 0, 0]}
+    written |= {"S_rect_02": size, "R_rect_02": eye, "P_rect_02": P, "R_rect_00": eye}
+    mount = {"R": R.ravel(), "T": t}
+    for name, lines in (("calib_cam_to_cam.txt", written), ("calib_velo_to_cam.txt", mount)):
+        reader.write(name, "".join(f"{key}: {' '.join(map(str, values))}\n" for key, values in lines.items()))
+
+
+_TRUCK = f"""<robot name="truck">
+  <link name="base_link"/><link name="velodyne"/><link name="camera_link"/><link name="camera_front_optical"/>
+  <joint name="lidar_joint" type="fixed"><parent link="base_link"/><child link="velodyne"/>
+    <origin xyz="0 0 2"/></joint>
+  <joint name="camera_joint" type="fixed"><parent link="base_link"/><child link="camera_link"/>
+    <origin xyz="0.1 0 1.8" rpy="0 0.25 0"/></joint>
+  <joint name="optical_joint" type="fixed"><parent link="camera_link"/><child link="camera_front_optical"/>
+    <origin rpy="{-math.pi / 2} 0 {-math.pi / 2}"/></joint>
+</robot>
+"""
+_ENGINEERS = "docs/engineers.md"
+
+# Engineers come first: the other pages suppose a recording and a published calibration.
+PAGE_SETUPS: dict[str, Setup] = {
+    _ENGINEERS: Setup(_walk, instead={"VAN": '"Truck 7"', "DRIVE": "RECORDING"}),
+    "docs/exports.md": Setup(_truck, (_ENGINEERS,), {"/etc/truck/": ""}),
+    "docs/imports.md": Setup(_other_programs, (_ENGINEERS,), {"-o rig.json": "-o drafted.json"}),
+    "docs/simulating.md": Setup(instead={"--seconds 240": "--seconds 6"}),
+    "docs/api.md": Setup(_walk, instead={'"Trucks"': '"Trucks of the program"'}),
+}
+
+# Blocks of other programs, or of more than one machine: (page, first line), and why they are not run here.
+NOT_RUN = {
+    ("README.md", "make demo"): "these make the environment and run these tests",
+    ("docs/operators.md", "aws s3api"): "needs a bucket at a provider",
+}
+_PROGRAMS = ("sh", "python", "")
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
+    folder, here = tmp_path_factory.mktemp("reader"), Path.cwd()
+    os.chdir(folder)
+    service = start(folder / "var" / "apexcal")
+    try:
+        written = apexcal("simulate", "--out", "walk", "--seconds", "30", "--seed", "3")
+        assert written.returncode == 0, written.stderr
+        with Client(service.url, service.token) as client:
+            yield Reader(service, client, folder, folder / "walk")
+    finally:
+        stop(service)
+        os.chdir(here)
+
+
+@pytest.mark.parametrize("page", PAGE_SETUPS)
+def test_a_page_does_what_it_says(page: str, reader: Reader) -> None:
+    reader.follow(page)
+
+
+def test_every_block_runs_or_has_a_reason() -> None:
+    seen, left_out = set(), dict(NOT_RUN)
+    for page, text in PAGES.items():
+        fences = len(re.findall(r"^ *```", text, re.MULTILINE))
+        assert fences == 2 * len(blocks_of(text)), f"a fence of {page} is not understood"
+        for block in blocks_of(text):
+            if block.runs:
+                seen.add(page)
+            elif block.language in _PROGRAMS:
+                reasons = [named for named in left_out if named[0] == page and block.text.startswith(named[1])]
+                assert reasons, f"{page}: nothing runs\n{block.text}"
+                del left_out[reasons[0]]
+    assert not left_out, "these blocks are no more"
+    assert seen == set(PAGE_SETUPS)
+
+
+def test_rigs_as_the_page_shows_them_are_taken(reader: Reader) -> None:
+    rigs = [block for block in blocks_of(PAGES["docs/rigs.md"]) if block.language == "json"]
+    assert rigs
+    for block in rigs:
+        reader.client.vehicles.check_rig(parse_document(block.text, "the page's rig"))
+
+
+def _options_of(path: tuple[str, ...]) -> set[str]:
+    """The options of a command, or of a command of `apexcal admin`, whose help is that of a program of its own."""
+    if path[0] == "admin":
+        shown = program(*path, "--help")
+        code, text = shown.returncode, shown.stdout
+    else:
+        ran = CliRunner().invoke(app, [*path, "--help"], prog_name="apexcal")
+        code, text = ran.exit_code, ran.stdout
+    assert code == 0, f"there is no `apexcal {' '.join(path)}`"
+    return set(re.findall(r"--[a-z][a-z-]*", text))
+
+
+def test_commands_within_sentences_have_the_options_that_they_are_said_to_have() -> None:
+    named: dict[tuple[str, ...], set[tuple[str, str]]] = {}
+    for page, text in PAGES.items():
+        for command in re.findall(r"`apexcal\s([^`]+)`", _BLOCK.sub("", text)):
+            words = shlex.split(command)
+            path = tuple(words[:3]) if words[0] == "admin" else (words[0],)
+            path = tuple(word for word in path if re.fullmatch(r"[a-z][a-z-]*", word))
+            if path:
+                named.setdefault(path, set()).update((word, page) for word in words if word.startswith("--"))
+    assert len(named) > 10
+    for path, options in named.items():
+        there = _options_of(path)
+        for option, page in options:
+            assert option in there, f"{page}: `apexcal {' '.join(path)}` has no {option}"

@@ -1,0 +1,44 @@
+"""Tests wait for what they need, never for a while: a sleep proves nothing on a machine that is busy."""
+
+import ast
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1]
+# A sleep outside of a `while` that looks again, and what it is instead of a proof.
+PACES = {
+    "faults/test_nothing_is_lost.py": "how long the broker stays away",
+    "faults/campaign/campaign.py": "when a disturbance begins",
+    "integration/fleet.py": "between two looks of a caller's loop",
+    "operations/balancer.py": "how often it looks at its processes",
+    "service/calibrations/test_retrieval.py": "one turn of the loop, in which a statement is sent",
+    "service/http/test_connections.py": "between two pieces of what is endless",
+    "service/test_app.py": "how far the service has come when it is stopped",
+}
+
+
+def sleeps(tree: ast.AST, in_loop: bool = False) -> list[int]:
+    """Lines with a sleep that stands in no `while`."""
+    found = []
+    for node in ast.iter_child_nodes(tree):
+        looks_again = isinstance(node, ast.While) or (in_loop and not isinstance(node, ast.FunctionDef))
+        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "sleep" and not in_loop:
+            found.append(node.lineno)
+        found += sleeps(node, looks_again)
+    return found
+
+
+def test_a_sleep_stands_in_a_loop_that_looks_again() -> None:
+    places = {str(path.relative_to(TESTS)): sleeps(ast.parse(path.read_text())) for path in TESTS.rglob("*.py")}
+    bare = {name: lines for name, lines in places.items() if lines}
+    assert {name: lines for name, lines in bare.items() if name not in PACES} == {}, (
+        "wait for what is needed: tests/support/processes.py has wait_until, tests/support/databases.py "
+        "wait_until_one_waits"
+    )
+    assert set(PACES) == set(bare), "an exception that is no more"
+
+
+def test_such_a_sleep_is_seen() -> None:
+    proof = "import time\ndef test():\n    start()\n    time.sleep(1)\n    assert done()\n"
+    look = "import time\ndef wait():\n    while not done():\n        time.sleep(1)\n"
+    within = "while True:\n    def test():\n        sleep(1)\n"
+    assert (sleeps(ast.parse(proof)), sleeps(ast.parse(look)), sleeps(ast.parse(within))) == ([4], [], [3])

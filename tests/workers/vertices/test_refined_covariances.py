@@ -1,0 +1,118 @@
+"""Terms of the refined detector's covariances, each beside its formula, and the flag of a second board."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from apexcal.documents.detectors import resolve_options
+from tests.workers.vertices.refined_walks import REGION, SIZE, walk
+from workers.geometry.spherical import to_xyz
+from workers.readers.recording import Sweep
+from workers.vertices.detectors import detect_range
+from workers.vertices.fixed_objects import without_fixed
+from workers.vertices.refined.board import find_boards, locate
+from workers.vertices.refined.board_model import EDGE_M, Way
+from workers.vertices.refined.corners import corners_of
+from workers.vertices.refined.learning import learn
+from workers.vertices.sweep_source import Listed
+
+
+@pytest.fixture(scope="module")
+def boards():
+    """The model that a walk teaches, and the likeliest board of some of its sweeps."""
+    recorded = walk(27, 20.0)
+    area = without_fixed(recorded.source, REGION)
+    model = learn(recorded.source, area, resolve_options("refined", SIZE), lambda: None)
+    sweeps = [recorded.source.sweep(index) for index in range(20, 200, 30)]
+    found = [find_boards(sweep, area.inside(sweep), model) for sweep in sweeps]
+    return model, [boards[0][1] for boards in found if boards]
+
+
+def test_edges_that_bloom_raise_the_tip_by_the_root_of_two(boards):
+    """Both upper edges move out by g radians, so the tip, a right angle, rises by sqrt(2) g."""
+    model, fixes = boards
+    sigma = 2e-3
+    for fix in fixes:
+        sharp = locate(fix.plane, replace(model, growth_sigma=0.0))
+        blooming = locate(fix.plane, replace(model, growth_sigma=sigma))
+        more = blooming.covariance - sharp.covariance
+        assert more[1, 1] == pytest.approx(2.0 * sigma**2, rel=0.05)
+        # Straight up: azimuth hardly moves. Range follows the plane's lean.
+        assert abs(more[0, 0]) < 0.05 * more[1, 1]
+        assert np.linalg.matrix_rank(more / np.abs(more).max(), tol=1e-6) == 1
+
+
+def test_the_lengths_of_the_edges_are_part_of_the_corners_errors(boards):
+    """If tip, roll and plane are exact, a side corner errs along its edge by what the edge's length errs."""
+    for fix in boards[1]:
+        way = fix.ways[0]
+        exact = replace(
+            fix,
+            plane=replace(fix.plane, spread=np.zeros((3, 3)), uneven=np.zeros((3, 3))),
+            ways=(Way(1.0, way.edges, way.mean, np.zeros((3, 3))),),
+        )
+        corners = corners_of(exact, 1.0)
+        assert corners.names == ("left", "right", "bottom") or list(corners.names) == ["left", "right", "bottom"]
+        places = np.array([fix.xyz, *corners.xyz])
+        joint = np.array(corners.covariance).reshape(4, 3, 4, 3)
+        to_metres = np.array([_metres_by_angles(place) for place in places])
+        joint = np.einsum("iab,ibjc,jdc->iajd", to_metres, joint, to_metres)
+        for corner in (1, 2):
+            apart = joint[corner, :, corner] + joint[0, :, 0] - joint[corner, :, 0] - joint[0, :, corner]
+            edge = places[corner] - places[0]
+            along = edge / np.linalg.norm(edge)
+            assert np.sqrt(along @ apart @ along) == pytest.approx(EDGE_M, rel=0.03)
+
+
+def _metres_by_angles(xyz):
+    """(3, 3) derivative of x, y, z by azimuth, elevation and range."""
+    return np.column_stack([_root(xyz, unit) for unit in np.eye(3)])
+
+
+def _root(xyz, unit):
+    # A covariance of rank one is mapped to that of the column; the sign is told by the place itself.
+    x, y, z = xyz
+    flat = np.hypot(x, y)
+    columns = np.array([[-y, x, 0.0], [-x * z / flat, -y * z / flat, flat], xyz / np.linalg.norm(xyz)])
+    column = unit @ columns
+    np.testing.assert_allclose(to_xyz(np.outer(unit, unit)[None], xyz[None])[0], np.outer(column, column), atol=1e-9)
+    return column
+
+
+def test_a_second_board_is_flagged_in_the_sweep_that_shows_it():
+    """In one sweep the board's sector is shown a second time, turned about the sensor onto free ground."""
+    recorded = walk(27, 20.0)
+    plain = detect_range(recorded.source, REGION, "refined", SIZE, indices=range(60, 90)).vertices
+    assert not any("second_board" in vertex.flags for vertex in plain)
+    index = next(one.sweep_index for one in plain if np.linalg.norm(one.xyz) < 9.0 and not one.flags)
+    sweeps = list(recorded.sweeps)
+    sweeps[index] = _shown_twice(sweeps[index], recorded.apex[index])
+    found = detect_range(Listed(sweeps), REGION, "refined", SIZE, indices=range(60, 90)).vertices
+    assert [one.sweep_index for one in found if "second_board" in one.flags] == [index]
+
+
+def _shown_twice(sweep: Sweep, apex: np.ndarray) -> Sweep:
+    """The sweep with the returns around the apex once more, turned towards the middle, in place of those there."""
+    azimuth = np.arctan2(sweep.xyz[:, 1], sweep.xyz[:, 0])
+    at, reach = np.arctan2(apex[1], apex[0]), 0.9 / np.hypot(apex[0], apex[1])
+    turn = -np.sign(at) * 3.2 * reach
+    copied, free = np.abs(azimuth - at) < reach, np.abs(azimuth - at - turn) >= reach
+    cosine, sine = np.cos(turn), np.sin(turn)
+    x, y, z = sweep.xyz[copied].T
+    twin = np.column_stack([cosine * x - sine * y, sine * x + cosine * y, z]).astype(np.float32)
+    step = round(float(turn) / (2.0 * np.pi) * 1e8)
+
+    def both(name: str, there: np.ndarray) -> np.ndarray:
+        return np.concatenate([getattr(sweep, name)[free], there])
+
+    order = np.argsort(both("offset_ns", sweep.offset_ns[copied] - step), kind="stable")
+    return replace(
+        sweep,
+        xyz=both("xyz", twin)[order],
+        intensity=both("intensity", sweep.intensity[copied])[order],
+        ring=both("ring", sweep.ring[copied])[order],
+        offset_ns=both("offset_ns", sweep.offset_ns[copied] - step)[order],
+    )
