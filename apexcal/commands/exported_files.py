@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.markup import escape
-
 from apexcal.archives import read_archive
 from apexcal.commands.common import check_target, complain, console, usage, write_content
 from apexcal.resources.exports import Exported

@@ -37,9 +37,9 @@ class StatedMount:
 class CalibratedCamera:
     """A camera's lens and mount. ``intrinsics`` is a result's: pixels, and coefficients without a unit.
 
-    ``marked`` are the pixels (n, 2) of the pairs. ``T_camera_lidar`` maps LiDAR points into the optical frame (x right, y down, z forward) of the images. ``source``
-    is the id of the result. ``T_own_camera`` leads from there to the camera's own frame, which the vehicle's tree
-    has; None if they are the same.
+    ``marked`` are the pixels (n, 2) of the pairs. ``T_camera_lidar`` maps LiDAR points into the optical frame
+    (x right, y down, z forward) of the images. ``source`` is the id of the result. ``T_own_camera`` leads from there
+    to the camera's own frame, which the vehicle's tree has; None if they are the same.
     """
 
     name: str

@@ -51,7 +51,7 @@ def calibrated(owner: Client, folder: Path, images: str):
 
 
 def driver_pixels(folder: Path, images: str, urdf: str, points: np.ndarray) -> np.ndarray:
-    """OpenCV's projection of points of the LiDAR by the vehicle's URDF and its driver's CameraInfo, as a node does it."""
+    """OpenCV's projection of points of the LiDAR by the vehicle's URDF and its driver's CameraInfo, as a node."""
     T = {"velodyne": np.eye(4)}
     joints = {}
     for joint in ElementTree.fromstring(urdf).iter("joint"):
