@@ -4,6 +4,8 @@ import json
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+from uuid import UUID
 
 import httpx
 import pytest
@@ -155,3 +157,36 @@ def test_bodies_that_are_still_on_their_way_hold_no_place_of_an_import(served: t
     go_on.set()
     thread.join()
     assert (answer.status_code, statuses) == (201, [201])
+
+
+def test_a_selection_names_its_set_and_copies_nothing(api: Api) -> None:
+    fleet = api.fleet()
+    row, engineer = seed_set(api, fleet, 4001), api.member(fleet, "engineer")
+    said: list[str] = []
+    event.listen(api.database.engine, "before_cursor_execute", lambda *given: said.append(given[2]))
+
+    def select(of: str, *left_out: int) -> dict[str, Any]:
+        answer = engineer.post(f"/correspondence-sets/{of}/selections", {"leave_out": left_out})
+        assert answer.status_code in (200, 201), answer.text
+        return answer.json()
+
+    first = select(str(row.id), 0, 3)
+    second = select(first["id"], 0, 3998)  # 1 and 4000 of the whole set
+    assert [(one["count"], one["flagged"]) for one in (first, second)] == [(3999, 2000), (3997, 1999)]
+    assert select(first["id"], 3998, 0)["id"] == second["id"]
+    assert not any("correspondence_set.pairs AS" in one for one in said), "16 MB of a large set"
+    kept = [i for i in range(4001) if i not in (0, 1, 3, 4000)]
+    pairs = engineer.get(f"/correspondence-sets/{second['id']}").json()["pairs"]
+    assert pairs == [{name: values[i] for name, values in row.columns.items()} for i in kept]
+    with api.database.reading() as session:
+        stored = session.get_one(CorrespondenceSet, UUID(second["id"]))
+        assert (stored.pairs, stored.whole_id, stored.left_out) == (None, row.id, [0, 1, 3, 4000])
+
+
+def test_a_selection_without_a_pair_that_its_set_does_not_have(api: Api) -> None:
+    fleet = api.fleet()
+    row, engineer = seed_set(api, fleet, 3), api.member(fleet, "engineer")
+    first = engineer.post(f"/correspondence-sets/{row.id}/selections", {"leave_out": [1]}).json()
+    path = f"/correspondence-sets/{first['id']}/selections"
+    assert engineer.post(path, {"leave_out": [2]}).json()["code"] == "no_such_pair"
+    assert engineer.post(path, {"leave_out": [0, 1]}).json()["code"] == "nothing_left"

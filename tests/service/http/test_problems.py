@@ -1,5 +1,7 @@
 """Whatever goes wrong is a problem document that says what to do."""
 
+import re
+
 import pytest
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
@@ -110,8 +112,8 @@ def test_pages_are_served_and_nothing_beside_them(api: Api, tmp_path) -> None:
     (tmp_path / "secret").write_text("no")
     api.app.router.default = Pages(web)
     for path in ("/", "/recordings/7", "/sign-in", "/index.html"):
-        assert api.client.get(path).text == "<p>pages</p>"
-        assert api.client.get(path).headers["cache-control"] == "no-cache"
+        answer = api.client.get(path, headers={"Accept": "text/html"})
+        assert answer.text == "<p>pages</p>" and answer.headers["cache-control"] == "no-cache"
     script = api.client.get("/assets/app-1a2b.js")
     assert script.text == "1" and "immutable" in script.headers["cache-control"]
     assert api.client.get("/assets/none.js").status_code == 404
@@ -158,7 +160,42 @@ def test_a_link_that_is_none_is_unknown(api: Api) -> None:
     "path", ["%0a" + "x" * 230, "x" * 300, "%00", "a/" * 600 + "x" * 300, "%ff%fe%0a" + "x" * 230]
 )
 def test_an_address_that_no_file_can_have_is_a_page(api: Api, path: str) -> None:
-    answer = api.client.get(f"/{path}")
+    answer = api.client.get(f"/{path}", headers={"Accept": "text/html"})
     assert (answer.status_code, answer.headers["content-type"]) == (200, "text/html; charset=utf-8"), answer.text
     check_document(api.client.get(f"/assets/{path}"), 404, "no_such_route")
     check_document(api.client.get(f"/v1/{path}"), 404, "no_such_route")
+
+
+@one_database
+@pytest.mark.parametrize(
+    ("path", "parameter", "nearest"),
+    [
+        ("/vehicles/{id}/calibration", "serials", "serial"),
+        ("/calibration", "sensors", "sensor"),
+        ("/recordings", "fleet", "fleet_id"),
+        ("/fleets", "limits", "limit"),
+        ("/me", "name", None),
+        ("/fleets/{id}/events", "kind", None),
+        ("/recordings/{id}/original", "part", None),
+        ("/correspondence-sets/{id}", "format", None),
+    ],
+)
+def test_a_parameter_that_nobody_reads_is_refused(api: Api, path: str, parameter: str, nearest: str | None) -> None:
+    answer = api.owner().get(path.format(id="0" * 32), params={parameter: "front=1"})
+    found = answer.json()
+    assert (answer.status_code, found["code"]) == (422, "invalid_request")
+    (error,) = found["errors"]
+    assert error["field"] == f"query {parameter}"
+    assert (f"`{nearest}`" in error["message"]) if nearest else ("is not known here" in error["message"])
+    assert nearest is None or nearest in found["known"]
+
+
+@one_database
+def test_every_parameter_of_the_description_is_read(api: Api) -> None:
+    owner, somewhere = api.owner(), "0" * 32
+    for path, operations in api.app.openapi()["paths"].items():
+        for one in operations.get("get", {}).get("parameters", []):
+            if one["in"] == "query" and path.startswith("/v1"):
+                address = re.sub("{[^}]+}", somewhere, path.removeprefix("/v1"))
+                answer = owner.get(address, params={one["name"]: "1"})
+                assert f"query {one['name']}: is not known here" not in answer.text, (path, one["name"])

@@ -1,13 +1,13 @@
 """A selection of pairs names a whole set and what it leaves out of it.
 
-Revision ID: 0020_selections
+Revision ID: 0020
 Revises: 0019
 """
 
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0020_selections"
+revision = "0020"
 down_revision = "0019"
 branch_labels = None
 depends_on = None
