@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import logging
 import time
 from collections.abc import Callable, Iterator
@@ -33,11 +34,30 @@ def post(session: Session, courier: str, item: Any) -> None:
 
 
 def _to_json(value: Any) -> str:
-    """Text of a JSON column. PostgreSQL refuses NaN and Infinity, and SQLite could not read them again."""
+    """Text of a JSON column. PostgreSQL refuses NaN and Infinity, and SQLite could not read them again.
+
+    Raises:
+        DocumentError: ``non_finite``, which names the member.
+    """
     try:
         return json.dumps(value, allow_nan=False)
-    except ValueError as error:
-        raise ValueError(f"a number that is not finite would be stored: {error}") from None
+    except ValueError:
+        raise DocumentError(
+            "non_finite",
+            f"{_not_finite(value) or 'A number'} of the result is not finite: the data do not determine it.",
+            "Give more data, or lock what is known. Nothing was stored.",
+        ) from None
+
+
+def _not_finite(value: Any) -> str | None:
+    """The path of a number that is none."""
+    if isinstance(value, float):
+        return None if math.isfinite(value) else ""
+    members = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else ()
+    for name, member in members:
+        if (rest := _not_finite(member)) is not None:
+            return f"{name}.{rest}" if rest else str(name)
+    return None
 
 
 def open_engine(url: str, *, patient: bool = False) -> Engine:
