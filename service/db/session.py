@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +16,7 @@ from sqlalchemy.exc import DisconnectionError
 from sqlalchemy.orm import Session, sessionmaker
 
 import service.db.models  # noqa: F401  # a flush sorts tables by their foreign keys, so all of them must be known
+from apexcal.documents.errors import DocumentError
 from service.db.connection import connect_args
 
 _WRITES = "apexcal_writes"
@@ -53,7 +54,9 @@ def _not_finite(value: Any) -> str | None:
     """The path of a number that is none."""
     if isinstance(value, float):
         return None if math.isfinite(value) else ""
-    members = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else ()
+    members = (
+        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else ()
+    )
     for name, member in members:
         if (rest := _not_finite(member)) is not None:
             return f"{name}.{rest}" if rest else str(name)

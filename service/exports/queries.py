@@ -10,6 +10,7 @@ from sqlalchemy import Select, and_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import parse_model
+from apexcal.documents.results import StatedLensFit
 from service.db.calibrations import Calibration, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.exports.given_queries import Asked, given
@@ -62,7 +63,7 @@ def _of(session: Session, statement: _Cameras) -> Calibrated:
 
 
 def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
-    from service.exports.calibrated import CalibratedCamera, SolvedJoint, StatedMount
+    from service.exports.calibrated import CalibratedCamera, SolvedJoint
     from service.exports.transform import Transform
 
     stated = result.document.get("stated_lens")
@@ -81,13 +82,5 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         joint=SolvedJoint(*(Transform.of(camera.joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
         if camera.joint
         else None,
-        stated=StatedMount(
-            model=parse_model(stated["intrinsics"]["model"]),
-            intrinsics=stated["intrinsics"],
-            T_camera_lidar=Transform.of(stated["transform"]),
-            explains=stated["explains"],
-            sentence=stated["sentence"],
-        )
-        if stated
-        else None,
+        stated=stated and StatedLensFit.model_validate(stated),
     )

