@@ -24,10 +24,7 @@ def show(calibration: CalibrationView) -> None:
         out.print(table_of(name, camera))
         if camera.why:
             out.print(f"* {camera.why}", markup=False, soft_wrap=True)
-        recommended = camera.models.get(camera.recommended or "")
-        if recommended is not None:
-            said = f"Lens of {camera.recommended}: {recommended.lens}. {recommended.stated_lens or ''}".strip()
-            out.print(said, markup=False, soft_wrap=True)
+        out.print(lens_of(camera), markup=False, soft_wrap=True)
         for warning in warnings_of(camera):
             out.print(f"Warning: {warning}", markup=False, soft_wrap=True)
         for objection in objections_of(camera):
@@ -79,6 +76,12 @@ def objections_of(camera: CameraSummary) -> list[str]:
     recommended = camera.models.get(camera.recommended or "")
     # A calibration by an older version has no objections field.
     return [] if camera.not_published or recommended is None else recommended.objections or []
+
+
+def lens_of(camera: CameraSummary) -> str:
+    """Where the recommended model's lens comes from, and how well a stated one fits."""
+    found = camera.models.get(camera.recommended or "")
+    return f"Lens of {camera.recommended}: {found.lens}. {found.stated_lens or ''}".strip() if found else ""
 
 
 def why_unpublished(camera: CameraSummary, *, wanted: bool) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from sqlalchemy.exc import DisconnectionError
 from sqlalchemy.orm import Session, sessionmaker
 
 import service.db.models  # noqa: F401  # a flush sorts tables by their foreign keys, so all of them must be known
+from apexcal.documents.errors import DocumentError
 from service.db.connection import LOCK_S, connect_args
 
 _WRITES = "apexcal_writes"
@@ -33,11 +35,32 @@ def post(session: Session, courier: str, item: Any) -> None:
 
 
 def _to_json(value: Any) -> str:
-    """Text of a JSON column. PostgreSQL refuses NaN and Infinity, and SQLite could not read them again."""
+    """Text of a JSON column. PostgreSQL refuses NaN and Infinity, and SQLite could not read them again.
+
+    Raises:
+        DocumentError: ``non_finite``, which names the member.
+    """
     try:
         return json.dumps(value, allow_nan=False)
-    except ValueError as error:
-        raise ValueError(f"a number that is not finite would be stored: {error}") from None
+    except ValueError:
+        raise DocumentError(
+            "non_finite",
+            f"{_not_finite(value) or 'A number'} of the result is not finite: the data do not determine it.",
+            "Give more data, or lock what is known. Nothing was stored.",
+        ) from None
+
+
+def _not_finite(value: Any) -> str | None:
+    """The path of a number that is none."""
+    if isinstance(value, float):
+        return None if math.isfinite(value) else ""
+    members = (
+        value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else ()
+    )
+    for name, member in members:
+        if (rest := _not_finite(member)) is not None:
+            return f"{name}.{rest}" if rest else str(name)
+    return None
 
 
 def open_engine(url: str, *, patient: bool = False, lock_s: int = LOCK_S, connections: int | None = None) -> Engine:

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from apexcal.documents.camera_models import CAMERA_MODELS, CameraModel, ModelName, WrittenAs
+from apexcal.documents.camera_models import CAMERA_MODELS, CameraModel, ModelName, WrittenAs, parse_model
+from apexcal.documents.results import StatedLensFit
 from service.exports.transform import Floats, Transform
 
 
@@ -17,20 +18,6 @@ class SolvedJoint:
 
     T_parent_lidar: Transform
     T_child_camera: Transform
-
-
-@dataclass(frozen=True)
-class StatedMount:
-    """A lens that the recording or a file states, the mount of the same pairs under it, and whether they bear it out.
-
-    ``explains`` is None where the pairs are too few to tell; ``sentence`` says how well each lens fits.
-    """
-
-    model: ModelName
-    intrinsics: Mapping[str, float]
-    T_camera_lidar: Transform
-    explains: bool | None
-    sentence: str
 
 
 @dataclass(frozen=True)
@@ -57,22 +44,26 @@ class CalibratedCamera:
     marked: Floats | None = None
     is_rectified: bool = False
     T_own_camera: Transform | None = None
-    stated: StatedMount | None = None
+    stated: StatedLensFit | None = None
+
+    @property
+    def _stated(self) -> StatedLensFit | None:
+        """The mount under the stated lens, unless the pairs deny that lens."""
+        return None if self.stated is None or self.stated.explains is False else self.stated
 
     def alone(self) -> CalibratedCamera:
-        """The camera for who takes its mount without its lens: under the stated lens, unless the pairs deny that."""
-        if self.stated is None or self.stated.explains is False:
+        """The camera for who takes its mount without its lens: the vehicle projects through the stated one."""
+        if (stated := self._stated) is None:
             return self
-        stated = self.stated
-        return replace(self, model=stated.model, intrinsics=stated.intrinsics, T_camera_lidar=stated.T_camera_lidar)
+        mount, lens = stated.transform.model_dump(), stated.intrinsics.model_dump(exclude_none=True)
+        return replace(self, model=parse_model(lens["model"]), intrinsics=lens, T_camera_lidar=Transform.of(mount))
 
     @property
     def needs(self) -> str:
         """The lens with which :meth:`alone` holds, as a sentence."""
-        if self.stated is not None and self.stated.explains is not False:
-            return f"{self.name}: this mount holds with the stated lens (CameraInfo). {self.stated.sentence}"
-        fitted = f"the lens of its result alone: load that too (GET /v1/results/{self.source}?format=camera_info)."
-        return f"{self.name}: this mount holds with {fitted} {self.stated.sentence if self.stated else ''}".strip()
+        own = f"the lens of its result alone: load that too (GET /v1/results/{self.source}?format=camera_info)."
+        lens = "the stated lens (CameraInfo)." if self._stated else own
+        return f"{self.name}: this mount holds with {lens} {self.stated.sentence if self.stated else ''}".strip()
 
     @property
     def skew(self) -> float:

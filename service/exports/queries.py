@@ -10,6 +10,7 @@ from sqlalchemy import Select, and_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import parse_model
+from apexcal.documents.results import StatedLensFit
 from service.calibration_runs.image_frames import T_images_camera, joint_of_images
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
@@ -68,7 +69,7 @@ def _of(session: Session, statement: _Cameras) -> Calibrated:
 def _camera(result: Result, rig: Rig, camera: RigCamera, u: list[float], v: list[float]) -> CalibratedCamera:
     import numpy as np
 
-    from service.exports.calibrated import CalibratedCamera, SolvedJoint, StatedMount
+    from service.exports.calibrated import CalibratedCamera, SolvedJoint
     from service.exports.transform import Transform
 
     turn = T_images_camera(camera.frame, camera.images)
@@ -92,13 +93,5 @@ def _camera(result: Result, rig: Rig, camera: RigCamera, u: list[float], v: list
         else None,
         is_rectified=(camera.images or {}).get("kind") == "rectified",
         T_own_camera=Transform.of(turn).inverse(),
-        stated=StatedMount(
-            model=parse_model(stated["intrinsics"]["model"]),
-            intrinsics=stated["intrinsics"],
-            T_camera_lidar=Transform.of(stated["transform"]),
-            explains=stated["explains"],
-            sentence=stated["sentence"],
-        )
-        if stated
-        else None,
+        stated=stated and StatedLensFit.model_validate(stated),
     )

@@ -4,7 +4,7 @@ import io
 
 from rich.console import Console
 
-from apexcal.commands.calibrated import table_of, warnings_of, why_unpublished
+from apexcal.commands.calibrated import lens_of, table_of, warnings_of, why_unpublished
 from apexcal.documents.summaries import CameraSummary
 
 STAGE = {"mean_px": 119.11, "rms_px": 264.42}
@@ -39,6 +39,15 @@ def test_overfitted_models_and_the_recommended_models_alarms_are_warned_of():
     overfitted, alarm = warnings_of(CAMERA)
     assert overfitted.startswith("brown_conrady is at 34.21 px on held-out pairs")
     assert alarm == "kannala_brandt: f_x lies on its bound"
+
+
+def test_the_lens_of_the_recommended_model_is_told():
+    refined = KANNALA | {"lens": "stated, refined", "stated_lens": "The stated lens leaves 3.1 px RMS."}
+    camera = CameraSummary.model_validate(
+        {"recommended": "kannala_brandt", "why": "", "models": {"kannala_brandt": refined}}
+    )
+    assert lens_of(camera) == "Lens of kannala_brandt: stated, refined. The stated lens leaves 3.1 px RMS."
+    assert lens_of(CAMERA) == "Lens of kannala_brandt: fitted."
 
 
 def test_each_reason_for_not_publishing_is_its_own():

@@ -27,17 +27,8 @@ _SHOWN_OF_RESULT = (
     *("polished", "ga", "baseline", "linear_baseline", "kept", "parameters", "intrinsics", "transform", "at_bounds"),
     *("std", "interval95_half_width", "degrees_of_freedom", "correlation", "covariance", "worst_correlation"),
     *("sigma_px", "noise_scale", "explained_px", "marks_outside", "alarms", "shared_errors", "common_errors"),
-    *(
-        "weak_priors",
-        "lens",
-        "stated_lens",
-        "halves",
-        "stated_too_small",
-        "prediction",
-        "outliers",
-        "versions",
-        "cpu",
-    ),
+    *("weak_priors", "lens", "stated_lens", "halves", "stated_too_small", "prediction", "outliers"),
+    *("versions", "cpu"),
 )
 
 

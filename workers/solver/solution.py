@@ -57,7 +57,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     over the image; `shared_errors` is what blocks of pairs share, and the deviations count it where it is `counted`;
     `lens` says where the lens comes from, and `stated_lens` has the mount under a stated one (`under_stated_lens`);
     `person_bias` is what was found of the people's biases, and `rolling_shutter` what the residuals show of one
-    beyond the stated `line_time_us`.
+    beyond the stated `line_time_us`. What the pairs do not tell is null or left out, never a number that is none.
     Raises SolveError `bad_schedule` where no iteration was done.
     """
     if not state.best_parameters:

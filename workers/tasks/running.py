@@ -116,7 +116,10 @@ def _do(context: Context, held: Claim) -> None:
         # Over a fresh connection: one that was interrupted within a statement can be used for nothing more.
         context.database.close()
         give_back(context.database, held)
-    except Exception:
+    except Exception as error:
+        refused = getattr(error, "orig", None)  # by a column, within a statement
+        if isinstance(refused, DocumentError):
+            return _refused(context, held, refused, refused.code)
         log.exception("job %d failed", held.job_id)
         _end(context, held, WorkState.FAILED, _INTERNAL)
 

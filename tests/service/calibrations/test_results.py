@@ -250,7 +250,7 @@ def test_a_loss_that_is_no_number_does_not_hide_the_calibration(api, fleet, rig)
 def test_a_number_that_is_not_finite_is_never_stored(api, rig, number):
     seed_results(api, rig)
     with (
-        pytest.raises((StatementError, ValueError), match="not finite would be stored"),
+        pytest.raises((StatementError, ValueError), match="best_loss of the result is not finite"),
         api.database.writing() as session,
     ):
         session.execute(update(CalibrationRun).values(schedule={"best_loss": number}))

@@ -38,12 +38,13 @@ def documents(api, calibration_id):
         return {(run.model, run.fold): run.problem for run in runs}
 
 
-def test_intrinsics_that_the_recording_states_bound_the_search(api, fleet, engineer):
+def test_intrinsics_that_the_recording_states_hold_the_lens(api, fleet, engineer):
     seed = seed_marking(api.database, fleet, vertices=20)
     for number in range(20):
         seed_answer(api.database, seed, engineer.person_id, number, "confirmed", (10.0 + number, 20.0))
     made = engineer.post(f"/detections/{seed.detection_id}/correspondence-sets", {"camera": "front"}).json()
     request = {"models": ["pinhole"], "folds": 0, "intrinsics_from": "recording", "bounds": {"c_y": [230.0, 250.0]}}
+    request["intrinsics_as"] = "bounds"
 
     def ask_it():
         return engineer.post(
@@ -65,6 +66,54 @@ def test_intrinsics_that_the_recording_states_bound_the_search(api, fleet, engin
     request["bounds"] |= {"f_x": [400.0, 600.0], "f_y": [400.0, 600.0]}
     request["locked"] = {"c_x": 320.0}
     assert any("bound nothing" in note for note in ask_it().json()["notes"])
+    usual = {"models": ["pinhole", "kannala_brandt"], "folds": 0}
+    request.clear()
+    request |= usual
+    answer = ask_it().json()
+    fits = documents(api, answer["id"])
+    held = fits["pinhole", -1]["priors"]
+    assert held["f_x"] == {"mean": 500.0, "sigma": 2.5} and held["c_y"] == {"mean": 240.0, "sigma": 3.2}
+    assert fits["kannala_brandt", -1]["priors"] == {}
+    assert all(one["stated_lens"]["model"] == "brown_conrady" for one in fits.values())
+    assert "kannala_brandt is fitted with its own lens, for the stated lens is brown_conrady." in answer["notes"][-1]
+    for changed, priors, stated in (({"intrinsics_as": "free"}, 0, True), ({"intrinsics_from": "bounds"}, 0, False)):
+        request |= changed
+        document = documents(api, ask_it().json()["id"])["pinhole", -1]
+        assert (len(document["priors"]), "stated_lens" in document) == (priors, stated)
+    request.clear()
+    request |= usual
+    with api.database.writing() as session:
+        session.get_one(Sensor, seed.camera_id).facts = {"camera_info": stated_of(1280)}
+    document = documents(api, ask_it().json()["id"])["pinhole", -1]
+    assert "stated_lens" not in document, "it is of other images, and nobody insists on it"
+    request["intrinsics_as"] = "locked"
+    assert ask_it().json()["code"] == "intrinsics_of_another_size"
+
+
+def stated_of(width):
+    K = [500.0, 0, 320.0, 0, 510.0, 240.0, 0, 0, 1]
+    return {"model": "brown_conrady", "K": K, "D": [0.0] * 5, "width": width, "height": 480}
+
+
+def test_skew_is_zero_unless_anyone_names_it(api, engineer, rig):
+    def skew_of(**body):
+        answer = ask(engineer, rig, add_set(engineer, rig), models=["brown_conrady"], folds=0, **body)
+        assert answer.status_code == 202, answer.text
+        return documents(api, answer.json()["id"])["brown_conrady", -1]["locked"].get("skew")
+
+    assert skew_of() == 0.0
+    assert skew_of(locked={"skew": 0.01}) == 0.01
+    assert skew_of(bounds={"skew": [-0.1, 0.1]}) is None
+    assert skew_of(priors={"skew": {"mean": 0.0, "sigma": 0.001}}) is None
+    assert skew_of(preset="paper") is None, "Table I leaves it open"
+    stated = PLUMB_BOB | {"K": [500.0, 5.0, 320.0, 0, 510.0, 240.0, 0, 0, 1.0]}
+    assert skew_of(intrinsics={"front": stated}) is None, "a stated skew is refined like the rest"
+    assert skew_of(intrinsics={"front": PLUMB_BOB}) == 0.0
+
+
+def test_a_lens_is_locked_only_where_one_is_stated(engineer, rig):
+    answer = ask(engineer, rig, add_set(engineer, rig), models=["pinhole"], folds=0, intrinsics_as="locked").json()
+    assert answer["code"] == "no_intrinsics_stated" and "--intrinsics" in answer["hint"]
 
 
 P = [450.0, 0.0, 330.0, -54.0, 0.0, 450.0, 250.0, 0.0, 0.0, 0.0, 1.0, 0.0]

@@ -31,6 +31,23 @@ def test_a_reader_that_was_killed_or_had_no_disk_is_tried_again_and_a_refusal_is
     assert (job(database, job_id).state, job(database, job_id).lost) == (state, lost)
 
 
+def test_a_number_that_is_none_refuses_and_is_no_defect(context, database, monkeypatch):
+    """Whatever computes it, and wherever in a document it is."""
+    (job_id,) = make_jobs(database, make_fleet(database), 1)
+
+    def compute(*_: object):
+        def write(session):
+            session.get_one(Job, job_id).payload = {"halves": [{"ratio": 1.0}, {"ratio": float("nan")}]}
+
+        return write
+
+    monkeypatch.setitem(WORK, "solve", compute)
+    run_job(context, job_id)
+    ended = job(database, job_id)
+    assert (ended.state, ended.problem["code"]) == ("failed", "non_finite")
+    assert ended.problem["detail"].startswith("halves.1.ratio of the result is not finite")
+
+
 def problem_of(database, job_id):
     return (job(database, job_id).problem or {}).get("code")
 
