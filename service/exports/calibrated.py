@@ -38,8 +38,8 @@ class CalibratedCamera:
     rig: str
     source: str
     at: datetime
+    marked: Floats
     joint: SolvedJoint | None = None
-    marked: Floats | None = None
 
     @property
     def skew(self) -> float:

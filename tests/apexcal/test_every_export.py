@@ -26,7 +26,6 @@ from service.exports.formats import FORMATS
 from service.exports.transform import Transform
 from tests.service.exports import readers
 
-KEEP = {"and": [{"quantity": "x", "op": ">", "value": 2}, {"quantity": "z", "op": ">", "value": -1.7}]}
 ON_VEHICLE = {
     "to_frame": "base_link",
     "from_frame": "velodyne",
@@ -39,24 +38,23 @@ ON_VEHICLE = {
 def results(embedded, tmp_path_factory):
     """The client, the vehicle, and the result of each model."""
     folder = tmp_path_factory.mktemp("exports") / "walk"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "24", "--json"]
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "12", "--json"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     with Client(embedded.url, embedded.token) as owner:
         fleet = owner.fleets.create("Exports")
         vehicle = owner.vehicles.create(fleet.id, "Wagon")
         described = read_rig(folder / "rig.json", "Roof")
-        described["T_vehicle_lidar"] = ON_VEHICLE | {"from_frame": described["lidar_frame"]}
+        described["T_vehicle_lidar"] = ON_VEHICLE | {"from_frame": described["lidar"]["frame"]}
         rig = owner.vehicles.create_rig(vehicle.id, described)
         recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=120)
-        loose = {"min_points": 3, "min_points_two_below": 0}
-        detection = owner.wait(
-            owner.detections.create(recording.id, KEEP, detector="tolerant", options=loose), timeout_s=120
-        )
+        region = owner.wait(owner.detections.suggest(recording.id), timeout_s=120).result.region
+        detection = owner.wait(owner.detections.create(recording.id, region), timeout_s=200)
         mark_everything(owner, fleet.id, detection, "front", Truth(folder / "truth.json"), lambda *said: None)
         pairs = owner.correspondence_sets.build(detection.id, "front")
         calibration = owner.wait(owner.calibrations.create(vehicle.id, [pairs.id]), timeout_s=400)
         models = calibration.summary.cameras["front"].models
         points = owner.correspondence_sets.get(pairs.id).pairs
+        assert len(points) > 20
         xyz = np.array([[pair.x, pair.y, pair.z] for pair in points])
         yield owner, vehicle.id, rig, {model: one.result_id for model, one in models.items()}, xyz
 
@@ -71,15 +69,16 @@ def as_calibrated(result, rig) -> Calibrated:
             CalibratedCamera(
                 name=camera.name,
                 topic=camera.topic,
-                width=camera.image_width,
-                height=camera.image_height,
+                width=camera.image_size[0],
+                height=camera.image_size[1],
                 model=document["model"],
                 intrinsics={k: v for k, v in document["intrinsics"].items() if v is not None and k != "model"},
                 T_camera_lidar=Transform.of(document["transform"]),
-                T_vehicle_lidar=Transform.of(ON_VEHICLE | {"from_frame": rig.lidar_frame}),
+                T_vehicle_lidar=Transform.of(ON_VEHICLE | {"from_frame": rig.lidar.frame}),
                 rig=rig.name,
                 source=str(result.id),
                 at=datetime.now(UTC),
+                marked=np.zeros((0, 2)),
             )
         ],
     )
