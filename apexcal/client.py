@@ -28,16 +28,7 @@ from apexcal.documents.reports import ReportView
 from apexcal.documents.studies import OffsetView, PreviewView, SuggestionView
 from apexcal.documents.sweeps import PackingView
 from apexcal.documents.validations import ValidationView
-from apexcal.errors import (
-    ApiError,
-    ClientError,
-    FailedError,
-    ForeignAnswerError,
-    InputError,
-    TokenError,
-    TooSlowError,
-    UnreachableError,
-)
+from apexcal.errors import ApiError, ClientError, FailedError, InputError, TokenError, TooSlowError, UnreachableError
 from apexcal.resources.calibrations import Calibrations, CorrespondenceSets
 from apexcal.resources.detections import Detections
 from apexcal.resources.exports import Exports
@@ -54,7 +45,6 @@ __all__ = [
     "Client",
     "ClientError",
     "FailedError",
-    "ForeignAnswerError",
     "InputError",
     "TokenError",
     "TooSlowError",
@@ -88,15 +78,9 @@ class Client:
     """One person or program at one service. Safe to share between threads; close it, or use it as a context."""
 
     def __init__(
-        self,
-        base_url: str = "http://127.0.0.1:8000",
-        token: str | None = None,
-        timeout_s: float | None = None,
-        *,
-        insecure_http: bool = False,
+        self, base_url: str = "http://127.0.0.1:8000", token: str | None = None, timeout_s: float | None = None
     ) -> None:
-        """``insecure_http``: also over http to another machine, where others on the way can read the token."""
-        self._http = Transport(base_url, token, timeout_s=timeout_s, insecure_http=insecure_http)
+        self._http = Transport(base_url, token, timeout_s=timeout_s)
         self.base_url = self._http.base_url
         self.fleets = Fleets(self._http)
         self.vehicles = Vehicles(self._http)
@@ -111,7 +95,7 @@ class Client:
         self.validations = Validations(self._http)
 
     @classmethod
-    def sign_in(cls, link: str, base_url: str | None = None, *, insecure_http: bool = False) -> Client:
+    def sign_in(cls, link: str, base_url: str | None = None) -> Client:
         """Sign in with a one-time link, consuming it, and keep the session in this client.
 
         ``base_url`` is where this client reaches the service when that is not where the link points.
@@ -120,8 +104,7 @@ class Client:
         parts = urlsplit(link)
         if not parts.fragment:
             raise ClientError("this is no sign-in link", "It looks like https://example.org/sign-in#secret.")
-        address = base_url or f"{parts.scheme}://{parts.netloc}{parts.path.removesuffix('/sign-in')}"
-        client = cls(address, insecure_http=insecure_http)
+        client = cls(base_url or f"{parts.scheme}://{parts.netloc}{parts.path.removesuffix('/sign-in')}")
         try:
             client._http.post("/sign-in", Me, {"link": parts.fragment})
         except BaseException:

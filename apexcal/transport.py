@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import math
+import os
 import random
 import re
 import time
@@ -13,7 +14,6 @@ import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from email.utils import parsedate_to_datetime
-from ipaddress import ip_address
 from typing import Any, TypeVar
 from urllib.parse import SplitResult, quote, urlsplit
 
@@ -47,11 +47,8 @@ class Transport:
         token: str | None = None,
         pauses_s: tuple[float, ...] = _PAUSES_S,
         timeout_s: float | None = None,
-        insecure_http: bool = False,
     ) -> None:
         parts = _split(base_url)
-        if not insecure_http:
-            _check_private(parts)
         self.base_url = f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}"
         self._pauses_s = pauses_s
         self._reached = False
@@ -62,10 +59,9 @@ class Transport:
                 raise TokenError("the given text")
             headers["Authorization"] = f"Bearer {token}"
         # A proxy of the environment would read over http what is meant for this machine alone.
-        trusted = insecure_http or parts.scheme == "https"
-        self._http = httpx.Client(
-            base_url=self.base_url + "/v1", headers=headers, timeout=timeout_s or TIMEOUT, trust_env=trusted
-        )
+        proxies = _may_leave(parts)
+        address = self.base_url + "/v1"
+        self._http = httpx.Client(base_url=address, headers=headers, timeout=timeout_s or TIMEOUT, trust_env=proxies)
 
     def close(self) -> None:
         """Close the connections."""
@@ -233,16 +229,17 @@ def _split(base_url: str) -> SplitResult:
     raise ValueError(f"{base_url!r} is no address of a service; it looks like http://127.0.0.1:8000")
 
 
-def _check_private(parts: SplitResult) -> None:
-    """Raises InputError where a token would go over http to another machine."""
+def _may_leave(parts: SplitResult) -> bool:
+    """Whether a token may leave this machine. Raises InputError where it would, over http, without being told to."""
+    if parts.scheme == "https" or os.environ.get("APEXCAL_INSECURE_HTTP", "") not in ("", "0"):
+        return True
     host = parts.hostname or ""
-    with suppress(ValueError):
-        if parts.scheme == "https" or host == "localhost" or ip_address(host).is_loopback:
-            return
-    raise InputError(
-        f"a token for {parts.netloc} would go over http, where others on the way can read it",
-        "Give an https address, or allow it in a network that you trust: APEXCAL_INSECURE_HTTP=1",
-    )
+    if host != "localhost" and host != "::1" and not re.fullmatch(r"127\.\d+\.\d+\.\d+", host):
+        raise InputError(
+            f"a token for {parts.netloc} would go over http, where others on the way can read it",
+            "Give an https address, or allow it in a network that you trust: APEXCAL_INSECURE_HTTP=1",
+        )
+    return False
 
 
 def at(*segments: object) -> str:

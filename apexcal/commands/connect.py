@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,17 +30,14 @@ def connected(url: str, token: str, data: Path, link: str = "", timeout_s: float
     With a sign-in ``link`` the client is signed in as its person instead, for as long as the block.
     """
     address, secret, origin = (url, "", "") if link else locate(url, token, data)
-    insecure = os.environ.get("APEXCAL_INSECURE_HTTP", "") not in ("", "0")
     try:
-        client = None if link else Client(address, secret, timeout_s, insecure_http=insecure)
+        client = None if link else Client(address, secret, timeout_s)
     except TokenError as error:
         usage(str(TokenError(origin)), error.hint)
-    except InputError as error:
-        usage(str(error), error.hint)
-    except ValueError as error:
-        usage(str(error), "Give it with --url or APEXCAL_URL")
+    except (InputError, ValueError) as error:
+        usage(str(error), getattr(error, "hint", "Give it with --url or APEXCAL_URL"))
     try:
-        with client or Client.sign_in(link, url or None, insecure_http=insecure) as ready:
+        with client or Client.sign_in(link, url or None) as ready:
             yield ready
             if link:
                 ready.sign_out()

@@ -19,12 +19,13 @@ import typer
 
 from apexcal.archives import read_archive
 from apexcal.cli import FAILED, UNREACHABLE
-from apexcal.client import ApiError, Client, ForeignAnswerError
+from apexcal.client import ApiError, Client
 from apexcal.commands.common import DataOption, TokenOption, UrlOption, complain, console, usage
 from apexcal.commands.connect import connected, find_vehicle, is_id
 from apexcal.commands.publications import FleetOption, VehicleOption
 from apexcal.documents.publications import CURRENT
 from apexcal.embedded.folder import DEFAULT
+from apexcal.errors import ForeignAnswerError
 from apexcal.kept_file import KeptFile, replace_folder
 
 NOTHING_KEPT, WITHDRAWN, OTHER_SENSORS, FOREIGN = 4, 5, 6, 7

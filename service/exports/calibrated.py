@@ -40,8 +40,8 @@ class CalibratedCamera:
     rig: str
     source: str
     at: datetime
+    marked: Floats
     joint: SolvedJoint | None = None
-    marked: Floats | None = None
     is_rectified: bool = False
     T_own_camera: Transform | None = None
     stated: StatedLensFit | None = None
@@ -56,7 +56,8 @@ class CalibratedCamera:
         if (stated := self._stated) is None:
             return self
         mount, lens = stated.transform.model_dump(), stated.intrinsics.model_dump(exclude_none=True)
-        return replace(self, model=parse_model(lens["model"]), intrinsics=lens, T_camera_lidar=Transform.of(mount))
+        T_camera_lidar = Transform.of(mount)._replace(to_frame=self.frame)
+        return replace(self, model=parse_model(lens["model"]), intrinsics=lens, T_camera_lidar=T_camera_lidar)
 
     @property
     def needs(self) -> str:

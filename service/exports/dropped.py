@@ -8,7 +8,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from apexcal.documents.camera_models import CAMERA_MODELS
 from service.exports.calibrated import CalibratedCamera
 from service.exports.transform import Floats
 
@@ -16,7 +15,7 @@ _ITERATIONS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
 
 
 class Dropped(NamedTuple):
-    """The camera without the terms, and how far that moves the pixels of the pairs; without any, of the image."""
+    """The camera without the terms, and how far that moves the pixels of the pairs."""
 
     camera: CalibratedCamera
     max_px: float
@@ -29,26 +28,18 @@ class Dropped(NamedTuple):
 
 
 def drop(camera: CalibratedCamera, terms: list[str]) -> Dropped:
-    """The lens with these parameters at 0."""
+    """The lens, a ``brown_conrady``, with these parameters at 0."""
     lens = {name: 0.0 if name in terms else value for name, value in camera.intrinsics.items()}
     less = replace(camera, intrinsics=lens)
-    pixels = camera.marked if camera.marked is not None and len(camera.marked) else _grid(camera)
-    moved = np.linalg.norm(_through(camera, less, pixels) - pixels, axis=1)
+    moved = np.linalg.norm(_through(camera, less, camera.marked) - camera.marked, axis=1)
     return Dropped(less, float(moved.max()), float(np.median(moved)))
 
 
-def _grid(camera: CalibratedCamera) -> Floats:
-    u, v = np.meshgrid(np.linspace(0, camera.width - 1, 17), np.linspace(0, camera.height - 1, 13))
-    return np.stack([u.ravel(), v.ravel()], axis=1)
-
-
 def _through(camera: CalibratedCamera, less: CalibratedCamera, pixels: Floats) -> Floats:
-    """Where the points that one lens shows at the pixels (n, 2) lie through the other."""
-    K, new_K = np.array(camera.K), np.array(less.K)
-    rays = np.c_[pixels, np.ones(len(pixels))] @ np.linalg.inv(K).T
-    if CAMERA_MODELS[camera.model].is_radial_tangential:
-        eye, zero = np.eye(3), np.zeros(3)
-        points = cv2.undistortPoints(rays[:, None, :2].copy(), eye, np.array(camera.D), criteria=_ITERATIONS)
-        points = np.c_[points[:, 0], np.ones(len(pixels))]
-        rays = np.c_[cv2.projectPoints(points, zero, zero, eye, np.array(less.D))[0][:, 0], np.ones(len(pixels))]
-    return (rays @ new_K.T)[:, :2]
+    """Where the points that one ``brown_conrady`` lens shows at the pixels (n, 2) lie through the other."""
+    rays = np.c_[pixels, np.ones(len(pixels))] @ np.linalg.inv(np.array(camera.K)).T
+    eye, zero = np.eye(3), np.zeros(3)
+    points = cv2.undistortPoints(rays[:, None, :2].copy(), eye, np.array(camera.D), criteria=_ITERATIONS)
+    points = np.c_[points[:, 0], np.ones(len(pixels))]
+    distorted = cv2.projectPoints(points, zero, zero, eye, np.array(less.D))[0][:, 0]
+    return np.c_[distorted, np.ones(len(pixels))] @ np.array(less.K)[:2].T

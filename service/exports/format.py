@@ -123,21 +123,17 @@ def _odd_frames(camera: CalibratedCamera) -> list[str]:
 
 def carried(wanted: Format, camera: CalibratedCamera) -> Dropped | None:
     """The camera as the format's readers see it, and what they leave out; None if they leave out nothing."""
-    terms = [name for name, is_dropped in _terms(wanted, camera).items() if is_dropped]
+    terms = ["skew"] if camera.skew and not wanted.skew else []
+    if camera.lens == "brown_conrady" and camera.lens not in wanted.lenses:
+        terms += CAMERA_MODELS[camera.model].distortion
+    elif _third_radial(camera) and not wanted.third_radial:
+        terms.append("k5")
     if not wanted.carries_lens or not terms:
         return None
     # Imported here: it needs OpenCV.
     from service.exports.dropped import drop
 
     return drop(camera, terms)
-
-
-def _terms(wanted: Format, camera: CalibratedCamera) -> dict[str, bool]:
-    """Each parameter that a format may lack, and whether the camera's has to go for this one."""
-    plain = camera.lens == "brown_conrady" and camera.lens not in wanted.lenses and "pinhole" in wanted.lenses
-    third = _third_radial(camera) and not wanted.third_radial
-    dropped = dict.fromkeys(("k1", "k2", "k3", "k4"), plain)
-    return {"skew": bool(camera.skew) and not wanted.skew, **dropped, "k5": plain or third}
 
 
 def _of_lens(wanted: Format, camera: CalibratedCamera) -> str | None:

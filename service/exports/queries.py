@@ -19,6 +19,7 @@ from service.http.problems import Problem, not_found
 
 if TYPE_CHECKING:
     from service.exports.calibrated import Calibrated, CalibratedCamera
+    from service.exports.transform import Floats
 
 _Cameras = Select[Result, Rig, RigCamera, str, list[float] | None, list[float] | None]
 
@@ -57,18 +58,21 @@ def _cameras() -> _Cameras:
 
 def _of(session: Session, statement: _Cameras) -> Calibrated:
     # Imported here, as below: it needs NumPy, which takes a twentieth of the start.
+    import numpy as np
+
     from service.exports.calibrated import Calibrated
 
     rows = session.execute(statement).all()
     if not rows:
         raise not_found()
-    cameras = [_camera(result, rig, camera, u or [], v or []) for result, rig, camera, _, u, v in rows]
+    cameras = [
+        _camera(result, rig, camera, np.array([u or [], v or []], np.float64).T)
+        for result, rig, camera, _, u, v in rows
+    ]
     return Calibrated(rows[0][3], cameras)
 
 
-def _camera(result: Result, rig: Rig, camera: RigCamera, u: list[float], v: list[float]) -> CalibratedCamera:
-    import numpy as np
-
+def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> CalibratedCamera:
     from service.exports.calibrated import CalibratedCamera, SolvedJoint
     from service.exports.transform import Transform
 
@@ -87,7 +91,7 @@ def _camera(result: Result, rig: Rig, camera: RigCamera, u: list[float], v: list
         rig=rig.name,
         source=str(result.id),
         at=result.created_at,
-        marked=np.array([u, v], np.float64).T,
+        marked=marked,
         joint=SolvedJoint(*(Transform.of(joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
         if joint
         else None,

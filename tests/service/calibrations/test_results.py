@@ -55,7 +55,13 @@ def seed_results(api, rig, folds=(-1, 0), found=FOUND):
     common = {"fleet_id": rig.fleet_id, "vehicle_id": rig.vehicle_id, "rig_id": rig.id}
     with api.database.writing() as session:
         pairs = session.query(CorrespondenceSet).first() or CorrespondenceSet(
-            **common, camera="front", source="import", content_hash="0", count=60, pairs={}, notes=[]
+            **common,
+            camera="front",
+            source="import",
+            content_hash="0",
+            count=60,
+            notes=[],
+            pairs={"u": [10.0, 320.0, 630.0], "v": [20.0, 240.0, 470.0]},
         )
         front = {"recommended": "pinhole", "why": "It is the only one.", "models": {"pinhole": found}}
         summary = {"cameras": {"front": front}}

@@ -12,6 +12,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import strptime
 from xml.etree import ElementTree
 
 import cv2
@@ -25,7 +26,7 @@ from urdf_parser_py.urdf import URDF
 from vcd.core import OpenLABEL
 from vcd.scl import Scene
 
-from service.exports.calibrated import Calibrated
+from service.exports.calibrated import Calibrated, CalibratedCamera, file_name
 from service.exports.formats import FORMATS, export
 
 Projection = Callable[[np.ndarray], np.ndarray]
@@ -64,7 +65,7 @@ def fisheye(points: np.ndarray, K: np.ndarray, D) -> np.ndarray:
     return cv2.fisheye.projectPoints(points[:, None].copy(), zero, zero, K, np.array(D, np.float64))[0][:, 0]
 
 
-def by_camera_info(text: bytes) -> Projection:
+def by_camera_info(text: bytes, camera: CalibratedCamera) -> Projection:
     """sensor_msgs/CameraInfo: K by rows; plumb_bob k1 k2 t1 t2 k3, equidistant k1 k2 k3 k4; P of rectified images."""
     said = yaml.safe_load(text)
     K = np.array(said["camera_matrix"]["data"], np.float64).reshape(3, 3)
@@ -75,7 +76,7 @@ def by_camera_info(text: bytes) -> Projection:
     assert (P[:, :3] == K).all() and (np.array(said["rectification_matrix"]["data"]).reshape(3, 3) == np.eye(3)).all()
     assert K[0, 1] == 0.0, "image_geometry takes four of the nine"
     model = {"plumb_bob": (plumb_bob, 5), "equidistant": (fisheye, 4)}[said["distortion_model"]]
-    assert len(D) == model[1] and (said["image_width"], said["image_height"]) == (1920, 1200)
+    assert len(D) == model[1] and (said["image_width"], said["image_height"]) == (camera.width, camera.height)
     return lambda points: model[0](points, K, D)
 
 
@@ -83,19 +84,19 @@ def ros_camera_info(calibrated: Calibrated) -> list[Projection]:
     """The lens alone; the mount is ours."""
     files = files_of("camera_info", calibrated)
     found = []
-    for camera, text in zip(calibrated.cameras, (files[one] for one in _of_cameras(files, ".yaml")), strict=True):
-        lens, T = by_camera_info(text), camera.T_camera_lidar.matrix
+    for camera, name in _of_cameras(files, ".yaml", calibrated):
+        lens, T = by_camera_info(files[name], camera), camera.T_camera_lidar.matrix
         found.append(lambda points, lens=lens, T=T: lens(move(T, points)))
     return found
 
 
-def _of_cameras(files: dict[str, bytes], end: str) -> list[str]:
-    named = [next(name for name in files if wanted in name and name.endswith(end)) for wanted in CAMERAS]
-    assert len(set(named)) == 3
+def _of_cameras(files: dict[str, bytes], end: str, calibrated: Calibrated) -> list[tuple[CalibratedCamera, str]]:
+    named = [
+        (camera, next(name for name in files if file_name(camera.name) in name and name.endswith(end)))
+        for camera in calibrated.cameras
+    ]
+    assert len({name for _, name in named}) == len(calibrated.cameras)
     return named
-
-
-CAMERAS = ("front", "left_rear", "mast-1")
 
 
 def _tree(edges: dict[tuple[str, str], np.ndarray], to: str, start: str = "velodyne") -> np.ndarray:
@@ -142,8 +143,8 @@ def ros2(calibrated: Calibrated) -> list[Projection]:
     children = [child for _, child in [*edges, *own]]
     assert len(edges) == len(calibrated.cameras) and len(set(children)) == len(children), "tf2 takes one parent"
     found = []
-    for number, name in enumerate(_of_cameras(files, "camera_info.yaml")):
-        lens, T = by_camera_info(files[name]), _tree(edges | own, f"camera{number}/camera_optical_link")
+    for camera, name in _of_cameras(files, "camera_info.yaml", calibrated):
+        lens, T = by_camera_info(files[name], camera), _tree(edges | own, camera.frame, camera.lidar_frame)
         found.append(lambda points, lens=lens, T=T: lens(move(T, points)))
     return found
 
@@ -169,8 +170,8 @@ def urdf(calibrated: Calibrated) -> list[Projection]:
     (document,) = files_of("urdf", calibrated).values()
     lenses = files_of("camera_info", calibrated)
     found = []
-    for number, name in enumerate(_of_cameras(lenses, ".yaml")):
-        lens, T = by_camera_info(lenses[name]), _tree(joints(document), f"camera{number}/camera_optical_link")
+    for camera, name in _of_cameras(lenses, ".yaml", calibrated):
+        lens, T = by_camera_info(lenses[name], camera), _tree(joints(document), camera.frame, camera.lidar_frame)
         found.append(lambda points, lens=lens, T=T: lens(move(T, points)))
     return found
 
@@ -180,15 +181,22 @@ def autoware(calibrated: Calibrated) -> list[Projection]:
     files = files_of("autoware", calibrated)
     edges = {}
     for name in ("sensors_calibration.yaml", "sensor_kit_calibration.yaml"):
-        for parent, children in yaml.safe_load(only(files, "/roof/" + name)).items():
+        for parent, children in yaml.safe_load(
+            only(files, f"/{file_name(calibrated.cameras[0].rig)}/{name}")
+        ).items():
             for child, pose in children.items():
                 R = fixed_axes([pose["roll"], pose["pitch"], pose["yaw"]])
                 edges[parent, child] = rigid(R, [pose["x"], pose["y"], pose["z"]])
     assert ("base_link", "sensor_kit_base_link") in edges
     optical = rigid(fixed_axes([-np.pi / 2, 0.0, -np.pi / 2]), np.zeros(3))
     found = []
-    for number, name in enumerate(_of_cameras(files, "camera_info.yaml")):
-        lens, T = by_camera_info(files[name]), _tree(edges, f"camera{number}/camera_link")
+    for camera, name in _of_cameras(files, "camera_info.yaml", calibrated):
+        (body,) = (
+            child
+            for _, child in edges
+            if child in (camera.frame.replace("optical_", ""), f"{camera.name}/camera_link")
+        )
+        lens, T = by_camera_info(files[name], camera), _tree(edges, body, camera.lidar_frame)
         found.append(lambda points, lens=lens, T=T: lens(move(np.linalg.inv(optical) @ T, points)))
     return found
 
@@ -200,7 +208,7 @@ def kitti(calibrated: Calibrated) -> list[Projection]:
         for name, content in files.items():
             (Path(base) / name).parent.mkdir(exist_ok=True)
             (Path(base) / name).write_bytes(content)
-        folders = sorted({name.partition("/")[0] for name in files}, key=FOLDERS.index)
+        folders = [file_name(camera.name) for camera in calibrated.cameras]
         for folder in folders:
             # What a recording has besides, with one moment.
             drive = Path(base) / folder / f"{folder}_drive_0001_sync" / "oxts"
@@ -210,13 +218,10 @@ def kitti(calibrated: Calibrated) -> list[Projection]:
         return [_by_pykitti(pykitti.raw(base, folder, "0001"), files, folder) for folder in folders]
 
 
-FOLDERS = ("front", "left_rear", "mast-1")
-
-
 def _by_pykitti(drive: pykitti.raw, files: dict[str, bytes], folder: str) -> Projection:
     lines = files[f"{folder}/calib_cam_to_cam.txt"].decode().splitlines()
     said = dict(line.split(": ", 1) for line in lines)
-    assert said["calib_time"] == "05-Mar-2026 07:08:09" and list(said)[2] == "S_00"
+    assert strptime(said["calib_time"], "%d-%b-%Y %H:%M:%S") and list(said)[2] == "S_00"
 
     def pixels(points: np.ndarray) -> np.ndarray:
         found = []
@@ -242,11 +247,11 @@ def kalibr(calibrated: Calibrated) -> list[Projection]:
     """
     (document,) = files_of("kalibr", calibrated).values()
     chain = yaml.safe_load(document)
-    assert list(chain) == ["cam0", "cam1", "cam2"]
+    assert list(chain) == [f"cam{number}" for number in range(len(calibrated.cameras))]
     T, found = calibrated.cameras[0].T_camera_lidar.matrix, []
-    for place, said in enumerate(chain.values()):
-        assert said["camera_model"] == "pinhole" and said["resolution"] == [1920, 1200]
-        assert ("T_cn_cnm1" in said) == (place > 0) and said["rostopic"] == f"/camera{place}/image"
+    for (place, said), camera in zip(enumerate(chain.values()), calibrated.cameras, strict=True):
+        assert said["camera_model"] == "pinhole" and said["resolution"] == [camera.width, camera.height]
+        assert ("T_cn_cnm1" in said) == (place > 0) and said.get("rostopic") == camera.topic
         if place:
             T = np.array(said["T_cn_cnm1"], np.float64) @ T
         distort = {"radtan": _radtan, "equidistant": _equidistant}[said["distortion_model"]]
@@ -280,11 +285,11 @@ def _equidistant(x, y, coefficients):
 def opencv(calibrated: Calibrated) -> list[Projection]:
     files = files_of("opencv", calibrated)
     found = []
-    for name in _of_cameras(files, ".yaml"):
+    for camera, name in _of_cameras(files, ".yaml", calibrated):
         storage = cv2.FileStorage(files[name].decode(), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         K, D = storage.getNode("camera_matrix").mat(), storage.getNode("distortion_coefficients").mat()
         T = storage.getNode("T_camera_lidar").mat()
-        assert storage.getNode("lidar_frame").string() == "velodyne"
+        assert storage.getNode("lidar_frame").string() == camera.lidar_frame
         project = fisheye if storage.getNode("fisheye_model").real() else plumb_bob
         found.append(lambda points, project=project, K=K, D=D, T=T: project(move(T, points), K, D))
     return found
@@ -295,7 +300,8 @@ def nuscenes(calibrated: Calibrated) -> list[Projection]:
     files = files_of("nuscenes", calibrated)
     channels = {one["token"]: one["channel"] for one in json.loads(files["sensor.json"])}
     records = {channels[one["sensor_token"]]: one for one in json.loads(files["calibrated_sensor.json"])}
-    assert len({one["token"] for one in records.values()}) == 4 and records["LIDAR_TOP"]["camera_intrinsic"] == []
+    assert len({one["token"] for one in records.values()}) == len(calibrated.cameras) + 1
+    assert records["LIDAR_TOP"]["camera_intrinsic"] == []
 
     def projection(channel: str) -> Projection:
         lidar, camera = records["LIDAR_TOP"], records[channel]
@@ -308,7 +314,7 @@ def nuscenes(calibrated: Calibrated) -> list[Projection]:
 
         return pixels
 
-    return [projection(channel) for channel in ("CAM_FRONT", "CAM_LEFT.REAR", "CAM_MAST-1")]
+    return [projection(f"CAM_{camera.name.upper()}") for camera in calibrated.cameras]
 
 
 def openlabel(calibrated: Calibrated) -> list[Projection]:
@@ -319,7 +325,7 @@ def openlabel(calibrated: Calibrated) -> list[Projection]:
     with TemporaryDirectory() as folder:
         (Path(folder) / "scene.json").write_bytes(document)
         scene = raillabel.load(Path(folder) / "scene.json")
-    T_base_lidar = _by_raillabel(scene.sensors["velodyne"])
+    T_base_lidar = _by_raillabel(scene.sensors[calibrated.cameras[0].lidar_frame])
 
     def projection(camera: raillabel.format.Camera) -> Projection:
         K = np.array(camera.intrinsics.camera_matrix).reshape(3, 4)[:, :3]
@@ -352,7 +358,7 @@ def by_vcd(document: bytes, calibrated: Calibrated) -> list[Projection]:
     scene = Scene(label)
 
     def projection(camera: str) -> Projection:
-        T, static = scene.get_transform("velodyne", camera)
+        T, static = scene.get_transform(calibrated.cameras[0].lidar_frame, camera)
         assert static
 
         def pixels(points: np.ndarray) -> np.ndarray:

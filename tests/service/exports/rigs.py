@@ -12,6 +12,8 @@ from service.exports.transform import Transform
 from workers.geometry.projection import project
 
 WIDTH, HEIGHT = 1920, 1200
+# Pixels over the whole image.
+MARKED = np.stack(np.meshgrid(np.linspace(0, 1919, 17), np.linspace(0, 1199, 13)), axis=-1).reshape(-1, 2)
 LENSES = {
     "pinhole": {},
     "brown_conrady": {"skew": 0.0, "k1": -0.31, "k2": 0.11, "k3": 7e-5, "k4": -4.1e-4, "k5": -0.015},
@@ -59,6 +61,7 @@ def rig_of(model: str, rig: int, *, on_vehicle: bool = True, **changed: float) -
             rig="roof",
             source=f"0000000{number}",
             at=datetime(2026, 3, 5, 7, 8, 9, tzinfo=UTC),
+            marked=MARKED,
         )
         for number, name in enumerate(NAMES)
     ]

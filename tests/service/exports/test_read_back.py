@@ -125,7 +125,7 @@ def test_names_inside_of_a_zip_lead_nowhere_else():
 
 def test_the_page_about_exports_has_every_format_in_its_table():
     page = (Path(__file__).parents[3] / "docs" / "exports.md").read_text(encoding="utf-8")
-    rows = {line.split("`")[1]: line for line in page.splitlines() if line.startswith("| `") and line.count("|") == 5}
+    rows = {line.split("`")[1]: line for line in page.splitlines() if line.startswith("| `") and line.count("|") == 6}
     assert list(rows) == ["json", *FORMATS]
     for name, one in FORMATS.items():
         said = rows[name].split("|")[4]
