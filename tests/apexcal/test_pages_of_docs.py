@@ -12,6 +12,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -66,6 +67,7 @@ class Reader:
     client: Client
     folder: Path
     walk: Path
+    opened: ExitStack
     ids: dict[str, str] = field(default_factory=dict)
     followed: list[str] = field(default_factory=list)
     program: dict[str, object] = field(default_factory=dict)
@@ -91,7 +93,10 @@ class Reader:
             text = text.replace(written, ours)
         text = text.replace("http://127.0.0.1:8000", self.service.url).replace("apx_...", self.service.token)
         self.program |= {"input": lambda _: self.mark(str(self.program["detection"].id))}
-        exec(compile(text, "a page", "exec"), self.program)
+        try:
+            exec(compile(text, "a page", "exec"), self.program)
+        finally:
+            self.opened.callback(self.program["client"].close)
 
     def run_command(self, line: str, setup: Setup) -> None:
         for written, ours in setup.instead.items():
@@ -227,10 +232,10 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
     os.chdir(folder)
     service = start(folder / "var" / "apexcal", "--workers", "1")
     try:
-        written = apexcal("simulate", "--out", "walk", "--seconds", "10", "--seed", "3")
+        written = apexcal("simulate", "--out", "walk", "--seconds", "14", "--seed", "3")
         assert written.returncode == 0, written.stderr
-        with Client(service.url, service.token) as client:
-            yield Reader(service, client, folder, folder / "walk")
+        with Client(service.url, service.token) as client, ExitStack() as opened:
+            yield Reader(service, client, folder, folder / "walk", opened)
     finally:
         stop(service)
         os.chdir(here)
