@@ -83,7 +83,7 @@ def _started(steps: Steps) -> Iterator[tuple[Service, Client]]:
 
 def _real(steps: Steps, service: Service, fleet: FleetOut, data: Path | None) -> Document:
     if data is None:
-        return {"skipped": "there is no ../shared/data/vlp16-diamond-board"}
+        return {"skipped": "a clone holds no real recording (../shared/data/vlp16-diamond-board)"}
     with service.client() as client:
         return real.run(steps, client, fleet, data)
 

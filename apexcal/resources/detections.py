@@ -31,7 +31,7 @@ class Detections:
         return self._http.get(at("region-previews", preview_id), PreviewView)
 
     def suggest(self, recording_id: UUID | str) -> SuggestionView:
-        """Ask for a region around what moves; its ``result`` is ``{"region", "facts"}``."""
+        """Ask for a region around what moves; its ``result`` has ``region`` and ``facts``."""
         return self._http.post(at("recordings", recording_id, "region-suggestions"), SuggestionView, {})
 
     def get_suggestion(self, suggestion_id: UUID | str) -> SuggestionView:

@@ -20,7 +20,7 @@ class Fleets:
         self._http = transport
 
     def create(self, name: str) -> FleetOut:
-        """Make a fleet (the owner only). ``{"id", "name", ...}``"""
+        """Make a fleet (the owner only)."""
         return self._http.post("/fleets", FleetOut, {"name": name})
 
     def list(self) -> Iterator[FleetOut]:
@@ -40,11 +40,11 @@ class Fleets:
         return self._http.put(at("fleets", fleet_id, "gate"), FleetOut, dict(gate), if_match(version))
 
     def members(self, fleet_id: UUID | str) -> Iterator[Member]:
-        """``{"person_id", "name", "role"}`` of everybody in a fleet."""
+        """Everybody in a fleet: ``person_id``, ``name``, ``role``."""
         return self._http.items(at("fleets", fleet_id, "members"), Member)
 
     def invite(self, fleet_id: UUID | str, name: str, role: Role) -> Invitation:
-        """A one-time sign-in link for a new person: ``{"person_id", "name", "role", "link", "expires_at"}``."""
+        """A one-time sign-in ``link`` for a new person, with their ``person_id`` and ``expires_at``."""
         return self._http.post(at("fleets", fleet_id, "invitations"), Invitation, {"name": name, "role": role})
 
     def set_role(self, fleet_id: UUID | str, person_id: UUID | str, role: Role) -> ChangedMember:
@@ -58,7 +58,7 @@ class Fleets:
     def create_token(
         self, fleet_id: UUID | str, name: str, role: Role, *, expires_in_days: int | None = None
     ) -> MadeToken:
-        """A token for a program: ``{"id", "token", ...}``. The token is shown this once."""
+        """A token for a program, in ``token``. It is shown this once."""
         body: dict[str, Any] = {"name": name, "role": role}
         if expires_in_days is not None:
             body["expires_in_days"] = expires_in_days

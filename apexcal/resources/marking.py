@@ -52,7 +52,7 @@ class Marking:
         return self._http.post(at("tasks", task_id, "undo"), TaskView, {"id": str(id or uuid4()), "version": version})
 
     def own_mark(self, recording_id: UUID | str, camera: str, index: int) -> MarkView:
-        """This person's mark in a frame: ``{"u", "v", "version"}``; ApiError ``not_marked`` where there is none."""
+        """This person's mark in a frame: ``u``, ``v``, ``version``; ApiError ``not_marked`` where there is none."""
         return self._http.get(_mark(recording_id, camera, index), MarkView)
 
     def put_mark(

@@ -45,7 +45,7 @@ class Recordings:
         retain_days: int | None = None,
         reading: Mapping[str, Any] | None = None,
     ) -> CreatedRecording:
-        """Announce a recording of ``size`` bytes; its parts follow. ``{"id", "upload": {"part_bytes"}, ...}``
+        """Announce a recording of ``size`` bytes; its parts follow. ``upload.part_bytes`` says how large.
 
         ``reading`` is what the file does not say of itself: ``topics`` (``{"lidar": TOPIC, "cameras": {NAME:
         TOPIC}}``), ``point_times`` (``auto`` or ``stamp_only``), ``stamp_convention`` (``start`` or ``end``),
@@ -138,7 +138,7 @@ class Recordings:
         self._http.delete(at("recordings", recording_id), with_published=True if with_published else None)
 
     def frames(self, recording_id: UUID | str, camera: str) -> Iterator[FrameView]:
-        """``{"index", "stamp_ns", "media_type", "width", "height"}`` of every frame of a camera."""
+        """Every frame of a camera: ``index``, ``stamp_ns``, ``media_type``, ``width``, ``height``."""
         return self._http.items(at("recordings", recording_id, "cameras", camera, "frames"), FrameView, limit=5000)
 
     def frame(self, recording_id: UUID | str, camera: str, index: int) -> bytes:
@@ -147,7 +147,7 @@ class Recordings:
         return self._range(path, "image/*")
 
     def sweeps(self, recording_id: UUID | str) -> Iterator[SweepView]:
-        """``{"index", "stamp_ns", "points", "length"}`` of every sweep of the LiDAR."""
+        """Every sweep of the LiDAR: ``index``, ``stamp_ns``, ``points``, ``length``."""
         return self._http.items(at("recordings", recording_id, "sweeps"), SweepView, limit=5000)
 
     def sweep(self, recording_id: UUID | str, index: int) -> bytes:

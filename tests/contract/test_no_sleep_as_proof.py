@@ -4,8 +4,14 @@ import ast
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
+_SLEEPS = ("sleep", "wait_for_timeout")
 # A sleep outside of a `while` that looks again, and what it is instead of a proof.
 PACES = {
+    "e2e/screenshots.py": "for people who look at the pictures",
+    "e2e/test_marking.py": "a person's second for each mark; and a loop that looks again",
+    "e2e/test_marks_kept.py": "a loop that looks again, as often as a minute takes",
+    "e2e/test_speed.py": "a person's second for each mark",
+    "e2e/test_workspace.py": "a loop that looks again, as often as half a minute takes",
     "faults/test_nothing_is_lost.py": "how long the broker stays away",
     "faults/campaign/campaign.py": "when a disturbance begins",
     "integration/fleet.py": "between two looks of a caller's loop",
@@ -21,7 +27,7 @@ def sleeps(tree: ast.AST, in_loop: bool = False) -> list[int]:
     found = []
     for node in ast.iter_child_nodes(tree):
         looks_again = isinstance(node, ast.While) or (in_loop and not isinstance(node, ast.FunctionDef))
-        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "sleep" and not in_loop:
+        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in _SLEEPS and not in_loop:
             found.append(node.lineno)
         found += sleeps(node, looks_again)
     return found

@@ -33,7 +33,7 @@ def marker(sign_in: SignIn, track: Track, name: str) -> Marker:
 def wait_for_mark(person: Marker, vertex: str, pixel: tuple[float, float]) -> dict[str, Any]:
     """The stored mark of a vertex, which is the one that was placed."""
     mark: dict[str, Any] = {}
-    for _ in range(100):
+    for _ in range(600):
         mark = person.own_marks().get(vertex, {}).get("mark") or {}
         # Another answer may be stored until this one arrives.
         if mark and (mark["u"], mark["v"]) == pytest.approx(pixel, abs=0.51):

@@ -51,7 +51,7 @@ def test_the_steps_are_links_and_each_role_starts_at_its_own(sign_in: SignIn, tr
 
 def until(page: Page, condition: str) -> None:
     """Wait for a condition; the pages' content policy keeps Playwright's own way of it out."""
-    for _ in range(100):
+    for _ in range(600):
         if page.evaluate(condition):
             return
         page.wait_for_timeout(50)

@@ -144,3 +144,14 @@ def test_a_fit_that_does_not_converge_is_refused(monkeypatch):
     monkeypatch.setattr(offset_fit, "_TOLERANCE", 0.0)
     with pytest.raises(InputError, match="did not converge: The steps ran out"):
         estimate_offset(track, stamps[::8], pixels[::8], request)
+
+
+def test_marks_that_are_worse_than_stated_widen_the_deviation():
+    """Residuals three times as large as what pixel and track explain: so is the stated deviation."""
+    track, stamps, pixels, request = marked(9, 15 * MS)
+    sound = estimate_offset(track, stamps, pixels, request)
+    noise = np.random.default_rng(10).normal(size=pixels.shape)
+    poor = estimate_offset(track, stamps, pixels + 4.0 * noise, request)
+    # Left over are the noise of the marks and that of the track, each as large as before.
+    assert poor.sigma_ns / sound.sigma_ns == pytest.approx(poor.rms_px / sound.rms_px, rel=0.2)
+    assert poor.rms_px > 2.5 * sound.rms_px

@@ -1,5 +1,6 @@
 """Cameras that read their rows one after the other."""
 
+import statistics
 from dataclasses import replace
 
 import numpy as np
@@ -80,3 +81,9 @@ def test_a_deviation_of_the_line_time_widens_and_both_need_motion():
     with pytest.raises(SolveError, match="line_time_us"):
         at_their_rows(still)
     assert finish(replace(still, line_time_us=0.0), truth)["rolling_shutter"] is None
+
+
+def test_the_limit_is_what_one_in_two_hundred_exceeds():
+    """The normal's, or Student's with so few degrees of freedom as blocks of a walk leave."""
+    shown = finish(*rolled(46, 0.0))["rolling_shutter"]
+    assert statistics.NormalDist().inv_cdf(1.0 - 0.0025) <= shown["limit"] < 4.0  # 4.0: seven degrees of freedom

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.workers.solver.rigs import NOMINAL, real_correspondences, simulated
 from workers.solver.degeneracy import is_determined, parameter_alarms, point_alarms
@@ -9,7 +10,7 @@ from workers.solver.polish import polish
 from workers.solver.problem_document import problem_from_document
 from workers.solver.schedule import run_schedule
 from workers.solver.solution import solve_finish
-from workers.solver.uncertainty import plan_uncertainty, uncertainty
+from workers.solver.uncertainty import Uncertainty, plan_uncertainty, uncertainty
 
 SHORT = {"slots": 1, "population": 200, "generations": 15, "max_iterations": 2}
 
@@ -94,3 +95,19 @@ def test_the_top_vertices_of_the_real_board_do_not_hold_all_parameters():
     problem = problem_from_document({**request, "nominal": NOMINAL}, points[top], pixels[top])
     alarms = solve_finish(problem, run_schedule(problem)[0])["alarms"]
     assert any("does not determine all" in alarm or "do not determine" in alarm for alarm in alarms)
+
+
+@pytest.mark.parametrize(("shift", "own"), [(0.5, 5.0), (1.0, 12.0), (3.0, 40.0)])
+def test_a_shift_and_a_deviation_known_from_few_pairs_make_one_interval(shift, own):
+    """|shift + s T| with T of `own` freedoms. What is stated is std^2 = s^2 + shift^2, whose freedom is
+    own (std / s)^4, as the shift's part is exact (Satterthwaite 1946).
+    """
+    spread = 0.8
+    std = np.hypot(spread, shift)
+    stated = Uncertainty(
+        names=("t_x",), units=("m",), std=np.array([std]), covariance=np.array([[std**2]]), rank=1, sigma_px=1.0,
+        freedoms=np.array([own * (std / spread) ** 4]), shift=np.array([shift]),
+    )  # fmt: skip
+    (half,) = stated.half_width95
+    inside = stats.t.cdf((half - shift) / spread, own) - stats.t.cdf(-(half + shift) / spread, own)
+    assert inside == pytest.approx(0.95, abs=1e-6)

@@ -123,3 +123,13 @@ def test_what_states_nothing_or_has_few_pairs_is_unknown():
     assert score_pairs(calibration(), behind, marks)["forbidden"] == len(behind)
     with pytest.raises(GeometryError, match="no pairs"):
         score_pairs(calibration(), where[:0], marks[:0])
+
+
+def test_noise_is_named_from_one_and_a_half_times_what_is_stated():
+    known, rng = calibration(), np.random.default_rng(9)
+    # 300 coordinates know their deviation to 4 %.
+    verdicts = {
+        noise: [score_pairs(known, *drawn(rng, known, noise=noise)) for _ in range(5)] for noise in (1.3, 1.75)
+    }
+    assert all(one["verdict"] == "agrees" for one in verdicts[1.3])
+    assert all("their noise is" in one["sentence"] for one in verdicts[1.75])
