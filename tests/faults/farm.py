@@ -1,4 +1,4 @@
-"""A farm of real processes that can be killed one by one: broker, API, worker, sweeper, beat."""
+"""A farm of real processes that can be killed one by one: broker, API, worker, sweeper."""
 
 from __future__ import annotations
 
@@ -55,7 +55,6 @@ class Farm:
             ],
             "worker": list(plans.worker(folder, self._environment, processes).command),
             "sweeper": list(plans.sweeper(folder, self._environment).command),
-            "beat": list(plans.beat(folder, self._environment).command),
         }
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         try:

@@ -16,7 +16,6 @@ from service.storage.marker import MARKER
 from tests.faults.farm import LEASE_S, Farm, seconds_of
 from tests.faults.jobs import REGION, Walk, ask, ask_two_cameras, new_rig
 from tests.faults.results import slot_bests
-from tests.service.jobs.support import let_lease_expire
 from tests.support.processes import wait_until
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(300)]
@@ -180,7 +179,6 @@ def test_the_comparison_of_cameras_killed_at_work_ends_the_calibration_once(farm
     wait_until(lambda: waiting() != [], "the comparison", 120)
     (job_id,) = waiting()
     assert claim(farm.database, job_id, "a worker that dies")
-    let_lease_expire(farm.database, job_id)
     farm.use_worker(2)
     ended = farm.finished(calibration)
     assert ended.state == "done" and len(ended.summary.rig.pairs) == 1
@@ -201,12 +199,10 @@ def test_the_broker_stopped_for_a_while_and_started_empty(farm: Farm, undisturbe
 
 
 @both_in_the_long_form
-def test_sweeper_and_beat_killed(farm: Farm, undisturbed):
+def test_sweeper_killed(farm: Farm, undisturbed):
     calibration = ask(farm.client, next(_names))
-    farm.kill("beat")
     farm.kill("sweeper")
     farm.start("sweeper")
-    farm.start("beat")
     farm.kill_who_works_on("solve", "slots")
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
