@@ -71,8 +71,8 @@ async def healthz() -> dict[str, str]:
 async def readyz(request: Request) -> JSONResponse:
     """200 where the database answers reads with this code's schema: vehicles need no more. Else, or draining, 503.
 
-    It answers within two seconds. Every process shares the other parts, so one that is ill is no reason to ask another
-    process: `degraded` names it and says what is wrong.
+    It answers within two seconds. Every process shares the other parts, so one that is ill is no reason to ask
+    another process: `degraded` names it and says what is wrong.
     """
     parts = await ask_parts(request.app.state.parts)
     ill = [f"{name}: {part['detail']}" for name, part in parts.items() if not part["ok"]]

@@ -24,6 +24,7 @@ from service.db.session import Database
 from tests.faults.results import Documents, documents
 from tests.support.broker import Broker
 from tests.support.processes import start, stop, stop_all, wait_until
+from tests.support.wrong_clocks import WrongClock, why_not
 
 LEASE_S = 2.0
 QUICK = {"LEASE_S": str(LEASE_S), "RENEW_S": "0.4", "RESEND_S": "1", "SWEEP_S": "0.5", "MIN_FREE_BYTES": "0"}
@@ -57,12 +58,14 @@ class Farm:
             "sweeper": list(plans.sweeper(folder, self._environment).command),
         }
         self._children: dict[str, subprocess.Popen[bytes]] = {}
+        can_step = not why_not()
+        self.clocks = {name: WrongClock(root, name) for name in self._commands} if can_step else {}
         try:
             for name in self._commands:
                 self.start(name)
             token = root / "owner.token"
             self._run("service.auth.bootstrap", "--token-file", str(token))
-            wait_until(self._ready, "the farm's start", 150)
+            wait_until(self.is_ready, "the farm's start", 150)
         except BaseException:
             self._stop()
             raise
@@ -73,7 +76,8 @@ class Farm:
     def start(self, name: str) -> None:
         """Start one kind of process."""
         log = self.root / "logs" / f"{name}.log"
-        self._children[name] = start(self._commands[name], log, env=self._environment)
+        clock = self.clocks[name].environment if self.clocks else {}
+        self._children[name] = start(self._commands[name], log, env=self._environment | clock)
 
     def kill(self, name: str) -> None:
         """SIGKILL it."""
@@ -157,7 +161,8 @@ class Farm:
         self.database.close()
         self.broker.close()
 
-    def _ready(self) -> bool:
+    def is_ready(self) -> bool:
+        """Whether a balancer would ask its API."""
         try:
             with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/readyz", timeout=2) as answer:
                 return answer.status == 200

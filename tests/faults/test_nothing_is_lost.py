@@ -17,6 +17,7 @@ from tests.faults.farm import LEASE_S, Farm, seconds_of
 from tests.faults.jobs import REGION, Walk, ask, ask_two_cameras, new_rig
 from tests.faults.results import slot_bests
 from tests.support.processes import wait_until
+from tests.support.wrong_clocks import why_not
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(300)]
 # Most runs on the fleet's database always, and on the embedded one in the long form. A process that dies while it
@@ -24,6 +25,8 @@ pytestmark = [pytest.mark.faults, pytest.mark.timeout(300)]
 both_in_the_long_form = pytest.mark.parametrize(
     "farm", ["postgresql", pytest.param("sqlite", marks=pytest.mark.slow)], indirect=True
 )
+# A lease and two periods of the sweep are 3 s; the rest is for a busy machine.
+_RECOVERED_S = 60.0
 _names = (f"fleet {number}" for number in count())
 
 
@@ -205,6 +208,38 @@ def test_sweeper_killed(farm: Farm, undisturbed):
     farm.start("sweeper")
     farm.kill_who_works_on("solve", "slots")
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+
+
+@pytest.mark.skipif(bool(why_not()), reason=f"no clock can be set here: {why_not()}")
+@pytest.mark.parametrize(
+    ("farm", "parts"),
+    [
+        ("postgresql", ["sweeper"]),
+        ("postgresql", ["worker"]),
+        pytest.param("postgresql", ["api"], marks=pytest.mark.slow),
+        # On one host all have one clock, and SQLite's is that one too.
+        ("sqlite", ["sweeper", "worker", "api"]),
+    ],
+    indirect=["farm"],
+    ids=lambda given: "-".join(given) if isinstance(given, list) else given,
+)
+def test_a_clock_that_steps_while_a_worker_dies(farm: Farm, undisturbed, parts: list[str]):
+    """An hour back, an hour ahead, ten seconds back. With schedules by the clock of day nothing was found for an hour."""
+    wrong_s = 0
+    for step_s in (-3600, 3600, -10):
+        calibration = ask(farm.client, next(_names))
+        job_id = farm.kill_who_works_on("solve", "slots")
+        began = time.monotonic()
+        wrong_s += step_s
+        for part in parts:
+            farm.clocks[part].step(wrong_s)
+        wait_until(lambda job_id=job_id: farm.job(job_id).attempt == 2, "the next attempt", _RECOVERED_S)
+        print(f"{parts} {step_s:+d} s: recovered after {time.monotonic() - began:.1f} s")
+        assert farm.is_ready()
+        assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+        assert farm.job(job_id).lost == 1
+    for part in parts:
+        farm.clocks[part].step(0)
 
 
 def test_ingestion_and_detection_killed_at_work(farm: Farm, walk: Walk):
