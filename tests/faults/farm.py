@@ -35,6 +35,7 @@ class Farm:
 
     def __init__(self, root: Path, database_url: str, processes: int = 2) -> None:
         self.root = root
+        self.database_url = database_url
         self.broker = Broker()
         self.database = Database(database_url)
         self.fuse = root / "die"
@@ -78,6 +79,10 @@ class Farm:
         log = self.root / "logs" / f"{name}.log"
         clock = self.clocks[name].environment if self.clocks else {}
         self._children[name] = start(self._commands[name], log, env=self._environment | clock)
+
+    def start_beside(self, name: str, log: Path, environment: dict[str, str]) -> subprocess.Popen[bytes]:
+        """Start one more worker, with an environment of its own. Who asks for it ends it."""
+        return start(list(plans.worker_command(plans.QUEUES, 2, name)), log, env=self._environment | environment)
 
     def kill(self, name: str) -> None:
         """SIGKILL it."""
