@@ -24,7 +24,7 @@ from starlette.types import Scope
 from apexcal.documents.roles import Role, least, rank
 from service.auth.origins import check_origin
 from service.auth.secrets import TOKEN_PREFIX, secret_hash
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.ids import new_id
 from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person
@@ -238,8 +238,9 @@ def _by_token(session: Session, secret: str) -> Identity:
         select(ApiToken, Person)
         .join(Person, Person.id == ApiToken.person_id)
         .where(ApiToken.secret_hash == secret_hash(secret), ApiToken.revoked_at.is_(None))
+        .where(ApiToken.expires_at.is_(None) | (ApiToken.expires_at > now()))
     ).first()
-    if found is None or (found[0].expires_at and found[0].expires_at <= utc_now()):
+    if found is None:
         raise _not_signed_in("The API token is unknown, revoked or has ended.")
     token, person = found
     return Identity(person, _roles(session, person), secret, token.fleet_id, token.role, token)
@@ -249,7 +250,7 @@ def _by_cookie(session: Session, secret: str) -> Identity:
     person = session.scalar(
         select(Person)
         .join(BrowserSession, BrowserSession.person_id == Person.id)
-        .where(BrowserSession.secret_hash == secret_hash(secret), BrowserSession.expires_at > utc_now())
+        .where(BrowserSession.secret_hash == secret_hash(secret), BrowserSession.expires_at > now())
     )
     if person is None:
         raise _not_signed_in("The browser's session has ended.")
