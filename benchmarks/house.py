@@ -1,4 +1,4 @@
-"""The real service for a measurement: API, either database, broker, a worker with its pool, beat and sweeper."""
+"""The real service for a measurement: API, either database, broker, a worker with its pool, sweeper."""
 
 from __future__ import annotations
 
@@ -60,7 +60,6 @@ class House:
                 plans.api(folder, environment, "127.0.0.1", port),
                 plans.worker(folder, environment, processes),
                 plans.sweeper(folder, environment),
-                plans.beat(folder, environment),
             ):
                 self._start(plan)
             token = root / "token"

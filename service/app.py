@@ -177,6 +177,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         app.state.sender.close()
         app.state.publisher.close()
         app.state.database.close()
+        app.state.health_database.close()
 
     app = FastAPI(
         title="apexcal",

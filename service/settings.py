@@ -80,7 +80,7 @@ class Settings(BaseSettings):
     resend_s: float = Field(default=10.0, description="first resend of an unclaimed job; doubles each time")
     sweep_s: float = Field(default=2.0, description="period of the sweep")
     stalled_s: float = Field(
-        default=180.0, gt=0, description="sweeper and beat end, to be started again, after so long without progress"
+        default=180.0, gt=0, description="a sweeper ends, to be started again, after so long without progress"
     )
     max_lost_leases: int = Field(default=5, description="a job that loses this many leases fails")
     max_stumbles: int = Field(
@@ -144,7 +144,7 @@ class Settings(BaseSettings):
     session_days: int = Field(default=30, description="a browser session ends after this many days")
     invitation_hours: int = Field(default=72, description="an unused sign-in link ends after this many hours")
 
-    alive_file: Path | None = Field(default=None, description="touched by workers and beat, for health checks")
+    alive_file: Path | None = Field(default=None, description="touched by workers and the sweeper, for health checks")
     supervisor_status: Path | None = Field(default=None, description="where `apexcal serve` notes its children")
 
     @field_validator("database_url")

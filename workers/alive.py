@@ -1,4 +1,4 @@
-"""Touches a file while a worker or beat makes progress; health checks of containers read its age.
+"""Touches a file while a worker or the sweeper makes progress; health checks of containers read its age.
 
 Asking through the broker (``celery inspect ping``) would start a Python of a second for every answer.
 """
@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from celery import Celery, bootsteps
-from celery.beat import Scheduler
 
 from service.settings import get_settings
-from workers.stalls import expect_progress
 
 _EVERY_S = 5.0
 
@@ -37,19 +35,6 @@ class Alive(bootsteps.StartStopStep):
         """End, when the worker ends."""
         if self._timer:
             self._timer.cancel()
-
-
-class AliveScheduler(Scheduler):
-    """Beat's schedule in memory, touching the file with every tick: ``--scheduler workers.alive:AliveScheduler``."""
-
-    def tick(self, *given: Any, **named: Any) -> float:
-        """Send what is due; the seconds until it is to be called again."""
-        expect_progress()
-        file = get_settings().alive_file
-        if file:
-            touch(file)
-        # Never longer than the health check waits, whatever the schedule.
-        return min(float(super().tick(*given, **named)), _EVERY_S)
 
 
 def install(app: Celery) -> None:

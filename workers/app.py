@@ -1,7 +1,6 @@
 """Celery as apexcal uses it: JSON, early acknowledgement, no results, nothing prefetched.
 
-The job table knows the rest. Started by name: ``celery -A workers.app worker`` does jobs; ``celery -A
-workers.sweeper`` is the clock's side.
+The job table knows the rest. Started by name: ``celery -A workers.app worker``.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ import logging
 from typing import Any
 
 from celery import Celery
-from celery.signals import beat_init, celeryd_init, setup_logging, worker_init
+from celery.signals import celeryd_init, setup_logging, worker_init
 from kombu.transport import TRANSPORT_ALIASES
 
 from service import imports_done
@@ -35,16 +34,14 @@ def start_logging(loglevel: Any = logging.INFO, **_: object) -> None:
 
 
 @worker_init.connect
-@beat_init.connect
 def start_collecting(**_: object) -> None:
-    """The tasks are imported; in a worker's parent this comes before the forks, which then share what it made."""
+    """The tasks are imported; this comes before the forks, which then share what it made."""
     imports_done()
 
 
-def make_app(tasks: str) -> Celery:
-    """A Celery application that knows the tasks of one module."""
+def _make_app() -> Celery:
     settings = settings_or_exit()
-    app = Celery("apexcal", broker=settings.broker, include=[tasks])
+    app = Celery("apexcal", broker=settings.broker, include=["workers.tasks.entry"])
     app.conf.update(
         task_serializer="json",
         accept_content=["json"],
@@ -68,4 +65,4 @@ def make_app(tasks: str) -> Celery:
     return app
 
 
-app = make_app("workers.tasks.entry")
+app = _make_app()

@@ -1,4 +1,4 @@
-"""Ends a process of the clock's side that gets nowhere, so that whoever supervises it starts it again.
+"""Ends a sweeper that gets nowhere, so that whoever supervises it starts it again.
 
 The sweep recovers everything else, so nothing else can recover the sweep. What hangs in a library or in the kernel
 raises no error; a thread of the interpreter's own, outside of Python, counts the time.

@@ -1,35 +1,67 @@
-"""The clock's side of the farm: beat, and the one small worker that sweeps when beat says so.
+"""The reaper: a process of its own that sweeps every two seconds, ``python -m workers.sweeper``.
 
-It is no pool process of the workers that solve, so a farm whose every process is busy for an hour is still swept.
-Started by name: ``celery -A workers.sweeper beat`` and ``celery -A workers.sweeper worker --pool solo -Q sweep``.
+It is no pool process of the workers that solve, so a farm whose every process is busy for an hour is still swept. It
+needs no broker and no clock of day: a period is told by the monotonic clock, which nobody sets.
 """
 
 from __future__ import annotations
 
-from celery.signals import beat_init, task_prerun, worker_init
+import logging
+import signal
+import threading
+import time
+from dataclasses import replace
+from functools import cache
 
-from service.jobs.messages import SWEEP
-from service.settings import settings_or_exit
-from workers.app import make_app
+import service.job_kinds  # noqa: F401  # the sweep asks every kind what its subjects need
+from service import imports_done
+from service.jobs.sweep import sweep
+from service.observability import logs
+from service.settings import get_settings, settings_or_exit
+from service.storage.store import Store
+from workers.alive import touch
 from workers.stalls import expect_progress
+from workers.tasks.context import get_context
+from workers.tasks.leftovers import remove_leftovers
 
-settings = settings_or_exit()
+# Removing objects is the least urgent thing that a sweep does: a store that hangs must not hold up the next sweep.
+_PATIENCE_S = 2.0
 
-app = make_app("workers.tasks.sweeping")
-app.conf.beat_schedule = {
-    "sweep": {
-        "task": SWEEP,
-        "schedule": settings.sweep_s,
-        # An old message says nothing that a new one does not. Sender and receiver each look at their own clock for
-        # this, so it is far longer than any two clocks are apart: else nothing would ever be swept.
-        "options": {"queue": "sweep", "expires": 3600.0},
-    }
-}
+log = logging.getLogger(__name__)
 
 
-@beat_init.connect
-@worker_init.connect
-@task_prerun.connect
-def _gets_on(**_: object) -> None:
-    """A start, and each sweep, is progress; so is each tick of beat, in :mod:`workers.alive`."""
-    expect_progress()
+@cache
+def _store() -> Store:
+    settings = get_settings()
+    return Store(settings.blobs, replace(settings.s3, timeout_s=min(_PATIENCE_S, settings.store_timeout_s)))
+
+
+def run(stopping: threading.Event) -> None:
+    """Sweep until told to stop. Whatever a sweep fails at, the next one begins a period after this one did."""
+    settings = get_settings()
+    while not stopping.is_set():
+        began = time.monotonic()
+        expect_progress()
+        try:
+            sweep(get_context().database, _store(), expect_progress)
+            remove_leftovers(settings.scratch)
+        except Exception as error:
+            log.warning("this sweep failed, the next one tries again: %s", f"{type(error).__name__}: {error}")
+        if settings.alive_file:
+            touch(settings.alive_file)
+        stopping.wait(max(0.0, began + settings.sweep_s - time.monotonic()))
+
+
+def main() -> None:
+    """Run as a process; SIGTERM and SIGINT end it after the sweep under way."""
+    settings = settings_or_exit()
+    logs.configure(settings.log_form, logging.WARNING)
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    imports_done()
+    run(stopping)
+
+
+if __name__ == "__main__":
+    main()

@@ -7,10 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import threading
 from queue import Empty
 from typing import Any
 
 from kombu.transport import redis, virtual
+
+PAUSE = threading.Event()
+"""Set while this worker cannot reach the database: messages are left to others."""
 
 log = logging.getLogger(__name__)
 
@@ -21,6 +25,10 @@ class QoS(redis.QoS):
     A message leaves the count also where the broker could not be told, which Celery only logs. Else the worker would
     wait for ever with free hands. The broker gives such a message out again an hour later, which does no harm.
     """
+
+    def can_consume(self) -> bool:
+        """Whether another message may be taken."""
+        return not PAUSE.is_set() and super().can_consume()
 
     def ack(self, delivery_tag: str) -> None:
         """The message was taken."""

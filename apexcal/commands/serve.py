@@ -32,7 +32,7 @@ def serve(
     ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print its address as one line of JSON.")] = False,
 ) -> None:
-    """Start the whole service on this machine: API and pages, broker, workers, beat. Ctrl-C stops it.
+    """Start the whole service on this machine: API and pages, broker, workers, sweeper. Ctrl-C stops it.
 
     It prints a one-time link that signs its owner in. Without --host only this machine reaches it.
     """

@@ -1,1 +1,1 @@
-"""The whole service as children of one command: broker, API, workers and beat."""
+"""The whole service as children of one command: broker, API, workers and sweeper."""

@@ -17,7 +17,7 @@ QUEUES = "ingest,detect,solve,report"
 READING, COMPUTING = "ingest", "detect,solve,report"
 # More is a typing error: each takes some 200 MB and two open files of its parent.
 MOST_PROCESSES = 256
-STOP_ORDER = ("api", "beat", "sweeper", "worker", "worker-ingest", "broker")
+STOP_ORDER = ("api", "sweeper", "worker", "worker-ingest", "broker")
 
 
 def environment(folder: DataFolder, *, public_url: str, workers: int) -> dict[str, str]:
@@ -67,23 +67,9 @@ def worker(
     return ChildPlan(name, command, settings, folder.logs / f"{name}.log", grace_s=20.0)
 
 
-def beat(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
-    """The clock of the sweep. Its schedule lives in memory: there is nothing to remember, nothing to corrupt."""
-    command = (
-        *(sys.executable, "-m", "celery", "--quiet", "-A", "workers.sweeper", "beat"),
-        *("--scheduler", "workers.alive:AliveScheduler", "--loglevel", "WARNING"),
-    )
-    return ChildPlan("beat", command, settings, folder.logs / "beat.log", grace_s=5.0)
-
-
 def sweeper(folder: DataFolder, settings: Mapping[str, str]) -> ChildPlan:
-    """The small worker that sweeps when beat says so, whatever the others are busy with."""
-    command = (
-        *(sys.executable, "-m", "celery", "--quiet", "-A", "workers.sweeper"),
-        *("worker", "--pool", "solo", "-Q", "sweep"),
-        *("--hostname", "sweeper@%h", "--without-gossip", "--without-mingle", "--without-heartbeat"),
-        *("--loglevel", "WARNING"),
-    )
+    """The small process that sweeps, whatever the workers are busy with."""
+    command = (sys.executable, "-m", "workers.sweeper")
     return ChildPlan("sweeper", command, settings, folder.logs / "sweeper.log", grace_s=5.0)
 
 

@@ -107,7 +107,6 @@ def _bring_up(
     # They import and compile for long, and would take the cores from what has to answer.
     supervisor.start(plans.worker(folder, settings, workers, plans.COMPUTING))
     supervisor.start(plans.worker(folder, settings, workers, plans.READING, "worker-ingest"))
-    supervisor.start(plans.beat(folder, settings))
     link = re.search(r"\S+/sign-in#\S+", printed)
     return link.group(0) if link else ""
 

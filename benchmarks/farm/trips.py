@@ -44,7 +44,7 @@ def trips(house: House, rounds: int, seed: int) -> dict[str, float]:
 
 
 def _idle_calls_per_s(house: House) -> float:
-    """Commands that beat, sweeper and waiting workers send for themselves."""
+    """Commands that waiting workers send for themselves."""
     before = house.broker_calls()
     time.sleep(_IDLE_S)
     return (house.broker_calls() - before) / _IDLE_S

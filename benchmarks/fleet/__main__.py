@@ -1,7 +1,7 @@
 """`python -m benchmarks.fleet`: 1,000 vehicles (VEHICLES makes it shorter) in one request, beside the bare solver.
 
 222 pairs each, `pinhole`, the default schedule, nothing held out. The service (API, PostgreSQL that syncs, broker,
-two pool processes, beat and sweeper) and two bare processes do the same runs on the same two cores, taking turns of
+two pool processes, sweeper) and two bare processes do the same runs on the same two cores, taking turns of
 2.5 s: while one works the other is stopped. The service's time begins when the request is sent, and holds everything
 until the last vehicle has ended; the bare processes have their documents in memory and keep their results there. The
 results must be the same bits. Meanwhile a second fleet asks for single calibrations, timed beside the idle machine's.

@@ -36,6 +36,7 @@ from service.db.models import Base
 from service.db.recordings import Blob
 from service.db.revisions import newest
 from service.db.session import Database
+from service.db.upserts import put
 from service.storage.errors import MissingBlobError, StoreUnavailableError
 from service.storage.store import Store
 
@@ -79,7 +80,7 @@ def back_up(database: Database, store: Store, target: Path, *, report: Report = 
         shutil.rmtree(staged, ignore_errors=True)
         raise
     with database.writing() as session:
-        session.merge(Heartbeat(name="backup", at=now()))
+        put(session, Heartbeat, {"name": "backup"}, {"at": now()})
     return manifest
 
 

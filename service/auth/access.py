@@ -25,7 +25,7 @@ from starlette.types import Scope
 from apexcal.documents.roles import Role, least, rank
 from service.auth.origins import check_origin
 from service.auth.secrets import TOKEN_PREFIX, secret_hash
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.ids import new_id
 from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membership, Person
@@ -247,11 +247,12 @@ def _by_token(session: Session, secret: str) -> Identity:
         .join(ApiToken, ApiToken.person_id == Person.id)
         .outerjoin(Membership, Membership.person_id == Person.id)
         .where(ApiToken.secret_hash == secret_hash(secret), ApiToken.revoked_at.is_(None))
+        .where(ApiToken.expires_at.is_(None) | (ApiToken.expires_at > now()))
     ).all()
-    token = rows[0].ApiToken if rows else None
-    if token is None or (token.expires_at and token.expires_at <= utc_now()):
+    if not rows:
         raise _not_signed_in("The API token is unknown, revoked or has ended.")
-    return Identity(rows[0].Person, _roles(rows), secret, token.fleet_id, token.role, token)
+    person, _, _, token = rows[0]
+    return Identity(person, _roles(rows), secret, token.fleet_id, token.role, token)
 
 
 def _by_cookie(session: Session, secret: str) -> Identity:
@@ -259,7 +260,7 @@ def _by_cookie(session: Session, secret: str) -> Identity:
         select(Person, Membership.fleet_id, Membership.role)
         .join(BrowserSession, BrowserSession.person_id == Person.id)
         .outerjoin(Membership, Membership.person_id == Person.id)
-        .where(BrowserSession.secret_hash == secret_hash(secret), BrowserSession.expires_at > utc_now())
+        .where(BrowserSession.secret_hash == secret_hash(secret), BrowserSession.expires_at > now())
     ).all()
     if not rows:
         raise _not_signed_in("The browser's session has ended.")

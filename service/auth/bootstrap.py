@@ -6,7 +6,6 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from datetime import timedelta
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -18,7 +17,7 @@ from apexcal.documents.base import Name
 from service.auth.credential_actions import hand_over, hold
 from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
 from service.auth.session_actions import make_link
-from service.db.clock import utc_now
+from service.db.clock import now
 from service.db.ids import new_id
 from service.db.people import ApiToken, Person
 from service.db.session import Database
@@ -46,7 +45,7 @@ def renew_owner_token(session: Session, person: Person) -> str:
     earlier = session.scalars(
         update(ApiToken)
         .where(ApiToken.person_id == person.id, ApiToken.name == _LOCAL_TOKEN, ApiToken.expires_at.is_(None))
-        .values(expires_at=utc_now() + timedelta(minutes=1))
+        .values(expires_at=now(60.0))
         .returning(ApiToken.id)
     ).all()
     secret = new_secret(TOKEN_PREFIX)

@@ -8,7 +8,7 @@ from uuid import UUID
 from sqlalchemy import delete, or_, select, update
 from sqlalchemy.orm import Session
 
-from service.db.clock import utc_now
+from service.db.clock import moment
 from service.db.people import ApiToken, BrowserSession, Person, SignInLink
 
 _MADE = (ApiToken, SignInLink, BrowserSession)
@@ -52,7 +52,7 @@ def revoke(session: Session, which: Any) -> Ended:
     revoked = session.scalars(
         update(ApiToken)
         .where(which, ApiToken.revoked_at.is_(None))
-        .values(revoked_at=utc_now())
+        .values(revoked_at=moment(session))
         .returning(ApiToken.id)
         .execution_options(synchronize_session="fetch")
     ).all()
@@ -76,7 +76,7 @@ def hand_over(session: Session, old: list[UUID], new: UUID) -> None:
 
 def _end_ways_in(session: Session, links: Any, sessions: Any) -> Ended:
     # Links first: a link that is used at this moment leaves a session, which the second statement then sees.
-    now = utc_now()
+    now = moment(session)
     unused = (SignInLink.used_at.is_(None), SignInLink.expires_at > now)
     ended = session.scalars(
         update(SignInLink)

@@ -6,7 +6,7 @@ from datetime import timedelta
 
 from sqlalchemy import delete
 
-from service.db.clock import utc_now
+from service.db.clock import moment
 from service.db.people import BrowserSession, IdempotencyKey, SignInLink
 from service.db.session import Database
 
@@ -16,8 +16,8 @@ _REMEMBERED = timedelta(days=14)
 
 def remove_ended(database: Database) -> None:
     """Remove sessions that have ended, links that ended long ago, and answers that nobody will ask for again."""
-    now = utc_now()
     with database.writing() as session:
+        now = moment(session)
         session.execute(delete(BrowserSession).where(BrowserSession.expires_at < now))
         session.execute(delete(SignInLink).where(SignInLink.expires_at < now - _REMEMBERED))
         session.execute(delete(IdempotencyKey).where(IdempotencyKey.created_at < now - _REMEMBERED))

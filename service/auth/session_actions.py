@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from service.auth.credential_actions import hold
 from service.auth.secrets import new_secret, secret_hash
-from service.db.clock import utc_now
+from service.db.clock import moment
 from service.db.people import ApiToken, BrowserSession, Person, SignInLink
 from service.http.problems import Problem
 
@@ -25,7 +25,7 @@ def make_link(
     hold(session, person_id)
     secret = new_secret()
     made_by = maker.id if maker else None
-    expires_at = utc_now() + timedelta(hours=hours)
+    expires_at = moment(session) + timedelta(hours=hours)
     session.add(
         SignInLink(secret_hash=secret_hash(secret), person_id=person_id, made_by=made_by, expires_at=expires_at)
     )
@@ -38,7 +38,7 @@ def sign_in(session: Session, link: str, days: int) -> tuple[Person, str]:
     Raises :class:`Problem` 404 ``link_unknown``, 410 ``link_used``, 410 ``link_expired``.
     """
     hashed = secret_hash(link.partition("#")[2].strip() or link.strip())
-    now = utc_now()
+    now = moment(session)
     # One statement decides, so that of two browsers that open the link at once exactly one is signed in.
     found = session.execute(
         update(SignInLink)

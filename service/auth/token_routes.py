@@ -14,7 +14,7 @@ from service.auth.access import Access, ReadAccess, WriteAccess
 from service.auth.credential_actions import revoke
 from service.auth.member_rules import hold_to_give
 from service.auth.secrets import TOKEN_PREFIX, new_secret, secret_hash
-from service.db.clock import utc_now
+from service.db.clock import moment
 from service.db.fleets import Fleet
 from service.db.ids import new_id
 from service.db.people import ApiToken
@@ -37,7 +37,7 @@ def post_token(id: UUID, body: NewToken, access: WriteAccess) -> JSONResponse:
             403, "role_too_low", f"As {held} you cannot make a token for {body.role}.", "Choose a lesser role."
         )
     secret = new_secret(TOKEN_PREFIX)
-    now = utc_now()
+    now = moment(access.session)
     token = ApiToken(
         id=new_id(),
         secret_hash=secret_hash(secret),

@@ -29,7 +29,7 @@ CONSUMER: dict[str, Any] = {
     # A worker asks for a message for one second at a time; an answer that is so much overdue will never come.
     "health_check_interval": SILENCE_S,
 }
-"""Kombu's transport options of workers, sweeper and beat; it leaves out what a unix socket does not have."""
+"""Kombu's transport options of workers; it leaves out what a unix socket does not have."""
 
 
 def tcp_options(url: str) -> dict[str, Any]:

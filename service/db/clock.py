@@ -1,18 +1,21 @@
 """Time stamps of rows, and the database's own clock.
 
 Leases are compared by the database's clock alone, so workers whose clocks differ agree on who holds a job. The order
-of rows in time uses it too. PostgreSQL gives microseconds, SQLite milliseconds.
+of rows in time uses it too, and what expires. PostgreSQL gives microseconds, SQLite milliseconds.
 """
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import BigInteger, Dialect, bindparam, type_coerce
+from sqlalchemy import BigInteger, Dialect, bindparam, select, type_coerce
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.expression import ColumnElement, FunctionElement
 from sqlalchemy.types import TypeDecorator
+
+if TYPE_CHECKING:
+    from sqlalchemy.orm import Session
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -72,6 +75,11 @@ def now(plus_s: float = 0.0) -> ColumnElement[datetime]:
 def now_plus(name: str) -> ColumnElement[datetime]:
     """The database's own clock plus the seconds that an execution gives as ``name``, for statements built once."""
     return type_coerce(_clock() + bindparam(name, type_=_Seconds()), Instant())
+
+
+def moment(session: Session) -> datetime:
+    """What the database's clock says now, for a time that is stored and answered."""
+    return session.scalars(select(now())).one()
 
 
 def utc_now() -> datetime:

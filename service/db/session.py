@@ -136,6 +136,8 @@ class Database:
         self, url: str, *, patient: bool = False, lock_s: int = LOCK_S, connections: int | None = None
     ) -> None:
         self.engine = open_engine(url, patient=patient, lock_s=lock_s, connections=connections)
+        self._is_closed = False
+        event.listen(self.engine, "checkin", self._close_late)
         self.couriers: dict[str, Callable[[list[Any]], None]] = {}
         self._reading = sessionmaker(self.engine, expire_on_commit=False)
         self._writing = sessionmaker(self.engine.execution_options(**{_WRITES: True}), expire_on_commit=False)
@@ -187,5 +189,10 @@ class Database:
                 log.exception("courier %s did not deliver %d items", name, len(items))
 
     def close(self) -> None:
-        """Close every pooled connection."""
+        """Close every connection: pooled ones now, those in use when they come back."""
+        self._is_closed = True
         self.engine.dispose()
+
+    def _close_late(self, connection: Any, record: Any) -> None:
+        if self._is_closed:  # its pool is gone, and nobody else would
+            record.close()

@@ -30,8 +30,8 @@ FRESH_S = 5.0
 # The blobs' rows are counted whole, so less often: for a thousandth of the time at most, however many they get.
 _BLOBS_FRESH_S = 60.0
 _BLOBS_SHARE = 1e-3
-# A worker says every few seconds that it is there.
-WORKER_SILENT_S = 20.0
+# A worker says every 2 s that it is there. It takes up to 5 s where the database answers slowly.
+WORKER_SILENT_S = 8.0
 
 log = logging.getLogger(__name__)
 
@@ -134,7 +134,7 @@ def _totals(session: Session) -> Iterator[Metric]:
 
 
 def _workers(session: Session) -> Iterator[Metric]:
-    rows = session.scalars(select(Worker).where(Worker.at > now(-WORKER_SILENT_S))).all()
+    rows = session.scalars(select(Worker).where(Worker.at.between(now(-WORKER_SILENT_S), now()))).all()
     warm: dict[bool, int] = {True: 0, False: 0}
     processes: dict[str, int] = dict.fromkeys(QUEUES, 0)
     for row in rows:

@@ -5,14 +5,19 @@ Open to who has ``metrics_token``; without one, to programs on the same host tha
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from concurrent.futures import wait
 from hmac import compare_digest
 from ipaddress import ip_address
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, FastAPI, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
 
 from service.health.job_figures import JobFigures
+from service.health.parts import Part
 from service.http.figures import HttpFigures
 from service.http.problems import Problem
 from service.settings import Settings
@@ -24,10 +29,32 @@ _OWN_NAMES = frozenset(("localhost", "127.0.0.1", "::1"))
 _PROXIED = ("forwarded", "x-forwarded-", "x-real-ip", "via")
 
 
+class PartFigures(Collector):
+    """Whether each part that /readyz names works."""
+
+    def __init__(self, app: FastAPI) -> None:
+        self._app = app
+
+    def describe(self) -> list[Metric]:
+        """Nothing: looking when the process starts would be too early."""
+        return []
+
+    def collect(self) -> Iterator[Metric]:
+        """The parts' state, as fresh as /readyz has it."""
+        works = GaugeMetricFamily("apexcal_part_up", "Whether a part of the service works.", labels=("part",))
+        parts: list[Part] = self._app.state.parts
+        asked = [(part, part.asked()) for part in parts]
+        for part, future in asked:
+            wait([future], part.patience())
+            works.add_metric([part.name], float(part.answer(future)["ok"]))
+        yield works
+
+
 def install(app: FastAPI, version: str) -> HttpFigures:
     """Give the application its figures. A registry for each application, so that two in one process stay apart."""
     registry = CollectorRegistry()
     registry.register(JobFigures(app.state.database))
+    registry.register(PartFigures(app))
     build = Gauge("apexcal_build_info", "The version that answers.", ("version",), registry=registry)
     build.labels(version).set(1)
     app.state.metrics = registry

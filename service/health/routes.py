@@ -1,8 +1,9 @@
-"""Whether the service lives (/healthz) and whether it can work (/readyz)."""
+"""Whether the process lives (/healthz), and whether it can answer (/readyz)."""
 
 from __future__ import annotations
 
 import json
+import logging
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -11,12 +12,14 @@ import redis
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
+from sqlalchemy.exc import DBAPIError
 
 from service.db.clock import now
 from service.db.ids import new_id
 from service.db.jobs import Heartbeat, Worker
 from service.db.revisions import is_older, newest, stored
 from service.db.session import Database
+from service.db.upserts import put
 from service.health.job_figures import WORKER_SILENT_S
 from service.health.parts import PATIENCE_S, Answer, Part, ask_parts
 from service.jobs.queues import QUEUES
@@ -25,28 +28,34 @@ from service.storage.store import Store
 
 router = APIRouter(tags=["health"])
 
+DATABASE = "database"
 SWEEP = "sweep"
 # The sweep beats every `sweep_s`; one long task in front of it is no alarm yet.
 _SILENT_SWEEPS = 10
 # A store that works is written to no more often than this.
 _STORE_FRESH_S = 10.0
+_WRITES_FRESH_S = 5.0
+
+log = logging.getLogger(__name__)
 
 
 def install(app: FastAPI) -> None:
     """Give the application the parts that /readyz looks at."""
     settings: Settings = app.state.settings
-    database: Database = app.state.database
     # A store of its own, which gives up about when nobody waits any more; opening one of S3 takes 10 ms.
     options = replace(settings.s3, timeout_s=min(PATIENCE_S, settings.store_timeout_s))
     store = cache(lambda: Store(settings.blobs, options))
     probe = f"probe/{new_id().hex}"
+    # A connection of its own: requests that have taken all the others make no process unready.
+    own = app.state.health_database = Database(settings.database)
     app.state.parts = [
-        Part("database", lambda: _database(database)),
+        Part(DATABASE, lambda: _database(own)),
+        Part("writes", lambda: _writes(own), _WRITES_FRESH_S),
         Part("broker", lambda: _broker(settings)),
         Part("store", lambda: _store(store(), probe, settings), _STORE_FRESH_S),
-        Part("sweep", lambda: _sweep(database, settings)),
+        Part(SWEEP, lambda: _sweep(own, settings)),
         *([Part("children", lambda: _children(settings))] if settings.supervisor_status else []),
-        Part("workers", lambda: _workers(database)),
+        Part("workers", lambda: _workers(own)),
     ]
     app.include_router(router)
 
@@ -60,17 +69,21 @@ async def healthz() -> dict[str, str]:
 
 @router.get("/readyz")
 async def readyz(request: Request) -> JSONResponse:
-    """200 where every part that the service needs works, else 503; the parts are in the body.
+    """200 where the database answers reads with this code's schema: vehicles need no more. Else, or draining, 503.
 
-    It answers within two seconds. `workers` alone does not turn it: what is asked for while none is warm waits in the
-    table, and is done later.
+    It answers within two seconds. Every process shares the other parts, so one that is ill is no reason to ask
+    another process: `degraded` names it and says what is wrong.
     """
     parts = await ask_parts(request.app.state.parts)
-    ready = all(part["ok"] for name, part in parts.items() if name != "workers")
+    ill = [f"{name}: {part['detail']}" for name, part in parts.items() if not part["ok"]]
     if request.app.state.drain.asked:
-        return JSONResponse({"status": "draining", "parts": parts}, 503)
-    status = "not_ready" if not ready else "ok" if parts["workers"]["ok"] else "degraded"
-    return JSONResponse({"status": status, "parts": parts}, 200 if ready else 503)
+        status = "draining"
+    elif not parts[DATABASE]["ok"]:
+        status = "not_ready"
+    else:
+        status = "degraded" if ill else "ok"
+    code = 200 if status in ("ok", "degraded") else 503
+    return JSONResponse({"status": status, "degraded": ill, "parts": parts}, code)
 
 
 def _database(database: Database) -> Answer:
@@ -79,6 +92,16 @@ def _database(database: Database) -> Answer:
     if has is None or is_older(has):
         return {"ok": False, "detail": "schema_mismatch: older than the code; run python -m service.db.migrate"}
     return {"ok": True} if has == wants else {"ok": True, "detail": "the schema is newer than the code"}
+
+
+def _writes(database: Database) -> Answer:
+    try:
+        with database.writing() as session:
+            put(session, Heartbeat, {"name": "writes"}, {"at": now()})
+    except DBAPIError as error:
+        log.warning("the database takes no writes: %s", error.orig)
+        return {"ok": False, "detail": "the database takes no writes: it is full, read-only, locked or away"}
+    return {"ok": True}
 
 
 def _broker(settings: Settings) -> Answer:
@@ -101,17 +124,17 @@ def _sweep(database: Database, settings: Settings) -> Answer:
     with database.reading() as session:
         found = session.execute(select(Heartbeat.at, now()).where(Heartbeat.name == SWEEP)).first()
     if found is None:
-        return {"ok": False, "detail": "the sweep has never run: is there a beat and a worker?"}
+        return {"ok": False, "detail": "the sweep has never run: is there a sweeper?"}
     age = (found[1] - found[0]).total_seconds()
     if age < max(_SILENT_SWEEPS * settings.sweep_s, settings.lease_s):
         return {"ok": True, "age_s": round(age, 1)}
-    return {"ok": False, "detail": "the sweep is late: do beat and sweeper run?", "age_s": round(age, 1)}
+    return {"ok": False, "detail": "the sweep is late: does the sweeper run?", "age_s": round(age, 1)}
 
 
 def _workers(database: Database) -> Answer:
     """How many answer, and how many are warm: the first start of a version compiles for about half a minute."""
     with database.reading() as session:
-        asked = select(Worker.queues, Worker.warm).where(Worker.at > now(-WORKER_SILENT_S))
+        asked = select(Worker.queues, Worker.warm).where(Worker.at.between(now(-WORKER_SILENT_S), now()))
         answering = session.execute(asked).all()
     warm = [queues.split(",") for queues, is_warm in answering if is_warm]
     idle = [queue for queue in QUEUES if not any(queue in queues for queues in warm)]

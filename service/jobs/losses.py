@@ -15,7 +15,7 @@ from service.settings import get_settings
 
 # How much longer a job waits after each loss than after the one before, and the longest.
 _LONGER = 4
-_LONGEST_S = 128.0
+LONGEST_S = 128.0
 
 
 def lose(
@@ -44,7 +44,7 @@ def lose(
     else:
         job.state = WorkState.QUEUED
         job.sends = 0
-        longer = min(after_s * _LONGER ** min(times - 1, 10), _LONGEST_S)
+        longer = min(after_s * _LONGER ** min(times - 1, 10), LONGEST_S)
         job.send_after = session.scalar(select(now(longer)))
 
 

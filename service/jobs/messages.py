@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from celery import Celery
 
 RUN_JOB = "apexcal.run_job"
-SWEEP = "apexcal.sweep"
 COURIER = "jobs"
 
 log = logging.getLogger(__name__)

@@ -5,14 +5,13 @@ Two sweeps at once do no harm: each row is decided by one UPDATE that looks at i
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import time
 from collections.abc import Callable
 from functools import partial
 
-from sqlalchemy import ColumnElement, exists, select, update
-from sqlalchemy.exc import DBAPIError, IntegrityError
+from sqlalchemy import ColumnElement, exists, or_, select, tuple_, update
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.states import WorkState
@@ -21,8 +20,10 @@ from service.db.clock import now
 from service.db.fleets import Fleet
 from service.db.jobs import Heartbeat, Job
 from service.db.session import Database, post
+from service.db.upserts import put
 from service.jobs.kinds import kinds
-from service.jobs.losses import end, lose
+from service.jobs.leases import LeaseWatch
+from service.jobs.losses import LONGEST_S, end, lose
 from service.jobs.messages import COURIER, Message
 from service.jobs.queue import cancel, release
 from service.jobs.queues import QUEUES
@@ -34,6 +35,9 @@ from service.storage.store import Store
 
 log = logging.getLogger(__name__)
 _BATCH = 200
+# A message is sent again after `resend_s` times this at most.
+_MOST_RESENDS = 2**5
+LEASES = LeaseWatch()
 
 
 def sweep(database: Database, store: Store, gets_on: Callable[[], None] = lambda: None) -> None:
@@ -42,11 +46,10 @@ def sweep(database: Database, store: Store, gets_on: Callable[[], None] = lambda
     ``gets_on`` is called before each step. Raises the first failure once all have been tried; at once where the
     database is away, as none of them can work.
     """
-    lost = (Job.state == written(WorkState.RUNNING)) & (Job.lease_until < now())
     cancelled = (Job.state == written(WorkState.QUEUED)) & Job.cancel_requested
     steps: tuple[Callable[[], None], ...] = (
         partial(_write, database, _beat),
-        partial(_each, database, lost, _recover),
+        partial(_recover_lost, database),
         partial(_write, database, _spread_cancels),
         partial(_each, database, cancelled, _end_cancelled),
         partial(_write, database, _send_again),
@@ -77,19 +80,20 @@ def _write(database: Database, step: Callable[[Session], None]) -> None:
         step(session)
 
 
-def swept_lately(database: Database) -> bool:
-    """Whether a sweep began within half a period: the messages of two beats, or of an hour without a sweeper."""
-    # One that the clock has not come to yet tells nothing: the clock was set back.
-    lately = Heartbeat.at.between(now(-get_settings().sweep_s / 2), now())
-    recent = select(lately).where(Heartbeat.name == "sweep")
-    with database.reading() as session:
-        return bool(session.scalar(recent))
-
-
 def _beat(session: Session) -> None:
-    """Note that the sweep runs. The first of two that start together may find its row already there."""
-    with contextlib.suppress(IntegrityError), session.begin_nested():
-        session.merge(Heartbeat(name="sweep", at=now()))
+    """Note that the sweep runs."""
+    put(session, Heartbeat, {"name": "sweep"}, {"at": now()})
+
+
+def _recover_lost(database: Database) -> None:
+    """Give the jobs of workers that died or stalled to others."""
+    running = Job.state == written(WorkState.RUNNING)
+    with database.reading() as session:
+        rows = session.execute(select(Job.id, Job.attempt, Job.lease_until).where(running)).all()
+    lost = LEASES.lost((job_id, attempt, until) for job_id, attempt, until in rows)
+    if lost:
+        # With its value: one that was renewed meanwhile is not lost.
+        _each(database, running & tuple_(Job.id, Job.attempt, Job.lease_until).in_(lost), _recover)
 
 
 def _spread_cancels(session: Session) -> None:
@@ -134,7 +138,7 @@ def _decide(
 
 
 def _recover(session: Session, job: Job) -> None:
-    """A lease ran out."""
+    """A lease was not renewed."""
     log.warning("job %d lost attempt %d on %s", job.id, job.attempt, job.worker)
     lose(session, job, "lost", _worker_lost(job))
 
@@ -153,19 +157,24 @@ def _end_cancelled(session: Session, job: Job) -> None:
     end(session, job, WorkState.CANCELLED, None)
 
 
+def _due(longest_s: float) -> ColumnElement[bool]:
+    """Whether a job's time has come, or lies farther ahead than any wait: then the database's clock stepped back."""
+    return or_(Job.send_after < now(), Job.send_after > now(longest_s))
+
+
 def _send_again(session: Session) -> None:
     """Send what was sent and is still unclaimed; twice as late each time."""
     settings = get_settings()
-    delay = round(settings.resend_s * 1e6)
     overdue = (
         select(Job.id, Job.queue, Job.sends)
-        .where(Job.state == written(WorkState.QUEUED), Job.sends > 0, ~Job.cancel_requested, Job.send_after < now())
+        .where(Job.state == written(WorkState.QUEUED), Job.sends > 0, ~Job.cancel_requested)
+        .where(_due(settings.resend_s * _MOST_RESENDS))
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)
     )
     for job_id, queue, sends in session.execute(overdue).all():
-        later = now(delay / 1e6 * 2 ** min(sends, 5))
+        later = now(settings.resend_s * min(2**sends, _MOST_RESENDS))
         session.execute(update(Job).where(Job.id == job_id).values(sends=sends + 1, send_after=later))
         post(session, COURIER, Message(job_id, queue))
 
@@ -174,7 +183,7 @@ def _end_backoff(session: Session) -> None:
     """Let the jobs whose time to be tried again has come wait for their place in the window, as fresh ones do."""
     over = (
         select(Job.id)
-        .where(Job.state == written(WorkState.QUEUED), Job.sends == 0, Job.send_after < now())
+        .where(Job.state == written(WorkState.QUEUED), Job.sends == 0, _due(LONGEST_S))
         .order_by(Job.id)
         .limit(_BATCH)
         .with_for_update(skip_locked=True)

@@ -11,6 +11,7 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from service.db.jobs import JobEvent, JobTotal
+from service.db.upserts import put
 
 BUCKETS_S = (0.1, 0.5, 1.0, 5.0, 15.0, 60.0, 300.0, 1800.0)
 """Upper limits of the counted durations; one more bucket holds what took longer."""
@@ -36,10 +37,8 @@ def tally(session: Session) -> None:
 
 
 def _add(session: Session, kind: str, what: str, seconds: Iterable[float]) -> None:
-    total = session.get(JobTotal, (kind, what), with_for_update=True)
-    if total is None:
-        total = JobTotal(kind=kind, what=what, count=0, seconds=0.0, buckets=[])
-        session.add(total)
+    put(session, JobTotal, {"kind": kind, "what": what})
+    total = session.get_one(JobTotal, (kind, what), with_for_update=True)
     buckets: list[Any] = list(total.buckets) or [0] * (len(BUCKETS_S) + 1)
     for one in seconds:
         buckets[bisect_left(BUCKETS_S, one)] += 1

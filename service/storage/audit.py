@@ -9,15 +9,15 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 
 from sqlalchemy import exists, select, update
-from sqlalchemy.exc import IntegrityError
 
 from service.db.clock import now
 from service.db.jobs import Heartbeat
 from service.db.recordings import Blob, BlobHold
 from service.db.session import Database
+from service.db.upserts import put
 from service.settings import Settings
 from service.storage.store import Listed, Store
 
@@ -93,16 +93,12 @@ def audit(database: Database, store: Store, orphan_age: timedelta, *, remove: bo
 
 def _take_turn(database: Database, period_s: float) -> bool:
     """Whether this caller is the first for ``period_s``."""
-    try:
-        with database.writing() as session:
-            if session.get(Heartbeat, AUDIT) is None:
-                session.add(Heartbeat(name=AUDIT, at=now()))
-                return True
-            late = update(Heartbeat).where(Heartbeat.name == AUDIT, Heartbeat.at < now(-period_s)).values(at=now())
-            taken = session.execute(late.returning(Heartbeat.name).execution_options(synchronize_session=False))
-            return taken.one_or_none() is not None
-    except IntegrityError:  # another caller was first to make the row
-        return False
+    with database.writing() as session:
+        # A row that nobody has made yet is as old as can be.
+        put(session, Heartbeat, {"name": AUDIT}, first={"at": datetime.fromtimestamp(0, UTC)})
+        late = update(Heartbeat).where(Heartbeat.name == AUDIT, Heartbeat.at < now(-period_s)).values(at=now())
+        taken = session.execute(late.returning(Heartbeat.name).execution_options(synchronize_session=False))
+        return taken.one_or_none() is not None
 
 
 def _pages(found: Iterable[Listed]) -> Iterator[list[Listed]]:

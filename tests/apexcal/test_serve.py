@@ -61,7 +61,7 @@ def session_of(pid: int) -> set[int]:
     return found
 
 
-@pytest.mark.parametrize("name", ["broker", "worker", "worker-ingest", "beat", "sweeper", "api"])
+@pytest.mark.parametrize("name", ["broker", "worker", "worker-ingest", "sweeper", "api"])
 def test_a_killed_child_is_back_and_the_service_ready(embedded, name):
     before = embedded.children()[name]
     family = session_of(before["pid"])
@@ -184,7 +184,7 @@ def test_a_killed_parent_leaves_no_child_and_a_stopped_one_neither(tmp_path):
     data = tmp_path / ("deep" * 20) / "data"
     first = start(data)
     families = {name: session_of(child["pid"]) for name, child in first.children().items()}
-    assert set(families) == {"broker", "api", "worker", "worker-ingest", "sweeper", "beat"}
+    assert set(families) == {"broker", "api", "worker", "worker-ingest", "sweeper"}
     assert all(families.values())
     first.process.kill()
     first.process.wait()

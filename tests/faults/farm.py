@@ -1,4 +1,4 @@
-"""A farm of real processes that can be killed one by one: broker, API, worker, sweeper, beat."""
+"""A farm of real processes that can be killed one by one: broker, API, worker, sweeper."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from service.db.session import Database
 from tests.faults.results import Documents, documents
 from tests.support.broker import Broker
 from tests.support.processes import start, stop, stop_all, wait_until
+from tests.support.wrong_clocks import WrongClock, why_not
 
 LEASE_S = 2.0
 QUICK = {"LEASE_S": str(LEASE_S), "RENEW_S": "0.4", "RESEND_S": "1", "SWEEP_S": "0.5", "MIN_FREE_BYTES": "0"}
@@ -34,6 +35,7 @@ class Farm:
 
     def __init__(self, root: Path, database_url: str, processes: int = 2) -> None:
         self.root = root
+        self.database_url = database_url
         self.broker = Broker()
         self.database = Database(database_url)
         self.fuse = root / "die"
@@ -55,15 +57,16 @@ class Farm:
             ],
             "worker": list(plans.worker(folder, self._environment, processes).command),
             "sweeper": list(plans.sweeper(folder, self._environment).command),
-            "beat": list(plans.beat(folder, self._environment).command),
         }
         self._children: dict[str, subprocess.Popen[bytes]] = {}
+        can_step = not why_not()
+        self.clocks = {name: WrongClock(root, name) for name in self._commands} if can_step else {}
         try:
             for name in self._commands:
                 self.start(name)
             token = root / "owner.token"
             self._run("service.auth.bootstrap", "--token-file", str(token))
-            wait_until(self._ready, "the farm's start", 150)
+            wait_until(self.is_ready, "the farm's start", 150)
         except BaseException:
             self._stop()
             raise
@@ -74,7 +77,12 @@ class Farm:
     def start(self, name: str) -> None:
         """Start one kind of process."""
         log = self.root / "logs" / f"{name}.log"
-        self._children[name] = start(self._commands[name], log, env=self._environment)
+        clock = self.clocks[name].environment if self.clocks else {}
+        self._children[name] = start(self._commands[name], log, env=self._environment | clock)
+
+    def start_beside(self, name: str, log: Path, environment: dict[str, str]) -> subprocess.Popen[bytes]:
+        """Start one more worker, with an environment of its own. Who asks for it ends it."""
+        return start(list(plans.worker_command(plans.QUEUES, 2, name)), log, env=self._environment | environment)
 
     def kill(self, name: str) -> None:
         """SIGKILL it."""
@@ -158,7 +166,8 @@ class Farm:
         self.database.close()
         self.broker.close()
 
-    def _ready(self) -> bool:
+    def is_ready(self) -> bool:
+        """Whether a balancer would ask its API."""
         try:
             with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/readyz", timeout=2) as answer:
                 return answer.status == 200

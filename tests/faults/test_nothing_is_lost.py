@@ -5,19 +5,25 @@ from __future__ import annotations
 import time
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
+from pathlib import Path
 
+import psycopg
 import pytest
 from sqlalchemy import func, select
+from sqlalchemy.engine import make_url
 
-from service.db.models import Blob, Job, Recording, Result, Slot
+from service.db.clock import now
+from service.db.models import Blob, Job, Recording, Result, Slot, Worker
+from service.health.job_figures import WORKER_SILENT_S
 from service.jobs.claims import claim
 from service.jobs.messages import Message, Sender
 from service.storage.marker import MARKER
 from tests.faults.farm import LEASE_S, Farm, seconds_of
 from tests.faults.jobs import REGION, Walk, ask, ask_two_cameras, new_rig
 from tests.faults.results import slot_bests
-from tests.service.jobs.support import let_lease_expire
-from tests.support.processes import wait_until
+from tests.support.processes import stop, wait_until
+from tests.support.proxies import Proxy
+from tests.support.wrong_clocks import why_not
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(300)]
 # Most runs on the fleet's database always, and on the embedded one in the long form. A process that dies while it
@@ -25,6 +31,8 @@ pytestmark = [pytest.mark.faults, pytest.mark.timeout(300)]
 both_in_the_long_form = pytest.mark.parametrize(
     "farm", ["postgresql", pytest.param("sqlite", marks=pytest.mark.slow)], indirect=True
 )
+# A lease and two periods of the sweep are 3 s; the rest is for a busy machine.
+_RECOVERED_S = 60.0
 _names = (f"fleet {number}" for number in count())
 
 
@@ -180,7 +188,6 @@ def test_the_comparison_of_cameras_killed_at_work_ends_the_calibration_once(farm
     wait_until(lambda: waiting() != [], "the comparison", 120)
     (job_id,) = waiting()
     assert claim(farm.database, job_id, "a worker that dies")
-    let_lease_expire(farm.database, job_id)
     farm.use_worker(2)
     ended = farm.finished(calibration)
     assert ended.state == "done" and len(ended.summary.rig.pairs) == 1
@@ -201,14 +208,100 @@ def test_the_broker_stopped_for_a_while_and_started_empty(farm: Farm, undisturbe
 
 
 @both_in_the_long_form
-def test_sweeper_and_beat_killed(farm: Farm, undisturbed):
+def test_sweeper_killed(farm: Farm, undisturbed):
     calibration = ask(farm.client, next(_names))
-    farm.kill("beat")
     farm.kill("sweeper")
     farm.start("sweeper")
-    farm.start("beat")
     farm.kill_who_works_on("solve", "slots")
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+
+
+@pytest.mark.skipif(bool(why_not()), reason=f"no clock can be set here: {why_not()}")
+@pytest.mark.parametrize(
+    ("farm", "parts"),
+    [
+        ("postgresql", ["sweeper"]),
+        ("postgresql", ["worker"]),
+        pytest.param("postgresql", ["api"], marks=pytest.mark.slow),
+        # On one host all have one clock, and SQLite's is that one too.
+        ("sqlite", ["sweeper", "worker", "api"]),
+    ],
+    indirect=["farm"],
+    ids=lambda given: "-".join(given) if isinstance(given, list) else given,
+)
+def test_a_clock_that_steps_while_a_worker_dies(farm: Farm, undisturbed, parts: list[str]):
+    """An hour back, an hour ahead, ten seconds back. By the clock of day nothing was found for an hour."""
+    wrong_s = 0
+    for step_s in (-3600, 3600, -10):
+        calibration = ask(farm.client, next(_names))
+        job_id = farm.kill_who_works_on("solve", "slots")
+        began = time.monotonic()
+        wrong_s += step_s
+        for part in parts:
+            farm.clocks[part].step(wrong_s)
+        wait_until(lambda job_id=job_id: farm.job(job_id).attempt == 2, "the next attempt", _RECOVERED_S)
+        print(f"{parts} {step_s:+d} s: recovered after {time.monotonic() - began:.1f} s")
+        assert farm.is_ready()
+        assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+        assert farm.job(job_id).lost == 1
+    for part in parts:
+        farm.clocks[part].step(0)
+
+
+@pytest.mark.parametrize("farm", ["postgresql"], indirect=True)
+def test_a_worker_that_cannot_reach_the_database_takes_no_messages(farm: Farm, undisturbed, tmp_path: Path):
+    """Beside a healthy one: it leaves the work to that one, and takes part again when it can."""
+    folder = Path(make_url(farm.database_url).query["host"])
+    proxy = Proxy(str(folder / ".s.PGSQL.5432"))
+    behind = make_url(farm.database_url).set(host="127.0.0.1", port=proxy.port, query={})
+    log = tmp_path / "cut-off.log"
+    cut_off = farm.start_beside("cut-off", log, {"APEXCAL_DATABASE_URL": behind.render_as_string()})
+    try:
+        wait_until(lambda: "cut-off" in _answering(farm), "the second worker", 150)
+        proxy.cut()
+        wait_until(lambda: "cut-off" not in _answering(farm), "its silence", _RECOVERED_S)
+        tried = log.read_text().count("could not be claimed")
+        for _ in range(2):
+            assert_ended_once_with_the_same_bits(farm, ask(farm.client, next(_names)), undisturbed)
+        # One question to the broker may have been under way when it found out.
+        assert log.read_text().count("could not be claimed") <= tried + 1
+        proxy.mend()
+        farm.stop("worker")
+        assert_ended_once_with_the_same_bits(farm, ask(farm.client, next(_names)), undisturbed)
+    finally:
+        stop(cut_off)
+        proxy.close()
+        if farm.is_dead("worker"):
+            farm.start("worker")
+
+
+@pytest.mark.parametrize("farm", ["postgresql"], indirect=True)
+def test_a_database_without_free_connections_loses_nothing(farm: Farm, undisturbed):
+    calibration = ask(farm.client, next(_names))
+    wait_until(lambda: _running(farm) != [], "work", 120)
+    end = time.monotonic() + 3 * LEASE_S
+    taken: list[psycopg.Connection] = []
+    refused = 0
+    while time.monotonic() < end:
+        try:
+            taken.append(psycopg.connect(_libpq(farm.database_url)))
+        except psycopg.OperationalError:
+            refused += 1
+            assert farm.is_ready()
+    assert refused > 0
+    for connection in taken:
+        connection.close()
+    assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
+
+
+def _libpq(url: str) -> str:
+    parsed = make_url(url)
+    return f"host={parsed.query['host']} user={parsed.username} dbname={parsed.database}"
+
+
+def _answering(farm: Farm) -> str:
+    with farm.database.reading() as session:
+        return " ".join(session.scalars(select(Worker.name).where(Worker.at > now(-WORKER_SILENT_S), Worker.warm)))
 
 
 def test_ingestion_and_detection_killed_at_work(farm: Farm, walk: Walk):

@@ -27,7 +27,7 @@ from tests.support.processes import start, stop
 from tests.support.s3 import S3Server
 
 # worker-report differs from its sisters by its queue, which has no work yet.
-RUNNING = ("api", "worker-ingest", "worker-detect", "worker-solve", "worker-report", "beat", "sweeper")
+RUNNING = ("api", "worker-ingest", "worker-detect", "worker-solve", "worker-report", "sweeper")
 SECONDS = 10
 QUICK = {"slots": 2, "population": 300, "generations": 20, "max_iterations": 3}
 # What a loaded machine may need; an idle one takes a tenth of it.

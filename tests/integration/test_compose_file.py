@@ -113,8 +113,8 @@ def test_every_queue_has_its_workers_and_time_to_let_go(services: dict[str, dict
         assert service["stop_grace_period"] == "60s", name
         assert any(volume.endswith(":/var/cache/apexcal") for volume in service["volumes"]), name
         assert "/var/lib/apexcal" in service["volumes"], name
-    beats = [name for name, service in services.items() if "beat" in (service.get("command") or [])]
-    assert beats == ["beat"]
+    sweepers = [name for name, service in services.items() if "workers.sweeper" in (service.get("command") or [])]
+    assert sweepers == ["sweeper"]
 
 
 def test_the_api_lets_nobody_wait_for_ever_and_logs_are_bounded(services: dict[str, dict]) -> None:

@@ -1,4 +1,4 @@
-"""A small fleet of real processes on PostgreSQL: two API processes behind a balancer, two workers, sweeper, beat."""
+"""A small fleet of real processes on PostgreSQL: two API processes behind a balancer, two workers, sweeper."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _API = (
 
 
 class Fleet:
-    """``api-0``, ``api-1``, ``worker-0``, ``worker-1``, ``sweeper`` and ``beat``, started and stopped by name."""
+    """``api-0``, ``api-1``, ``worker-0``, ``worker-1`` and ``sweeper``, started and stopped by name."""
 
     def __init__(self, root: Path, database_url: str) -> None:
         self.database = Database(database_url)
@@ -56,7 +56,6 @@ class Fleet:
             **{f"api-{n}": [sys.executable, *_API, "--port", str(port)] for n, port in enumerate(self.ports)},
             **{f"worker-{n}": [word.replace("apexcal@", f"w{n}@") for word in worker] for n in range(2)},
             "sweeper": list(plans.sweeper(folder, {}).command),
-            "beat": list(plans.beat(folder, {}).command),
         }
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self.balancer = Balancer(self.ports)

@@ -187,7 +187,7 @@ def test_one_id_leads_from_the_request_to_its_rows_and_its_workers_lines(fleet: 
     worker = [line for line in fleet.lines("worker") if line.get("request_id") == wanted]
     assert {line["job"] for line in worker} == set(rows)
     assert all({"time", "level", "logger", "message", "kind", "attempt"} <= set(line) for line in worker)
-    for kind in ("api", "worker", "sweeper", "beat"):
+    for kind in ("api", "worker", "sweeper"):
         fleet.lines(kind)
     everything = "".join(log.read_text() for log in fleet.logs.glob("*.log"))
     assert fleet.token not in everything and "Bearer" not in everything and "?" + "camera=" not in everything

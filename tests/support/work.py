@@ -2,12 +2,12 @@
 
 from sqlalchemy import select
 
-from service.db.clock import now
 from service.db.jobs import Job
 from service.db.session import Database
 from service.jobs.claims import claim
 from service.jobs.history import note
 from service.settings import get_settings
+from tests.support.leases import let_lease_expire
 from workers.tasks.context import Context
 from workers.tasks.running import run_job
 
@@ -26,8 +26,8 @@ def work(context: Context) -> None:
 def lose_every_worker(database: Database, job_id: int) -> None:
     """As if each worker that tried the job had died: the next sweep ends it."""
     assert claim(database, job_id, "dying") is not None
+    let_lease_expire(database, job_id)
     with database.writing() as session:
         row = session.get_one(Job, job_id)
-        row.lease_until = now(-1)
         for _ in range(get_settings().max_lost_leases - 1):
             note(session, row, "lost")

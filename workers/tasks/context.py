@@ -34,7 +34,7 @@ class Context:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.database = Database(settings.database)
-        self.database.couriers[COURIER] = Sender(settings.broker)
+        self.send = self.database.couriers[COURIER] = Sender(settings.broker)
         self.database.couriers[HINTS] = Publisher(settings.events)
         self.store = open_store(settings)
         self.worker = f"{socket.gethostname()}:{os.getpid()}"

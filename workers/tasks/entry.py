@@ -35,11 +35,11 @@ _PR_SET_PDEATHSIG = 1
 _LARGEST_ID = 2**63 - 1  # of the column
 
 
-@app.task(name=RUN_JOB)
-def look_at_job(job_id: int) -> None:
+@app.task(name=RUN_JOB, bind=True)
+def look_at_job(task: Any, job_id: int) -> None:
     """Claim the job and do it, or drop the message."""
     if isinstance(job_id, int) and 0 < job_id <= _LARGEST_ID:
-        run_job(get_context(), job_id)
+        run_job(get_context(), job_id, task.request.delivery_info["routing_key"])
     else:
         log.warning("dropped a message: it names no job")
 
@@ -51,8 +51,8 @@ def prepare_parent(sender: Any, **_: object) -> None:
     log.info("processes that read uploads have %s", isolation_here())
     remove_leftovers(get_settings().scratch)
     presence = Presence.of(sender)
-    presence.say(warm=False)
-    prepare(presence.queues)
+    with presence.said_meanwhile():
+        prepare(presence.queues)
     sender.apexcal_presence = presence
 
 

@@ -5,24 +5,31 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import threading
+from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
-from sqlalchemy import delete, update
+from sqlalchemy import delete
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.db.clock import now
 from service.db.jobs import Worker
 from service.db.session import Database
+from service.db.upserts import put
 from service.settings import get_settings
+from workers import transport
 
-BEAT_S = 5.0
+BEAT_S = 2.0
 
 log = logging.getLogger(__name__)
 
 
 class Presence:
-    """Written by the worker's parent. Each time it connects anew and closes: no connection may live across a fork."""
+    """Written by the worker's parent. Each time it connects anew and closes: no connection may live across a fork.
+
+    A worker whose row cannot be written takes no messages until it can: it could not claim their jobs.
+    """
 
     def __init__(self, name: str, queues: str, processes: int) -> None:
         self._row = {
@@ -42,16 +49,27 @@ class Presence:
 
     def say(self, *, warm: bool) -> None:
         """That it lives. Where the database does not answer at once, the next time is soon enough."""
+        about = {name: value for name, value in self._row.items() if name != "name"} | {"started_at": now()}
         with self._writing() as session:
-            beaten = session.execute(
-                update(Worker)
-                .where(Worker.name == self._row["name"])
-                .values(at=now(), warm=warm)
-                .returning(Worker.name)
-                .execution_options(synchronize_session=False)
-            ).first()
-            if beaten is None:
-                session.add(Worker(**self._row, warm=warm, started_at=now(), at=now()))
+            put(session, Worker, {"name": self._row["name"]}, {"at": now(), "warm": warm}, first=about)
+
+    @contextlib.contextmanager
+    def said_meanwhile(self) -> Iterator[None]:
+        """Say that it lives, and compiles, from a thread until the block ends. No process is forked in the block."""
+        ended = threading.Event()
+
+        def say() -> None:
+            self.say(warm=False)
+            while not ended.wait(BEAT_S):
+                self.say(warm=False)
+
+        saying = threading.Thread(target=say, name="presence", daemon=True)
+        saying.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            saying.join()
 
     def keep_saying(self, timer: Any) -> None:
         """Say it every few seconds from Celery's timer, which stands still while the broker is away."""
@@ -71,7 +89,9 @@ class Presence:
         try:
             with database.writing() as session:
                 yield session
+            transport.PAUSE.clear()
         except SQLAlchemyError as error:
+            transport.PAUSE.set()
             log.warning("could not say that this worker lives: %s", type(error).__name__)
         finally:
             database.close()

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection
 from importlib import import_module
 
 from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.errors import DocumentError
@@ -16,6 +17,7 @@ from apexcal.documents.states import WorkState
 from service.db.base import Json
 from service.job_kinds import KINDS
 from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finish, give_back, stumble
+from service.jobs.messages import Message
 from service.observability.logs import about
 from service.observability.request_ids import working_for
 from service.storage.errors import MissingBlobError, ReservationEndedError
@@ -83,15 +85,28 @@ def prepare(queues: Collection[str]) -> None:
         import_module("workers.tasks.warming").warm_up()
 
 
-def run_job(context: Context, job_id: int) -> None:
-    """Claim a job, do it under its lease, and end it as done, failed or cancelled; or give it back."""
-    held = None if is_draining() else claim(context.database, job_id, context.worker, WORK)
+def run_job(context: Context, job_id: int, queue: str = "") -> None:
+    """Claim a job, do it under its lease, and end it as done, failed or cancelled; or give it back.
+
+    If the database cannot be asked, the message goes back to its ``queue``, for a worker that can.
+    """
+    try:
+        held = None if is_draining() else claim(context.database, job_id, context.worker, WORK)
+    except (OperationalError, PoolTimeoutError) as error:
+        log.warning("job %d could not be claimed; its message goes back: %s", job_id, type(error).__name__)
+        time.sleep(_TRY_AGAIN_S)
+        context.send([Message(job_id, queue)] if queue else [])
+        return
     if held is None:
         return
     with working_for(held.request_id), about(job=held.job_id, kind=held.kind, attempt=held.attempt):
         log.info("job %d begins", held.job_id)
         began = time.monotonic()
-        _do(context, held)
+        try:
+            _do(context, held)
+        except OperationalError as error:
+            # Its lease is not renewed any more, so the sweep gives the job to another attempt.
+            log.warning("job %d: its end could not be written: %s", held.job_id, str(error.orig).partition("\n")[0])
         log.info("job %d: attempt %d took %.2f s", held.job_id, held.attempt, time.monotonic() - began)
 
 

@@ -143,9 +143,9 @@ def _fill_disk(plant: Plant, random: Random) -> Struck:
     return Struck(f"{free} bytes", lambda: filler.unlink(missing_ok=True))
 
 
-def _second_beat(plant: Plant, random: Random) -> Struck:
-    beat = plant.second_beat()
-    return Struck("beat", lambda: stop(beat, signal.SIGKILL))
+def _second_sweeper(plant: Plant, random: Random) -> Struck:
+    sweeper = plant.second_sweeper()
+    return Struck("sweeper", lambda: stop(sweeper, signal.SIGKILL))
 
 
 def _vanish(name: str) -> Strike:
@@ -173,7 +173,6 @@ KINDS: dict[str, Kind] = {
     "worker_told_to_stop": Kind(_end_worker(signal.SIGTERM)),
     "pool_process_killed": Kind(_kill_pool_process, 4),
     "reader_killed": Kind(_kill_reader),
-    "beat_killed": Kind(_kill(["beat"])),
     "sweeper_killed": Kind(_kill(["sweeper"])),
     "broker_killed": Kind(_kill(["broker"])),
     "broker_emptied": Kind(_empty_broker, 2),
@@ -183,11 +182,11 @@ KINDS: dict[str, Kind] = {
     "api_frozen": Kind(_freeze(["api"]), 1, _FROZEN_S),
     "worker_frozen": Kind(_freeze(WORKERS, whole=True), 1, _FROZEN_S),
     "pool_process_frozen": Kind(_freeze_pool_process, 2, _FROZEN_S),
-    "sweeper_or_beat_frozen": Kind(_freeze(["sweeper", "beat"]), 1, _FROZEN_S),
+    "sweeper_frozen": Kind(_freeze(["sweeper"]), 1, _FROZEN_S),
     "broker_frozen": Kind(_freeze(["broker"]), 1, _FROZEN_S),
     "database_frozen": Kind(_freeze(["postgres"], whole=True), 1, _FROZEN_S),
     "store_away": Kind(_store_away, 2, (1.0, 6.0)),
     "disk_full": Kind(_fill_disk, 2, (1.0, 6.0)),
-    "two_beats": Kind(_second_beat, 1, (2.0, 6.0)),
+    "two_sweepers": Kind(_second_sweeper, 1, (2.0, 6.0)),
     **{f"{name}_host_vanished": Kind(_vanish(name), 1, _VANISHED_S) for name in HOSTS},
 }

@@ -36,7 +36,6 @@ _ELSEWHERE = {
     "broker": "broker",
     "worker-a": "worker",
     "sweeper": "sweeper",
-    "beat": "sweeper",
 }
 HOSTS = tuple(dict.fromkeys(_ELSEWHERE.values()))
 POOL = 2
@@ -65,12 +64,12 @@ class Part:
 
 
 class Plant:
-    """PostgreSQL, broker, API, two workers of two pool processes, sweeper and beat on a folder or on S3.
+    """PostgreSQL, broker, API, two workers of two pool processes and a sweeper on a folder or on S3.
 
     One worker and the sweeper believe that it is five minutes later. Processes die with the thread that started
     them, so one thread makes, watches and closes the plant.
 
-    On a ``network`` there are hosts for the database, the broker, a worker, and sweeper and beat. The others share
+    On a ``network`` there are hosts for the database, the broker, a worker and the sweeper. The others share
     one, which this thread enters; it looks at database and broker by their sockets.
     """
 
@@ -138,9 +137,9 @@ class Plant:
         """The processes that read an upload at this moment."""
         return [pid for worker in WORKERS for child in self.pool_of(worker) for pid in children(child)]
 
-    def second_beat(self) -> subprocess.Popen[bytes]:
-        """Start another beat, as happens by mistake."""
-        return self._launcher("second-beat", self._commands()["beat"])()
+    def second_sweeper(self) -> subprocess.Popen[bytes]:
+        """Start another sweeper, as happens by mistake."""
+        return self._launcher("second-sweeper", self._commands()["sweeper"])()
 
     def stop_service(self) -> None:
         """Stop what could still write; the database goes on."""
@@ -186,7 +185,6 @@ class Plant:
             "worker-a": list(workers["worker-a"]),
             "worker-b": [*ahead, *_after_python(workers["worker-b"])],
             "sweeper": [*ahead, *_after_python(sweeper)],
-            "beat": list(plans.beat(self._folder, self.environment).command),
         }
 
     def _launcher(self, name: str, command: list[str]) -> Callable[[], subprocess.Popen[bytes]]:

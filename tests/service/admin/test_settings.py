@@ -41,7 +41,7 @@ def test_settings_that_cannot_be_used_are_named(monkeypatch: pytest.MonkeyPatch,
 
 
 @pytest.mark.parametrize(
-    "program", ["service.auth.bootstrap", "service.storage.prepare", "celery -A workers.sweeper"]
+    "program", ["service.auth.bootstrap", "service.storage.prepare", "celery -A workers.app", "workers.sweeper"]
 )
 def test_programs_end_with_a_sentence_where_settings_cannot_be_used(program: str):
     environment = {**os.environ, "APEXCAL_WORKERS": "abc"}

@@ -18,7 +18,8 @@ from service.jobs.claims import claim, finishing, stumble
 from service.jobs.retention import forget_jobs
 from service.jobs.sweep import sweep
 from service.jobs.totals import tally
-from tests.service.jobs.support import let_backoff_end, let_lease_expire, make_calibration, make_fleet, make_jobs
+from tests.service.jobs.support import let_backoff_end, make_calibration, make_fleet, make_jobs
+from tests.support.leases import let_lease_expire
 from tests.support.people import Api
 
 TOKEN = {"Authorization": "Bearer scrape-me"}

@@ -101,12 +101,6 @@ def states(database: Database) -> list[str]:
         return list(session.scalars(select(Job.state).order_by(Job.id)))
 
 
-def let_lease_expire(database: Database, job_id: int) -> None:
-    """As if the worker had been silent for longer than its lease."""
-    with database.writing() as session:
-        session.execute(update(Job).where(Job.id == job_id).values(lease_until=now(-1)))
-
-
 def make_due(database: Database) -> None:
     """As if every moment to send again had come."""
     with database.writing() as session:

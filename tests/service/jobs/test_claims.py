@@ -13,9 +13,10 @@ from service.db.models import Calibration, Fleet, Job
 from service.jobs.claims import CancelledError, Lease, LostLeaseError, claim, finishing, give_back, stumble
 from service.jobs.queue import cancel
 from service.settings import Settings, get_settings
+from tests.support.leases import let_lease_expire
 from tests.support.processes import wait_until
 
-from .support import job, let_backoff_end, let_lease_expire, make_calibration, make_fleet, make_jobs
+from .support import job, let_backoff_end, make_calibration, make_fleet, make_jobs
 
 
 @pytest.fixture

@@ -12,8 +12,9 @@ from service.jobs.claims import claim, finish, give_back, stumble
 from service.jobs.sweep import sweep
 from service.settings import get_settings
 from tests.support.folders import folder_store
+from tests.support.leases import let_lease_expire
 
-from .support import Postbox, job, let_backoff_end, let_lease_expire, make_due, make_fleet, make_jobs
+from .support import Postbox, job, let_backoff_end, make_due, make_fleet, make_jobs
 
 
 @pytest.fixture

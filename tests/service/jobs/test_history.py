@@ -11,8 +11,9 @@ from service.jobs.queue import abandon
 from service.jobs.sweep import sweep
 from service.observability.request_ids import working_for
 from service.storage.store import Store
+from tests.support.leases import let_lease_expire
 
-from .support import let_backoff_end, let_lease_expire, make_calibration, make_fleet, make_jobs
+from .support import let_backoff_end, make_calibration, make_fleet, make_jobs
 
 
 def history(database, job_id: int) -> list[tuple]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from datetime import timedelta
 from types import SimpleNamespace
 
 import pytest
@@ -16,13 +15,14 @@ from service.db.session import Database
 from service.jobs import sweep as sweep_module
 from service.jobs.claims import claim
 from service.jobs.queue import cancel
-from service.jobs.sweep import sweep, swept_lately
+from service.jobs.sweep import sweep
 from service.settings import get_settings
 from service.storage.blobs import condemn, keep, reserve
 from service.storage.marker import MARKER
 from tests.support.folders import folder_store
+from tests.support.leases import let_lease_expire
 
-from .support import Postbox, job, let_lease_expire, make_calibration, make_due, make_fleet, make_jobs, states
+from .support import Postbox, job, make_calibration, make_due, make_fleet, make_jobs, states
 
 
 @pytest.fixture
@@ -284,15 +284,6 @@ def test_the_sweep_notes_its_heartbeat(database, store):
         assert session.get_one(Heartbeat, "sweep").at > first
 
 
-def test_a_second_message_within_half_a_period_is_no_second_sweep(database, store):
-    assert not swept_lately(database)
-    sweep(database, store)
-    assert swept_lately(database)
-    with database.writing() as session:
-        session.get_one(Heartbeat, "sweep").at -= timedelta(seconds=get_settings().sweep_s)
-    assert not swept_lately(database)
-
-
 def test_a_job_whose_parent_is_gone_ends_and_keeps_nobody_waiting(database, store):
     _, (run_id,) = make_calibration(database)
     fleet_id = make_fleet(database, "other")
@@ -325,10 +316,3 @@ def test_one_job_that_cannot_be_decided_does_not_stop_the_sweep(database, store,
     sweep(database, store)
     assert job(database, innocent).state == "queued"
     assert f"could not decide job {broken}" in caplog.text
-
-
-def test_a_clock_that_was_set_back_stops_no_sweep(database, store):
-    sweep(database, store)
-    with database.writing() as session:
-        session.get_one(Heartbeat, "sweep").at += timedelta(hours=1)
-    assert not swept_lately(database)

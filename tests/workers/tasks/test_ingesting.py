@@ -17,7 +17,8 @@ from service.jobs.sweep import sweep
 from service.recordings.actions import delete_recording
 from service.settings import Settings
 from tests.service.detections.seeding import seed_recording, seed_rig
-from tests.service.jobs.support import let_lease_expire, make_fleet
+from tests.service.jobs.support import make_fleet
+from tests.support.leases import let_lease_expire
 from tests.support.work import work
 from tests.workers.readers.making_recordings import clouds, header, images, interleaved, png, write_bag
 from workers.readers import limited

@@ -14,7 +14,8 @@ from service.db.models import Calibration, CalibrationRun, Job, JobEvent, Slot
 from service.jobs.claims import claim
 from service.jobs.sweep import sweep
 from tests.faults.jobs import pairs
-from tests.service.jobs.support import let_lease_expire, make_due
+from tests.service.jobs.support import make_due
+from tests.support.leases import let_lease_expire
 from tests.support.uploads import new_vehicle
 from workers.solver import genetic
 from workers.solver.genetic import evolve
