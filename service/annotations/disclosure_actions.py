@@ -27,7 +27,7 @@ from service.db.session import Database
 from service.http.problems import not_found
 
 # Made once, as in answer_queries.py.
-_vertex, _frame = aliased(Vertex), aliased(VertexFrame)
+_PAIRED = _vertex, _frame, _detection = aliased(Vertex), aliased(VertexFrame), aliased(Detection)
 
 Place = Literal["marks", "tally", "pairs", "result", "calibration"]
 
@@ -46,21 +46,14 @@ def is_told(person_id: UUID, sensor_id: Any, frame_index: Any, corner: Any) -> C
     Told of the frame itself, or of a sweep that any detection pairs with it: a verdict on the sweep is for all
     cameras.
     """
-    paired = (
-        select(_vertex.sweep_index)
-        .join(_frame, _frame.vertex_id == _vertex.id)
-        .join(Detection, Detection.id == _vertex.detection_id)
-        .where(_frame.sensor_id == sensor_id, _frame.frame_index == frame_index, _vertex.corner == corner)
-        .where(Detection.recording_id == Disclosure.recording_id)
-        .correlate_except(_vertex, _frame, Detection)
+    own = and_(Disclosure.person_id == person_id, Disclosure.corner == corner)
+    of_frame = exists().where(own, Disclosure.sensor_id == sensor_id, Disclosure.frame_index == frame_index)
+    of_sweep = exists().where(
+        *(_frame.sensor_id == sensor_id, _frame.frame_index == frame_index, _vertex.id == _frame.vertex_id),
+        *(_vertex.corner == corner, _detection.id == _vertex.detection_id, own),
+        *(Disclosure.recording_id == _detection.recording_id, Disclosure.sweep_index == _vertex.sweep_index),
     )
-    of_frame = and_(Disclosure.sensor_id == sensor_id, Disclosure.frame_index == frame_index)
-    return (
-        exists()
-        .where(Disclosure.person_id == person_id, Disclosure.corner == corner)
-        .where(or_(of_frame, Disclosure.sweep_index.in_(paired)))
-        .correlate_except(Disclosure)
-    )
+    return or_(of_frame.correlate_except(Disclosure), of_sweep.correlate_except(*_PAIRED, Disclosure))
 
 
 def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[Sight]:

@@ -85,15 +85,18 @@ def visible_answers(
     That is, which they confirmed or rejected, and which have as many answers as ``wanted``: of such a vertex nobody
     is asked any more.
     """
-    of_frame = and_(Disclosure.sensor_id == VertexFrame.sensor_id, Disclosure.frame_index == VertexFrame.frame_index)
-    told_at = (
+    first_told = (
         select(func.min(Disclosure.told_at))
-        .where(Disclosure.person_id == Verdict.person_id, Disclosure.recording_id == Verdict.recording_id)
-        .where(Disclosure.corner == Vertex.corner)
-        .where(or_(Disclosure.sweep_index == Vertex.sweep_index, of_frame))
+        .where(Disclosure.person_id == Verdict.person_id, Disclosure.corner == Vertex.corner)
         .correlate(Verdict, Vertex, VertexFrame)
-        .scalar_subquery()
     )
+    of_frame = first_told.where(
+        Disclosure.sensor_id == VertexFrame.sensor_id, Disclosure.frame_index == VertexFrame.frame_index
+    ).scalar_subquery()
+    of_sweep = first_told.where(
+        Disclosure.recording_id == Verdict.recording_id, Disclosure.sweep_index == Vertex.sweep_index
+    ).scalar_subquery()
+    told_at = case((of_frame < of_sweep, of_frame), else_=func.coalesce(of_sweep, of_frame))
     statement = answers_of(
         *(detection_id, camera_id, Verdict, Vertex.id, VertexFrame.frame_index, Mark, Person.name),
         *(is_reviewed(), told_at, Vertex.sweep_index, Vertex.corner),

@@ -103,8 +103,11 @@ class Disclosure(Base):
     """
 
     __tablename__ = "disclosure"
+    __table_args__ = (
+        Index("ix_disclosure_recording_id_person_id_sweep_index", "recording_id", "person_id", "sweep_index"),
+    )
 
-    recording_id: Mapped[UUID] = belongs_to("recording.id")
+    recording_id: Mapped[UUID] = belongs_to("recording.id", index=False)
     person_id: Mapped[UUID] = belongs_to("person.id", primary_key=True, index=False)
     sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True)
     frame_index: Mapped[int] = mapped_column(primary_key=True)

@@ -94,16 +94,16 @@ def test_handing_out_takes_little_time_near_the_end_of_a_thousand_vertices(datab
     seed_answers(database, seed, others, 990)
     taken = []
     for _ in range(10):
-        began = time.perf_counter()
+        began = time.process_time()
         with database.writing() as session:
             detection = session.get_one(Detection, seed.detection_id)
             camera = session.get_one(Sensor, seed.camera_id)
             ((task, *_),) = next_tasks(session, detection, camera, last, LEASE_S)
             assert task.vertex_id == seed.vertices[990 + len(taken)]
             session.query(MarkingTask).filter_by(id=task.id).update({"leased_until": now(-1)})
-        taken.append(time.perf_counter() - began)
+        taken.append(time.process_time() - began)
     print(f"hand-out {1e3 * statistics.median(taken):.1f} ms")
-    assert statistics.median(taken) < 0.25  # a few ms on an idle machine; seconds where an index is missed
+    assert statistics.median(taken) < 0.25  # processor time: some ms; seconds where an index is missed
 
 
 def ask(database, seed, person_id):

@@ -40,8 +40,9 @@ def upgrade():
     columns = "recording_id, person_id, sensor_id, frame_index, sweep_index, corner, told_in, told_at"
     op.execute(f"INSERT INTO disclosure ({columns}) SELECT {columns} FROM disclosed")
     op.drop_table("disclosed")
-    for column in ("recording_id", "sensor_id"):
-        op.create_index(op.f(f"ix_disclosure_{column}"), "disclosure", [column])
+    op.create_index("ix_disclosure_sensor_id", "disclosure", ["sensor_id"])
+    of_sweep = ["recording_id", "person_id", "sweep_index"]
+    op.create_index("ix_disclosure_recording_id_person_id_sweep_index", "disclosure", of_sweep)
     op.create_index("ix_vertex_frame_sensor_id_frame_index", "vertex_frame", ["sensor_id", "frame_index"])
     op.drop_index("ix_vertex_frame_sensor_id", "vertex_frame")
     op.create_table(
