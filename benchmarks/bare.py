@@ -35,12 +35,12 @@ def runs_of(database: Database, which: ColumnElement[bool]) -> list[Run]:
     """The runs of these calibrations, in the order in which the service began them."""
     with database.reading() as session:
         rows = session.execute(
-            select(CalibrationRun.id, CalibrationRun.problem, CalibrationRun.fold, CorrespondenceSet.pairs)
+            select(CalibrationRun.id, CalibrationRun.problem, CalibrationRun.fold, CorrespondenceSet)
             .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
             .where(which)
             .order_by(CalibrationRun.id)
         ).all()
-    return [Run(str(id), problem, fold, pairs) for id, problem, fold, pairs in rows]
+        return [Run(str(id), problem, fold, pairs.columns) for id, problem, fold, pairs in rows]
 
 
 def assert_same_bits(database: Database, bare: Mapping[str, dict[str, Any]]) -> None:

@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 
+from anyio.to_thread import current_default_thread_limiter
 from asgi_correlation_id import CorrelationIdMiddleware
 from fastapi import APIRouter, FastAPI
 from fastapi.concurrency import run_in_threadpool
@@ -43,6 +44,7 @@ from service.http import (
     idempotency,
     problems,
     store_problems,
+    threads,
     watching,
     web,
 )
@@ -165,6 +167,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         house: tuple[Database, Store] = app.state.database, app.state.store
         fanout = app.state.fanout = Fanout(settings.events, app.state.database, drain)
+        current_default_thread_limiter().total_tokens = threads.OTHERS
         tasks = (keep_adopting(*house), _keep_house(*house, settings), fanout.feed(), fanout.watch())
         upkeep = [asyncio.create_task(task) for task in tasks]
         with drain.before_stopping():
@@ -187,7 +190,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.settings = settings
     app.state.drain = drain
-    app.state.database = Database(settings.database)
+    app.state.database = Database(settings.database, lock_s=threads.LOCK_S, connections=threads.CONNECTIONS)
+    app.state.threads = threads.Threads()
     app.state.store = _opened(settings)
     app.state.room = Room(app.state.store, settings.min_free_bytes)
     adopt_if_known(app.state.database, app.state.store)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import Path, Query, Request
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
@@ -24,8 +24,9 @@ from service.db.recordings import CameraFrame, Recording, Sensor
 from service.detections.queries import find_camera
 from service.http.etags import Conditional, Conditions, version_etag
 from service.http.problems import Problem
+from service.http.router import MarkingRoute, Router
 
-router = APIRouter(tags=["annotations"])
+router = Router(tags=["annotations"], route_class=MarkingRoute)
 
 MARK = "/recordings/{recording_id}/cameras/{camera}/frames/{index}/mark"
 FrameIndex = Annotated[int, Path(ge=0, le=2**31 - 1)]

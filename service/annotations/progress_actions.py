@@ -23,7 +23,6 @@ from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
 from service.db.session import Database, upserting
 from service.detections.views import marked_corners
-from service.http.problems import not_found
 
 _vertex, _frame = aliased(Vertex), aliased(VertexFrame)
 _COUNTERS = ("answered", "complete", "mine")
@@ -83,12 +82,12 @@ def read_progress(access: Access, database: Database, detection: Detection, came
     # Its connection goes back first: a request that held two could wait for others that do the same.
     session.close()
     with database.writing() as writing:
-        # No answer is under way: each refers to the recording.
-        recording = select(Recording.marks_per_vertex).where(Recording.id == detection.recording_id)
-        wanted_now = writing.scalar(recording.with_for_update())
-        if wanted_now is None:
-            raise not_found()
+        # No answer is under way then: each refers to the recording. While some are, the count is not kept.
+        recording = select(Recording.id).where(Recording.id == detection.recording_id)
+        is_alone = writing.scalar(recording.with_for_update(skip_locked=True)) is not None
         found, people = _count(writing, detection, camera, person_id, wanted_now)
+        if not is_alone:
+            return _progress(*found)
         vertices, _, answered, _, complete = found
         writing.execute(delete(MarkingProgress).where(_of(detection.id, camera.id)))
         nothing: dict[str, Any] = {"vertices": None, "marks_wanted": None, "answered": 0, "complete": 0}

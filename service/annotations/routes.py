@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 
 from apexcal.documents.base import Sought
 from apexcal.documents.marking import (
@@ -34,8 +34,9 @@ from service.db.detections import Detection
 from service.db.recordings import Recording
 from service.detections.queries import done_detection, find_camera
 from service.http.pages import LongPaging, Page, fetch
+from service.http.router import MarkingRoute, Router
 
-router = APIRouter(tags=["annotations"])
+router = Router(tags=["annotations"], route_class=MarkingRoute)
 
 CameraQuery = Annotated[Sought, Query(description="a camera's name in the rig")]
 

@@ -1,19 +1,20 @@
 """Who asks, and what they may: the one helper through which every route reaches rows.
 
-``ReadAccess`` and ``WriteAccess`` carry a session that is committed before the answer is sent. Rows of a fleet
-that the person is not in do not exist for them: 404, never 403.
+``ReadAccess`` and ``WriteAccess`` carry a session that the route's own thread opens, and commits before the answer
+is sent (:mod:`service.http.router`). Rows of a fleet that the person is not in do not exist for them: 404, never 403.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated, Any, TypeVar
 from uuid import UUID
 
 from fastapi import Depends, Request
-from fastapi.concurrency import run_in_threadpool
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
@@ -31,6 +32,8 @@ from service.db.people import ApiToken, BrowserSession, IdempotencyKey, Membersh
 from service.db.session import Database
 from service.http.idempotency import RequestKey, kept_answer, of_caller, repeat, request_key, sealed
 from service.http.problems import Problem, not_found
+from service.http.router import Transaction
+from service.http.threads import in_thread
 
 COOKIE = "apexcal_session"
 _SCOPE = "apexcal.identity"
@@ -87,7 +90,7 @@ class Access:
     def session(self) -> Session:
         """The session. Its first use looks whether this request was answered before, and raises that answer.
 
-        Not earlier: what a dependency locks stays locked until the route gets a thread, which others may wait in.
+        Not earlier: who waits there for a twin of the request does so where the route has a thread already.
         It raises :class:`Problem` 401 ``not_signed_in`` too, where the credential ended while the body came.
         """
         if not self._is_known_new:
@@ -205,13 +208,18 @@ def identify(request: Request) -> Identity:
     kind, _, bearer = request.headers.get("authorization", "").partition(" ")
     cookie = request.cookies.get(COOKIE)
     if kind.lower() == "bearer" and bearer.startswith(TOKEN_PREFIX):
-        with database.reading() as session:
+        with database.looking() as session:
             return _by_token(session, bearer)
     if cookie:
         check_origin(request, request.app.state.settings.public_url)
-        with database.reading() as session:
+        with database.looking() as session:
             return _by_cookie(session, cookie)
     raise _not_signed_in("The request carries neither a session nor an API token.")
+
+
+async def identified(request: Request) -> Identity:
+    """The same, in a thread for this alone: it waits for no lock and behind nobody who does."""
+    return await in_thread(request.app.state.threads.identity, identify, request)
 
 
 def renewed(session: Session, identity: Identity) -> Identity | None:
@@ -230,35 +238,36 @@ def keep_identity(scope: Scope, identity: Identity) -> None:
 
 async def _identity(request: Request) -> Identity:
     known: Identity | None = request.scope.get(_SCOPE)
-    return known or await run_in_threadpool(identify, request)
+    return known or await identified(request)
 
 
 def _by_token(session: Session, secret: str) -> Identity:
-    found = session.execute(
-        select(ApiToken, Person)
-        .join(Person, Person.id == ApiToken.person_id)
+    rows = session.execute(
+        select(Person, Membership.fleet_id, Membership.role, ApiToken)
+        .join(ApiToken, ApiToken.person_id == Person.id)
+        .outerjoin(Membership, Membership.person_id == Person.id)
         .where(ApiToken.secret_hash == secret_hash(secret), ApiToken.revoked_at.is_(None))
-    ).first()
-    if found is None or (found[0].expires_at and found[0].expires_at <= utc_now()):
+    ).all()
+    token = rows[0].ApiToken if rows else None
+    if token is None or (token.expires_at and token.expires_at <= utc_now()):
         raise _not_signed_in("The API token is unknown, revoked or has ended.")
-    token, person = found
-    return Identity(person, _roles(session, person), secret, token.fleet_id, token.role, token)
+    return Identity(rows[0].Person, _roles(rows), secret, token.fleet_id, token.role, token)
 
 
 def _by_cookie(session: Session, secret: str) -> Identity:
-    person = session.scalar(
-        select(Person)
+    rows = session.execute(
+        select(Person, Membership.fleet_id, Membership.role)
         .join(BrowserSession, BrowserSession.person_id == Person.id)
+        .outerjoin(Membership, Membership.person_id == Person.id)
         .where(BrowserSession.secret_hash == secret_hash(secret), BrowserSession.expires_at > utc_now())
-    )
-    if person is None:
+    ).all()
+    if not rows:
         raise _not_signed_in("The browser's session has ended.")
-    return Identity(person, _roles(session, person), secret)
+    return Identity(rows[0].Person, _roles(rows), secret)
 
 
-def _roles(session: Session, person: Person) -> dict[UUID, Role]:
-    rows = session.execute(select(Membership.fleet_id, Membership.role).where(Membership.person_id == person.id))
-    return {row.fleet_id: row.role for row in rows}
+def _roles(rows: Iterable[Any]) -> dict[UUID, Role]:
+    return {row.fleet_id: row.role for row in rows if row.fleet_id is not None}
 
 
 def _not_signed_in(detail: str) -> Problem:
@@ -274,21 +283,27 @@ def _not_signed_in(detail: str) -> Problem:
 CurrentIdentity = Annotated[Identity, Depends(_identity)]
 
 
-def _read_access(request: Request, identity: CurrentIdentity) -> Iterator[Access]:
-    database: Database = request.app.state.database
-    with database.reading() as session:
-        yield Access(session, identity)
-
-
-def _write_access(
-    request: Request, identity: CurrentIdentity, asked: Annotated[RequestKey | None, Depends(request_key)]
+@contextmanager
+def _accessing(
+    open_session: Callable[[], AbstractContextManager[Session]], identity: Identity, asked: RequestKey | None = None
 ) -> Iterator[Access]:
-    database: Database = request.app.state.database
-    if asked:
-        asked = of_caller(asked, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
-    with database.writing() as session:
+    with open_session() as session:
         yield Access(session, identity, asked)
 
 
-ReadAccess = Annotated[Access, Depends(_read_access, scope="function")]
-WriteAccess = Annotated[Access, Depends(_write_access, scope="function")]
+async def _read_access(request: Request, identity: CurrentIdentity) -> Transaction:
+    database: Database = request.app.state.database
+    return Transaction(partial(_accessing, database.reading, identity), writes=False)
+
+
+async def _write_access(
+    request: Request, identity: CurrentIdentity, asked: Annotated[RequestKey | None, Depends(request_key)]
+) -> Transaction:
+    database: Database = request.app.state.database
+    if asked:
+        asked = of_caller(asked, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
+    return Transaction(partial(_accessing, database.writing, identity, asked), writes=True)
+
+
+ReadAccess = Annotated[Access, Depends(_read_access)]
+WriteAccess = Annotated[Access, Depends(_write_access)]

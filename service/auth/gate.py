@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from uuid import UUID
 
-from fastapi.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.auth.access import identify, keep_identity
+from service.auth.access import identified, keep_identity
 from service.http.problems import Problem
 
 # No request with one of these methods has its body read.
 _WITHOUT_BODY = frozenset(("GET", "HEAD", "OPTIONS"))
 # Who signs in has no credentials yet; the route itself limits the body to a few KiB.
 _OPEN = frozenset((("POST", "/v1/sign-in"),))
+# Seconds for a stranger's body of 4 KiB, and how many may be on their way in a process; the oldest makes room.
+STRANGER_S = 5.0
+STRANGERS = 64
 # A body may come slowly. Each holds a connection, of which a process takes a thousand, and a part of an upload holds
 # room on the disk. A program that sends parts and asks for work has a dozen requests under way.
 _OF_A_PERSON = 64
@@ -29,16 +32,47 @@ class Gate:
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
         self._under_way: Counter[UUID] = Counter()
+        self._strangers: list[asyncio.Timeout] = []
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request. Raises what :func:`identify` raises, and :class:`Problem` 429 ``too_many_at_once``."""
-        if scope["type"] != "http" or scope["method"] in _WITHOUT_BODY or _is_open(scope):
+        if scope["type"] != "http" or scope["method"] in _WITHOUT_BODY:
             await self._app(scope, receive, send)
             return
-        identity = await run_in_threadpool(identify, Request(scope))
+        if _is_open(scope):
+            await self._serve_stranger(scope, receive, send)
+            return
+        identity = await identified(Request(scope))
         keep_identity(scope, identity)
         with self._counted(identity.person.id):
             await self._app(scope, receive, send)
+
+    async def _serve_stranger(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve a request that names nobody. Raises :class:`Problem` 408 ``body_too_slow``."""
+        try:
+            async with asyncio.timeout(STRANGER_S) as deadline:
+                self._strangers.append(deadline)
+                if len(self._strangers) > STRANGERS:
+                    self._release(self._strangers[0], 0.0)
+
+                async def receive_in_time() -> Message:
+                    message = await receive()
+                    if not message.get("more_body"):  # what the service does with it has its own limits
+                        self._release(deadline)
+                    return message
+
+                try:
+                    await self._app(scope, receive_in_time, send)
+                finally:
+                    self._release(deadline)
+        except TimeoutError:
+            raise _too_slow() from None
+
+    def _release(self, deadline: asyncio.Timeout, ends_at: float | None = None) -> None:
+        if deadline in self._strangers:
+            self._strangers.remove(deadline)
+        with suppress(RuntimeError):  # it has passed already
+            deadline.reschedule(ends_at)
 
     @contextmanager
     def _counted(self, person_id: UUID) -> Iterator[None]:
@@ -54,6 +88,16 @@ class Gate:
 
 def _is_open(scope: Scope) -> bool:
     return (scope["method"], scope["path"]) in _OPEN
+
+
+def _too_slow() -> Problem:
+    return Problem(
+        408,
+        "body_too_slow",
+        f"The request's body did not arrive within {STRANGER_S:.0f} s, or others came meanwhile.",
+        "Send the request again, with its whole body.",
+        headers={"Connection": "close"},
+    )
 
 
 def _too_many() -> Problem:

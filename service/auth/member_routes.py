@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 from uuid import UUID
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
@@ -20,9 +20,10 @@ from service.db.fleets import Fleet
 from service.db.ids import new_id
 from service.db.people import Membership, Person
 from service.http.pages import Page, Paging, fetch
+from service.http.router import Router
 from service.settings import Settings
 
-router = APIRouter(tags=["people"])
+router = Router(tags=["people"])
 
 
 @router.get("/fleets/{id}/members")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from urllib.parse import urlsplit
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from sqlalchemy import select
 
 from apexcal.documents.people import FleetRole, Me, SignIn
@@ -15,9 +15,10 @@ from service.db.fleets import Fleet
 from service.db.people import Membership
 from service.db.session import Database
 from service.http.bodies import SIGN_IN
+from service.http.router import Router
 from service.settings import Settings
 
-router = APIRouter(tags=["people"])
+router = Router(tags=["people"])
 
 
 @router.post("/sign-in", max_body_size=SIGN_IN)

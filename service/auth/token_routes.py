@@ -5,7 +5,6 @@ from __future__ import annotations
 from datetime import timedelta
 from uuid import UUID
 
-from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
@@ -21,8 +20,9 @@ from service.db.ids import new_id
 from service.db.people import ApiToken
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found
+from service.http.router import Router
 
-router = APIRouter(tags=["people"])
+router = Router(tags=["people"])
 
 
 @router.post("/fleets/{id}/tokens", status_code=201, response_model=MadeToken)

@@ -57,7 +57,7 @@ def gate_verdict(session: Session, result: Result) -> Json | None:
     limits |= {name: (limit, "rig") for name, limit in (of_rig or {}).items()}
     if not limits:
         return None
-    measured = _measures(result, summary, pairs.pairs, camera, with_coverage="coverage" in limits)
+    measured = _measures(result, summary, pairs.columns, camera, with_coverage="coverage" in limits)
     # A limit unknown to this version was stated for a newer one; it must not pass unseen.
     checks = [_check(name, limit, measured.get(name), by) for name, (limit, by) in sorted(limits.items())]
     return {"passed": all(check["passed"] for check in checks), "checks": checks}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from uuid import UUID
 
-from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 
 from apexcal.documents.base import Sought
@@ -19,8 +18,9 @@ from service.db.calibrations import Calibration, Result
 from service.db.fleets import Vehicle
 from service.http.pages import Page, Paging
 from service.http.problems import Problem, not_found
+from service.http.router import Router
 
-router = APIRouter(tags=["calibrations"])
+router = Router(tags=["calibrations"])
 
 _PATH = "/vehicles/{vehicle_id}/cameras/{camera}/aliases"
 # A list of them is one page. People have two or three.

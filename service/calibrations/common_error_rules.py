@@ -26,20 +26,20 @@ def common_errors(pairs: CorrespondenceSet, asked: Json) -> Json:
     _check_motion(pairs, asked)
     known: Json = {}
     if pairs.source == "annotations":
-        refined = all(name in pairs.pairs for name in SIGMAS)
+        refined = all(name in pairs.columns for name in SIGMAS)
         known["elevation_deg"] = _ELEVATION_DEG["refined" if refined else "ring_rules"]
         known["person_px"] = _PERSON_PX
-        if CLOCK_SIGMA in pairs.pairs and "stamp_ns" in pairs.pairs:
-            known["clock_ms"] = pairs.pairs[CLOCK_SIGMA][0]
+        if CLOCK_SIGMA in pairs.columns and "stamp_ns" in pairs.columns:
+            known["clock_ms"] = pairs.columns[CLOCK_SIGMA][0]
     stated = {name: value for name, value in (known | asked).items() if value}
     return {"common_errors": stated} if stated else {}
 
 
 def _check_motion(pairs: CorrespondenceSet, asked: Json) -> None:
     # Pairs that state the clocks' deviation themselves are solved without it if the board stood still.
-    names = ["line_time_us"] if CLOCK_SIGMA in pairs.pairs else ["clock_ms", "line_time_us"]
+    names = ["line_time_us"] if CLOCK_SIGMA in pairs.columns else ["clock_ms", "line_time_us"]
     wanted = [name for name in names if asked.get(name)]
-    if wanted and not tells_motion(pairs.pairs.get("stamp_ns") or [], pairs.pairs.get(CORNER)):
+    if wanted and not tells_motion(pairs.columns.get("stamp_ns") or [], pairs.columns.get(CORNER)):
         raise Problem(
             422,
             "no_motion",

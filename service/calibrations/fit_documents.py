@@ -34,7 +34,7 @@ def fit_document(terms: Terms, camera: ResolvedCamera, model: ModelName) -> Json
         "priors": {name: value for name, value in known.priors.items() if name not in asked}
         | {name: value for name, value in common["priors"].items() if name in names},
     }
-    stated = weighing(camera.name, camera.pairs.pairs, terms.weights) | common_errors(
+    stated = weighing(camera.name, camera.pairs.columns, terms.weights) | common_errors(
         camera.pairs, terms.common_errors
     )
     return common | described | parameters | stated

@@ -81,7 +81,7 @@ def plan_request(wanted: CalibrationTemplate, sources: Sequence[CameraPairs]) ->
         free = {
             doc["model"]: _free(camera, doc) for (one, _), doc in zip(fitted, documents, strict=True) if one is camera
         }
-        folds[camera.name], sentences = fold_count(camera.pairs.pairs, terms.folds, free, camera.name)
+        folds[camera.name], sentences = fold_count(camera.pairs.columns, terms.folds, free, camera.name)
         notes += sentences
     fits: list[FitPlan] = []
     for (camera, model), document, one in zip(fitted, documents, work, strict=False):
@@ -110,7 +110,7 @@ def _digest(terms: Terms, cameras: Sequence[ResolvedCamera], documents: Sequence
             "folds": terms.folds,
             "fits": documents,
             # Not the sets' own hashes, which say where the pairs came from too: the same pairs give the same bits.
-            "pairs": {camera.name: content_hash(camera.pairs.pairs) for camera in cameras},
+            "pairs": {camera.name: content_hash(camera.pairs.columns) for camera in cameras},
         }
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 from uuid import UUID
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse, Response
 from sqlalchemy import select
@@ -43,8 +43,9 @@ from service.exports.queries import of_given, of_result
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging
 from service.http.problems import Problem, not_found
+from service.http.router import Router
 
-router = APIRouter(tags=["calibrations"])
+router = Router(tags=["calibrations"])
 
 
 @router.get("/results/{result_id}", response_model=Stored[ResultView])

@@ -14,7 +14,7 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
-from service.auth.access import Identity, identify
+from service.auth.access import Identity, identified
 from service.auth.secrets import TOKEN_PREFIX
 from service.calibrations.given_state import Look, Seen, read_states
 from service.calibrations.given_views import cameras_of, given_documents
@@ -62,7 +62,7 @@ class Retrieval:
         """The answer to a request. Raises :class:`Problem`."""
         seen = await self._states.read(Look(_token(request) or "", vehicle_id, asked.alias))
         if not seen.may_see:
-            _check(None if seen.is_known else await run_in_threadpool(identify, request), seen)
+            _check(None if seen.is_known else await identified(request), seen)
         if asked.as_of is not None:
             return await run_in_threadpool(self._make_then, request, vehicle_id, asked, wanted)
         at_hand = self._at_hand(request, _etag(vehicle_id, asked, wanted, seen.digest), wanted)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
@@ -26,8 +26,9 @@ from service.db.fleets import Rig, Vehicle
 from service.fleets.queries import rig_camera
 from service.http.pages import LongPaging, Page, Paging, fetch
 from service.http.problems import Problem
+from service.http.router import Router
 
-router = APIRouter(tags=["calibrations"])
+router = Router(tags=["calibrations"])
 
 
 @router.post("/vehicles/{vehicle_id}/calibrations", status_code=202, response_model=CalibrationView)

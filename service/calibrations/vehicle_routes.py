@@ -6,7 +6,7 @@ import re
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -17,8 +17,9 @@ from service.calibrations.asked import AskedOfVehicle
 from service.calibrations.retrieval import Retrieval
 from service.calibrations.vehicle_queries import vehicle_of
 from service.exports.answers import WantedFormat, format_of_accept
+from service.http.router import Router
 
-router = APIRouter(tags=["calibrations"])
+router = Router(tags=["calibrations"])
 
 _NAME = "the vehicle, by its name or id"
 _FLEET = "its fleet, by name or id; needed where vehicles of several fleets have this name"

@@ -139,4 +139,4 @@ def _without_pairs(document: Json) -> Json:
 def _origin(pairs: CorrespondenceSet, index: int) -> Json:
     """What a set knows of one of its pairs: its stamp, sweep, camera frame or pose, corner, and the mark."""
     known = ("stamp_ns", "sweep_index", "frame_index", "group", CORNER, "u", "v")
-    return {name: pairs.pairs[name][index] for name in known if name in pairs.pairs}
+    return {name: pairs.columns[name][index] for name in known if name in pairs.columns}

@@ -15,13 +15,16 @@ def keep_set(session: Session, wanted: CorrespondenceSet) -> tuple[Correspondenc
     """The stored set of this content, and whether it is new. It is the newest of its camera either way.
 
     A set's origin is part of its content: deleting a recording deletes its sets, and no set of another recording.
-    ``wanted`` has everything but its hash and count. The rig's row is locked, so that of two who bring the same
-    content at the same moment the second finds the first's.
+    ``wanted`` has everything but its hash, and of a whole set the counts. The rig's row is locked, so that of two who
+    bring the same content at the same moment the second finds the first's.
     """
     session.execute(select(Rig.id).where(Rig.id == wanted.rig_id).with_for_update(key_share=True))
     origin = [str(one) if one else None for one in (wanted.recording_id, wanted.detection_id)]
-    wanted.content_hash = content_hash({"pairs": wanted.pairs, "origin": origin, "notes": wanted.notes})
-    wanted.count = len(wanted.pairs["x"])
+    pairs: object = [str(wanted.whole_id), wanted.left_out]
+    if wanted.pairs is not None:
+        pairs = wanted.pairs
+        wanted.count, wanted.flagged = len(wanted.pairs["x"]), sum(wanted.pairs.get("flagged") or ())
+    wanted.content_hash = content_hash({"pairs": pairs, "origin": origin, "notes": wanted.notes})
     known = session.scalar(
         select(CorrespondenceSet).where(
             CorrespondenceSet.rig_id == wanted.rig_id,

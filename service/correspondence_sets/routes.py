@@ -7,10 +7,11 @@ from collections.abc import AsyncIterator, Callable
 from typing import Annotated, NamedTuple
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse, StreamingResponse
-from sqlalchemy.orm import defer
+from sqlalchemy import select
+from sqlalchemy.orm import Session
 from starlette.requests import ClientDisconnect
 
 from apexcal.documents.base import Sought
@@ -24,7 +25,7 @@ from service.correspondence_sets.label_files import FROM_ONE, is_labels, read_la
 from service.correspondence_sets.marked_pairs import build
 from service.correspondence_sets.pair_files import MAX_BYTES, Columns, invalid, notes_on_image, read_csv, read_json
 from service.correspondence_sets.streamed_views import pairs_of, set_in_pieces
-from service.correspondence_sets.views import set_view, summaries
+from service.correspondence_sets.views import set_view
 from service.db.calibrations import CorrespondenceSet
 from service.db.detections import Detection
 from service.db.fleets import Rig
@@ -36,8 +37,9 @@ from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.places import Places
 from service.http.problems import Problem
+from service.http.router import Router
 
-router = APIRouter(tags=["calibrations"])
+router = Router(tags=["calibrations"])
 
 # An import holds one of few places while its body arrives. 15 MB, as 100,000 pairs usually have, need 50 kB/s.
 _RECEIVING_S = 300.0
@@ -189,39 +191,50 @@ def import_set(
 @router.post("/correspondence-sets/{set_id}/selections", status_code=201, response_model=SetView)
 def select_pairs(set_id: UUID, wanted: SelectionRequest, access: WriteAccess) -> JSONResponse:
     """Make a set of a set's pairs without some; the same content is found again, with 200. [engineer]"""
-    whole = access.find(CorrespondenceSet, set_id, "engineer")
+    of = access.find(CorrespondenceSet, set_id, "engineer")
     left_out = set(wanted.leave_out)
-    if max(left_out) >= whole.count:
+    if max(left_out) >= of.count:
         raise Problem(
             422,
             "no_such_pair",
-            f"The set has {whole.count} pairs, numbered from 0; there is no pair {max(left_out)}.",
+            f"The set has {of.count} pairs, numbered from 0; there is no pair {max(left_out)}.",
             "Give the numbers of its own pairs.",
         )
-    if len(left_out) == whole.count:
+    if len(left_out) == of.count:
         raise Problem(422, "nothing_left", "Without these the set has no pairs.", "Leave out fewer.")
-    kept = [i for i in range(whole.count) if i not in left_out]
+    without = sorted(left_out)
+    if of.left_out is not None:
+        kept = of.kept(of.count + len(of.left_out))
+        without = sorted([*of.left_out, *(kept[i] for i in left_out)])
     noun = "pair was" if len(left_out) == 1 else "pairs were"
     row = CorrespondenceSet(
-        fleet_id=whole.fleet_id,
-        vehicle_id=whole.vehicle_id,
-        rig_id=whole.rig_id,
-        recording_id=whole.recording_id,
-        detection_id=whole.detection_id,
-        camera=whole.camera,
-        source=whole.source,
-        pairs={name: [values[i] for i in kept] for name, values in whole.pairs.items()},
-        notes=[*whole.notes, f"{len(left_out)} {noun} left out by hand."],
+        fleet_id=of.fleet_id,
+        vehicle_id=of.vehicle_id,
+        rig_id=of.rig_id,
+        recording_id=of.recording_id,
+        detection_id=of.detection_id,
+        camera=of.camera,
+        source=of.source,
+        whole_id=of.whole_id or of.id,
+        left_out=without,
+        count=of.count - len(left_out),
+        flagged=of.flagged and _flagged_without(access.session, of.whole_id or of.id, set(without)),
+        notes=[*of.notes, f"{len(left_out)} {noun} left out by hand."],
         created_by=access.person.id,
     )
     return _keep(access, row)
+
+
+def _flagged_without(session: Session, whole_id: UUID, left_out: set[int]) -> int:
+    flags = session.scalar(select(CorrespondenceSet.pairs["flagged"]).where(CorrespondenceSet.id == whole_id))
+    return sum(flag for i, flag in enumerate(flags or ()) if i not in left_out)
 
 
 def _keep(access: WriteAccess, wanted: CorrespondenceSet) -> JSONResponse:
     row, is_new = keep_set(access.session, wanted)
     if is_new:
         hint(access.session, row.fleet_id, "detection" if row.detection_id else "rig", row.detection_id or row.rig_id)
-    return access.answer(set_view(row, row.pairs.get("flagged")), 201 if is_new else 200)
+    return access.answer(set_view(row), 201 if is_new else 200)
 
 
 def _found(set_id: UUID, request: Request, identity: CurrentIdentity, conditions: Conditional) -> CorrespondenceSet:
@@ -229,10 +242,7 @@ def _found(set_id: UUID, request: Request, identity: CurrentIdentity, conditions
     database: Database = request.app.state.database
     with database.reading() as session:
         access = Access(session, identity)
-        # As long as it is held, the session finds this one, and loads no pairs with it.
-        without_pairs = session.get(CorrespondenceSet, set_id, options=[defer(CorrespondenceSet.pairs)])
         row = access.find(CorrespondenceSet, set_id)
-        assert row is without_pairs
         if row.source == "annotations":
             access.need(row.fleet_id, "reviewer")
         conditions.offer(content_etag(row.content_hash))
@@ -265,9 +275,9 @@ async def read_set(request: Request, found: Annotated[CorrespondenceSet, Depends
 def list_sets(rig_id: UUID, access: ReadAccess, window: Paging) -> Page[SetView]:
     """A rig's correspondence sets, the last made first, without their pairs; those made of marks for reviewers."""
     rig = access.find(Rig, rig_id)
-    statement = summaries().where(CorrespondenceSet.rig_id == rig.id)
+    statement = select(CorrespondenceSet).where(CorrespondenceSet.rig_id == rig.id)
     if rank(access.role(rig.fleet_id) or "") < rank("reviewer"):
         # Their counts and notes say what people answered.
         statement = statement.where(CorrespondenceSet.source == "import")
     rows, following = fetch(access.session, statement, CorrespondenceSet.id, window, newest_first=True)
-    return Page(items=[set_view(row, flagged) for row, flagged in rows], next=following)
+    return Page(items=[set_view(row) for row in rows], next=following)

@@ -11,7 +11,6 @@ from typing import Any
 from uuid import UUID
 
 from pydantic_core import to_json
-from sqlalchemy import select
 
 from service.correspondence_sets.views import set_view
 from service.db.calibrations import CorrespondenceSet
@@ -26,15 +25,15 @@ Compact = Mapping[str, Sequence[Any]]
 def pairs_of(database: Database, set_id: UUID) -> Compact:
     """A set's columns of pairs. Raises :class:`Problem` 404 where the set is gone."""
     with database.reading() as session:
-        columns = session.scalar(select(CorrespondenceSet.pairs).where(CorrespondenceSet.id == set_id))
-    if columns is None:
-        raise not_found()
-    return {name: _compact(values) for name, values in columns.items()}
+        row = session.get(CorrespondenceSet, set_id)
+        if row is None:
+            raise not_found()
+        return {name: _compact(values) for name, values in row.columns.items()}
 
 
 def set_in_pieces(row: CorrespondenceSet, columns: Compact) -> Iterator[bytes]:
     """The JSON of a set with its pairs, in the form in which pairs are imported."""
-    head = set_view(row, columns.get("flagged")).model_dump_json()
+    head = set_view(row).model_dump_json()
     yield head.removesuffix("}").encode() + b',"pairs":['
     names = list(columns)
     for start in range(0, row.count, _AT_ONCE):

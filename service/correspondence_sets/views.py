@@ -2,23 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
-
-from sqlalchemy import Select, select
-from sqlalchemy.orm import defer
-
 from apexcal.documents.correspondence_sets import SetView
 from service.db.calibrations import CorrespondenceSet
 
 
-def summaries() -> Select[*tuple[Any, ...]]:
-    """Sets without their pairs, which may be many."""
-    flagged = CorrespondenceSet.pairs["flagged"].label("flagged")
-    return select(CorrespondenceSet, flagged).options(defer(CorrespondenceSet.pairs))
-
-
-def set_view(row: CorrespondenceSet, flagged: Iterable[bool] | None) -> SetView:
+def set_view(row: CorrespondenceSet) -> SetView:
     """A set without its pairs."""
     return SetView(
         id=row.id,
@@ -32,6 +20,6 @@ def set_view(row: CorrespondenceSet, flagged: Iterable[bool] | None) -> SetView:
         count=row.count,
         content_hash=row.content_hash,
         notes=row.notes,
-        flagged=sum(flagged or ()),
+        flagged=row.flagged,
         created_at=row.created_at,
     )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from datetime import datetime
+from functools import cached_property
 from typing import Any
 from uuid import UUID
 
 from sqlalchemy import Index, String, UniqueConstraint, func, literal_column, text
-from sqlalchemy.orm import Mapped, mapped_column
+from sqlalchemy.orm import Mapped, mapped_column, object_session
 
 from apexcal.documents.states import WorkState
 from service.db.base import Base, Created, Digest, Json, Name, RowId, belongs_to, partial_index, refers_to
@@ -25,8 +26,9 @@ class CorrespondenceSet(Base):
     """Immutable 3D-2D pairs of one camera.
 
     ``pairs`` is an object of equally long lists: x y z (metres, LiDAR frame), u v (pixels), and where known
-    stamp_ns, group, gap_ns, marks. ``brought_at`` is when the same content last came again: by it, or else by
-    ``created_at``, sets are newer than others.
+    stamp_ns, group, gap_ns, marks. It may have 16 MB, so it is loaded where it is read. A selection has none: it
+    names a whole set and the indices of the pairs that it leaves out. ``brought_at`` is when the same content last
+    came again: by it, or else by ``created_at``, sets are newer than others.
     """
 
     __tablename__ = "correspondence_set"
@@ -49,11 +51,30 @@ class CorrespondenceSet(Base):
     source: Mapped[str] = mapped_column(String(20))
     content_hash: Mapped[Digest]
     count: Mapped[int]
-    pairs: Mapped[Json]
+    pairs: Mapped[Json | None] = mapped_column(deferred=True)
+    whole_id: Mapped[UUID | None] = belongs_to("correspondence_set.id", nullable=True)
+    left_out: Mapped[list[Any] | None]
+    flagged: Mapped[int] = mapped_column(default=0, server_default="0")
     notes: Mapped[list[Any]] = mapped_column(default=list)
     created_by: Mapped[UUID | None] = refers_to("person.id")
     created_at: Mapped[Created]
     brought_at: Mapped[datetime | None]
+
+    @cached_property
+    def columns(self) -> Json:
+        """The set's own pairs, or those of the whole set without the ones that are left out."""
+        if self.whole_id is None:
+            return self.pairs or {}
+        session = object_session(self)
+        assert session is not None
+        whole = session.get_one(CorrespondenceSet, self.whole_id)
+        kept = self.kept(whole.count)
+        return {name: [values[i] for i in kept] for name, values in whole.columns.items()}
+
+    def kept(self, count: int) -> list[int]:
+        """Where the set's pairs are among the ``count`` pairs of the whole set."""
+        left_out = set(self.left_out or ())
+        return [i for i in range(count) if i not in left_out]
 
 
 class Calibration(Base):

@@ -16,7 +16,7 @@ from sqlalchemy.exc import DisconnectionError
 from sqlalchemy.orm import Session, sessionmaker
 
 import service.db.models  # noqa: F401  # a flush sorts tables by their foreign keys, so all of them must be known
-from service.db.connection import connect_args
+from service.db.connection import LOCK_S, connect_args
 
 _WRITES = "apexcal_writes"
 _ALONE = "apexcal_alone"
@@ -46,24 +46,29 @@ def _to_json(value: Any) -> str:
         raise ValueError(f"a number that is not finite would be stored: {error}") from None
 
 
-def open_engine(url: str, *, patient: bool = False) -> Engine:
+def open_engine(url: str, *, patient: bool = False, lock_s: int = LOCK_S, connections: int | None = None) -> Engine:
     """An engine for ``url``. Open it after a fork, never before. ``patient``: see :mod:`service.db.connection`.
+
+    ``lock_s``: how long a statement waits for a lock. ``connections``: as many are kept, and no more are opened.
 
     SQLite: write-ahead log, full synchronisation of transactions, and `BEGIN IMMEDIATE` for sessions that write, so
     that two writers queue up instead of failing on an upgrade of their locks.
     """
     parsed = make_url(url)
+    pool = {"pool_size": connections or 5, "max_overflow": 0 if connections else 20}
     if parsed.get_backend_name() != "sqlite":
-        waits = connect_args(parsed, patient=patient)
-        engine = create_engine(parsed, json_serializer=_to_json, connect_args=waits, pool_size=5, max_overflow=20)
+        waits = connect_args(parsed, patient=patient, lock_s=lock_s)
+        engine = create_engine(parsed, json_serializer=_to_json, connect_args=waits, **pool)
         _ping_before_use(engine)
         return engine
-    engine = create_engine(url, json_serializer=_to_json, connect_args={"timeout": 30, "check_same_thread": False})
+    engine = create_engine(
+        url, json_serializer=_to_json, connect_args={"timeout": lock_s, "check_same_thread": False}, **pool
+    )
 
     @event.listens_for(engine, "connect")
     def configure(connection: Any, record: object) -> None:
         connection.isolation_level = None
-        for pragma in ("journal_mode=WAL", "foreign_keys=ON", "busy_timeout=30000"):
+        for pragma in ("journal_mode=WAL", "foreign_keys=ON", f"busy_timeout={lock_s * 1000}"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")
@@ -110,8 +115,10 @@ class Database:
     fails to deliver is logged and nothing else: the tables say what is true. ``patient``: for commands of operators.
     """
 
-    def __init__(self, url: str, *, patient: bool = False) -> None:
-        self.engine = open_engine(url, patient=patient)
+    def __init__(
+        self, url: str, *, patient: bool = False, lock_s: int = LOCK_S, connections: int | None = None
+    ) -> None:
+        self.engine = open_engine(url, patient=patient, lock_s=lock_s, connections=connections)
         self.couriers: dict[str, Callable[[list[Any]], None]] = {}
         self._reading = sessionmaker(self.engine, expire_on_commit=False)
         self._writing = sessionmaker(self.engine.execution_options(**{_WRITES: True}), expire_on_commit=False)
@@ -130,6 +137,12 @@ class Database:
             with session.begin():
                 yield session
             self._deliver(session.info.pop(_OUTBOX, {}))
+
+    @contextmanager
+    def looking(self) -> Iterator[Session]:
+        """A session that only reads, on a connection as :meth:`alone` has it: each statement sees its own moment."""
+        with self.alone() as connection, Session(connection, expire_on_commit=False) as session:
+            yield session
 
     @contextmanager
     def alone(self) -> Iterator[Connection]:

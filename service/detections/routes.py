@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import JSONResponse, Response
 from sqlalchemy import select
 from sqlalchemy.orm import load_only, undefer
@@ -33,10 +33,11 @@ from service.http.bodies import DOCUMENT
 from service.http.compressed import compressed
 from service.http.pages import LongPaging, Page, Paging, fetch
 from service.http.problems import not_found
+from service.http.router import Router
 from service.job_status.views import jobs_of
 from service.jobs.queue import cancel
 
-router = APIRouter(tags=["detections"])
+router = Router(tags=["detections"])
 
 Camera = Annotated[Sought | None, Query(description="a camera's name in the rig")]
 Joint = Annotated[bool, Query(description="with the covariance that the corners of each vertex share")]

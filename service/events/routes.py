@@ -7,19 +7,21 @@ from collections.abc import AsyncIterator
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 from fastapi.responses import StreamingResponse
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from apexcal.documents.roles import Role
-from service.auth.access import CurrentIdentity, ReadAccess
+from service.auth.access import Access, CurrentIdentity
 from service.broker.hints import Hint
 from service.db.fleets import Fleet
+from service.db.session import Database
 from service.events.fanout import Fanout
 from service.events.follower import Follower, anything
 from service.http.problems import not_found
+from service.http.router import Router
 
-router = APIRouter(tags=["events"])
+router = Router(tags=["events"])
 
 # Then the browser connects anew, perhaps to another process.
 _LONGEST_S = 600.0
@@ -37,8 +39,10 @@ class EventStream(StreamingResponse):
     media_type = "text/event-stream"
 
 
-def _role(id: UUID, access: ReadAccess) -> Role:
-    role = access.role(access.find(Fleet, id).id)
+def _role(id: UUID, request: Request, identity: CurrentIdentity) -> Role:
+    database: Database = request.app.state.database
+    with database.reading() as session:
+        role = identity.role(Access(session, identity).find(Fleet, id).id)
     if role is None:
         raise not_found()
     return role

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 from uuid import UUID
 
-from fastapi import APIRouter
 from fastapi.responses import Response
 
 from apexcal.documents.base import Sought
@@ -17,11 +16,12 @@ from service.exports.answers import table
 from service.exports.given_queries import Asked
 from service.exports.queries import of_given, of_result
 from service.http.bodies import DOCUMENT
+from service.http.router import Router
 
 if TYPE_CHECKING:
     from service.exports.calibrated import Calibrated
 
-router = APIRouter(tags=["exports"])
+router = Router(tags=["exports"])
 
 _XML: dict[int | str, dict[str, Any]] = {200: {"content": {"application/xml": {"schema": {"type": "string"}}}}}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
@@ -27,8 +27,9 @@ from service.fleet_requests.views import in_state, request_views, vehicle_view, 
 from service.http.bodies import DOCUMENT
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging, fetch
+from service.http.router import Router
 
-router = APIRouter(tags=["fleet requests"])
+router = Router(tags=["fleet requests"])
 
 
 @router.post(

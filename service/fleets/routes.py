@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 from uuid import UUID
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 from sqlalchemy.orm import selectinload
@@ -24,10 +24,11 @@ from service.http.bodies import DOCUMENT
 from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem
+from service.http.router import Router
 from service.settings import Settings
 from service.storage.quota import uses
 
-router = APIRouter(tags=["fleets"])
+router = Router(tags=["fleets"])
 
 
 @router.post("/fleets", status_code=201, response_model=FleetOut)

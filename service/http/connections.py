@@ -34,7 +34,7 @@ _MOST_PIPELINED = 100
 # As nginx: 60 s for the next bytes of a body, and for a client that takes none of an answer. Bad lines pause.
 WINDOW_S = 60.0
 # For the rest of a body that was answered already, such as a part from somebody who is not signed in.
-UNWANTED_S = 10.0
+UNWANTED_S = 5.0
 # A peer that vanished acknowledges nothing, such as the pings of an event stream every 15 s.
 _VANISHED_MS = 60_000
 # What a process opens beside connections: database, broker, objects in transit.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from http import HTTPStatus
 from typing import Any
 
@@ -12,6 +13,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError, ProgrammingError
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -102,6 +104,31 @@ def _is_of_another_schema(error: DBAPIError) -> bool:
     )
 
 
+_LATER = "Nothing was changed. Send the request again in a few seconds; /readyz says how the service is."
+_ASK = "Nothing was changed, and what was stored is kept. Ask whoever runs the service, then send it again."
+# What PostgreSQL (by its SQLSTATE; refused connections have none) and SQLite say, the code, and what it means.
+_FAILURES = (
+    (("55P03", "40P01", "database is locked"), "locked", "Others change the same thing at the moment.", _LATER),
+    (("53100", "database or disk is full"), "database_full", "The database has no room left.", _ASK),
+    (
+        ("53300", "too many clients", "too many connections", "connection slots", "QueuePool limit"),
+        "database_busy",
+        "The database has no free connection at the moment.",
+        _LATER,
+    ),
+)
+
+
+def _failure_of(error: Exception) -> tuple[str, str, str]:
+    """Code, detail and hint of what the database, or the pool of connections to it, fails with."""
+    cause = getattr(error, "orig", None) or error
+    said = f"{getattr(cause, 'sqlstate', None)} {cause}"
+    for signs, code, detail, hint in _FAILURES:
+        if any(sign in said for sign in signs):
+            return code, detail, hint
+    return "database_unavailable", "The database does not answer at the moment.", _LATER
+
+
 class TooLargeAsProblem:
     """Makes a problem of the plain text with which the framework refuses a body of too many bytes."""
 
@@ -162,17 +189,13 @@ def install(app: FastAPI) -> None:
         return await on_bug(request, error)
 
     @app.exception_handler(OperationalError)
-    async def on_database(request: Request, error: OperationalError) -> JSONResponse:
-        if _is_of_another_schema(error):
+    @app.exception_handler(PoolTimeout)
+    async def on_database(request: Request, error: Exception) -> JSONResponse:
+        if isinstance(error, DBAPIError) and _is_of_another_schema(error):
             return on_schema(request, error)
-        log.error("%s %s: the database does not answer", request.method, request.scope["path"], exc_info=error)
-        return Problem(
-            503,
-            "database_unavailable",
-            "The database does not answer at the moment.",
-            "Try again in a few seconds; /readyz says how the service is.",
-            headers={"Retry-After": "2"},
-        ).response()
+        code, detail, hint = _failure_of(error)
+        log.error("%s %s: %s", request.method, request.scope["path"], code, exc_info=error)
+        return Problem(503, code, detail, hint, headers={"Retry-After": "2"}).response()
 
     @app.exception_handler(IntegrityError)
     async def on_conflict(request: Request, error: IntegrityError) -> JSONResponse:
@@ -240,6 +263,29 @@ def _of_validation(errors: Sequence[Any]) -> Problem:
         "Correct the fields named in `errors` and send the request again.",
         errors=found,
     )
+
+
+def check_query(names: Iterable[str], known: Sequence[str]) -> None:
+    """Raises :class:`Problem` 422 ``invalid_request`` where a query names what its route does not read."""
+    strange = sorted(set(names) - set(known))
+    if not strange:
+        return
+    errors: list[dict[str, str]] = []
+    for name in strange[:_MOST_ERRORS]:
+        close = get_close_matches(name, known, 1)
+        errors.append({"field": f"query {name}", "message": _unread(close[0] if close else None)})
+    raise Problem(
+        422,
+        "invalid_request",
+        f"{errors[0]['field']}: {errors[0]['message']}",
+        f"The query of this address takes: {', '.join(known)}." if known else "This address takes no query.",
+        errors=errors,
+        known=[*known],
+    )
+
+
+def _unread(close: str | None) -> str:
+    return f"is not known here; did you mean `{close}`?" if close else _PLAINLY["extra_forbidden"]
 
 
 # Our sentences for errors whose own text is about the library, not about the input.

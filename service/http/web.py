@@ -31,13 +31,17 @@ class Pages:
         if scope["type"] != "http":
             return
         path: str = scope["path"].lstrip("/")
-        if scope["method"] not in ("GET", "HEAD") or path == "v1" or path.startswith("v1/"):
+        # Where a proxy adds a prefix, a program that asks for /prefix/v1 must not take a page for its answer.
+        if scope["method"] not in ("GET", "HEAD") or "v1" in path.split("/"):
             raise HTTPException(404)
-        await self._response(path, Headers(scope=scope).get("accept-encoding", ""))(scope, receive, send)
+        headers = Headers(scope=scope)
+        takes_pages = _accepts(headers.get("accept", ""), "text/html")
+        response = self._response(path, headers.get("accept-encoding", ""), takes_pages=takes_pages)
+        await response(scope, receive, send)
 
-    def _response(self, path: str, encodings: str) -> Response:
+    def _response(self, path: str, encodings: str, *, takes_pages: bool) -> Response:
         asked = self._file(path)
-        if asked is None and path.startswith("assets/"):
+        if asked is None and (path.startswith("assets/") or not takes_pages):
             raise HTTPException(404)
         file = asked or self._root / "index.html"
         if not file.is_file():
@@ -46,7 +50,7 @@ class Pages:
         forever = file.is_relative_to(self._root / "assets")
         headers = {
             "Cache-Control": "public, max-age=31536000, immutable" if forever else "no-cache",
-            "Vary": "Accept-Encoding",
+            "Vary": "Accept-Encoding" if asked else "Accept, Accept-Encoding",
         }
         media_type = guess_type(file.name)[0] or "application/octet-stream"
         for encoding, suffix in _COMPRESSED.items():
@@ -69,11 +73,11 @@ class Pages:
         return asked if is_ours else None
 
 
-def _accepts(encodings: str, encoding: str) -> bool:
-    """Whether an Accept-Encoding takes the encoding, by its name and not with a weight of 0."""
-    for one in encodings.lower().split(","):
+def _accepts(header: str, token: str) -> bool:
+    """Whether an Accept or Accept-Encoding takes this, by its name and not with a weight of 0."""
+    for one in header.lower().split(","):
         name, _, weight = (part.strip() for part in one.partition(";"))
-        if name == encoding:
+        if name == token:
             return not re.fullmatch(r"q=0(\.0*)?", weight)
     return False
 

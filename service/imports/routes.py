@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from uuid import UUID
 
-from fastapi import APIRouter
-
 from apexcal.documents.imports import (
     CalibrationFiles,
     ComparisonRequest,
@@ -21,8 +19,9 @@ from service.db.calibrations import Result
 from service.db.recordings import Recording
 from service.http.bodies import DOCUMENT
 from service.http.problems import Problem
+from service.http.router import Router
 
-router = APIRouter(tags=["imports"])
+router = Router(tags=["imports"])
 
 
 @router.post("/calibration-files/reading")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Path, Query
+from fastapi import Path, Query
 from sqlalchemy import select
 
 from apexcal.documents.jobs import JobView
@@ -14,9 +14,10 @@ from service.auth.access import ReadAccess
 from service.db.base import written
 from service.db.jobs import Job
 from service.http.pages import Page, Paging, fetch
+from service.http.router import Router
 from service.job_status.views import job_view
 
-router = APIRouter(tags=["jobs"])
+router = Router(tags=["jobs"])
 
 
 @router.get("/jobs")

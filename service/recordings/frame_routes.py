@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi import Depends, Path, Query, Request, Response
 from sqlalchemy import select
 
 from apexcal.documents.base import Sought
@@ -16,10 +16,11 @@ from service.db.session import Database
 from service.http.etags import Conditional
 from service.http.pages import LongPaging, Page, fetch
 from service.http.problems import Problem
+from service.http.router import Router
 from service.recordings.byte_ranges import ByteRange
 from service.recordings.queries import find_camera
 
-router = APIRouter(tags=["recordings"])
+router = Router(tags=["recordings"])
 
 _SHOWN = frozenset(("image/jpeg", "image/png", "image/webp"))
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from urllib.parse import quote
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 from fastapi.responses import StreamingResponse
 
 from apexcal.documents.recordings import Original, OriginalPart
@@ -16,11 +16,12 @@ from service.auth.access import Access, CurrentIdentity
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
+from service.http.router import Router
 from service.recordings.presigner import Presigner
 from service.recordings.queries import parts_of
 from service.storage.store import Store
 
-router = APIRouter(tags=["recordings"])
+router = Router(tags=["recordings"])
 
 
 def _complete(id: UUID, request: Request, identity: CurrentIdentity) -> tuple[Recording, Sequence[UploadPart]]:

@@ -7,18 +7,18 @@ the copy is acknowledged, and the worker compares the checksum of every part bef
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Path, Request
-from fastapi.concurrency import run_in_threadpool
+from fastapi import Path, Request
 
 from apexcal.documents.recordings import MAX_PARTS, NewPart, PartAddress, PartView, PutPart
 from service.auth.access import Access, CurrentIdentity, Identity
 from service.db.recordings import Blob, Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
+from service.http.router import Router
+from service.http.threads import in_thread
 from service.recordings.presigner import Presigner
 from service.recordings.upload_actions import (
     Announced,
@@ -32,7 +32,7 @@ from service.settings import Settings
 from service.storage.errors import MissingBlobError
 from service.storage.store import Store
 
-router = APIRouter(tags=["recordings"])
+router = Router(tags=["recordings"])
 
 Number = Annotated[int, Path(ge=1, le=MAX_PARTS)]
 
@@ -65,21 +65,22 @@ async def post_part_arrival(
     """Acknowledge a part whose bytes were put at its address. Saying it again gives the same answer."""
     database: Database = request.app.state.database
     settings: Settings = request.app.state.settings
+    writing = request.app.state.threads.writing
     put = f"{Announced(id, number, '', 0).prefix}/{body.reservation}"
-    found = await run_in_threadpool(_announced, database, identity, id, number, put)
+    found = await in_thread(writing, _announced, database, identity, id, number, put)
     if isinstance(found, UploadPart):
         return PartView.model_validate(found)
     await _require_there(request.app.state.store, put, found)
     # The name tells which reservation was copied, so that a repeated request finds the copy.
-    kept = await run_in_threadpool(partial(begin_part, database, identity, found, settings, copied=body.reservation))
+    kept = await in_thread(writing, begin_part, database, identity, found, settings, copied=body.reservation)
     if isinstance(kept, UploadPart):
-        await run_in_threadpool(forget_part, database, put)
+        await in_thread(writing, forget_part, database, put)
         return PartView.model_validate(kept)
     try:
         await _copy(request.app.state.store, put, kept, found)
-        part = await run_in_threadpool(finish_part, database, identity, found, settings, kept, found.size, put)
+        part = await in_thread(writing, finish_part, database, identity, found, settings, kept, found.size, put)
     except Exception:
-        await run_in_threadpool(forget_part, database, kept)
+        await in_thread(writing, forget_part, database, kept)
         raise
     return PartView.model_validate(part)
 

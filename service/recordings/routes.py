@@ -6,7 +6,7 @@ from datetime import timedelta
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
@@ -27,6 +27,7 @@ from service.db.recordings import Recording
 from service.http.etags import Conditional, version_etag
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem, not_found
+from service.http.router import Router
 from service.recordings.actions import delete_recording
 from service.recordings.queries import reading_document
 from service.recordings.upload_actions import how_to_upload
@@ -34,7 +35,7 @@ from service.recordings.views import summaries, view
 from service.settings import Settings
 from service.storage.quota import take
 
-router = APIRouter(tags=["recordings"])
+router = Router(tags=["recordings"])
 
 
 @router.post("/vehicles/{id}/recordings", status_code=201, response_model=CreatedRecording)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi import Depends, Path, Query, Request, Response
 from sqlalchemy import select
 
 from apexcal.documents.recordings import BlobAddress
@@ -17,9 +17,10 @@ from service.db.session import Database
 from service.http.etags import Conditional
 from service.http.pages import LongPaging, Page, fetch
 from service.http.problems import Problem
+from service.http.router import Router
 from service.recordings.byte_ranges import ByteRange
 
-router = APIRouter(tags=["recordings"])
+router = Router(tags=["recordings"])
 
 
 @router.get("/recordings/{id}/sweeps")

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Path, Request
-from fastapi.concurrency import run_in_threadpool
+from fastapi import Path, Request
 from fastapi.responses import JSONResponse
 
 from apexcal.documents.recordings import MAX_PARTS, AcceptedRecording, Completion, Parts, PartView
@@ -15,6 +14,8 @@ from service.auth.access import Access, CurrentIdentity, ReadAccess, WriteAccess
 from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
+from service.http.router import Router
+from service.http.threads import in_thread
 from service.job_status.views import job_views
 from service.recordings.jobs import queue_ingestion
 from service.recordings.queries import parts_of
@@ -36,7 +37,7 @@ from service.storage.errors import StoreFullError
 from service.storage.room import Room
 from service.storage.store import Store
 
-router = APIRouter(tags=["recordings"])
+router = Router(tags=["recordings"])
 
 # Settings say less; this only keeps the application's limit on JSON bodies away from parts.
 _NO_PART_IS_LARGER = 5 * 1024**3
@@ -49,11 +50,12 @@ async def put_part(
     """Store one part of the file, streamed. Content-Digest names its SHA-256; the same part may be sent again."""
     settings: Settings = request.app.state.settings
     database: Database = request.app.state.database
+    writing = request.app.state.threads.writing
     length = _declared_length(request)
     announced = Announced(id, number, declared_sha256(request), settings.max_part_bytes if length is None else length)
     if announced.size > settings.max_part_bytes:
         raise part_too_large(settings.max_part_bytes)
-    begun = await run_in_threadpool(begin_part, database, identity, announced, settings)
+    begun = await in_thread(writing, begin_part, database, identity, announced, settings)
     body = Body(request, settings.max_part_bytes)
     if isinstance(begun, UploadPart):
         # The bytes are looked at all the same: an answer of 200 says that they are the acknowledged ones.
@@ -64,9 +66,9 @@ async def put_part(
     try:
         await _store(request.app.state.room, request.app.state.store, begun, body, announced.size)
         body.check(announced)
-        part = await run_in_threadpool(finish_part, database, identity, announced, settings, begun, body.size)
+        part = await in_thread(writing, finish_part, database, identity, announced, settings, begun, body.size)
     except Exception:
-        await run_in_threadpool(forget_part, database, begun)
+        await in_thread(writing, forget_part, database, begun)
         raise
     return PartView.model_validate(part)
 

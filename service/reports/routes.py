@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import Depends, Query, Request, Response
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
@@ -19,13 +19,14 @@ from service.db.reports import Report
 from service.db.session import Database
 from service.http.etags import Conditional, content_etag
 from service.http.problems import Problem, not_found
+from service.http.router import Router
 from service.reports.jobs import ask_report
 from service.reports.views import report_view
 from service.settings import Settings
 from service.storage.quota import require_quota
 from service.storage.store import Store
 
-router = APIRouter(tags=["calibrations"])
+router = Router(tags=["calibrations"])
 
 # The file holds its own styles, script, pictures and data, and needs nothing else. In a sandbox without an origin it
 # reaches neither cookies nor the API, whatever stands in it.

@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import Depends, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
 
 from apexcal.documents.copies import CopyRequest, CopyView
@@ -15,11 +15,12 @@ from service.db.session import Database
 from service.db.studies import StudyFile
 from service.detections.queries import ready_recording
 from service.http.pages import Page, Paging
+from service.http.router import Router
 from service.storage.store import Store
 from service.studies.queries import delete_study, disposition, list_studies, new_study, read_study, study_file
 from service.studies.views import copy_view
 
-router = APIRouter(tags=["studies"])
+router = Router(tags=["studies"])
 _KIND = "calibrated_copy"
 
 

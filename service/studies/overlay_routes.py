@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 from uuid import UUID
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import Depends, Request, Response
 from fastapi.responses import JSONResponse
 
 from apexcal.documents.overlays import OverlayRequest, OverlayView
@@ -16,12 +16,13 @@ from service.db.session import Database
 from service.db.studies import StudyFile
 from service.http.etags import Conditional, content_etag
 from service.http.pages import Page, Paging
+from service.http.router import Router
 from service.storage.store import Store
 from service.studies.overlay_plan import pairs_of, plan_overlay
 from service.studies.queries import delete_study, disposition, list_studies, new_study, read_study, study_file
 from service.studies.views import overlay_view
 
-router = APIRouter(tags=["studies"])
+router = Router(tags=["studies"])
 _KIND = "overlay"
 
 

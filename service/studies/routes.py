@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from uuid import UUID
 
-from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 
 from apexcal.documents.studies import (
@@ -21,12 +20,13 @@ from service.detections.queries import done_detection, find_camera, ready_record
 from service.http.bodies import DOCUMENT
 from service.http.pages import Page, Paging
 from service.http.problems import not_found
+from service.http.router import Router
 from service.studies.jobs import queue_packing
 from service.studies.offset_queries import what_is_known
 from service.studies.queries import list_studies, new_study, read_study
 from service.studies.views import offset_view, packing_view, preview_view, suggestion_view
 
-router = APIRouter(tags=["studies"])
+router = Router(tags=["studies"])
 
 
 @router.post(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from uuid import UUID
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 
@@ -24,13 +24,14 @@ from service.detections.queries import find_camera, ready_recording
 from service.http.bodies import DOCUMENT
 from service.http.pages import Page, Paging, fetch
 from service.http.problems import Problem
+from service.http.router import Router
 from service.validations.comparison_queries import comparison_of
 from service.validations.drift_queries import drift_of
 from service.validations.jobs import queue_validation
 from service.validations.queries import validated
 from service.validations.views import validation_view
 
-router = APIRouter(tags=["validations"])
+router = Router(tags=["validations"])
 
 
 @router.post(

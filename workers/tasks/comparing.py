@@ -67,8 +67,8 @@ def _cameras(session: Session, calibration: Calibration, stop: Stop) -> tuple[li
 
 def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop: Stop) -> SolvedCamera:
     detection = str(pairs.detection_id) if pairs.detection_id else None
-    problem = read_run(run.problem, run.fold, pairs.pairs, stop).problem
-    return SolvedCamera(run.camera, problem, result.document, pairs.pairs, detection)
+    problem = read_run(run.problem, run.fold, pairs.columns, stop).problem
+    return SolvedCamera(run.camera, problem, result.document, pairs.columns, detection)
 
 
 def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:

@@ -12,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from uuid import UUID
 
-from sqlalchemy import select
+from sqlalchemy.orm import undefer
 
 from service.broker.hints import COURIER as HINTS
 from service.broker.hints import Publisher
@@ -42,9 +42,8 @@ class Context:
         self.pairs_of = lru_cache(maxsize=_SETS)(self._load_pairs)
 
     def _load_pairs(self, set_id: UUID) -> Json:
-        with self.database.alone() as connection:
-            asked = select(CorrespondenceSet.pairs).where(CorrespondenceSet.id == set_id)
-            return connection.execute(asked).scalar_one()
+        with self.database.looking() as session:
+            return session.get_one(CorrespondenceSet, set_id, options=[undefer(CorrespondenceSet.pairs)]).columns
 
     @contextmanager
     def scratch(self) -> Iterator[Path]:

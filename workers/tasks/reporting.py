@@ -83,7 +83,7 @@ def _material(session: Session, result: Result, stop: Stop) -> Material:
     run = session.get_one(CalibrationRun, result.run_id)
     pairs = session.get_one(CorrespondenceSet, run.set_id)
     calibration = session.get_one(Calibration, result.calibration_id)
-    models = _models(session, result, pairs.pairs, stop)
+    models = _models(session, result, pairs.columns, stop)
     found: Json = ((calibration.summary or {}).get("cameras") or {}).get(result.camera) or {}
     slots = select(Slot.iteration, Slot.slot, Slot.loss).where(Slot.run_id == run.id)
     rig, vehicle = session.get_one(Rig, calibration.rig_id), session.get_one(Vehicle, calibration.vehicle_id)
@@ -99,7 +99,7 @@ def _material(session: Session, result: Result, stop: Stop) -> Material:
     return Material(
         chosen=next(one for one in models if one.name == result.model),
         models=models,
-        pairs=pairs.pairs,
+        pairs=pairs.columns,
         objections=objections(session, result),
         recommended=found.get("recommended"),
         why=found.get("why") or "",
@@ -144,7 +144,7 @@ def _sized(document: Json, problem: FitProblem) -> Json:
 
 def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
     """The people's own marks of the pairs, as they stand now; none where the pairs were imported."""
-    columns = pairs.pairs
+    columns = pairs.columns
     known = ("stamp_ns", "sweep_index", "frame_index")
     if pairs.detection_id is None or not all(name in columns for name in known):
         return []

@@ -35,7 +35,7 @@ def score_pairs(context: Context, held: Claim, lease: Lease) -> Callable[[Sessio
     with context.database.reading() as session:
         row = session.get_one(Validation, held.subject_id)
         calibration = KnownCalibration.of(row.asked["calibration"])
-        columns = session.get_one(CorrespondenceSet, row.set_id).pairs
+        columns = session.get_one(CorrespondenceSet, row.set_id).columns
     points = np.column_stack([columns[name] for name in "xyz"]).astype(np.float64)
     marks = np.column_stack([columns[name] for name in "uv"]).astype(np.float64)
     found = score(calibration, points, marks)

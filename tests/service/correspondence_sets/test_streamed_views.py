@@ -23,6 +23,7 @@ def seed_set(api: Api, fleet, count: int) -> CorrespondenceSet:
     rig = seed_rig(api.database, fleet)
     row = CorrespondenceSet(fleet_id=fleet, vehicle_id=rig.vehicle_id, rig_id=rig.id, camera="front")
     row.source, row.content_hash, row.count, row.notes = "import", "0", count, ["a note, 3 µm wide"]
+    row.flagged = (count + 1) // 2
     numbers = [number + 0.123456789012 for number in range(count)]
     row.pairs = {
         **dict.fromkeys("xyzuv", numbers),

@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
+from service.auth import gate
 from service.db.calibrations import CorrespondenceSet
 from service.http import connections
 from service.settings import get_settings
@@ -328,3 +329,25 @@ def test_requests_that_come_together_are_answered_and_are_not_endless(connect: C
     some.sendall(last[10:])
     assert all_of(some).count(b"HTTP/1.1 200") == 50
     assert b"HTTP/1.1 400" in all_of(connect(padded * 500))
+
+
+def unfinished_sign_in() -> bytes:
+    return head("POST", "/v1/sign-in", "Content-Type: application/json", "Content-Length: 40") + b'{"link":'
+
+
+def test_an_unfinished_sign_in_ends(connect: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "STRANGER_S", SHORT_S)
+    monkeypatch.setattr(connections, "WINDOW_S", 10 * PATIENCE_S)
+    answer = all_of(connect(unfinished_sign_in()))
+    assert answer.startswith(b"HTTP/1.1 408") and b'"body_too_slow"' in answer
+
+
+def test_unfinished_sign_ins_leave_room(served: tuple[Api, str], connect: Callable, monkeypatch) -> None:
+    _, url = served
+    monkeypatch.setattr(gate, "STRANGER_S", 10 * PATIENCE_S)
+    monkeypatch.setattr(connections, "WINDOW_S", 10 * PATIENCE_S)
+    crowd = [connect(unfinished_sign_in()) for _ in range(gate.STRANGERS + 100)]
+    assert all(all_of(one).startswith(b"HTTP/1.1 408") for one in crowd[:100])
+    assert httpx.get(f"{url}/healthz").status_code == 200
+    answer = httpx.post(f"{url}/v1/sign-in", json={"link": "x"})
+    assert answer.status_code not in (408, 429, 503), answer.text

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from inspect import unwrap
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -63,7 +64,7 @@ def endpoints(router) -> Iterator[tuple[str, Any]]:
         if hasattr(route, "original_router"):
             yield from endpoints(route.original_router)
         elif "POST" in route.methods:
-            yield route.path, route.endpoint
+            yield route.path, unwrap(route.endpoint)
 
 
 def keeps_its_answer(endpoint: Any) -> bool:

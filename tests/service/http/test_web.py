@@ -24,8 +24,10 @@ def built(api: Api, tmp_path: Path) -> Api:
     return api
 
 
-def asked(api: Api, encodings: str, path: str = "/assets/app-1a2b.js", method: str = "GET") -> tuple[dict, bytes]:
-    with api.client.stream(method, path, headers={"Accept-Encoding": encodings}) as answer:
+def asked(
+    api: Api, encodings: str, path: str = "/assets/app-1a2b.js", method: str = "GET", accept: str = "*/*"
+) -> tuple[dict, bytes]:
+    with api.client.stream(method, path, headers={"Accept-Encoding": encodings, "Accept": accept}) as answer:
         assert answer.status_code == 200
         return dict(answer.headers), b"".join(answer.iter_raw())
 
@@ -58,11 +60,29 @@ def test_each_form_has_its_own_etag(built: Api) -> None:
 
 @one_database
 def test_what_has_no_compressed_form_is_sent_as_it_is(built: Api) -> None:
-    headers, sent = asked(built, "br, gzip", "/recordings/7")
+    headers, sent = asked(built, "br, gzip", "/recordings/7", accept="text/html,*/*;q=0.8")
     assert sent == b"<p>pages</p>" and "content-encoding" not in headers
-    assert headers["vary"] == "Accept-Encoding" and headers["cache-control"] == "no-cache"
+    assert headers["vary"] == "Accept, Accept-Encoding" and headers["cache-control"] == "no-cache"
 
 
 @one_database
 def test_the_compressed_forms_have_no_addresses_of_their_own(built: Api) -> None:
     assert built.client.get("/assets/app-1a2b.js.br").status_code == 404
+
+
+@one_database
+@pytest.mark.parametrize("accept", ["", "*/*", "application/json", "text/html;q=0, application/json"])
+@pytest.mark.parametrize("path", ["/", "/recordings/7", "/calibration.json"])
+def test_a_page_is_no_answer_to_a_program(built: Api, path: str, accept: str) -> None:
+    answer = built.client.get(path, headers={"Accept": accept})
+    assert (answer.status_code, answer.json()["code"]) == (404, "no_such_route")
+
+
+@one_database
+@pytest.mark.parametrize(
+    "path", ["/v1", "/v1/nothing", "/apexcal/v1/me", "/a/b/v1/vehicles/1/calibration", "//v1/me"]
+)
+@pytest.mark.parametrize("accept", ["text/html", "*/*"])
+def test_an_address_of_the_api_is_never_a_page(built: Api, path: str, accept: str) -> None:
+    answer = built.client.get(path, headers={"Accept": accept})
+    assert (answer.status_code, answer.json()["code"]) == (404, "no_such_route")
