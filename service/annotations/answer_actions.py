@@ -102,7 +102,9 @@ def answer_view(row: AnswerRow) -> AnswerView:
 
 def _counted(session: Session, found: Subject, frame_index: int) -> AbstractContextManager[None]:
     vertex = found.vertex
-    return counted(session, found.task.person_id, found.camera.id, frame_index, vertex.corner, vertex.apex_id)
+    is_first = found.mark is None and found.verdict is None
+    whose = (found.task.person_id, found.camera.id, frame_index)
+    return counted(session, *whose, vertex.corner, vertex.apex_id, is_first=is_first)
 
 
 def _restore_verdict(session: Session, found: Subject) -> None:

@@ -30,15 +30,22 @@ _COUNTERS = ("answered", "complete", "mine")
 
 @contextmanager
 def counted(
-    session: Session, person_id: UUID, sensor_id: UUID, frame_index: int, corner: str, apex_id: UUID | None
+    session: Session,
+    person_id: UUID,
+    sensor_id: UUID,
+    frame_index: int,
+    corner: str,
+    apex_id: UUID | None,
+    *,
+    is_first: bool = False,
 ) -> Iterator[None]:
     """Count what the block changes of a person's mark in a frame and of their verdict on an apex.
 
     The caller holds the person's lock, and nobody else answers on the apex meanwhile. The block writes a row that
-    refers to the recording before it ends, so that nobody counts anew between it and the counters.
+    refers to the recording before it ends, so that nobody counts anew between it and the counters. ``is_first``: there is neither a mark nor a verdict yet.
     """
     whose = (session, person_id, sensor_id, frame_index, corner, apex_id)
-    before = {row[:2] for row in _touched(*whose) if row.answered}
+    before = set() if is_first else {row[:2] for row in _touched(*whose) if row.answered}
     yield
     session.flush()
     changes: dict[tuple[UUID, UUID], Counter[str]] = {}

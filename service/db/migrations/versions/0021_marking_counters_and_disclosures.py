@@ -1,14 +1,14 @@
 """Counters of the marking; disclosures name camera, frame and corner, and no longer the apex of one detection.
 
-Revision ID: 0020
-Revises: 0019
+Revision ID: 0021
+Revises: 0020_selections
 """
 
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0020"
-down_revision = "0019"
+revision = "0021"
+down_revision = "0020_selections"
 branch_labels = None
 depends_on = None
 
