@@ -1,11 +1,11 @@
 """`python -m benchmarks.annotators`: people who mark one recording at once. SHORT=1 for a short form.
 
-One recording of 1,062 vertices, three marks each; 1, 10, 40 and 100 annotators who think for 0.2 to 0.5 s and have two
-vertices ahead, without and with 40 open pages; SQLite and PostgreSQL; one API process. A bystander of another fleet
-lists recordings meanwhile. A run ends after SECONDS (20), and a last one, of 25 people who do not think, when nothing
-is left. Each prints a line of JSON: answers a second, milliseconds of taking and answering, the API's processor
-milliseconds for an answer with all that its page asks, the bystander's 95th percentile, answers by status of 5xx, and
-what is wrong with what is stored. ``machine_load`` tells how far to trust what depends on time.
+One recording of 1,062 vertices, three marks each; 1, 10, 40 and 100 annotators who think for 0.2 to 0.5 s and have
+two vertices ahead, without and with 40 open pages; SQLite and PostgreSQL; one API process. A bystander of another
+fleet lists recordings meanwhile. A run ends after SECONDS (20), and a last one, of 25 people who do not think, when
+nothing is left. Each prints a line of JSON: answers a second, milliseconds of taking and answering, the API's
+processor milliseconds for an answer with all that its page asks, the bystander's 95th percentile, refusals, and what
+is wrong with what is stored. ``machine_load`` tells how far to trust what depends on time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Over reruns with other offsets, undo and corrections: what was told makes no independent mark, and no click is two."""
+"""Over reruns with other offsets, undo and corrections: no mark of what was told is independent, no click is two."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections import defaultdict
 from uuid import UUID, uuid4
 
 import hypothesis.strategies as st
-import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -24,6 +23,7 @@ from service.db.annotations import Mark, MarkingProgress
 from service.db.detections import Vertex, VertexFrame
 from tests.service.annotations.test_routes import ask, reply
 from tests.service.detections.seeding import seed_detection, seed_marking
+from tests.support.databases import one_database
 
 VERTICES = 3
 PLACES = st.sampled_from([(1.0, 1.0), (2.0, 2.0), (300.0, 200.0)])
@@ -168,12 +168,8 @@ class Blindness(RuleBasedStateMachine):
             self.after[who].add(frame)
 
 
-@pytest.mark.one_database
+@one_database
 def test_nothing_that_was_told_is_independent_and_no_click_counts_twice(api):
     machine = type("BlindnessHere", (Blindness,), {"api": api})
-    run_state_machine_as_test(
-        machine,
-        settings=settings(
-            deadline=None, stateful_step_count=15, max_examples=12, suppress_health_check=list(HealthCheck)
-        ),
-    )
+    bounds = settings(deadline=None, stateful_step_count=15, max_examples=8, suppress_health_check=list(HealthCheck))
+    run_state_machine_as_test(machine, settings=bounds)
