@@ -16,7 +16,7 @@ API_TYPES := frontend/src/lib/api/schema.ts
 MAKEFLAGS += --jobs=2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers faults check lock clean
+.PHONY: help setup frontend demo serve test test-long screenshots bench-detection bench-timeoffset bench-paper bench-accuracy bench-coverage bench-trust bench-solver bench-worth bench-fleet bench-farm bench-retrieval bench-startup bench-readers bench-annotators faults check lock clean
 .DELETE_ON_ERROR:
 
 help:  ## say what there is
@@ -86,6 +86,9 @@ bench-startup: setup frontend  ## seconds until the service answers, and what it
 
 bench-readers: $(STAMPS)/bench  ## our readers of MCAP, SQLite, protobuf and pcap beside libraries: speed, damaged files, bombs; SECONDS=6 DAMAGED=5 for a short form
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.readers
+
+bench-annotators: setup  ## 1 to 100 people who mark one recording at once, with open pages, on both databases; SHORT=1 for a short form
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.annotators
 
 faults: setup  ## kill, freeze, cut and fill everything under work, then look at every promise; SECONDS=60 for a short form, SEED, STORE=s3
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seconds $(or $(SECONDS),600) $(if $(SEED),--seed $(SEED)) $(if $(STORE),--store $(STORE))

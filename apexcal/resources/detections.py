@@ -106,5 +106,5 @@ class Detections:
         ``quality="fine"`` gives only those; ``covariance`` is over azimuth (rad), elevation (rad) and range (m).
         """
         return self._http.items(
-            at("detections", detection_id, "vertices"), VertexView, camera=camera, quality=quality
+            at("detections", detection_id, "vertices", "details"), VertexView, camera=camera, quality=quality
         )

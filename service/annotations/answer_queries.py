@@ -6,13 +6,11 @@ A person has answered a vertex for a camera when their verdict on its apex exist
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, Select, and_, case, exists, func, or_, select
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy import CTE, ColumnElement, Select, and_, exists, func, or_, select
+from sqlalchemy.orm import aliased
 
 from service.db.annotations import Mark, MarkingTask, Verdict
 from service.db.clock import now
@@ -36,26 +34,25 @@ def has_answered(person: Any, *, decided: bool = False) -> ColumnElement[bool]:
     )
 
 
-def taken_by_others(person_id: UUID, leases: Mapping[UUID, int]) -> ColumnElement[int]:
-    """How many other people have answered the enclosing query's ``Vertex``, or hold one of ``leases`` on it."""
-    answers = (
+def answers_of_others(person_id: UUID) -> ColumnElement[int]:
+    """How many other people have answered the enclosing query's ``Vertex``."""
+    return (
         select(func.count())
         .select_from(_verdict)
         .where(_verdict.apex_id == Vertex.apex_id, _verdict.person_id != person_id, _is_complete())
         .correlate_except(_verdict)
         .scalar_subquery()
     )
-    return answers + case(leases, value=Vertex.apex_id, else_=0) if leases else answers
 
 
-def leases_of_others(session: Session, camera_id: UUID, person_id: UUID) -> Counter[UUID]:
-    """How many other people hold a live lease on each apex in a camera, and have not answered it.
+def leases_of_others(camera_id: UUID, person_id: UUID) -> CTE:
+    """``apex_id`` and ``people``: how many others hold a live lease on it in a camera, and have not answered it.
 
-    By apex and not by vertex: two detection runs of one recording share it, and its answers. They are few, one or
-    so for each person who is marking, and the database finds them far quicker alone than vertex by vertex.
+    By apex and not by vertex: two detection runs of one recording share it, and its answers. They are few, some for
+    each person who is marking, and the database finds them far quicker alone than vertex by vertex.
     """
-    rows = session.execute(
-        select(Vertex.apex_id, MarkingTask.person_id)
+    return (
+        select(Vertex.apex_id, func.count(MarkingTask.person_id.distinct()).label("people"))
         .select_from(MarkingTask)
         .join(Vertex, Vertex.id == MarkingTask.vertex_id)
         .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == camera_id))
@@ -65,9 +62,9 @@ def leases_of_others(session: Session, camera_id: UUID, person_id: UUID) -> Coun
             is_live(MarkingTask),
             ~has_answered(MarkingTask.person_id),
         )
-        .distinct()
+        .group_by(Vertex.apex_id)
+        .cte("lease")
     )
-    return Counter(apex_id for apex_id, _ in rows)
 
 
 def _is_complete() -> ColumnElement[bool]:

@@ -1,84 +1,90 @@
 """Who was told something of others' answers, on which vertex, and when.
 
 An annotator is told nothing of others before the vertex is complete and they have decided it themselves. Reviewers,
-engineers and admins may look at any time. Each disclosure is written down before the answer goes out. What the person
-answers on that vertex afterwards is reviewed, and not independent.
+engineers and admins may look at any time. Each disclosure is written down before the answer goes out, by camera,
+frame and corner: another detection may pair the same frame with another vertex. What the person answers there
+afterwards is reviewed, and not independent.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 from uuid import UUID
 
-from sqlalchemy import Select, exists, select
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, and_, exists, insert, or_, select
+from sqlalchemy.orm import Session, aliased
 
 from service.annotations.answer_queries import answers_of
+from service.annotations.locks import lock_person
 from service.auth.access import Access
-from service.db.annotations import Disclosure, Verdict
+from service.db.annotations import Answer, Disclosure, Verdict
 from service.db.calibrations import CorrespondenceSet
-from service.db.clock import now
-from service.db.detections import Vertex, VertexFrame
+from service.db.clock import utc_now
+from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
 from service.db.session import Database
 from service.http.problems import not_found
 
+# Made once, as in answer_queries.py.
+_PAIRED = _vertex, _frame, _detection = aliased(Vertex), aliased(VertexFrame), aliased(Detection)
+
 Place = Literal["marks", "tally", "pairs", "result", "calibration"]
 
 
-def was_told(session: Session, person_id: UUID, apex_id: UUID) -> bool:
-    """Whether the person knows something of others' answers on this apex, in any camera: a verdict is for all."""
-    told = exists().where(Disclosure.person_id == person_id, Disclosure.apex_id == apex_id)
-    return bool(session.scalar(select(told)))
+class Sight(NamedTuple):
+    """What others' answers are about: a corner of the board in a frame, and in the sweep paired with it."""
+
+    frame_index: int
+    sweep_index: int
+    corner: str
 
 
-def was_told_of_frame(session: Session, person_id: UUID, sensor_id: UUID, frame_index: int, corner: str) -> bool:
-    """Whether the person knows something of others' answers on any vertex of a corner paired with this frame."""
-    told = exists().where(
-        Disclosure.person_id == person_id,
-        Vertex.apex_id == Disclosure.apex_id,
-        Vertex.corner == corner,
-        VertexFrame.vertex_id == Vertex.id,
-        VertexFrame.sensor_id == sensor_id,
-        VertexFrame.frame_index == frame_index,
+def is_told(person_id: UUID, sensor_id: Any, frame_index: Any, corner: Any) -> ColumnElement[bool]:
+    """Whether something of others' answers on a corner in a frame was told to the person. Every writer asks this.
+
+    Told of the frame itself, or of a sweep that any detection pairs with it: a verdict on the sweep is for all
+    cameras.
+    """
+    own = and_(Disclosure.person_id == person_id, Disclosure.corner == corner)
+    of_frame = exists().where(own, Disclosure.sensor_id == sensor_id, Disclosure.frame_index == frame_index)
+    of_sweep = exists().where(
+        *(_frame.sensor_id == sensor_id, _frame.frame_index == frame_index, _vertex.id == _frame.vertex_id),
+        *(_vertex.corner == corner, _detection.id == _vertex.detection_id, own),
+        *(Disclosure.recording_id == _detection.recording_id, Disclosure.sweep_index == _vertex.sweep_index),
     )
-    return bool(session.scalar(select(told)))
+    return or_(of_frame.correlate_except(Disclosure), of_sweep.correlate_except(*_PAIRED, Disclosure))
 
 
-def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[UUID]:
-    """The apexes of a detection that somebody else has answered in a camera."""
-    statement = answers_of(detection_id, sensor_id, Vertex.apex_id).where(Verdict.person_id != person_id)
-    return set(session.scalars(statement.distinct()))
+def answered_by_others(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[Sight]:
+    """What of a detection somebody else has answered in a camera."""
+    columns = (VertexFrame.frame_index, Vertex.sweep_index, Vertex.corner)
+    statement = answers_of(detection_id, sensor_id, *columns).where(Verdict.person_id != person_id)
+    return {Sight(*row) for row in session.execute(statement.distinct())}
 
 
-def keep(session: Session, person_id: UUID, camera: Sensor, apexes: Iterable[UUID], told_in: Place) -> None:
+def keep(session: Session, person_id: UUID, camera: Sensor, sights: Iterable[Sight], told_in: Place) -> None:
     """Record that these are disclosed, in a session that writes. Earlier disclosures stay as they are."""
-    # Under the recording's lock nobody else inserts the same rows between the look and the insert.
-    if session.get(Recording, camera.recording_id, with_for_update={"key_share": True}) is None:
+    # Under the person's lock nobody inserts the same rows between the look and the insert.
+    lock_person(session, person_id)
+    if session.get(Recording, camera.recording_id, with_for_update={"read": True, "key_share": True}) is None:
         raise not_found()
-    session.add_all(
-        Disclosure(
-            recording_id=camera.recording_id,
-            person_id=person_id,
-            apex_id=apex_id,
-            sensor_id=camera.id,
-            told_in=told_in,
-            told_at=now(),
-        )
-        for apex_id in sorted(_news(session, person_id, camera.id, apexes))
-    )
+    common = {"recording_id": camera.recording_id, "person_id": person_id, "sensor_id": camera.id}
+    common |= {"told_in": told_in, "told_at": utc_now()}
+    news = sorted(_news(session, person_id, camera.id, sights))
+    if news:
+        session.execute(insert(Disclosure), [common | one._asdict() for one in news])
 
 
-def tell(access: Access, database: Database, camera: Sensor, apexes: Iterable[UUID], told_in: Place) -> None:
+def tell(access: Access, database: Database, camera: Sensor, sights: Iterable[Sight], told_in: Place) -> None:
     """The same for a request that reads: call it after reading, before the answer goes out."""
-    apexes = set(apexes)
-    if not _news(access.session, access.person.id, camera.id, apexes):
+    sights = set(sights)
+    if not _news(access.session, access.person.id, camera.id, sights):
         return
     # Its connection goes back first: a request that held two could wait for others that do the same.
     access.session.close()
     with database.writing() as session:
-        keep(session, access.person.id, camera, apexes, told_in)
+        keep(session, access.person.id, camera, sights, told_in)
 
 
 def tell_pairs(access: Access, database: Database, pairs: CorrespondenceSet, told_in: Place) -> None:
@@ -89,13 +95,22 @@ def tell_pairs(access: Access, database: Database, pairs: CorrespondenceSet, tol
         select(Sensor).where(Sensor.recording_id == pairs.recording_id, Sensor.name == pairs.camera)
     )
     if camera is not None:
-        others = answered_by_others(access.session, pairs.detection_id, camera.id, access.person.id)
-        tell(access, database, camera, others, told_in)
+        whose = (access.session, pairs.detection_id, camera.id, access.person.id)
+        # Pairs keep what was taken back since.
+        tell(access, database, camera, answered_by_others(*whose) | _ever_answered(*whose), told_in)
 
 
-def _news(session: Session, person_id: UUID, sensor_id: UUID, apexes: Iterable[UUID]) -> set[UUID]:
-    return set(apexes) - set(session.scalars(_of(person_id, sensor_id)))
+def _ever_answered(session: Session, detection_id: UUID, sensor_id: UUID, person_id: UUID) -> set[Sight]:
+    rows = session.execute(
+        select(Answer.frame_index, Vertex.sweep_index, Vertex.corner)
+        .join(Vertex, Vertex.apex_id == Answer.apex_id)
+        .where(Vertex.detection_id == detection_id, Answer.sensor_id == sensor_id, Answer.person_id != person_id)
+    )
+    return {Sight(*row) for row in rows}
 
 
-def _of(person_id: UUID, sensor_id: UUID) -> Select[UUID]:
-    return select(Disclosure.apex_id).where(Disclosure.person_id == person_id, Disclosure.sensor_id == sensor_id)
+def _news(session: Session, person_id: UUID, sensor_id: UUID, sights: Iterable[Sight]) -> set[Sight]:
+    told = select(Disclosure.frame_index, Disclosure.sweep_index, Disclosure.corner).where(
+        Disclosure.person_id == person_id, Disclosure.sensor_id == sensor_id
+    )
+    return set(sights) - {Sight(*row) for row in session.execute(told)}

@@ -8,11 +8,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
-from service.annotations.task_actions import reopen
 from service.db.annotations import AnnotationRevision, Mark, Verdict
 from service.db.base import Json
 from service.db.clock import utc_now
-from service.db.detections import Apex
+from service.db.ids import new_id
 from service.db.recordings import CameraFrame, Sensor
 from service.http.problems import Problem
 
@@ -44,13 +43,9 @@ def find_mark(session: Session, person_id: UUID, sensor_id: UUID, frame_index: i
     )
 
 
-def find_verdict(session: Session, person_id: UUID, apex_id: UUID) -> Verdict | None:
-    """A person's verdict on an apex."""
-    return session.scalar(select(Verdict).where(Verdict.person_id == person_id, Verdict.apex_id == apex_id))
-
-
 def write_mark(
     session: Session,
+    before: Mark | None,
     person_id: UUID,
     camera: Sensor,
     frame: CameraFrame,
@@ -60,7 +55,7 @@ def write_mark(
     corner: str = TOP,
     reviewed: bool = False,
 ) -> Mark:
-    """Set a person's mark of a corner in a frame. Saying the same again changes nothing.
+    """Set a person's mark of a corner in a frame, which was ``before``. Saying the same again changes nothing.
 
     ``reviewed``: something of others' answers had been told to the person before.
 
@@ -68,26 +63,23 @@ def write_mark(
         Problem: ``mark_outside_image``.
     """
     check_inside(u, v, frame)
-    mark = find_mark(session, person_id, camera.id, frame.index, corner)
-    if mark is None:
+    if before is not None and (before.u, before.v) == (u, v):
+        return before
+    if before is None:
         mark = Mark(
+            id=new_id(),
             recording_id=camera.recording_id,
             person_id=person_id,
             sensor_id=camera.id,
             frame_index=frame.index,
-            u=u,
-            v=v,
             corner=corner,
-            reviewed=reviewed,
-            version=1,
+            version=0,
         )
         session.add(mark)
-    elif (mark.u, mark.v) == (u, v):
-        return mark
     else:
-        mark.u, mark.v, mark.reviewed = u, v, reviewed
-        mark.version, mark.updated_at = mark.version + 1, utc_now()
-    session.flush()
+        mark = before
+        mark.updated_at = utc_now()
+    mark.u, mark.v, mark.reviewed, mark.version = u, v, reviewed, mark.version + 1
     value = {"sensor_id": camera.id.hex, "frame_index": frame.index, "u": u, "v": v}
     if corner != TOP:
         value["corner"] = corner
@@ -95,38 +87,39 @@ def write_mark(
     return mark
 
 
-def write_verdict(session: Session, person_id: UUID, apex: Apex, verdict: str, *, reviewed: bool = False) -> Verdict:
-    """Set a person's verdict on an apex. Saying the same again changes nothing. ``reviewed`` as for a mark."""
-    row = find_verdict(session, person_id, apex.id)
-    if row is None:
-        row = Verdict(
-            recording_id=apex.recording_id,
-            apex_id=apex.id,
-            person_id=person_id,
-            verdict=verdict,
-            reviewed=reviewed,
-            version=1,
-        )
+def write_verdict(
+    session: Session,
+    before: Verdict | None,
+    person_id: UUID,
+    recording_id: UUID,
+    apex_id: UUID,
+    verdict: str,
+    *,
+    reviewed: bool = False,
+) -> Verdict:
+    """Set a person's verdict on an apex, which was ``before``. Saying the same again changes nothing.
+
+    ``reviewed`` as for a mark. Call ``reopen`` first where the verdict changes: a confirmation may lack its mark.
+    """
+    if before is not None and before.verdict == verdict:
+        return before
+    if before is None:
+        row = Verdict(id=new_id(), recording_id=recording_id, apex_id=apex_id, person_id=person_id, version=0)
         session.add(row)
-    elif row.verdict == verdict:
-        return row
     else:
-        reopen(session, row.recording_id)  # a confirmation may lack its mark
-        row.verdict, row.reviewed = verdict, reviewed
-        row.version, row.updated_at = row.version + 1, utc_now()
-    session.flush()
-    _keep_revision(session, "verdict", row, {"apex_id": apex.id.hex, "verdict": verdict})
+        row = before
+        row.updated_at = utc_now()
+    row.verdict, row.reviewed, row.version = verdict, reviewed, row.version + 1
+    _keep_revision(session, "verdict", row, {"apex_id": apex_id.hex, "verdict": verdict})
     return row
 
 
 def take_back(session: Session, row: Mark | Verdict) -> None:
-    """Remove a mark or a verdict; that it was there stays in its revisions."""
-    reopen(session, row.recording_id)
+    """Remove a mark or a verdict, after ``reopen``; that it was there stays in its revisions."""
     subject = "mark" if isinstance(row, Mark) else "verdict"
     row.version += 1
     _keep_revision(session, subject, row, {"taken_back": True})
     session.delete(row)
-    session.flush()
 
 
 def _keep_revision(session: Session, subject: str, row: Mark | Verdict, value: Json) -> None:

@@ -13,8 +13,10 @@ from apexcal.documents.corners import TOP, CornerName
 from apexcal.documents.marking import MarkView, Pixel
 from apexcal.documents.roles import Role
 from service.annotations.answer_actions import MOST_ANSWERS
-from service.annotations.disclosure_actions import was_told_of_frame
+from service.annotations.disclosure_actions import is_told
+from service.annotations.locks import lock_person
 from service.annotations.mark_actions import find_mark, write_mark
+from service.annotations.progress_actions import counted
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.db.annotations import Answer, Mark
 from service.db.detections import Apex
@@ -65,12 +67,14 @@ def put_mark(
     """
     sensor, frame = _frame(access, recording_id, camera, index, "annotator")
     session, me = access.session, access.person.id
+    lock_person(session, me)
     mark = find_mark(session, me, sensor.id, frame.index, corner)
     _check_edit(mark, pixel, conditions, request)
     if mark is None or (mark.u, mark.v) != (pixel.u, pixel.v):
         _check_no_answer(access, sensor, frame, corner, mark)
-    reviewed = was_told_of_frame(session, me, sensor.id, frame.index, corner)
-    written = write_mark(session, me, sensor, frame, pixel.u, pixel.v, corner=corner, reviewed=reviewed)
+    reviewed = bool(session.scalar(select(is_told(me, sensor.id, frame.index, corner))))
+    with counted(session, me, sensor.id, frame.index, corner, None):
+        written = write_mark(session, mark, me, sensor, frame, pixel.u, pixel.v, corner=corner, reviewed=reviewed)
     return _answer(written, conditions)
 
 

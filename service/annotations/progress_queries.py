@@ -1,4 +1,4 @@
-"""How far the marking of a detection is, what people said, and the answers that a person may see."""
+"""What people said of a detection's vertices, and the answers that a person may see."""
 
 from __future__ import annotations
 
@@ -9,48 +9,15 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, and_, case, func, or_, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.marking import OwnPair, PersonAnswers, Progress, Tally
-from service.annotations.answer_queries import answers_of, has_answered, taken_by_others
+from apexcal.documents.marking import OwnPair, PersonAnswers, Tally
+from service.annotations.answer_queries import answers_of, answers_of_others, has_answered
 from service.annotations.consensus import Opinion
 from service.db.annotations import Disclosure, Mark, Verdict
-from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.detections import Vertex, VertexFrame
 from service.db.people import Person
-from service.db.recordings import Recording, Sensor
-from service.detections.views import marked_corners
 
 # The pages fit a camera to so many.
 _MOST_PAIRS = 100
-
-
-def count_vertices(session: Session, detection: Detection, camera_id: UUID) -> int:
-    """Vertices of a detection, of all corners that are to be marked, that have a frame of the camera."""
-    return (
-        session.scalar(
-            select(func.count())
-            .select_from(Vertex)
-            .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
-            .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera_id)
-            .where(Vertex.corner.in_(marked_corners(detection)))
-        )
-        or 0
-    )
-
-
-def progress(session: Session, detection: Detection, camera: Sensor, person_id: UUID) -> Progress:
-    """Progress of the marking in one camera, as ``person_id`` sees it."""
-    wanted = session.get_one(Recording, detection.recording_id).marks_per_vertex
-    own = func.sum(case((Verdict.person_id == person_id, 1), else_=0))
-    answers = answers_of(detection.id, camera.id, func.count(), own)
-    per_vertex = session.execute(
-        answers.where(Vertex.corner.in_(marked_corners(detection))).group_by(Vertex.id)
-    ).all()
-    return Progress(
-        vertices=count_vertices(session, detection, camera.id),
-        marks_wanted=wanted,
-        answered=len(per_vertex),
-        mine=sum(int(mine) for _, mine in per_vertex),
-        complete=sum(count >= wanted for count, _ in per_vertex),
-    )
 
 
 def tally(session: Session, detection_id: UUID, camera_id: UUID) -> Tally:
@@ -118,18 +85,24 @@ def visible_answers(
     That is, which they confirmed or rejected, and which have as many answers as ``wanted``: of such a vertex nobody
     is asked any more.
     """
-    told_at = (
+    first_told = (
         select(func.min(Disclosure.told_at))
-        .where(Disclosure.person_id == Verdict.person_id, Disclosure.apex_id == Verdict.apex_id)
-        .correlate(Verdict)
-        .scalar_subquery()
+        .where(Disclosure.person_id == Verdict.person_id, Disclosure.corner == Vertex.corner)
+        .correlate(Verdict, Vertex, VertexFrame)
     )
+    of_frame = first_told.where(
+        Disclosure.sensor_id == VertexFrame.sensor_id, Disclosure.frame_index == VertexFrame.frame_index
+    ).scalar_subquery()
+    of_sweep = first_told.where(
+        Disclosure.recording_id == Verdict.recording_id, Disclosure.sweep_index == Vertex.sweep_index
+    ).scalar_subquery()
+    told_at = case((of_frame < of_sweep, of_frame), else_=func.coalesce(of_sweep, of_frame))
     statement = answers_of(
         *(detection_id, camera_id, Verdict, Vertex.id, VertexFrame.frame_index, Mark, Person.name),
-        *(is_reviewed(), told_at, Vertex.corner),
+        *(is_reviewed(), told_at, Vertex.sweep_index, Vertex.corner),
     )
     statement = statement.join(Person, Person.id == Verdict.person_id)
     if everyone:
         return statement
-    is_complete = and_(has_answered(person_id, decided=True), taken_by_others(person_id, {}) >= wanted - 1)
+    is_complete = and_(has_answered(person_id, decided=True), answers_of_others(person_id) >= wanted - 1)
     return statement.where(or_(Verdict.person_id == person_id, is_complete))

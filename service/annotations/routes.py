@@ -21,13 +21,15 @@ from apexcal.documents.marking import (
 )
 from apexcal.documents.roles import rank
 from service.annotations.answer_actions import answer_view, give, undo
-from service.annotations.disclosure_actions import answered_by_others, tell
-from service.annotations.progress_queries import own_pairs, progress, tally, visible_answers
-from service.annotations.task_actions import lock_recording, next_tasks
-from service.annotations.views import PairedFrame, find_frame, find_task, mark_view, task_view
+from service.annotations.disclosure_actions import Sight, answered_by_others, tell
+from service.annotations.locks import lock_person
+from service.annotations.progress_actions import read_progress
+from service.annotations.progress_queries import own_pairs, tally, visible_answers
+from service.annotations.task_actions import next_tasks
+from service.annotations.views import Subject, find_subject, mark_view, task_views
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.broker.hints import hint
-from service.db.annotations import MarkingTask, Verdict
+from service.db.annotations import Verdict
 from service.db.detections import Detection
 from service.db.recordings import Recording
 from service.detections.queries import done_detection, find_camera
@@ -55,40 +57,39 @@ def ask_task(detection_id: UUID, wanted: NextTask, access: WriteAccess, request:
     tasks = next_tasks(access.session, detection, camera, access.person.id, lease_s, wanted.skip, wanted.ahead)
     if not tasks:
         return Response(status_code=204)
-    first, *ahead = (task_view(access.session, task) for task in tasks)
+    first, *ahead = task_views(access.session, tasks)
     return first.model_copy(update={"ahead": ahead})
 
 
 @router.post("/tasks/{task_id}/answer")
 def answer_task(task_id: UUID, answer: Answer, access: WriteAccess) -> AnswerView:
     """Judge a vertex: verdict and mark at once. The same id again is the same answer. [annotator]"""
-    task, found, detection = _locked(access, task_id)
-    row = give(access.session, task, found, answer)
-    hint(access.session, detection.fleet_id, "detection", detection.id)
+    found = _locked(access, task_id)
+    row = give(access.session, found, answer)
+    hint(access.session, found.fleet_id, "marking", found.task.detection_id)
     return answer_view(row)
 
 
 @router.post("/tasks/{task_id}/undo")
 def undo_answer(task_id: UUID, answer: Undo, access: WriteAccess, request: Request) -> TaskView:
     """Take one's own last answer back; its vertex is leased to the same person at once. [annotator]"""
-    task, found, detection = _locked(access, task_id)
-    undo(access.session, task, found, answer, request.app.state.settings.mark_lease_s)
-    hint(access.session, detection.fleet_id, "detection", detection.id)
-    return task_view(access.session, task)
+    found = _locked(access, task_id)
+    again = undo(access.session, found, answer, request.app.state.settings.mark_lease_s)
+    hint(access.session, found.fleet_id, "marking", found.task.detection_id)
+    return task_views(access.session, again)[0]
 
 
-def _locked(access: Access, task_id: UUID) -> tuple[MarkingTask, PairedFrame, Detection]:
-    task, detection = find_task(access, task_id)
-    lock_recording(access.session, detection.recording_id)
-    return task, find_frame(access.session, task.vertex_id, task.sensor_id), detection
+def _locked(access: Access, task_id: UUID) -> Subject:
+    lock_person(access.session, access.person.id)
+    return find_subject(access, task_id)
 
 
 @router.get("/detections/{detection_id}/progress")
-def read_progress(detection_id: UUID, access: ReadAccess, camera: CameraQuery) -> Progress:
+def get_progress(detection_id: UUID, access: ReadAccess, camera: CameraQuery, request: Request) -> Progress:
     """How far the marking is in one camera."""
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera)
-    return progress(access.session, detection, sensor, access.person.id)
+    return read_progress(access, request.app.state.database, detection, sensor)
 
 
 @router.get("/detections/{detection_id}/tally")
@@ -136,8 +137,8 @@ def list_marks(
             told_at=told_at,
             corner=corner,
         )
-        for verdict, vertex_id, frame_index, mark, name, reviewed, told_at, corner in rows
+        for verdict, vertex_id, frame_index, mark, name, reviewed, told_at, _, corner in rows
     ]
-    others = {row[0].apex_id for row, item in zip(rows, items, strict=True) if not item.own}
+    others = {Sight(row[2], *row[7:]) for row, item in zip(rows, items, strict=True) if not item.own}
     tell(access, request.app.state.database, sensor, others, "marks")
     return Page(items=items, next=following)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 from uuid import UUID
@@ -10,7 +10,7 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, Select, and_, exists, func, select
 from sqlalchemy.orm import Session
 
-from service.annotations.answer_queries import has_answered, leases_of_others, taken_by_others
+from service.annotations.answer_queries import answers_of_others, has_answered, leases_of_others
 from service.db.annotations import MarkingFrontier, MarkingTask
 from service.db.clock import now
 from service.db.detections import Vertex, VertexFrame
@@ -37,20 +37,23 @@ class Seeker:
     # Tasks of theirs that they hold, or have just given back.
     passed: Sequence[UUID]
 
-    def seek(self) -> UUID | None:
-        """The open vertex of the lowest rank that is new to the person, else the open one that they saw longest ago.
+    def seek(self, count: int) -> list[UUID]:
+        """Open vertices, ``count`` at most: those new to the person by rank, then those that they saw longest ago.
 
         The first search looks at all vertices. So does one that finds nothing, but not again for a minute.
         """
-        leases = leases_of_others(self.session, self.camera_id, self.person_id)
         frontier = self._frontier()
         if frontier is not None:
-            found = self._new(frontier, leases) or self._seen(leases, MarkingTask.answered_at.is_(None))
-            if found is not None or self._was_nothing_lately():
+            found = self._new(frontier, count)
+            if len(found) < count:
+                found += self._seen(count - len(found), MarkingTask.answered_at.is_(None))
+            if found or self._was_nothing_lately():
                 return found
         frontier = self._no_frontier()
-        found = self._new(frontier, leases) or self._seen(leases)
-        if found is None:
+        found = self._new(frontier, count)
+        if len(found) < count:
+            found += self._seen(count - len(found))
+        if not found:
             frontier.nothing_at = now()  # pyright: ignore[reportAttributeAccessIssue] - the database's own clock
             self.session.flush()
         return found
@@ -86,60 +89,58 @@ class Seeker:
         )
         return bool(self.session.scalar(recent))
 
-    def _new(self, frontier: MarkingFrontier, leases: Mapping[UUID, int]) -> UUID | None:
-        """The first open vertex from the frontier on that the person had no task for; the frontier moves there."""
+    def _new(self, frontier: MarkingFrontier, count: int) -> list[UUID]:
+        """The first open vertices from the frontier on that the person had no task for; the frontier moves there."""
         first = frontier.rank
         had = exists().where(
             MarkingTask.vertex_id == Vertex.id,
             MarkingTask.sensor_id == self.camera_id,
             MarkingTask.person_id == self.person_id,
         )
+        # Not past a vertex that somebody else holds: they may give it back, even while this looks.
+        held = self._first_leased(first)
         # The corners of a sweep have its rank, so they come one after the other: top, right, left, bottom.
-        new = self._open(leases).where(~had).order_by(Vertex.rank, Vertex.corner.desc()).limit(1)
+        new = self._open().where(~had).order_by(Vertex.rank, Vertex.corner.desc())
         # The next ones first: the database knows that they are few, and looks each up.
-        near = new.where(Vertex.rank >= first, Vertex.rank < first + _NEAR)
-        far = new.where(Vertex.rank >= first + _NEAR)
-        found = self.session.execute(near).first() or self.session.execute(far).first()
-        # Not past a vertex that somebody else holds: they may give it back.
-        frontier.rank = min(found.rank if found else _END, self._first_leased(leases, first))
-        self.session.flush()
-        return found.id if found else None
+        near = new.where(Vertex.rank >= first, Vertex.rank < first + _NEAR).limit(count)
+        found = list(self.session.execute(near))
+        if len(found) < count:
+            found += self.session.execute(new.where(Vertex.rank >= first + _NEAR).limit(count - len(found)))
+        frontier.rank = min(found[-1].rank if len(found) == count else _END, held)
+        return [row.id for row in found]
 
-    def _seen(self, leases: Mapping[UUID, int], *which: ColumnElement[bool]) -> UUID | None:
-        """The open vertex whose task the person had longest ago."""
+    def _seen(self, count: int, *which: ColumnElement[bool]) -> list[UUID]:
+        """The open vertices whose tasks the person had longest ago."""
         own = and_(
             MarkingTask.vertex_id == Vertex.id,
             MarkingTask.sensor_id == self.camera_id,
             MarkingTask.person_id == self.person_id,
         )
-        seen = self._open(leases).join(MarkingTask, own).where(*which)
+        seen = self._open().join(MarkingTask, own).where(*which)
         if self.passed:
             seen = seen.where(MarkingTask.id.not_in(self.passed))
-        found = self.session.execute(
-            seen.order_by(MarkingTask.leased_until, Vertex.rank, Vertex.corner.desc()).limit(1)
-        ).first()
-        return found.id if found else None
+        order = (MarkingTask.leased_until, Vertex.rank, Vertex.corner.desc())
+        return list(self.session.scalars(seen.order_by(*order).limit(count)))
 
-    def _open(self, leases: Mapping[UUID, int]) -> Select[Any, Any]:
+    def _open(self) -> Select[Any]:
         """Id and rank of the vertices with a frame of the camera that take an answer of this person."""
+        lease = leases_of_others(self.camera_id, self.person_id)
         return (
             select(Vertex.id, Vertex.rank)
             .select_from(Vertex)
             .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == self.camera_id))
+            .outerjoin(lease, lease.c.apex_id == Vertex.apex_id)
             .where(
                 Vertex.detection_id == self.detection_id,
                 Vertex.corner.in_(self.corners),
                 ~has_answered(self.person_id),
-                taken_by_others(self.person_id, leases) < self.marks_wanted,
+                answers_of_others(self.person_id) + func.coalesce(lease.c.people, 0) < self.marks_wanted,
             )
         )
 
-    def _first_leased(self, leases: Mapping[UUID, int], rank: int) -> int:
+    def _first_leased(self, rank: int) -> int:
         """The lowest rank from ``rank`` on of what others hold."""
-        if not leases:
-            return _END
-        held = select(func.min(Vertex.rank)).where(
-            Vertex.detection_id == self.detection_id, Vertex.apex_id.in_(leases), Vertex.rank >= rank
-        )
-        lowest = self.session.scalar(held)
+        lease = leases_of_others(self.camera_id, self.person_id)
+        held = select(func.min(Vertex.rank)).join(lease, lease.c.apex_id == Vertex.apex_id)
+        lowest = self.session.scalar(held.where(Vertex.detection_id == self.detection_id, Vertex.rank >= rank))
         return _END if lowest is None else lowest

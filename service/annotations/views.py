@@ -2,53 +2,78 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 from urllib.parse import quote
 from uuid import UUID
 
-from sqlalchemy import and_, select
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, and_, or_, select
+from sqlalchemy.orm import Session, defer
 
 from apexcal.documents.detections import Moved, VertexSummary
 from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskView
-from service.annotations.mark_actions import find_mark, find_verdict
+from service.annotations.disclosure_actions import is_told
 from service.auth.access import Access
-from service.db.annotations import Answer, Mark, MarkingTask
-from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.annotations import Answer, Mark, MarkingTask, Verdict
+from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.recordings import CameraFrame, Sensor
 from service.http.problems import not_found
 
 
-class PairedFrame(NamedTuple):
-    """A vertex together with its frame in one camera, and how they are paired."""
+class Subject(NamedTuple):
+    """A task with all that its answer touches: the vertex, its frame in the camera, and what its person said of it.
 
+    ``told``: whether something of others' answers was told to the person.
+    """
+
+    task: MarkingTask
     vertex: Vertex
     camera: Sensor
     frame: CameraFrame
     pairing: VertexFrame
+    mark: Mark | None
+    verdict: Verdict | None
+    fleet_id: UUID
+    told: bool
 
 
-def find_task(access: Access, task_id: UUID) -> tuple[MarkingTask, Detection]:
-    """A person's own task and its detection. Another person's tasks do not exist for them."""
-    task = access.session.get(MarkingTask, task_id)
-    if task is None or task.person_id != access.person.id:
-        raise not_found()
-    return task, access.find(Detection, task.detection_id, "annotator")
-
-
-def find_frame(session: Session, vertex_id: UUID, sensor_id: UUID) -> PairedFrame:
-    """The frame that a vertex is paired with in a camera."""
-    row = session.execute(
-        select(Vertex, Sensor, CameraFrame, VertexFrame)
-        .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
-        .join(Sensor, Sensor.id == VertexFrame.sensor_id)
-        .join(
-            CameraFrame,
-            and_(CameraFrame.sensor_id == VertexFrame.sensor_id, CameraFrame.index == VertexFrame.frame_index),
+def subjects(session: Session, *which: ColumnElement[bool], lock: bool = False) -> list[Subject]:
+    """The subjects of these tasks. ``lock``: nobody else answers on their apexes until the transaction ends."""
+    told = is_told(MarkingTask.person_id, VertexFrame.sensor_id, VertexFrame.frame_index, Vertex.corner)
+    statement = (
+        select(MarkingTask, Vertex, Sensor, CameraFrame, VertexFrame, Mark, Verdict, Detection.fleet_id, told)
+        .select_from(MarkingTask)
+        .join(Detection, Detection.id == MarkingTask.detection_id)
+        .join(Vertex, Vertex.id == MarkingTask.vertex_id)
+        .join(Sensor, Sensor.id == MarkingTask.sensor_id)
+        .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == Sensor.id))
+        .join(CameraFrame, and_(CameraFrame.sensor_id == Sensor.id, CameraFrame.index == VertexFrame.frame_index))
+        .outerjoin(
+            Mark,
+            and_(
+                Mark.person_id == MarkingTask.person_id,
+                Mark.sensor_id == Sensor.id,
+                Mark.frame_index == VertexFrame.frame_index,
+                Mark.corner == Vertex.corner,
+            ),
         )
-        .where(Vertex.id == vertex_id, VertexFrame.sensor_id == sensor_id)
-    ).one()
-    return PairedFrame(*row)
+        .outerjoin(Verdict, and_(Verdict.person_id == MarkingTask.person_id, Verdict.apex_id == Vertex.apex_id))
+        .where(*which)
+        .options(defer(Vertex.covariance), defer(Vertex.corners), defer(VertexFrame.corners))
+    )
+    if lock:
+        apex = statement.join(Apex, Apex.id == Vertex.apex_id)
+        statement = apex.with_for_update(key_share=True, of=Apex)
+    return [Subject(*row) for row in session.execute(statement.execution_options(populate_existing=True))]
+
+
+def find_subject(access: Access, task_id: UUID) -> Subject:
+    """What a person's own task asks, locked for an answer. Another person's tasks do not exist for them."""
+    own = (MarkingTask.id == task_id, MarkingTask.person_id == access.person.id)
+    for subject in subjects(access.session, *own, lock=True):
+        access.need(subject.fleet_id, "annotator")
+        return subject
+    raise not_found()
 
 
 def mark_view(mark: Mark | None) -> MarkView | None:
@@ -56,10 +81,16 @@ def mark_view(mark: Mark | None) -> MarkView | None:
     return MarkView(u=mark.u, v=mark.v, version=mark.version) if mark else None
 
 
-def task_view(session: Session, task: MarkingTask) -> TaskView:
-    """A task with all that is needed to judge it, and nothing of what others said."""
-    found = find_frame(session, task.vertex_id, task.sensor_id)
-    vertex, camera, frame, pairing = found
+def task_views(session: Session, found: Sequence[Subject]) -> list[TaskView]:
+    """Tasks of one person in one camera, with all that is needed to judge them and nothing of what others said."""
+    if not found:
+        return []
+    last = {row.apex_id: row for row in own_answers(session, found[0], [one.vertex.apex_id for one in found])}
+    return [_task_view(one, own_answer(one, last.get(one.vertex.apex_id))) for one in found]
+
+
+def _task_view(found: Subject, own: Own) -> TaskView:
+    task, vertex, camera, frame, pairing = found[:5]
     return TaskView(
         task_id=task.id,
         person_id=task.person_id,
@@ -76,30 +107,29 @@ def task_view(session: Session, task: MarkingTask) -> TaskView:
         gap_ns=pairing.gap_ns,
         moved=Moved.model_validate(pairing) if pairing.x is not None else None,
         predicted=None,
-        own=own_answer(session, task.person_id, found),
+        own=own,
     )
 
 
-def last_answer(session: Session, person_id: UUID, apex_id: UUID, sensor_id: UUID) -> Answer | None:
-    """The last that a person said of an apex in a camera, or that they took it back."""
-    return session.scalar(
-        select(Answer)
-        .where(Answer.person_id == person_id, Answer.apex_id == apex_id, Answer.sensor_id == sensor_id)
-        .order_by(Answer.version.desc())
-        .limit(1)
+def own_answers(session: Session, found: Subject, apexes: Sequence[UUID], id: UUID | None = None) -> list[Answer]:
+    """All answers of a subject's person on these apexes in its camera, also those taken back, by version.
+
+    With ``id``: and whose answer it may be.
+    """
+    own = and_(
+        Answer.person_id == found.task.person_id, Answer.apex_id.in_(apexes), Answer.sensor_id == found.camera.id
     )
+    which = own if id is None else or_(own, Answer.id == id)
+    return list(session.scalars(select(Answer).where(which).order_by(Answer.version)))
 
 
-def own_answer(session: Session, person_id: UUID, found: PairedFrame) -> Own:
+def own_answer(found: Subject, last: Answer | None) -> Own:
     """What a person says of a vertex, and where they marked it; also the mark of an answer that they took back."""
-    last = last_answer(session, person_id, found.vertex.apex_id, found.camera.id)
-    mark: Mark | Answer | None = find_mark(
-        session, person_id, found.camera.id, found.frame.index, found.vertex.corner
-    )
+    mark: Mark | Answer | None = found.mark
     if mark is None and last is not None and last.frame_index == found.frame.index:
         mark = last
-    # Without a version: an answer from before versions, or the verdict of an answer in another camera.
-    said = last or find_verdict(session, person_id, found.vertex.apex_id)
+    # Without a version: the verdict of an answer in another camera.
+    said = last or found.verdict
     u, v = (mark.u, mark.v) if mark else (None, None)
     return Own(
         version=last.version if last else 0,

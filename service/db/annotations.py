@@ -97,16 +97,22 @@ class Answer(Base):
 
 
 class Disclosure(Base):
-    """Something of others' answers on an apex in a camera was told to a person: where, and when first."""
+    """Something of others' answers on a corner was told to a person: in which frame and sweep, and when first.
+
+    It names what was seen, not the apex of one detection: another detection may pair the frame with another apex.
+    """
 
     __tablename__ = "disclosure"
-    __table_args__ = (UniqueConstraint("person_id", "sensor_id", "apex_id"),)
+    __table_args__ = (
+        Index("ix_disclosure_recording_id_person_id_sweep_index", "recording_id", "person_id", "sweep_index"),
+    )
 
-    id: Mapped[RowId]
-    recording_id: Mapped[UUID] = belongs_to("recording.id")
-    person_id: Mapped[UUID] = belongs_to("person.id", index=False)
-    apex_id: Mapped[UUID] = belongs_to("apex.id")
-    sensor_id: Mapped[UUID] = belongs_to("sensor.id")
+    recording_id: Mapped[UUID] = belongs_to("recording.id", index=False)
+    person_id: Mapped[UUID] = belongs_to("person.id", primary_key=True, index=False)
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True)
+    frame_index: Mapped[int] = mapped_column(primary_key=True)
+    sweep_index: Mapped[int] = mapped_column(primary_key=True)
+    corner: Mapped[Corner] = mapped_column(primary_key=True)
     told_in: Mapped[str] = mapped_column(String(20))
     told_at: Mapped[datetime]
 
@@ -147,3 +153,24 @@ class MarkingFrontier(Base):
     marks_wanted: Mapped[int]
     rank: Mapped[int]
     nothing_at: Mapped[datetime | None]
+
+
+class MarkingProgress(Base):
+    """Counters of a detection's marking in one camera; its progress is the sum of its rows.
+
+    Each person has a row, so that two who answer never wait for each other. ``mine`` counts the person's vertices.
+    ``answered`` and ``complete`` are what was counted when ``vertices`` was set, in one of the rows, plus what each
+    person's answers changed since. Without a row that has ``vertices``, and ``marks_wanted`` as the recording has it
+    now, everything is counted again.
+    """
+
+    __tablename__ = "marking_progress"
+
+    detection_id: Mapped[UUID] = belongs_to("detection.id", primary_key=True, index=False)
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True)
+    person_id: Mapped[UUID] = belongs_to("person.id", primary_key=True)
+    vertices: Mapped[int | None]
+    marks_wanted: Mapped[int | None]
+    answered: Mapped[int]
+    complete: Mapped[int]
+    mine: Mapped[int]

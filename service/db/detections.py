@@ -103,9 +103,10 @@ class VertexFrame(Base):
     """
 
     __tablename__ = "vertex_frame"
+    __table_args__ = (Index("ix_vertex_frame_sensor_id_frame_index", "sensor_id", "frame_index"),)
 
     vertex_id: Mapped[UUID] = belongs_to("vertex.id", primary_key=True, index=False)
-    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True)
+    sensor_id: Mapped[UUID] = belongs_to("sensor.id", primary_key=True, index=False)
     frame_index: Mapped[int]
     gap_ns: Mapped[Nanoseconds]
     x: Mapped[float | None]

@@ -1,7 +1,16 @@
 """All tables in one place, for the code that asks and for migrations."""
 
 from service.db.aliases import AliasMove, Withdrawal
-from service.db.annotations import AnnotationRevision, Answer, Disclosure, Mark, MarkingFrontier, MarkingTask, Verdict
+from service.db.annotations import (
+    AnnotationRevision,
+    Answer,
+    Disclosure,
+    Mark,
+    MarkingFrontier,
+    MarkingProgress,
+    MarkingTask,
+    Verdict,
+)
 from service.db.base import Base
 from service.db.calibrations import (
     Calibration,
@@ -56,6 +65,7 @@ __all__ = [
     "JobTotal",
     "Mark",
     "MarkingFrontier",
+    "MarkingProgress",
     "MarkingTask",
     "Membership",
     "PackedSweep",

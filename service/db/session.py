@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import DisconnectionError
 from sqlalchemy.orm import Session, sessionmaker
@@ -32,6 +33,11 @@ log = logging.getLogger(__name__)
 def post(session: Session, courier: str, item: Any) -> None:
     """Hand ``item`` to a courier of the database after this session's commit; a rollback forgets it."""
     session.info.setdefault(_OUTBOX, {}).setdefault(courier, []).append(item)
+
+
+def upserting(session: Session, model: type[Any]) -> Any:
+    """An insert of the session's kind of database, for ``on_conflict_do_update``."""
+    return (sqlite if session.get_bind().dialect.name == "sqlite" else postgresql).insert(model)
 
 
 def _to_json(value: Any) -> str:

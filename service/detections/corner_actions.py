@@ -11,7 +11,7 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import CORNERS, TOP, CornerName
-from service.db.annotations import MarkingFrontier
+from service.db.annotations import MarkingFrontier, MarkingProgress
 from service.db.detections import Detection, Vertex
 from service.db.recordings import Recording
 from service.detections.corner_vertices import make_corners, named
@@ -46,6 +46,7 @@ def ask_corners(session: Session, detection: Detection, corners: Sequence[Corner
         queue_corners(session, detection)
     # Whoever had no vertex left may have one now.
     session.execute(delete(MarkingFrontier).where(MarkingFrontier.detection_id == detection.id))
+    session.execute(delete(MarkingProgress).where(MarkingProgress.detection_id == detection.id))
     session.flush()
 
 

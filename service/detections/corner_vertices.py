@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import case, insert, select, update
+from sqlalchemy import case, delete, insert, select, update
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP, CornerName, nearest
-from service.db.annotations import MarkingFrontier
+from service.db.annotations import MarkingFrontier, MarkingProgress
 from service.db.base import Json
 from service.db.detections import Apex, Detection, Vertex, VertexFrame
 from service.db.ids import new_id
@@ -57,6 +57,7 @@ def make_corners(session: Session, detection: Detection, ranks: range) -> None:
         if values:
             session.execute(insert(table), values)
     _take_back_frontiers(session, detection, ranks.start)
+    session.execute(delete(MarkingProgress).where(MarkingProgress.detection_id == detection.id))
 
 
 def named(corners: Sequence[Json] | None, name: CornerName) -> Json | None:

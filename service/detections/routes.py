@@ -6,12 +6,19 @@ from typing import Annotated
 from uuid import UUID
 
 from fastapi import Query, Request
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
 from sqlalchemy import select
-from sqlalchemy.orm import undefer
+from sqlalchemy.orm import load_only, undefer
 
 from apexcal.documents.base import Sought
-from apexcal.documents.detections import DetectionEdit, DetectionRequest, DetectionView, Quality, VertexView
+from apexcal.documents.detections import (
+    DetectionEdit,
+    DetectionRequest,
+    DetectionView,
+    Quality,
+    VertexSummary,
+    VertexView,
+)
 from service.auth.access import ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.detections import Detection, Vertex
@@ -21,9 +28,11 @@ from service.detections.actions import new_detection
 from service.detections.corner_actions import ask_corners
 from service.detections.jobs import queue_detection
 from service.detections.queries import done_detection, find_camera, ready_recording, vertices_of
-from service.detections.views import detection_view, vertex_views
+from service.detections.views import SUMMARY, detection_view, vertex_views
 from service.http.bodies import DOCUMENT
+from service.http.compressed import compressed
 from service.http.pages import LongPaging, Page, Paging, fetch
+from service.http.problems import not_found
 from service.http.router import Router
 from service.job_status.views import jobs_of
 from service.jobs.queue import cancel
@@ -88,8 +97,26 @@ def cancel_detection(detection_id: UUID, access: WriteAccess) -> DetectionView:
     return detection_view(detection, jobs_of(access.session, [detection.id]).get(detection.id))
 
 
-@router.get("/detections/{detection_id}/vertices")
+@router.get("/detections/{detection_id}/vertices", response_model=Page[VertexSummary])
 def list_vertices(
+    detection_id: UUID,
+    access: ReadAccess,
+    window: LongPaging,
+    request: Request,
+    camera: Camera = None,
+    quality: Quality | None = None,
+) -> Response:
+    """A detection's vertices in the order of marking; with `camera` those that have a frame of it."""
+    detection = access.find(Detection, detection_id)
+    sensor = find_camera(access.session, detection.recording_id, camera) if camera is not None else None
+    vertices = vertices_of(detection, sensor, quality).options(load_only(*SUMMARY))
+    rows, following = fetch(access.session, vertices, Vertex.rank, window)
+    items = [VertexSummary.model_validate(row, from_attributes=True) for row in rows]
+    return compressed(request, Page(items=items, next=following))
+
+
+@router.get("/detections/{detection_id}/vertices/details")
+def list_vertex_details(
     detection_id: UUID,
     access: ReadAccess,
     window: LongPaging,
@@ -97,7 +124,7 @@ def list_vertices(
     quality: Quality | None = None,
     joint: Joint = False,
 ) -> Page[VertexView]:
-    """A detection's vertices in the order of marking; with `camera` those that have a frame of it."""
+    """The same with covariances, frames and the board's other corners: some kB for each vertex."""
     detection = access.find(Detection, detection_id)
     sensor = find_camera(access.session, detection.recording_id, camera) if camera is not None else None
     vertices = vertices_of(detection, sensor, quality)
@@ -105,3 +132,13 @@ def list_vertices(
         vertices = vertices.options(undefer(Vertex.corner_covariance))
     rows, following = fetch(access.session, vertices, Vertex.rank, window)
     return Page(items=vertex_views(access.session, rows, sensor, joint=joint), next=following)
+
+
+@router.get("/detections/{detection_id}/vertices/{vertex_id}")
+def read_vertex(detection_id: UUID, vertex_id: UUID, access: ReadAccess) -> VertexView:
+    """A vertex with its details."""
+    detection = access.find(Detection, detection_id)
+    vertex = access.session.get(Vertex, vertex_id)
+    if vertex is None or vertex.detection_id != detection.id:
+        raise not_found()
+    return vertex_views(access.session, [vertex], None)[0]

@@ -31,6 +31,8 @@ STREAMS_OF_A_PROCESS = 500
 # Somebody who is removed from a fleet, signed out, or given another role hears nothing more after so long.
 CHECK_S = 1.0
 _TICK_S = 0.25
+# Answers on one detection are told of so far apart.
+MARKING_APART_S = 2.0
 # The broker is asked whether it still lives, and believed dead when it has not answered meanwhile.
 _PING_S = 5.0
 _RECONNECT_S = 1.0
@@ -47,6 +49,8 @@ class Fanout:
         self._drain = drain
         self._followers: list[Follower] = []
         self._check_due = 0.0
+        # When a hint of a marking may be told again, and whether it came meanwhile.
+        self._markings: dict[Hint, tuple[float, bool]] = {}
 
     @contextmanager
     def follow(self, identity: Identity, fleet_id: UUID, role: Role) -> Iterator[Follower]:
@@ -79,8 +83,12 @@ class Fanout:
                         said = False
                         for follower in self._followers:
                             follower.tell(anything(follower.fleet_id))
-                    else:
+                    elif one.kind != "marking":
                         self._tell(one)
+                    elif one in self._markings:
+                        self._markings[one] = (self._markings[one][0], True)
+                    else:
+                        self._tell_marking(one)
             except Exception as error:  # whatever it is, streams must be fed again
                 if not said:
                     log.warning("streams of events wait for the broker: %r", error)
@@ -94,10 +102,24 @@ class Fanout:
         if one.kind == "member":
             self._check_due = 0.0
 
+    def _tell_marking(self, one: Hint) -> None:
+        """Tell that somebody answered. Forty annotators do so sixty times a second, and each page reads again."""
+        self._tell(one)
+        self._markings[one] = (time.monotonic() + MARKING_APART_S, False)
+
+    def _tell_late(self) -> None:
+        now = time.monotonic()
+        for one, (due, came) in list(self._markings.items()):
+            if due <= now:
+                del self._markings[one]
+                if came:
+                    self._tell_marking(one)
+
     async def watch(self) -> None:
         """End the streams of a service that stops, and of people who may follow no more, until cancelled."""
         while True:
             await asyncio.sleep(_TICK_S)
+            self._tell_late()
             if self._drain.over.is_set():
                 for follower in list(self._followers):
                     self._end(follower)

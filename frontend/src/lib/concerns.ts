@@ -6,6 +6,7 @@ import type { Hint } from "./hints.ts";
 const ALSO: Record<string, readonly string[]> = {
   calibration: ["calibration", "publications", "drift"],
   detection: ["correspondence-sets"],
+  marking: ["progress"],
   recording: ["progress"],
 };
 

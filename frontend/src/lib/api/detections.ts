@@ -12,6 +12,7 @@ import {
   type RegionPreview,
   type RegionSuggestion,
   type Vertex,
+  type VertexDetails,
 } from "./types.ts";
 
 const POLL_MS = 400;
@@ -92,6 +93,10 @@ export const cancelDetection = (detection_id: string): Promise<unknown> =>
 export const askCorners = (detection_id: string, marked_corners: Corner[]): Promise<unknown> =>
   client.PATCH("/v1/detections/{detection_id}", { params: { path: { detection_id } }, body: { marked_corners } });
 
-/** A detection's vertices with their frames; those that have one of `camera` where it is given. */
-export const vertices = (detection_id: string, camera?: string): Read<Vertex[]> =>
-  readAll("/v1/detections/{detection_id}/vertices", { detection_id }, { camera, limit: 5000 }, undefined, 200_000);
+/** A detection's vertices; no answer of a person changes them. */
+export const vertices = (detection_id: string): Read<Vertex[]> =>
+  readAll("/v1/detections/{detection_id}/vertices", { detection_id }, { limit: 5000 }, undefined, 200_000);
+
+/** A vertex with its covariance, its frames and the board's other corners. */
+export const vertex = (detection_id: string, vertex_id: string | undefined): Read<VertexDetails> =>
+  read("/v1/detections/{detection_id}/vertices/{vertex_id}", { detection_id, vertex_id });

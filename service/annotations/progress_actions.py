@@ -1,0 +1,156 @@
+"""Progress of the marking as counters: an answer changes them, and nobody counts all vertices again.
+
+Whatever else changes the vertices that are to be marked deletes the rows: the next look counts anew.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import case, delete, func, insert, select
+from sqlalchemy.orm import Session, aliased
+
+from apexcal.documents.marking import Progress
+from apexcal.documents.states import WorkState
+from service.annotations.answer_queries import answers_of, answers_of_others, has_answered
+from service.auth.access import Access
+from service.db.annotations import MarkingProgress, Verdict
+from service.db.detections import Detection, Vertex, VertexFrame
+from service.db.recordings import Recording, Sensor
+from service.db.session import Database, upserting
+from service.detections.views import marked_corners
+
+_vertex, _frame = aliased(Vertex), aliased(VertexFrame)
+_COUNTERS = ("answered", "complete", "mine")
+
+
+@contextmanager
+def counted(
+    session: Session,
+    person_id: UUID,
+    sensor_id: UUID,
+    frame_index: int,
+    corner: str,
+    apex_id: UUID | None,
+    *,
+    is_first: bool = False,
+) -> Iterator[None]:
+    """Count what the block changes of a person's mark in a frame and of their verdict on an apex.
+
+    The caller holds the person's lock, and nobody else answers on the apex meanwhile. The block writes a row that
+    refers to the recording before it ends, so that nobody counts anew between it and the counters. ``is_first``: there is neither a mark nor a verdict yet.
+    """
+    whose = (session, person_id, sensor_id, frame_index, corner, apex_id)
+    before = set() if is_first else {row[:2] for row in _touched(*whose) if row.answered}
+    yield
+    session.flush()
+    changes: dict[tuple[UUID, UUID], Counter[str]] = {}
+    for row in _touched(*whose):
+        sign = row.answered - (row[:2] in before)
+        if not sign or row.corner not in marked_corners(row):
+            continue
+        key = (row.detection_id, row.sensor_id)
+        if row.apex_id != apex_id:
+            # Others may answer on that apex now, so their number is not known.
+            session.execute(delete(MarkingProgress).where(_of(*key)))
+            continue
+        change = changes.setdefault(key, Counter(dict.fromkeys(_COUNTERS, 0)))
+        change["mine"] += sign
+        change["answered"] += sign * (row.others == 0)
+        change["complete"] += sign * (row.others == row.marks_per_vertex - 1)
+    if changes:
+        upsert = upserting(session, MarkingProgress)
+        more = {name: getattr(MarkingProgress, name) + getattr(upsert.excluded, name) for name in _COUNTERS}
+        rows = [
+            {"detection_id": detection, "sensor_id": sensor, "person_id": person_id, **change}
+            for (detection, sensor), change in sorted(changes.items())
+        ]
+        keys = ["detection_id", "sensor_id", "person_id"]
+        session.execute(upsert.on_conflict_do_update(index_elements=keys, set_=more), rows)
+
+
+def read_progress(access: Access, database: Database, detection: Detection, camera: Sensor) -> Progress:
+    """Progress of the marking in one camera, as the asker sees it."""
+    session, person_id = access.session, access.person.id
+    mine = func.sum(case((MarkingProgress.person_id == person_id, MarkingProgress.mine), else_=0))
+    wanted = select(Recording.marks_per_vertex).where(Recording.id == detection.recording_id).scalar_subquery()
+    sums = [func.sum(getattr(MarkingProgress, name)) for name in ("vertices", "marks_wanted", "answered", "complete")]
+    *kept, wanted_now = session.execute(
+        select(sums[0], sums[1], sums[2], mine, sums[3], wanted).where(_of(detection.id, camera.id))
+    ).one()
+    if kept[0] is not None and kept[1] == wanted_now:
+        return _progress(*kept)
+    if detection.state != WorkState.DONE:
+        return _progress(*_count(session, detection, camera, person_id, wanted_now)[0])
+    # Its connection goes back first: a request that held two could wait for others that do the same.
+    session.close()
+    with database.writing() as writing:
+        # No answer is under way then: each refers to the recording. While some are, the count is not kept.
+        recording = select(Recording.id).where(Recording.id == detection.recording_id)
+        is_alone = writing.scalar(recording.with_for_update(skip_locked=True)) is not None
+        found, people = _count(writing, detection, camera, person_id, wanted_now)
+        if not is_alone:
+            return _progress(*found)
+        vertices, _, answered, _, complete = found
+        writing.execute(delete(MarkingProgress).where(_of(detection.id, camera.id)))
+        nothing: dict[str, Any] = {"vertices": None, "marks_wanted": None, "answered": 0, "complete": 0}
+        rows = {person: nothing | {"mine": count} for person, count in people.items()}
+        counters = {"vertices": vertices, "marks_wanted": wanted_now, "answered": answered, "complete": complete}
+        rows[person_id] = counters | {"mine": people[person_id]}
+        own = {"detection_id": detection.id, "sensor_id": camera.id}
+        writing.execute(insert(MarkingProgress), [own | {"person_id": person} | row for person, row in rows.items()])
+    return _progress(*found)
+
+
+def _progress(vertices: int, marks_wanted: int, answered: int, mine: int, complete: int) -> Progress:
+    return Progress(vertices=vertices, marks_wanted=marks_wanted, answered=answered, mine=mine, complete=complete)
+
+
+def _of(detection_id: UUID, sensor_id: UUID) -> Any:
+    return (MarkingProgress.detection_id == detection_id) & (MarkingProgress.sensor_id == sensor_id)
+
+
+def _touched(
+    session: Session, person_id: UUID, sensor_id: UUID, frame_index: int, corner: str, apex_id: UUID | None
+) -> list[Any]:
+    """Vertices with frames, of all detections, that the mark or the verdict is of; who has answered them."""
+    of_frame = (
+        select(_vertex.id)
+        .join(_frame, _frame.vertex_id == _vertex.id)
+        .where(_frame.sensor_id == sensor_id, _frame.frame_index == frame_index, _vertex.corner == corner)
+    )
+    of_apex = select(_vertex.id).where(_vertex.apex_id == apex_id)
+    statement = (
+        select(
+            *(Vertex.id, VertexFrame.sensor_id, Vertex.detection_id, Vertex.apex_id, Vertex.corner),
+            *(Recording.marks_per_vertex, Detection.marked_corners),
+            has_answered(person_id).label("answered"),
+            answers_of_others(person_id).label("others"),
+        )
+        .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
+        .join(Detection, Detection.id == Vertex.detection_id)
+        .join(Recording, Recording.id == Detection.recording_id)
+        .where(Vertex.id.in_(of_frame.union_all(of_apex)))
+    )
+    return list(session.execute(statement))
+
+
+def _count(
+    session: Session, detection: Detection, camera: Sensor, person_id: UUID, wanted: int
+) -> tuple[tuple[int, int, int, int, int], Counter[UUID]]:
+    """The progress (vertices, marks wanted, answered, mine, complete) of all rows, and the answers of each person."""
+    is_asked = Vertex.corner.in_(marked_corners(detection))
+    vertices = session.scalar(
+        select(func.count())
+        .select_from(Vertex)
+        .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
+        .where(Vertex.detection_id == detection.id, VertexFrame.sensor_id == camera.id, is_asked)
+    )
+    rows = session.execute(answers_of(detection.id, camera.id, Vertex.id, Verdict.person_id).where(is_asked)).all()
+    of_vertex, people = Counter(row[0] for row in rows), Counter(row[1] for row in rows)
+    complete = sum(count >= wanted for count in of_vertex.values())
+    return (vertices or 0, wanted, len(of_vertex), people[person_id], complete), people
