@@ -1,14 +1,14 @@
 """Counters of the marking; disclosures name camera, frame and corner, and no longer the apex of one detection.
 
 Revision ID: 0021
-Revises: 0020_selections
+Revises: 0020
 """
 
 import sqlalchemy as sa
 from alembic import op
 
 revision = "0021"
-down_revision = "0020_selections"
+down_revision = "0020"
 branch_labels = None
 depends_on = None
 
