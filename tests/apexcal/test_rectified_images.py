@@ -23,6 +23,8 @@ from apexcal.documents.results import ResultView
 
 FRAME, LINK = "camera_front_optical", "camera_front_link"
 MODELS = {"raw": "brown_conrady", "rectified": "pinhole"}
+# Measured by whoever carries it, metres.
+BOARD = {"board_width_m": 0.6096, "board_height_m": 0.9144}
 NOISE_PX = 0.7
 SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in (6, 7, 8, 9)]
 
@@ -45,7 +47,7 @@ def calibrated(owner: Client, folder: Path, images: str) -> tuple[ResultView, Ri
     rig = owner.vehicles.create_rig(vehicle.id, draft.rig.model_dump(mode="json"))
     recording = owner.wait(owner.recordings.upload(folder / "recording.bag", vehicle.id, rig.id), timeout_s=240)
     region = json.loads((folder / "region.json").read_text())
-    asked = owner.detections.create(recording.id, region, detector="refined", mode="interpolate")
+    asked = owner.detections.create(recording.id, region, detector="refined", options=BOARD, mode="interpolate")
     detection = owner.wait(asked, timeout_s=480)
     mark(owner, detection.id, Truth(folder / "truth.json"))
     pairs = owner.correspondence_sets.build(detection.id, "front")
