@@ -146,6 +146,10 @@ def test_rectified_images_have_the_lens_p_and_may_be_a_pinholes(api, fleet, engi
         assert ask_it(stated, told, images).json()["code"] == "intrinsics_of_another_model"
     refused = ask_it(stated | {"P": None}, "rectified", None).json()
     assert refused["code"] == "no_intrinsics_stated" and "states P of rectified images" in refused["detail"]
+    # A lens with a distortion is no rectified image's, whoever states it.
+    request |= {"models": ["brown_conrady"], "intrinsics": {"front": PLUMB_BOB}}
+    assert ask_it(stated, None, "rectified").json()["code"] == "intrinsics_of_raw_images"
+    assert ask_it(stated, None, "raw").status_code == 202
 
 
 PLUMB_BOB = {

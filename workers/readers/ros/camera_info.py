@@ -14,7 +14,6 @@ from apexcal.documents.readings import ImageKind
 from workers.readers.ros.topic_messages import CameraInfo
 from workers.readers.topic_words import words
 
-_IMAGE_SUFFIXES: Final = ("/compressed", "/raw")
 _RECTIFIED: Final = frozenset(("rect", "rectified", "undistorted"))
 # image_proc's names of images that it did not rectify.
 _RAW: Final = ("image_color", "image_mono")
@@ -69,9 +68,7 @@ def image_kind(topic: str, info: Mapping[str, Any] | None) -> ImageKind | None:
     RealSense's ``image_rect_raw`` is rectified. A CameraInfo without distortion and rotation, whose P repeats its K,
     is that of rectified images: raw and rectified ones would be the same.
     """
-    plain = topic
-    for suffix in _IMAGE_SUFFIXES:
-        plain = plain.removesuffix(suffix)
+    plain = without_transport(topic)
     if words(plain) & _RECTIFIED:
         return "rectified"
     if "raw" in words(last := posixpath.basename(plain)) or last in _RAW:
@@ -79,6 +76,11 @@ def image_kind(topic: str, info: Mapping[str, Any] | None) -> ImageKind | None:
     rectified = lens_of_images(info, "rectified") if info else None
     is_same = info and rectified and not any(info["D"]) and info["R"] is None and rectified["K"] == info["K"]
     return "rectified" if is_same else None
+
+
+def without_transport(topic: str) -> str:
+    """An image topic without the name that image_transport puts behind it."""
+    return topic.removesuffix("/compressed").removesuffix("/raw")
 
 
 def match_infos(cameras: Mapping[str, str], infos: Mapping[str, CameraInfo]) -> dict[str, CameraInfo]:
@@ -90,9 +92,7 @@ def match_infos(cameras: Mapping[str, str], infos: Mapping[str, CameraInfo]) -> 
     """
     found: dict[str, CameraInfo] = {}
     for topic, frame_id in cameras.items():
-        plain = topic
-        for suffix in _IMAGE_SUFFIXES:
-            plain = plain.removesuffix(suffix)
+        plain = without_transport(topic)
         beside = [info for name, info in infos.items() if posixpath.dirname(name) == posixpath.dirname(plain)]
         named = [info for name, info in infos.items() if name in (f"{topic}/camera_info", f"{plain}/camera_info")]
         framed = [info for info in infos.values() if frame_id and info.frame_id == frame_id]

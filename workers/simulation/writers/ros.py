@@ -136,8 +136,6 @@ class RosWriter:
 
 
 _NEVER = QosTime(0, 0)
-_LATCHED = Qos(
-    *(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, _NEVER, _NEVER),
-    *(QosLiveliness.SYSTEM_DEFAULT, _NEVER, False),
-)
+_UNSAID = (_NEVER, _NEVER, QosLiveliness.SYSTEM_DEFAULT, _NEVER, False)
+_LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, *_UNSAID)
 _PLUGINS = {"db3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
