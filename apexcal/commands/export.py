@@ -45,15 +45,9 @@ def export(
     format: FormatOption = "json",
     alias: Annotated[str, typer.Option(help="The alias to follow, such as canary.")] = CURRENT,
     urdf: Annotated[
-        Path | None,
-        typer.Option(
-            help="The vehicle's own URDF, or Autoware's sensor_kit_calibration.yaml, to change one pose in."
-        ),
+        Path | None, typer.Option(help="The vehicle's own URDF, or Autoware's YAML file, to change one pose in.")
     ] = None,
-    joint: Annotated[
-        str,
-        typer.Option(help="The joint of --urdf, between camera and LiDAR; in Autoware's file the camera's entry."),
-    ] = "",
+    joint: Annotated[str, typer.Option(help="The joint of --urdf, or the camera's entry in Autoware's file.")] = "",
     camera_link: Annotated[str, typer.Option(help="The camera's optical link in --urdf, if not the frame.")] = "",
     lidar_link: Annotated[str, typer.Option(help="The LiDAR's link in --urdf, if not the frame.")] = "",
     output: Annotated[

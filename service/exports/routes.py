@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 router = Router(tags=["exports"])
 
-_XML: dict[int | str, dict[str, Any]] = {200: {"content": {"application/xml": {"schema": {"type": "string"}}}}}
+_TEXT = {"schema": {"type": "string"}}
+_XML: dict[int | str, dict[str, Any]] = {200: {"content": {"application/xml": _TEXT, "application/yaml": _TEXT}}}
 
 
 @router.get("/export-formats", response_model=list[FormatView])

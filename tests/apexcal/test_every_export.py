@@ -34,11 +34,14 @@ ON_VEHICLE = {
 }
 
 
+pytestmark = pytest.mark.timeout(900)
+
+
 @pytest.fixture(scope="module")
 def results(embedded, tmp_path_factory):
     """The client, the vehicle, and the result of each model."""
     folder = tmp_path_factory.mktemp("exports") / "walk"
-    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "12", "--json"]
+    command = [sys.executable, "-m", "workers.simulation", "--out", str(folder), "--seconds", "10", "--json"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     with Client(embedded.url, embedded.token) as owner:
         fleet = owner.fleets.create("Exports")
@@ -51,7 +54,7 @@ def results(embedded, tmp_path_factory):
         detection = owner.wait(owner.detections.create(recording.id, region), timeout_s=200)
         mark_everything(owner, fleet.id, detection, "front", Truth(folder / "truth.json"), lambda *said: None)
         pairs = owner.correspondence_sets.build(detection.id, "front")
-        calibration = owner.wait(owner.calibrations.create(vehicle.id, [pairs.id]), timeout_s=400)
+        calibration = owner.wait(owner.calibrations.create(vehicle.id, [pairs.id]), timeout_s=800)
         models = calibration.summary.cameras["front"].models
         points = owner.correspondence_sets.get(pairs.id).pairs
         assert len(points) > 20

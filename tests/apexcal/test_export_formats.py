@@ -35,15 +35,14 @@ def test_one_file_or_several(car, tmp_path):
     assert export(car, "--format", "kitti").exit_code == 2, "several files have no place on a terminal"
     folder = tmp_path / "kitti"
     assert export(car, "--format", "kitti", "-o", str(folder)).exit_code == 0
-    assert sorted(one.name for one in folder.iterdir()) == ["calib_cam_to_cam.txt", "calib_velo_to_cam.txt"]
+    files = {str(one.relative_to(folder)): one.read_bytes() for one in folder.rglob("*.txt")}
+    assert sorted(files) == [f"front/calib_{name}.txt" for name in ("cam_to_cam", "imu_to_velo", "velo_to_cam")]
     assert export(car, "--format", "kitti", "-o", str(folder)).exit_code == 2
     assert export(car, "--format", "kitti", "-o", str(folder), "--force").exit_code == 0
     packed = tmp_path / "kitti.zip"
     assert export(car, "--format", "kitti", "-o", str(packed)).exit_code == 0
     with zipfile.ZipFile(packed) as archive:
-        assert {one: archive.read(one) for one in archive.namelist()} == {
-            one.name: one.read_bytes() for one in folder.iterdir()
-        }
+        assert {one: archive.read(one) for one in archive.namelist()} == files
     unknown = export(car, "--format", "xyz")
     assert unknown.exit_code == 2 and "openlabel" in unknown.stderr
 

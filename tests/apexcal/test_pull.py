@@ -112,7 +112,7 @@ def test_a_refusal_keeps_the_last_file_too(car):
 def test_another_programs_format(car):
     assert car.pull("--format", "openlabel").exit_code == 0
     systems = json.loads(car.file.read_text())["openlabel"]["coordinate_systems"]
-    assert set(systems) == {"base_link", "velodyne", "camera_front_optical"}
+    assert set(systems) == {"base", "velodyne", "camera_front_optical"}
     assert "has not changed" in car.pull("--format", "openlabel").stderr
     assert car.pull().exit_code == 0 and car.kept()
     with car.api.database.writing() as session:

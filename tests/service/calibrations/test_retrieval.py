@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from base64 import b64encode
 from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
 from types import SimpleNamespace
 from uuid import UUID
 
@@ -13,14 +15,16 @@ import uvloop
 from sqlalchemy import delete, update
 
 from service.auth.secrets import new_secret, secret_hash
+from service.calibrations import retrieval
 from service.calibrations.given_state import Look, Prepared, Seen, read_states
-from service.calibrations.kept_answers import KeptAnswers
+from service.calibrations.kept_answers import KeptAnswer, KeptAnswers
 from service.calibrations.state_reader import StateReader
 from service.db.calibrations import Calibration, Result
 from service.db.clock import utc_now
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
 from service.db.loop_connection import LoopConnection
 from service.db.people import ApiToken, BrowserSession, Membership
+from service.http import etags
 from tests.service.calibrations.given import another_rig, publish, withdraw
 from tests.service.detections.seeding import seed_rig
 from tests.support.people import Actor
@@ -273,16 +277,36 @@ def test_by_name_and_by_a_sensor(api, fleet, rig, reviewer, viewer):
 
 def test_what_is_kept_is_bounded():
     kept = KeptAnswers(most_bytes=100)
+
+    def put(etag: str, size: int) -> None:
+        kept.put(etag, KeptAnswer(bytes(size), {}))
+
     for number in range(10):
-        kept.put(f"e{number}", bytes(30))
+        put(f"e{number}", 30)
         assert kept.get("e0") is not None  # what is asked for stays
     assert [number for number in range(10) if kept.get(f"e{number}") is not None] == [0, 8, 9]
-    kept.put("large", bytes(200))
+    put("large", 200)
     assert kept.get("large") is None and kept.get("e9") is None
-    kept.put("e", bytes(40))
-    kept.put("e", bytes(50))
-    kept.put("f", bytes(50))
-    assert kept.get("e") == bytes(50) and kept.get("f") == bytes(50)
+    put("e", 40)
+    put("e", 50)
+    put("f", 50)
+    assert [len(kept.get(etag).content) for etag in ("e", "f")] == [50, 50]
+
+
+def test_each_answer_has_its_hash_and_its_vehicle_and_the_hash_is_computed_once(
+    api, rig, reviewer, viewer, monkeypatch
+):
+    publish(api, rig, reviewer)
+    hashed = []
+    monkeypatch.setattr(
+        retrieval, "repr_digest", lambda content: hashed.append(content) or etags.repr_digest(content)
+    )
+    for question in ({}, {}, {}, {"format": "opencv"}, {"format": "kitti"}, {"as_of": "2100-01-01T00:00:00Z"}):
+        answer = viewer.get(address(rig), params=question)
+        digest = b64encode(sha256(answer.content).digest()).decode()
+        assert answer.headers["repr-digest"] == f"sha-256=:{digest}:"
+        assert answer.headers["apexcal-vehicle"] == str(rig.vehicle_id)
+    assert len(hashed) == 2, "once for what is stored, once for the moment, which is not"
 
 
 def test_what_was_given_at_a_moment_is_not_answered_after_it_was_deleted(api, rig, reviewer, viewer):

@@ -8,8 +8,10 @@ import zipfile
 
 import pytest
 import yaml
+from sqlalchemy import update
 
 from service.db.calibrations import Result
+from service.db.fleets import RigCamera
 from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
 from tests.service.detections.seeding import seed_rig
 from tests.support.databases import one_database
@@ -107,3 +109,27 @@ def test_a_vehicles_own_urdf_comes_back_with_one_joint_changed(api, fleet, rig, 
     assert (other.status_code, other.json()["code"]) == (422, "urdf_not_read")
     large = viewer.post(f"{current_address(rig)}/urdf", asked | {"urdf": URDF + " " * 300_000})
     assert large.status_code == 413
+
+
+def test_autowares_own_file_comes_back_with_one_pose_changed(api, fleet, rig, result):
+    """Without a joint in the rig the problem says how to state it."""
+    viewer = api.member(fleet, "viewer")
+    asked = {"urdf": "# ours\nsensor_kit_base_link:\n  front/camera_link: {x: 1}\n", "joint": "front/camera_link"}
+    refused = viewer.post(f"{current_address(rig)}/urdf", asked)
+    assert (refused.status_code, refused.json()["code"]) == (422, "autoware_not_read")
+    assert "draft-rig" in refused.json()["hint"]
+    level = {"to_frame": "sensor_kit_base_link", "rotation": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}}
+    body = {"from_frame": "camera_front_optical", "rotation": {"quaternion_xyzw": [-0.5, 0.5, -0.5, 0.5]}}
+    joint = {
+        "T_parent_lidar": level | {"from_frame": "velodyne", "translation_m": [0.0, 0.0, 0.5]},
+        "T_child_camera": body | {"to_frame": "front/camera_link", "translation_m": [0.0, 0.0, 0.0]},
+    }
+    with api.database.writing() as session:
+        session.execute(update(RigCamera).values(joint=joint))
+    numbers = "".join(f"    {name}: 1\n" for name in ("x", "y", "z", "roll", "pitch", "yaw"))
+    file = f"# ours\nsensor_kit_base_link:\n  front/camera_link: # left\n{numbers}  gnss_link: {{x: 1}}\n"
+    answer = viewer.post(f"{current_address(rig)}/urdf", asked | {"urdf": file})
+    assert answer.status_code == 200 and answer.headers["content-type"].startswith("application/yaml"), answer.text
+    pose = yaml.safe_load(answer.text)["sensor_kit_base_link"]
+    assert pose.pop("gnss_link") == {"x": 1} and "# left" in answer.text
+    assert list(pose["front/camera_link"].values()) == pytest.approx([0.2, 0.0, 0.4, 0.0, 0.0, 0.0], abs=1e-12)
