@@ -42,7 +42,8 @@ def counted(
     """Count what the block changes of a person's mark in a frame and of their verdict on an apex.
 
     The caller holds the person's lock, and nobody else answers on the apex meanwhile. The block writes a row that
-    refers to the recording before it ends, so that nobody counts anew between it and the counters. ``is_first``: there is neither a mark nor a verdict yet.
+    refers to the recording before it ends, so that nobody counts anew between it and the counters. ``is_first``:
+    there is neither a mark nor a verdict yet.
     """
     whose = (session, person_id, sensor_id, frame_index, corner, apex_id)
     before = set() if is_first else {row[:2] for row in _touched(*whose) if row.answered}
