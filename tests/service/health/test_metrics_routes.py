@@ -108,7 +108,7 @@ def test_requests_are_counted_by_route_never_by_address(scraped: Api) -> None:
     owner = scraped.owner()
     for number in range(3):
         owner.get(f"/jobs/{number + 12345}")
-        scraped.client.get(f"/no/such/{number}", headers={"User-Agent": "x"})
+        scraped.client.get(f"/no/such/{number}", headers={"Accept": "text/html"})
     scraped.client.request("BREW", "/healthz")
     found = read(scraped)["apexcal_http_requests_total"]
     by_route: dict[tuple[str, str, str], float] = {
