@@ -31,8 +31,14 @@ def stated_at(translation_m, frames, explains):
     document = {
         "intrinsics": {"model": "pinhole", "f_x": 500.0, "f_y": 500.0, "c_x": 320.0, "c_y": 240.0},
         "transform": {"to_frame": frames[0], "from_frame": frames[1], "rotation": rotation},
-        **{"rms_px": 3.1, "free_lens_rms_px": 0.7, "explains": explains, "sentence": SENTENCE, "sigma_px": 1.0},
-        **{"std": {}, "interval95_half_width": {}, "covariance": {"names": [], "units": [], "matrix": []}},
+        "rms_px": 3.1,
+        "free_lens_rms_px": 0.7,
+        "explains": explains,
+        "sentence": SENTENCE,
+        "sigma_px": 1.0,
+        "std": {},
+        "interval95_half_width": {},
+        "covariance": {"names": [], "units": [], "matrix": []},
     }
     document["transform"]["translation_m"] = translation_m
     return document
