@@ -11,6 +11,7 @@ from service.db.jobs import Job
 from service.jobs.sweep import sweep
 from tests.service.detections.seeding import seed_rig
 from tests.support.work import work
+from tests.workers.solver.few_pairs import drawn
 from workers.geometry.models import EXTRINSICS
 from workers.tasks.running import run_job
 
@@ -90,3 +91,33 @@ def test_a_cancelled_calibration_ends_as_cancelled(api, context):
     ended = engineer.get(f"/calibrations/{asked['id']}").json()
     assert ended["state"] == "cancelled", (ended["problem"], ended["runs"])
     assert [run["state"] for run in ended["runs"]] == ["cancelled"]
+
+
+@pytest.mark.usefixtures("broker")
+@pytest.mark.parametrize("seed", [13, 16], ids=["behind the camera", "few poses"])
+def test_pairs_that_tell_little_are_solved_stored_read_and_reported(api, context, seed):
+    document, columns = drawn(seed)
+    fleet = api.fleet()
+    engineer, rig = api.member(fleet, "engineer"), seed_rig(api.database, fleet)
+    pairs = [dict(zip("xyzuv", row, strict=True)) for row in zip(*(columns[name] for name in "xyzuv"), strict=True)]
+    pairs = [pair | {"group": index // 6} for index, pair in enumerate(pairs)]
+    made = engineer.post(f"/rigs/{rig.id}/correspondence-sets", {"pairs": pairs}, params={"camera": "front"}).json()
+    lens = {"f_x": 400.0, "f_y": 400.0, "c_x": 320.0, "c_y": 240.0}
+    body = {
+        "correspondence_set_ids": [made["id"]],
+        "models": ["pinhole"],
+        "folds": 2,
+        "schedule": document["schedule"],
+    }
+    asked = engineer.post(f"/vehicles/{rig.vehicle_id}/calibrations", body | {"locked": lens})
+    assert asked.status_code == 202, asked.text
+    work(context)
+    done = engineer.get(f"/calibrations/{asked.json()['id']}").json()
+    assert (done["state"], done["problem"]) == ("done", None)
+    result_id = done["summary"]["cameras"]["front"]["models"]["pinhole"]["result_id"]
+    found = ResultView.model_validate_json(engineer.get(f"/results/{result_id}").content, extra="forbid")
+    assert found.lens == "stated"
+    assert engineer.post(f"/results/{result_id}/report").status_code == 202
+    work(context)
+    report = engineer.get(f"/results/{result_id}/report")
+    assert report.status_code == 200, report.text
