@@ -97,7 +97,7 @@ def test_a_database_that_takes_no_writes_is_ready_and_says_so(api: Api) -> None:
         elif refused[-1] == "ON":
             connection.exec_driver_sql("SET TRANSACTION READ ONLY")
 
-    event.listen(health.engine, "begin", begin)
+    event.listen(health.engine, "begin", begin, insert=True)
     assert "takes no writes" in degraded(api)["writes"]
     refused.pop()
     assert "writes" not in degraded(api)
