@@ -91,13 +91,13 @@ def test_a_database_that_takes_no_writes_is_ready_and_says_so(api: Api) -> None:
     health: Database = api.app.state.health_database
     refused = ["OFF", "ON"]
 
-    def begin(connection: Any) -> None:
-        if connection.dialect.name == "sqlite":
-            connection.connection.driver_connection.execute(f"PRAGMA query_only={refused[-1]}")
-        elif refused[-1] == "ON":
-            connection.exec_driver_sql("SET TRANSACTION READ ONLY")
+    def checkout(connection: Any, *_: object) -> None:
+        if health.engine.dialect.name == "sqlite":
+            connection.execute(f"PRAGMA query_only={refused[-1]}")
+        else:
+            connection.read_only = refused[-1] == "ON"
 
-    event.listen(health.engine, "begin", begin, insert=True)
+    event.listen(health.engine, "checkout", checkout)
     assert "takes no writes" in degraded(api)["writes"]
     refused.pop()
     assert "writes" not in degraded(api)
