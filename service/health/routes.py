@@ -76,14 +76,9 @@ async def readyz(request: Request) -> JSONResponse:
     """
     parts = await ask_parts(request.app.state.parts)
     ill = [f"{name}: {part['detail']}" for name, part in parts.items() if not part["ok"]]
-    if request.app.state.drain.asked:
-        status = "draining"
-    elif not parts[DATABASE]["ok"]:
-        status = "not_ready"
-    else:
-        status = "degraded" if ill else "ok"
-    code = 200 if status in ("ok", "degraded") else 503
-    return JSONResponse({"status": status, "degraded": ill, "parts": parts}, code)
+    away = "draining" if request.app.state.drain.asked else "" if parts[DATABASE]["ok"] else "not_ready"
+    status = away or ("degraded" if ill else "ok")
+    return JSONResponse({"status": status, "degraded": ill, "parts": parts}, 503 if away else 200)
 
 
 def _database(database: Database) -> Answer:

@@ -32,12 +32,8 @@ class Presence:
     """
 
     def __init__(self, name: str, queues: str, processes: int) -> None:
-        self._row = {
-            "name": name[:200],
-            "queues": queues[:200],
-            "processes": processes,
-            "version": version("apexcal"),
-        }
+        self._name = name[:200]
+        self._about = {"queues": queues[:200], "processes": processes, "version": version("apexcal")}
         self.queues = tuple(queues.split(","))
         self._timer: Any = None
 
@@ -49,9 +45,9 @@ class Presence:
 
     def say(self, *, warm: bool) -> None:
         """That it lives. Where the database does not answer at once, the next time is soon enough."""
-        about = {name: value for name, value in self._row.items() if name != "name"} | {"started_at": now()}
+        first = self._about | {"started_at": now()}
         with self._writing() as session:
-            put(session, Worker, {"name": self._row["name"]}, {"at": now(), "warm": warm}, first=about)
+            put(session, Worker, {"name": self._name}, {"at": now(), "warm": warm}, first=first)
 
     @contextlib.contextmanager
     def said_meanwhile(self) -> Iterator[None]:
@@ -59,10 +55,10 @@ class Presence:
         ended = threading.Event()
 
         def say() -> None:
-            self.say(warm=False)
             while not ended.wait(BEAT_S):
                 self.say(warm=False)
 
+        self.say(warm=False)
         saying = threading.Thread(target=say, name="presence", daemon=True)
         saying.start()
         try:
@@ -81,7 +77,7 @@ class Presence:
     def end(self) -> None:
         """Take the row away."""
         with self._writing() as session:
-            session.execute(delete(Worker).where(Worker.name == self._row["name"]))
+            session.execute(delete(Worker).where(Worker.name == self._name))
 
     @contextlib.contextmanager
     def _writing(self) -> Any:

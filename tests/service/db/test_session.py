@@ -98,3 +98,14 @@ def test_one_used_a_moment_ago_is_not_looked_at_and_fails_once(postgres: Postgre
     with pytest.raises(OperationalError):
         fleets(on_postgres)
     fleets(on_postgres)
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_a_connection_in_use_while_its_database_closes_is_closed_when_it_comes_back(database_url):
+    """As a request's that is still ending while the service stops."""
+    closing = Database(database_url)
+    with closing.reading() as session:
+        driver = session.connection().connection.driver_connection
+        closing.close()
+        assert not driver.closed
+    assert driver.closed

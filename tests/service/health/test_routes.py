@@ -7,10 +7,12 @@ import time
 from collections import Counter
 from typing import Any
 from unittest.mock import patch
-from uuid import UUID
+from uuid import UUID, uuid4
 
 import pytest
 from anyio.to_thread import current_default_thread_limiter
+from pydantic import SecretStr
+from sqlalchemy import event
 
 from service.db import revisions
 from service.db.clock import now
@@ -42,13 +44,14 @@ def degraded(api: Api) -> dict[str, str]:
     """The parts that are ill, and why, of a process that is ready all the same and answers a vehicle."""
     answer = api.client.get("/readyz")
     assert answer.status_code == 200, answer.text
-    car = api.member(api.fleet(), "viewer")
+    car = api.member(api.fleet(str(uuid4())), "viewer")
     assert car.get(f"/vehicles/{UUID(int=1)}/cameras/front/calibration").status_code == 404
     return dict(one.split(": ", 1) for one in answer.json()["degraded"])
 
 
 @pytest.mark.usefixtures("always_anew")
-def test_what_every_process_shares_makes_none_unready(api: Api, broker: Broker) -> None:
+def test_what_every_process_shares_makes_none_unready(make_api, broker: Broker) -> None:
+    api = make_api(metrics_token=SecretStr("scrape-me"))
     assert api.client.get("/healthz").json() == {"status": "ok"}
     assert degraded(api)["sweep"].startswith("the sweep has never run")
     beat(api)
@@ -66,7 +69,10 @@ def test_what_every_process_shares_makes_none_unready(api: Api, broker: Broker) 
     beat(api)
     broker.stop()
     assert set(degraded(api)) == {"broker", "workers"}
-    assert 'apexcal_part_up{part="broker"} 0.0' in api.client.get("/metrics", headers={"host": "localhost"}).text
+    assert (
+        'apexcal_part_up{part="broker"} 0.0'
+        in api.client.get("/metrics", headers={"authorization": "Bearer scrape-me"}).text
+    )
     assert api.client.get("/healthz").status_code == 200
 
 
@@ -83,15 +89,17 @@ def test_a_database_that_takes_no_writes_is_ready_and_says_so(api: Api) -> None:
     """As a full one, one that only reads: a vehicle is answered."""
     beat(api)
     health: Database = api.app.state.health_database
-    if health.engine.dialect.name == "sqlite":
-        refuse, allow = "PRAGMA query_only=ON", "PRAGMA query_only=OFF"
-    else:
-        refuse, allow = "SET default_transaction_read_only = on", "SET default_transaction_read_only = off"
-    with health.alone() as connection:
-        connection.exec_driver_sql(refuse)
+    refused = ["OFF", "ON"]
+
+    def checkout(connection: Any, *_: object) -> None:
+        if health.engine.dialect.name == "sqlite":
+            connection.execute(f"PRAGMA query_only={refused[-1]}")
+        else:
+            connection.read_only = refused[-1] == "ON"
+
+    event.listen(health.engine, "checkout", checkout)
     assert "takes no writes" in degraded(api)["writes"]
-    with health.alone() as connection:
-        connection.exec_driver_sql(allow)
+    refused.pop()
     assert "writes" not in degraded(api)
 
 
