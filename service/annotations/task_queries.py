@@ -122,7 +122,7 @@ class Seeker:
         order = (MarkingTask.leased_until, Vertex.rank, Vertex.corner.desc())
         return list(self.session.scalars(seen.order_by(*order).limit(count)))
 
-    def _open(self) -> Select[Any]:
+    def _open(self) -> Select[Any, Any]:
         """Id and rank of the vertices with a frame of the camera that take an answer of this person."""
         lease = leases_of_others(self.camera_id, self.person_id)
         return (
