@@ -112,11 +112,6 @@ def measure(
         url = postgres.create("apexcal") if postgres else f"sqlite:///{folder.root}/apexcal.db"
         upgrade(url)
         database = Database(url)
-        ours, other = _fleets(database)
-        rows = seed_marking(database, ours, vertices=vertices, marks_per_vertex=_MARKS)
-        tokens = _people(database, rows.fleet_id, annotators)
-        readers = _people(database, rows.fleet_id, 1 + pages // _PAGES_OF_A_PERSON)
-        (bystander,) = _people(database, other, 1)
         port = free_port()
         environment = {**os.environ, "APEXCAL_DATABASE_URL": url, "APEXCAL_DATA_DIR": str(folder.root)}
         environment |= {"APEXCAL_MIN_FREE_BYTES": "0", "APEXCAL_BROKER_URL": broker.url}
@@ -124,6 +119,12 @@ def measure(
                       env=environment)  # fmt: skip
         try:
             wait_until(lambda: _answers(port), "the start of the API", 120)
+            # Not before: an API does not begin with rows whose recordings are nowhere.
+            ours, other = _fleets(database)
+            rows = seed_marking(database, ours, vertices=vertices, marks_per_vertex=_MARKS)
+            tokens = _people(database, rows.fleet_id, annotators)
+            readers = _people(database, rows.fleet_id, 1 + pages // _PAGES_OF_A_PERSON)
+            (bystander,) = _people(database, other, 1)
             plan = {
                 "port": port, "detection": str(rows.detection_id), "fleet": str(rows.fleet_id), "seconds": seconds,
                 "annotators": tokens, "pages": [readers[i % len(readers)] for i in range(pages)],
@@ -138,7 +139,7 @@ def measure(
                 raise RuntimeError(ran.stderr[-2000:])
             spent = _cpu_s(child.pid) - before
             found = json.loads(ran.stdout)
-            accepted = len(found["ms"]["answer"])
+            accepted = found["accepted"]
             is_drained = seconds >= 1e6
             return {
                 "database": kind, "annotators": annotators, "pages": pages,

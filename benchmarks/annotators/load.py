@@ -14,6 +14,7 @@ import random
 import sys
 import time
 from collections import Counter, defaultdict
+from collections.abc import AsyncIterator
 from typing import Any
 from uuid import UUID
 
@@ -49,7 +50,7 @@ class Connection:
         head += f"Content-Type: application/json\r\nContent-Length: {len(content)}\r\n\r\n"
         self._writer.write(head.encode() + content)
 
-    async def events(self) -> Any:
+    async def events(self) -> AsyncIterator[bytes]:
         """Each line of an answer without end."""
         await self._head()
         while line := await self._reader.readline():
@@ -70,6 +71,7 @@ class Load:
         self.ms: dict[str, list[float]] = defaultdict(list)
         self.statuses: Counter[int] = Counter()
         self.seconds = 0.0
+        self.accepted = 0
         self._draw = random.Random(plan["seed"])
         self._end = 0.0
 
@@ -107,6 +109,7 @@ class Load:
                 "mark": {"u": 100.0 * self._draw.random(), "v": 100.0 * self._draw.random()},
             }
             status, _ = await person.ask("answer", "POST", f"/tasks/{task['task_id']}/answer", answer)
+            self.accepted += status == 200
             await person.ask("progress", "GET", f"{detection}/progress?camera=front")
 
     async def _think(self) -> None:
@@ -148,7 +151,7 @@ def main() -> None:
     """Run and print."""
     load = Load(json.load(sys.stdin))
     asyncio.run(load.run())
-    print(json.dumps({"seconds": load.seconds, "ms": load.ms, "statuses": load.statuses}))
+    print(json.dumps({"seconds": load.seconds, "accepted": load.accepted, "ms": load.ms, "statuses": load.statuses}))
 
 
 if __name__ == "__main__":

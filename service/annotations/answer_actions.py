@@ -18,7 +18,6 @@ from service.annotations.progress_actions import counted
 from service.annotations.task_actions import reopen
 from service.annotations.views import Subject, own_answer, own_answers, subjects
 from service.db.annotations import Answer as AnswerRow
-from service.db.annotations import MarkingTask
 from service.db.clock import now
 from service.http.problems import Problem
 
@@ -91,7 +90,7 @@ def undo(session: Session, found: Subject, said: Undo, lease_s: float) -> list[S
             _restore_verdict(session, found)
             found.task.answered_at = None
             found.task.leased_until = now(lease_s)  # pyright: ignore[reportAttributeAccessIssue] - the database's own clock
-    return subjects(session, MarkingTask.id == found.task.id)
+    return subjects(session, found.task.person_id, task_id=found.task.id)
 
 
 def answer_view(row: AnswerRow) -> AnswerView:

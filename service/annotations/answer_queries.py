@@ -34,7 +34,7 @@ def has_answered(person: Any, *, decided: bool = False) -> ColumnElement[bool]:
     )
 
 
-def answers_of_others(person_id: UUID) -> ColumnElement[int]:
+def answers_of_others(person_id: Any) -> ColumnElement[int]:
     """How many other people have answered the enclosing query's ``Vertex``."""
     return (
         select(func.count())
@@ -45,7 +45,7 @@ def answers_of_others(person_id: UUID) -> ColumnElement[int]:
     )
 
 
-def leases_of_others(camera_id: UUID, person_id: UUID) -> CTE:
+def leases_of_others(camera_id: Any, person_id: Any) -> CTE:
     """``apex_id`` and ``people``: how many others hold a live lease on it in a camera, and have not answered it.
 
     By apex and not by vertex: two detection runs of one recording share it, and its answers. They are few, some for

@@ -40,7 +40,7 @@ class Sight(NamedTuple):
     corner: str
 
 
-def is_told(person_id: UUID, sensor_id: Any, frame_index: Any, corner: Any) -> ColumnElement[bool]:
+def is_told(person_id: Any, sensor_id: Any, frame_index: Any, corner: Any) -> ColumnElement[bool]:
     """Whether something of others' answers on a corner in a frame was told to the person. Every writer asks this.
 
     Told of the frame itself, or of a sweep that any detection pairs with it: a verdict on the sweep is for all

@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import case, delete, func, insert, select
+from sqlalchemy import Select, Uuid, bindparam, case, delete, func, insert, select
 from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.marking import Progress
@@ -64,14 +65,11 @@ def counted(
         change["answered"] += sign * (row.others == 0)
         change["complete"] += sign * (row.others == row.marks_per_vertex - 1)
     if changes:
-        upsert = upserting(session, MarkingProgress)
-        more = {name: getattr(MarkingProgress, name) + getattr(upsert.excluded, name) for name in _COUNTERS}
         rows = [
             {"detection_id": detection, "sensor_id": sensor, "person_id": person_id, **change}
             for (detection, sensor), change in sorted(changes.items())
         ]
-        keys = ["detection_id", "sensor_id", "person_id"]
-        session.execute(upsert.on_conflict_do_update(index_elements=keys, set_=more), rows)
+        session.execute(_changing(session.get_bind().dialect.name), rows)
 
 
 def read_progress(access: Access, database: Database, detection: Detection, camera: Sensor) -> Progress:
@@ -119,25 +117,39 @@ def _touched(
     session: Session, person_id: UUID, sensor_id: UUID, frame_index: int, corner: str, apex_id: UUID | None
 ) -> list[Any]:
     """Vertices with frames, of all detections, that the mark or the verdict is of; who has answered them."""
+    names = {"person": person_id, "sensor": sensor_id, "frame": frame_index, "corner": corner, "apex": apex_id}
+    return list(session.execute(_touched_statement(), names))
+
+
+@cache
+def _touched_statement() -> Select[Any]:
+    person, corner = bindparam("person", type_=Uuid()), bindparam("corner")
     of_frame = (
         select(_vertex.id)
         .join(_frame, _frame.vertex_id == _vertex.id)
-        .where(_frame.sensor_id == sensor_id, _frame.frame_index == frame_index, _vertex.corner == corner)
+        .where(_frame.sensor_id == bindparam("sensor"), _frame.frame_index == bindparam("frame"))
+        .where(_vertex.corner == corner)
     )
-    of_apex = select(_vertex.id).where(_vertex.apex_id == apex_id)
-    statement = (
+    of_apex = select(_vertex.id).where(_vertex.apex_id == bindparam("apex"))
+    return (
         select(
             *(Vertex.id, VertexFrame.sensor_id, Vertex.detection_id, Vertex.apex_id, Vertex.corner),
             *(Recording.marks_per_vertex, Detection.marked_corners),
-            has_answered(person_id).label("answered"),
-            answers_of_others(person_id).label("others"),
+            has_answered(person).label("answered"),
+            answers_of_others(person).label("others"),
         )
         .join(VertexFrame, VertexFrame.vertex_id == Vertex.id)
         .join(Detection, Detection.id == Vertex.detection_id)
         .join(Recording, Recording.id == Detection.recording_id)
         .where(Vertex.id.in_(of_frame.union_all(of_apex)))
     )
-    return list(session.execute(statement))
+
+
+@cache
+def _changing(dialect: str) -> Any:
+    upsert = upserting(dialect, MarkingProgress)
+    more = {name: getattr(MarkingProgress, name) + getattr(upsert.excluded, name) for name in _COUNTERS}
+    return upsert.on_conflict_do_update(index_elements=["detection_id", "sensor_id", "person_id"], set_=more)
 
 
 def _count(

@@ -7,9 +7,11 @@ never take more vertices than wanted.
 from __future__ import annotations
 
 from datetime import timedelta
+from functools import cache
+from typing import Any
 from uuid import UUID
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import Integer, Select, Uuid, bindparam, delete, select, update
 from sqlalchemy.orm import Session
 
 from service.annotations.answer_queries import has_answered, is_live
@@ -47,16 +49,8 @@ def next_tasks(
         give_back = update(MarkingTask).where(MarkingTask.id == skip, *mine).values(leased_until=clock)
         session.execute(give_back.execution_options(synchronize_session=False))
     corners = marked_corners(detection)
-    held = session.execute(
-        select(MarkingTask.id, MarkingTask.vertex_id)
-        .join(Vertex, Vertex.id == MarkingTask.vertex_id)
-        .join(VertexFrame, (VertexFrame.vertex_id == Vertex.id) & (VertexFrame.sensor_id == camera.id))
-        .where(*mine, MarkingTask.sensor_id == camera.id, is_live(MarkingTask), ~has_answered(person_id))
-        .where(Vertex.corner.in_(corners))
-        # One that was taken back comes first.
-        .order_by(MarkingTask.leased_until.desc())
-        .limit(1 + ahead)
-    ).all()
+    names = {"detection": detection.id, "person": person_id, "camera": camera.id, "corners": corners}
+    held = session.execute(_held(), names | {"most": 1 + ahead}).all()
     leased = [row.vertex_id for row in held]
     if len(leased) < 1 + ahead:
         wanted = lock_recording(session, detection.recording_id)
@@ -71,14 +65,36 @@ def next_tasks(
         common | {"id": new_id(), "vertex_id": vertex_id, "leased_until": until - _APART * place}
         for place, vertex_id in enumerate(leased)
     ]
-    lease = upserting(session, MarkingTask)
-    lease = lease.on_conflict_do_update(
+    session.execute(_leasing(session.get_bind().dialect.name), rows)
+    found = subjects(session, person_id, vertices=leased, camera_id=camera.id)
+    return sorted(found, key=lambda one: leased.index(one.task.vertex_id))
+
+
+@cache
+def _held() -> Select[Any, Any]:
+    """Tasks of a person's live leases with their vertices."""
+    person = bindparam("person", type_=Uuid())
+    of_camera = (VertexFrame.vertex_id == Vertex.id) & (VertexFrame.sensor_id == MarkingTask.sensor_id)
+    return (
+        select(MarkingTask.id, MarkingTask.vertex_id)
+        .join(Vertex, Vertex.id == MarkingTask.vertex_id)
+        .join(VertexFrame, of_camera)
+        .where(MarkingTask.detection_id == bindparam("detection"), MarkingTask.person_id == person)
+        .where(MarkingTask.sensor_id == bindparam("camera"), is_live(MarkingTask), ~has_answered(person))
+        .where(Vertex.corner.in_(bindparam("corners", expanding=True)))
+        # One that was taken back comes first.
+        .order_by(MarkingTask.leased_until.desc())
+        .limit(bindparam("most", type_=Integer()))
+    )
+
+
+@cache
+def _leasing(dialect: str) -> Any:
+    lease = upserting(dialect, MarkingTask)
+    return lease.on_conflict_do_update(
         index_elements=["vertex_id", "sensor_id", "person_id"],
         set_={"leased_until": lease.excluded.leased_until, "answered_at": None},
     )
-    session.execute(lease, rows)
-    own = (MarkingTask.person_id == person_id, MarkingTask.sensor_id == camera.id, MarkingTask.vertex_id.in_(leased))
-    return sorted(subjects(session, *own), key=lambda one: leased.index(one.task.vertex_id))
 
 
 def reopen(session: Session, recording_id: UUID) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, Select, and_, exists, func, select
+from sqlalchemy import ColumnElement, Integer, Select, Uuid, and_, bindparam, exists, func, select
 from sqlalchemy.orm import Session
 
 from service.annotations.answer_queries import answers_of_others, has_answered, leases_of_others
@@ -21,6 +22,9 @@ _END = 2**30
 _NEAR = 200
 # How often all vertices are looked at for a person for whom nothing is left. 100,000 take half a second.
 _LOOK_S = 60.0
+
+
+_CAMERA, _PERSON = bindparam("camera", type_=Uuid()), bindparam("person", type_=Uuid())
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,11 @@ class Seeker:
     def _key(self) -> tuple[UUID, UUID, UUID]:
         return self.detection_id, self.camera_id, self.person_id
 
+    @property
+    def _names(self) -> dict[str, Any]:
+        names = {"camera": self.camera_id, "person": self.person_id, "detection": self.detection_id}
+        return names | {"corners": self.corners, "wanted": self.marks_wanted}
+
     def _frontier(self) -> MarkingFrontier | None:
         found = self.session.get(MarkingFrontier, self._key, populate_existing=True)
         return found if found is not None and found.marks_wanted == self.marks_wanted else None
@@ -92,20 +101,15 @@ class Seeker:
     def _new(self, frontier: MarkingFrontier, count: int) -> list[UUID]:
         """The first open vertices from the frontier on that the person had no task for; the frontier moves there."""
         first = frontier.rank
-        had = exists().where(
-            MarkingTask.vertex_id == Vertex.id,
-            MarkingTask.sensor_id == self.camera_id,
-            MarkingTask.person_id == self.person_id,
-        )
         # Not past a vertex that somebody else holds: they may give it back, even while this looks.
-        held = self._first_leased(first)
-        # The corners of a sweep have its rank, so they come one after the other: top, right, left, bottom.
-        new = self._open().where(~had).order_by(Vertex.rank, Vertex.corner.desc())
+        held = self.session.scalar(_first_leased(), self._names | {"first": first})
+        found: list[Any] = []
         # The next ones first: the database knows that they are few, and looks each up.
-        near = new.where(Vertex.rank >= first, Vertex.rank < first + _NEAR).limit(count)
-        found = list(self.session.execute(near))
-        if len(found) < count:
-            found += self.session.execute(new.where(Vertex.rank >= first + _NEAR).limit(count - len(found)))
+        for begin, end in ((first, first + _NEAR), (first + _NEAR, 2 * _END - 1)):
+            if len(found) < count:
+                part = {"first": begin, "end": end, "count": count - len(found)}
+                found += self.session.execute(_new(), self._names | part)
+        held = _END if held is None else held
         frontier.rank = min(found[-1].rank if len(found) == count else _END, held)
         return [row.id for row in found]
 
@@ -116,31 +120,46 @@ class Seeker:
             MarkingTask.sensor_id == self.camera_id,
             MarkingTask.person_id == self.person_id,
         )
-        seen = self._open().join(MarkingTask, own).where(*which)
+        seen = _open().join(MarkingTask, own).where(*which)
         if self.passed:
             seen = seen.where(MarkingTask.id.not_in(self.passed))
         order = (MarkingTask.leased_until, Vertex.rank, Vertex.corner.desc())
-        return list(self.session.scalars(seen.order_by(*order).limit(count)))
+        return list(self.session.scalars(seen.order_by(*order).limit(count), self._names))
 
-    def _open(self) -> Select[Any]:
-        """Id and rank of the vertices with a frame of the camera that take an answer of this person."""
-        lease = leases_of_others(self.camera_id, self.person_id)
-        return (
-            select(Vertex.id, Vertex.rank)
-            .select_from(Vertex)
-            .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == self.camera_id))
-            .outerjoin(lease, lease.c.apex_id == Vertex.apex_id)
-            .where(
-                Vertex.detection_id == self.detection_id,
-                Vertex.corner.in_(self.corners),
-                ~has_answered(self.person_id),
-                answers_of_others(self.person_id) + func.coalesce(lease.c.people, 0) < self.marks_wanted,
-            )
+
+@cache
+def _new() -> Select[Any, Any]:
+    """Open vertices between two ranks that the person had no task for."""
+    had = exists().where(
+        MarkingTask.vertex_id == Vertex.id, MarkingTask.sensor_id == _CAMERA, MarkingTask.person_id == _PERSON
+    )
+    ranks = (Vertex.rank >= bindparam("first"), Vertex.rank < bindparam("end"))
+    # The corners of a sweep have its rank, so they come one after the other: top, right, left, bottom.
+    new = _open().where(~had, *ranks).order_by(Vertex.rank, Vertex.corner.desc())
+    return new.limit(bindparam("count", type_=Integer()))
+
+
+@cache
+def _open() -> Select[Any, Any]:
+    """Id and rank of the vertices with a frame of the camera that take an answer of this person."""
+    lease = leases_of_others(_CAMERA, _PERSON)
+    return (
+        select(Vertex.id, Vertex.rank)
+        .select_from(Vertex)
+        .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == _CAMERA))
+        .outerjoin(lease, lease.c.apex_id == Vertex.apex_id)
+        .where(
+            Vertex.detection_id == bindparam("detection"),
+            Vertex.corner.in_(bindparam("corners", expanding=True)),
+            ~has_answered(_PERSON),
+            answers_of_others(_PERSON) + func.coalesce(lease.c.people, 0) < bindparam("wanted", type_=Integer()),
         )
+    )
 
-    def _first_leased(self, rank: int) -> int:
-        """The lowest rank from ``rank`` on of what others hold."""
-        lease = leases_of_others(self.camera_id, self.person_id)
-        held = select(func.min(Vertex.rank)).join(lease, lease.c.apex_id == Vertex.apex_id)
-        lowest = self.session.scalar(held.where(Vertex.detection_id == self.detection_id, Vertex.rank >= rank))
-        return _END if lowest is None else lowest
+
+@cache
+def _first_leased() -> Select[Any]:
+    """The lowest rank from ``first`` on of what others hold."""
+    lease = leases_of_others(_CAMERA, _PERSON)
+    held = select(func.min(Vertex.rank)).join(lease, lease.c.apex_id == Vertex.apex_id)
+    return held.where(Vertex.detection_id == bindparam("detection"), Vertex.rank >= bindparam("first"))

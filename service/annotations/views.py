@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 from urllib.parse import quote
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, and_, or_, select
+from sqlalchemy import Select, and_, bindparam, or_, select
 from sqlalchemy.orm import Session, defer
 
 from apexcal.documents.detections import Moved, VertexSummary
@@ -37,8 +38,26 @@ class Subject(NamedTuple):
     told: bool
 
 
-def subjects(session: Session, *which: ColumnElement[bool], lock: bool = False) -> list[Subject]:
-    """The subjects of these tasks. ``lock``: nobody else answers on their apexes until the transaction ends."""
+def subjects(
+    session: Session,
+    person_id: UUID,
+    *,
+    task_id: UUID | None = None,
+    vertices: Sequence[UUID] = (),
+    camera_id: UUID | None = None,
+    lock: bool = False,
+) -> list[Subject]:
+    """The subject of a person's task, or of those on these vertices in a camera.
+
+    ``lock``: nobody else answers on their apexes until the transaction ends.
+    """
+    names = {"person": person_id, "task": task_id, "vertices": vertices, "camera": camera_id}
+    rows = session.execute(_subjects(of_task=task_id is not None, lock=lock), names)
+    return [Subject(*row) for row in rows]
+
+
+@cache
+def _subjects(*, of_task: bool, lock: bool) -> Select[Any]:
     told = is_told(MarkingTask.person_id, VertexFrame.sensor_id, VertexFrame.frame_index, Vertex.corner)
     statement = (
         select(MarkingTask, Vertex, Sensor, CameraFrame, VertexFrame, Mark, Verdict, Detection.fleet_id, told)
@@ -58,19 +77,26 @@ def subjects(session: Session, *which: ColumnElement[bool], lock: bool = False) 
             ),
         )
         .outerjoin(Verdict, and_(Verdict.person_id == MarkingTask.person_id, Verdict.apex_id == Vertex.apex_id))
-        .where(*which)
+        .where(MarkingTask.person_id == bindparam("person"))
         .options(defer(Vertex.covariance), defer(Vertex.corners), defer(VertexFrame.corners))
+        .execution_options(populate_existing=True)
     )
+    if of_task:
+        statement = statement.where(MarkingTask.id == bindparam("task"))
+    else:
+        statement = statement.where(
+            MarkingTask.sensor_id == bindparam("camera"),
+            MarkingTask.vertex_id.in_(bindparam("vertices", expanding=True)),
+        )
     if lock:
         apex = statement.join(Apex, Apex.id == Vertex.apex_id)
         statement = apex.with_for_update(key_share=True, of=Apex)
-    return [Subject(*row) for row in session.execute(statement.execution_options(populate_existing=True))]
+    return statement
 
 
 def find_subject(access: Access, task_id: UUID) -> Subject:
     """What a person's own task asks, locked for an answer. Another person's tasks do not exist for them."""
-    own = (MarkingTask.id == task_id, MarkingTask.person_id == access.person.id)
-    for subject in subjects(access.session, *own, lock=True):
+    for subject in subjects(access.session, access.person.id, task_id=task_id, lock=True):
         access.need(subject.fleet_id, "annotator")
         return subject
     raise not_found()
@@ -116,11 +142,18 @@ def own_answers(session: Session, found: Subject, apexes: Sequence[UUID], id: UU
 
     With ``id``: and whose answer it may be.
     """
+    whose = {"person": found.task.person_id, "sensor": found.camera.id, "apexes": apexes, "id": id}
+    return list(session.scalars(_own_answers(), whose))
+
+
+@cache
+def _own_answers() -> Select[Any]:
     own = and_(
-        Answer.person_id == found.task.person_id, Answer.apex_id.in_(apexes), Answer.sensor_id == found.camera.id
+        Answer.person_id == bindparam("person"),
+        Answer.apex_id.in_(bindparam("apexes", expanding=True)),
+        Answer.sensor_id == bindparam("sensor"),
     )
-    which = own if id is None else or_(own, Answer.id == id)
-    return list(session.scalars(select(Answer).where(which).order_by(Answer.version)))
+    return select(Answer).where(or_(own, Answer.id == bindparam("id"))).order_by(Answer.version)
 
 
 def own_answer(found: Subject, last: Answer | None) -> Own:

@@ -35,9 +35,9 @@ def post(session: Session, courier: str, item: Any) -> None:
     session.info.setdefault(_OUTBOX, {}).setdefault(courier, []).append(item)
 
 
-def upserting(session: Session, model: type[Any]) -> Any:
-    """An insert of the session's kind of database, for ``on_conflict_do_update``."""
-    return (sqlite if session.get_bind().dialect.name == "sqlite" else postgresql).insert(model)
+def upserting(dialect: str, model: type[Any]) -> Any:
+    """An insert of this kind of database, for ``on_conflict_do_update``."""
+    return (sqlite if dialect == "sqlite" else postgresql).insert(model)
 
 
 def _to_json(value: Any) -> str:
