@@ -33,7 +33,6 @@ from service.db.session import Database
 from service.http.idempotency import RequestKey, kept_answer, of_caller, repeat, request_key, sealed
 from service.http.problems import Problem, not_found
 from service.http.router import Transaction
-from service.http.threads import in_thread
 
 COOKIE = "apexcal_session"
 _SCOPE = "apexcal.identity"
@@ -219,7 +218,7 @@ def identify(request: Request) -> Identity:
 
 async def identified(request: Request) -> Identity:
     """The same, in a thread for this alone: it waits for no lock and behind nobody who does."""
-    return await in_thread(request.app.state.threads.identity, identify, request)
+    return await request.app.state.threads.identity.run(identify, request)
 
 
 def renewed(session: Session, identity: Identity) -> Identity | None:
@@ -294,7 +293,7 @@ def _accessing(
 
 async def _read_access(request: Request, identity: CurrentIdentity) -> Transaction:
     database: Database = request.app.state.database
-    return Transaction(partial(_accessing, database.reading, identity), writes=False)
+    return Transaction(partial(_accessing, database.reading, identity), writes=False, caller=identity.person.id)
 
 
 async def _write_access(
@@ -303,7 +302,7 @@ async def _write_access(
     database: Database = request.app.state.database
     if asked:
         asked = of_caller(asked, secret_hash(identity.credential), identity.only_fleet, identity.only_role)
-    return Transaction(partial(_accessing, database.writing, identity, asked), writes=True)
+    return Transaction(partial(_accessing, database.writing, identity, asked), writes=True, caller=identity.person.id)
 
 
 ReadAccess = Annotated[Access, Depends(_read_access)]

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple
+from uuid import UUID
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.dependencies.utils import get_flat_params
@@ -20,7 +21,7 @@ from fastapi.params import Query
 from fastapi.routing import APIRoute
 
 from service.http.problems import check_query
-from service.http.threads import Threads, in_thread
+from service.http.threads import Lane, Threads
 
 _READS = frozenset(("GET", "HEAD"))
 
@@ -31,6 +32,7 @@ class Transaction:
 
     open: Callable[[], AbstractContextManager[Any]]
     writes: bool
+    caller: UUID
 
 
 class _Exchange(NamedTuple):
@@ -69,8 +71,9 @@ class Route(APIRoute):
             threads: Threads = _exchange.request.app.state.threads
             sessions = [one for one in values.values() if isinstance(one, Transaction)]
             reads = not any(one.writes for one in sessions) and (sessions or _exchange.request.method in _READS)
-            limiter = threads.reading if reads else getattr(threads, self.writers)
-            return await in_thread(limiter, self._answer, endpoint, values, _exchange.response)
+            lane: Lane = threads.reading if reads else getattr(threads, self.writers)
+            caller = sessions[0].caller if sessions else None
+            return await lane.run(self._answer, endpoint, values, _exchange.response, caller=caller)
 
         signature = inspect.signature(endpoint)
         extra = inspect.Parameter(

@@ -7,6 +7,7 @@ the copy is acknowledged, and the worker compares the checksum of every part bef
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 from uuid import UUID
 
@@ -18,7 +19,6 @@ from service.db.recordings import Blob, Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
 from service.http.router import Router
-from service.http.threads import in_thread
 from service.recordings.presigner import Presigner
 from service.recordings.upload_actions import (
     Announced,
@@ -65,22 +65,22 @@ async def post_part_arrival(
     """Acknowledge a part whose bytes were put at its address. Saying it again gives the same answer."""
     database: Database = request.app.state.database
     settings: Settings = request.app.state.settings
-    writing = request.app.state.threads.writing
+    writing = partial(request.app.state.threads.writing.run, caller=identity.person.id)
     put = f"{Announced(id, number, '', 0).prefix}/{body.reservation}"
-    found = await in_thread(writing, _announced, database, identity, id, number, put)
+    found = await writing(_announced, database, identity, id, number, put)
     if isinstance(found, UploadPart):
         return PartView.model_validate(found)
     await _require_there(request.app.state.store, put, found)
     # The name tells which reservation was copied, so that a repeated request finds the copy.
-    kept = await in_thread(writing, begin_part, database, identity, found, settings, copied=body.reservation)
+    kept = await writing(begin_part, database, identity, found, settings, copied=body.reservation)
     if isinstance(kept, UploadPart):
-        await in_thread(writing, forget_part, database, put)
+        await writing(forget_part, database, put)
         return PartView.model_validate(kept)
     try:
         await _copy(request.app.state.store, put, kept, found)
-        part = await in_thread(writing, finish_part, database, identity, found, settings, kept, found.size, put)
+        part = await writing(finish_part, database, identity, found, settings, kept, found.size, put)
     except Exception:
-        await in_thread(writing, forget_part, database, kept)
+        await writing(forget_part, database, kept)
         raise
     return PartView.model_validate(part)
 

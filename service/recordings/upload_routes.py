@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 from uuid import UUID
 
@@ -15,7 +16,6 @@ from service.db.recordings import Recording, UploadPart
 from service.db.session import Database
 from service.http.problems import Problem
 from service.http.router import Router
-from service.http.threads import in_thread
 from service.job_status.views import job_views
 from service.recordings.jobs import queue_ingestion
 from service.recordings.queries import parts_of
@@ -50,12 +50,12 @@ async def put_part(
     """Store one part of the file, streamed. Content-Digest names its SHA-256; the same part may be sent again."""
     settings: Settings = request.app.state.settings
     database: Database = request.app.state.database
-    writing = request.app.state.threads.writing
+    writing = partial(request.app.state.threads.writing.run, caller=identity.person.id)
     length = _declared_length(request)
     announced = Announced(id, number, declared_sha256(request), settings.max_part_bytes if length is None else length)
     if announced.size > settings.max_part_bytes:
         raise part_too_large(settings.max_part_bytes)
-    begun = await in_thread(writing, begin_part, database, identity, announced, settings)
+    begun = await writing(begin_part, database, identity, announced, settings)
     body = Body(request, settings.max_part_bytes)
     if isinstance(begun, UploadPart):
         # The bytes are looked at all the same: an answer of 200 says that they are the acknowledged ones.
@@ -66,9 +66,9 @@ async def put_part(
     try:
         await _store(request.app.state.room, request.app.state.store, begun, body, announced.size)
         body.check(announced)
-        part = await in_thread(writing, finish_part, database, identity, announced, settings, begun, body.size)
+        part = await writing(finish_part, database, identity, announced, settings, begun, body.size)
     except Exception:
-        await in_thread(writing, forget_part, database, begun)
+        await writing(forget_part, database, begun)
         raise
     return PartView.model_validate(part)
 

@@ -141,7 +141,7 @@ def test_many_writers_of_one_row_end_and_hold_up_nobody(
         assert time.monotonic() - began < STOP_S
     assert (refused.json()["code"], refused.headers["retry-after"]) == ("locked", "2")
     assert {one.status_code for one in answers} <= {200, 201, 503}
-    assert {one.json()["code"] for one in answers if one.status_code == 503} == {"locked"}
+    assert {one.json()["code"] for one in answers if one.status_code == 503} <= {"locked", "busy"}
     assert any(one.status_code in (200, 201) for one in answers), "who came later found the row free"
     assert held_s < STOP_S
 
