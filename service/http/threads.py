@@ -47,7 +47,9 @@ class Lane:
         self._share = share
         self._shares: WeakValueDictionary[UUID, CapacityLimiter] = WeakValueDictionary()
 
-    async def run(self, call: Callable[..., ValueT], *args: Any, caller: UUID | None = None) -> ValueT:
+    async def run(
+        self, call: Callable[..., ValueT], *args: Any, caller: UUID | None = None, **named: Any
+    ) -> ValueT:
         """What ``call`` returns, called in a thread. Raises :class:`Problem` 503 ``busy`` after ``LOCK_S``."""
         async with AsyncExitStack() as held:
             try:
@@ -57,7 +59,7 @@ class Lane:
                     await held.enter_async_context(self._limiter)
             except TimeoutError:
                 raise _busy() from None
-            return await run_sync(partial(call, *args), limiter=_ANY)
+            return await run_sync(partial(call, *args, **named), limiter=_ANY)
 
 
 # A lane has counted the thread already.
