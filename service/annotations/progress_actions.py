@@ -122,7 +122,7 @@ def _touched(
 
 
 @cache
-def _touched_statement() -> Select[Any]:
+def _touched_statement() -> Select[*tuple[Any, ...]]:
     person, corner = bindparam("person", type_=Uuid()), bindparam("corner")
     of_frame = (
         select(_vertex.id)

@@ -57,7 +57,7 @@ def subjects(
 
 
 @cache
-def _subjects(*, of_task: bool, lock: bool) -> Select[Any]:
+def _subjects(*, of_task: bool, lock: bool) -> Select[*tuple[Any, ...]]:
     told = is_told(MarkingTask.person_id, VertexFrame.sensor_id, VertexFrame.frame_index, Vertex.corner)
     statement = (
         select(MarkingTask, Vertex, Sensor, CameraFrame, VertexFrame, Mark, Verdict, Detection.fleet_id, told)
