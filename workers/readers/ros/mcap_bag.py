@@ -10,6 +10,7 @@ import struct
 from array import array
 from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Final, TypeVar
@@ -25,7 +26,6 @@ from rosbags.serde import SerdeError
 from workers.readers.damage import damage, damage_proof
 from workers.readers.pulse import beat
 from workers.readers.recording import ReadError
-from workers.readers.ros.foxglove import foxglove_decoder
 from workers.readers.ros.mcap_records import (
     FOOTER_BYTES,
     MAGIC,
@@ -38,7 +38,6 @@ from workers.readers.ros.mcap_records import (
     records,
     unpacked_chunk,
 )
-from workers.readers.ros.protobuf_wire import WireError
 from workers.readers.ros.ros_types import ros_decoder
 from workers.readers.ros.topic_messages import Decoder, Topic
 
@@ -83,7 +82,7 @@ class McapBag:
     @contextmanager
     def damage(self) -> Generator[None]:
         """What libraries raise on damaged bytes becomes ``recording_damaged``."""
-        kinds = (zstandard.ZstdError, SerdeError, WireError, RecordError, McapError)
+        kinds = (zstandard.ZstdError, SerdeError, RecordError, McapError)
         with damage(self._path.name, "an MCAP file", _HINT, *kinds):
             yield
 
@@ -191,7 +190,8 @@ class McapBag:
 
     def decoder(self, topic: Topic) -> Decoder | None:
         """See :class:`Container`."""
-        decode = foxglove_decoder(topic) or ros_decoder(topic)
+        own = topic.type.startswith("foxglove.")  # their classes take 20 ms to load
+        decode = import_module("workers.readers.ros.foxglove").foxglove_decoder(topic) if own else ros_decoder(topic)
         return None if decode is None else damage_proof(decode, self.damage)
 
     def _numbers(self, names: Collection[str]) -> dict[int, str]:
