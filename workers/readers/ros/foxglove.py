@@ -16,8 +16,8 @@ from google.protobuf.json_format import ParseDict, ParseError
 from google.protobuf.message import DecodeError
 from google.protobuf.unknown_fields import UnknownFieldSet
 
+from workers.readers.mcap_io.records import RecordError
 from workers.readers.ros.foxglove_messages import FOXGLOVE_MESSAGES
-from workers.readers.ros.mcap_records import RecordError
 from workers.readers.ros.topic_messages import Decoder, Topic
 
 # All of a message but its `data`: a cloud of 30 fields takes less than 1 kB. An empty field of two bytes becomes an

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.images.decode import decoded
-from workers.readers.mcap_writing.chunked_file import ChunkedFile
+from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.normalised.cdr import point_bytes
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import FrameTable, read_table
@@ -56,12 +56,13 @@ def write_viewer_file(
     with ExitStack() as stack:
         sweeps = stack.enter_context(LidarFile(lidar))
         cameras = [_Camera(ViewedCamera.from_json(one), stack) for one in request["cameras"]]
-        file = ChunkedFile(out_dir / FILE_NAME, "", _LEVEL)
+        file = McapWriter(out_dir / FILE_NAME, "", "zstd", _LEVEL)
         stack.callback(file.abandon)
         poses = [FramePose(**one) for one in request["poses"]]
         writer = _Writer(file, sweeps, str(request["lidar_frame"]), cameras, poses)
         writer.run(on_share)
-        file.finish("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
+        file.add_metadata("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
+        file.finish()
     counts = {"copied": writer.copied, "replaced": 0, "added": writer.added, "left_out": writer.left_out}
     return {"file": FILE_NAME, **counts, "written": bytes_written()}
 
@@ -104,7 +105,7 @@ class _Camera:
 
 class _Writer:
     def __init__(
-        self, file: ChunkedFile, sweeps: LidarFile, lidar_frame: str, cameras: list[_Camera], poses: list[FramePose]
+        self, file: McapWriter, sweeps: LidarFile, lidar_frame: str, cameras: list[_Camera], poses: list[FramePose]
     ) -> None:
         self._file, self._sweeps, self._lidar_frame = file, sweeps, lidar_frame
         self._cameras, self._poses = cameras, poses
