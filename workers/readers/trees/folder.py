@@ -11,11 +11,10 @@ from typing import Final
 from workers.readers.detect import HEAD_BYTES, TREE, Format, format_of
 from workers.readers.recording import ReadError, ReadOptions, Recording
 from workers.readers.trees.cloud_files import is_cloud_table
-from workers.readers.trees.composite import Composite, Part
+from workers.readers.trees.composite import Composite, Joined, Part
 from workers.readers.trees.file_series import FileSeries, Group, group_files, is_sensor_file
 from workers.readers.trees.file_times import CSV_NAME, KITTI_NAME, is_times_table, listed_times, stem_and_number
 from workers.readers.trees.file_tree import FileTree, read_file, read_head
-from workers.readers.trees.joined import Joined
 from workers.readers.trees.kitti import KITTI_ENDS, KITTI_STARTS
 from workers.readers.trees.open_tree import open_tree
 
