@@ -38,6 +38,8 @@ Sensor = Literal[
     "os2-128", "xt32", "qt64", "pandar40p", "mixed128", "lux4",
 ]  # fmt: skip
 Walk = Literal["rows", "field", "cover", "yard", "slow", "still"]
+Infos = Literal["none", "raw", "rectified"]
+Tree = Literal["nominal", "true"]
 Second = Literal["none", "beside", "behind"]
 
 
@@ -86,6 +88,12 @@ def simulate(
     ] = "brown_conrady",
     camera_hz: Annotated[float, option("--camera-hz", _CAMERAS, "HZ", "Frames per second of each.")] = 15.0,
     pitch_down_deg: Annotated[float, option("--pitch-down-deg", _CAMERAS, "DEG", "How far they look down.")] = 15.0,
+    camera_info: Annotated[
+        Infos, option("--camera-info", _CAMERAS, None, "Write image_raw or image_rect_color, CameraInfo and a URDF.")
+    ] = "none",
+    tree: Annotated[
+        Tree, option("--tree", _CAMERAS, None, "Where cameras stand in that URDF: as drawn, or as they are.")
+    ] = "nominal",
     clock_offset_ms: Annotated[
         float, option("--clock-offset-ms", _CAMERAS, "MS", "How far their clock is ahead of the LiDAR's.")
     ] = 0.0,

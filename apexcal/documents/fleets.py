@@ -11,8 +11,9 @@ from pydantic import AfterValidator, Field, StringConstraints, field_validator, 
 from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored, Topic, seen
 from apexcal.documents.camera_models import ANGLES, EXTRINSICS, MODELS, all_names
 from apexcal.documents.gates import Gate
+from apexcal.documents.readings import ImageKind
 from apexcal.documents.roles import Role
-from apexcal.documents.transforms import Transform, check_frames
+from apexcal.documents.transforms import Matrix, Transform, check_frames
 
 # A camera's name stands in addresses.
 CameraName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -75,10 +76,21 @@ class OwnedJoint(Received):
     T_child_camera: Transform
 
 
+class Images(Received):
+    """What a camera's images are. ``rotation`` is R of its CameraInfo, if these are rectified.
+
+    It turns from the camera's ``frame`` to that of its images. Without it ``frame`` is the frame of the images.
+    """
+
+    kind: ImageKind
+    rotation: Matrix | None = None
+
+
 class Camera(Received):
     """A camera: its optical frame, image size (width, height), nominal ``T_camera_lidar`` and bounds.
 
     ``serial`` is its serial number, where known. ``joint`` is the joint that its results are also given for.
+    ``images``: raw or rectified; null until its first recording tells.
     """
 
     name: CameraName
@@ -88,6 +100,7 @@ class Camera(Received):
     image_size: tuple[Pixels, Pixels]
     nominal: Transform
     joint: OwnedJoint | None = None
+    images: Images | None = None
     bounds: dict[str, tuple[Magnitude, Magnitude]] = Field(default_factory=dict, max_length=40)
 
     @field_validator("bounds")
@@ -164,6 +177,12 @@ class SensorSerials(Received):
 
     lidar: Serial | None = None
     cameras: Annotated[dict[CameraName, Serial | None], Field(default_factory=dict, max_length=16)]
+
+
+class CameraImages(Received):
+    """What the images of a rig's cameras are, to correct; null lets the next recording tell it."""
+
+    cameras: Annotated[dict[CameraName, Images | None], Field(default_factory=dict, max_length=16)]
 
 
 class RigOut(Sent):

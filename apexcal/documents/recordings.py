@@ -10,7 +10,7 @@ from pydantic import Field
 
 from apexcal.documents.base import Document, Name, Received, Sent, Stored, Topic
 from apexcal.documents.jobs import JobView, ProblemView
-from apexcal.documents.readings import LidarModel, PointTimes, StampConvention
+from apexcal.documents.readings import ImageKind, LidarModel, PointTimes, StampConvention
 from apexcal.documents.states import RecordingState
 
 MAX_PARTS = 100_000
@@ -173,11 +173,16 @@ class Gap(Document):
 
 
 class StatedLens(Document):
-    """The intrinsics that a file states: ``K`` by rows, ``D`` in OpenCV's order. ``model`` is null where none is."""
+    """The intrinsics that a file states: ``K`` by rows, ``D`` in OpenCV's order. ``model`` is null where none is.
+
+    ``R`` (9) turns from the camera's frame to that of its rectified images, ``P`` (12) projects into them; by rows.
+    """
 
     model: str | None
     K: list[float]
     D: list[float]
+    R: list[float] | None = None
+    P: list[float] | None = None
     distortion_model: str | None = None
     width: int
     height: int
@@ -214,6 +219,7 @@ class SensorFacts(Document):
     overlap_s: float | None = None
     overlap_share: float | None = None
     camera_info: StatedLens | None = None
+    image_kind: ImageKind | None = None
     notes: list[str] = []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from apexcal.documents.camera_models import ModelName, SearchForm, parameter_names
+from service.calibration_runs.image_frames import T_images_camera
 from service.calibrations.cameras import ResolvedCamera
 from service.calibrations.common_error_rules import common_errors
 from service.calibrations.lenses import Known
@@ -43,10 +44,11 @@ def fit_document(terms: Terms, camera: ResolvedCamera, model: ModelName) -> Json
 def describe_camera(camera: RigCamera, model: ModelName, search: SearchForm) -> Json:
     """The part of the solver's document that the rig tells, with the bounds that this model has."""
     names = parameter_names(model, search)
+    frame = T_images_camera(camera.nominal["to_frame"], camera.images)["to_frame"]
     return {
         "model": model,
         "camera": camera.name,
         "image_size": [camera.image_width, camera.image_height],
-        "nominal": camera.nominal,
+        "nominal": camera.nominal | {"to_frame": frame},
         "bounds": {name: value for name, value in in_radians(camera.bounds).items() if name in names},
     }

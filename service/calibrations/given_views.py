@@ -11,6 +11,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
+from service.calibration_runs.image_frames import T_images_camera, joint_of_images
 from service.calibrations.publication_views import override_view
 from service.db.aliases import AliasMove, Withdrawal
 from service.db.base import Json
@@ -34,6 +35,9 @@ def cameras_of(session: Session, vehicle_id: UUID) -> set[str]:
 
 def _document(one: Given, alias: str, until: datetime | None) -> Json:
     move, result, rig = one.move, one.result, one.rig
+    turn = T_images_camera(one.frame, one.images)
+    joint = joint_of_images(one.joint, turn, rig.lidar_frame)
+    transform: Json = result.document["transform"] | {"to_frame": turn["to_frame"]}
     document: dict[str, Any] = {
         "vehicle_id": str(move.vehicle_id),
         "camera": one.camera,
@@ -47,7 +51,7 @@ def _document(one: Given, alias: str, until: datetime | None) -> Json:
         "calibration_id": str(one.calibration.id),
         "model": result.model,
         "intrinsics": result.document["intrinsics"],
-        "T_camera_lidar": result.document["transform"],
+        "T_camera_lidar": transform,
         "clock_offset_ns": one.clock_offset_ns,
         "validity": {
             "since": move.created_at,
@@ -61,11 +65,11 @@ def _document(one: Given, alias: str, until: datetime | None) -> Json:
         # Imported here: it needs NumPy, which takes a twentieth of the start.
         from service.calibration_runs.transforms import T_vehicle_camera
 
-        document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, result.document["transform"])
-    if one.joint:
+        document["T_vehicle_camera"] = T_vehicle_camera(rig.T_vehicle_lidar, transform)
+    if joint:
         from service.calibration_runs.transforms import T_parent_child
 
-        document["T_parent_child"] = T_parent_child(one.joint, result.document["transform"])
+        document["T_parent_child"] = T_parent_child(joint, transform)
     return document
 
 

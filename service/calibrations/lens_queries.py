@@ -9,6 +9,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.calibrations import CalibrationTemplate
+from apexcal.documents.lenses import lens_of_images
+from apexcal.documents.readings import ImageKind
 from service.calibrations.cameras import CameraPairs
 from service.calibrations.lenses import check_size
 from service.db.base import Json
@@ -40,15 +42,16 @@ def with_recorded_lenses(
 
 def _stated_intrinsics(session: Session, camera: RigCamera, pairs: CorrespondenceSet) -> Json:
     """What the recording of these pairs says of the camera (CameraInfo)."""
-    facts = session.scalar(
-        select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)
-    )
-    stated: Json | None = (facts or {}).get("camera_info")
+    found = select(Sensor.facts).where(Sensor.recording_id == pairs.recording_id, Sensor.name == camera.name)
+    facts = session.scalar(found) or {}
+    kind: ImageKind | None = camera.images["kind"] if camera.images else facts.get("image_kind")
+    stated = facts.get("camera_info") and lens_of_images(facts["camera_info"], kind)
     if stated is None:
+        which = "P of rectified images" if kind == "rectified" else "its intrinsics"
         raise Problem(
             422,
             "no_intrinsics_stated",
-            f"The pairs of {camera.name} come from no recording that states its intrinsics.",
+            f"The pairs of {camera.name} come from no recording that states {which}.",
             "Do not ask for the recording's (intrinsics_from: recording; --stated), or give the lens as intrinsics.",
         )
     check_size(stated, camera, f"The recording states intrinsics of {camera.name}")

@@ -77,7 +77,11 @@ def as_stated(camera: str, given: Json) -> Json:
 
 
 def check_size(stated: Json, camera: RigCamera, what: str) -> None:
-    """Refuse intrinsics of other images than the camera's: 422 ``intrinsics_of_another_size``."""
+    """Refuse intrinsics of other images than the camera's.
+
+    Raises:
+        Problem: 422 ``intrinsics_of_another_size``, ``intrinsics_of_raw_images``.
+    """
     if (stated["width"], stated["height"]) != (camera.image_width, camera.image_height):
         raise Problem(
             422,
@@ -85,6 +89,13 @@ def check_size(stated: Json, camera: RigCamera, what: str) -> None:
             f"{what} for {stated['width']} x {stated['height']} pixels, "
             f"and its images have {camera.image_width} x {camera.image_height}.",
             "Leave them out, scale them to the images' size, or give bounds.",
+        )
+    if camera.images and camera.images["kind"] == "rectified" and any(stated["D"]):
+        raise Problem(
+            422,
+            "intrinsics_of_raw_images",
+            f"{what} with a distortion, and its images are rectified.",
+            "Give P[:, :3] of the CameraInfo as K, without D, or correct what the rig says of its images.",
         )
 
 

@@ -70,6 +70,7 @@ class RigCamera(Base):
     """One camera of a rig: its nominal mount ``T_camera_lidar`` (a transform document), image size and bounds.
 
     ``joint`` holds ``T_parent_lidar`` and ``T_child_camera`` around the joint that its results are also given for.
+    ``images`` says whether they are raw or rectified, and of rectified ones the rotation ``R`` of their CameraInfo.
     """
 
     __tablename__ = "rig_camera"
@@ -87,3 +88,4 @@ class RigCamera(Base):
     nominal: Mapped[Json]
     bounds: Mapped[Json]
     joint: Mapped[Json | None]
+    images: Mapped[Json | None]

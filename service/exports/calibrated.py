@@ -23,8 +23,9 @@ class SolvedJoint:
 class CalibratedCamera:
     """A camera's lens and mount. ``intrinsics`` is a result's: pixels, and coefficients without a unit.
 
-    ``T_camera_lidar`` maps LiDAR points into the optical frame (x right, y down, z forward). ``source`` is the id of
-    the result.
+    ``T_camera_lidar`` maps LiDAR points into the optical frame (x right, y down, z forward) of the images. ``source``
+    is the id of the result. ``T_own_camera`` leads from there to the camera's own frame, which the vehicle's tree
+    has; None if they are the same.
     """
 
     name: str
@@ -39,6 +40,8 @@ class CalibratedCamera:
     source: str
     at: datetime
     joint: SolvedJoint | None = None
+    is_rectified: bool = False
+    T_own_camera: Transform | None = None
 
     @property
     def skew(self) -> float:
@@ -76,6 +79,11 @@ class CalibratedCamera:
     def frame(self) -> str:
         """The optical frame."""
         return self.T_camera_lidar.to_frame
+
+    @property
+    def T_own_lidar(self) -> Transform:  # noqa: N802 - a transform
+        """LiDAR points into the camera's own frame, before its images were rectified."""
+        return self.T_own_camera.after(self.T_camera_lidar) if self.T_own_camera else self.T_camera_lidar
 
     @property
     def lidar_frame(self) -> str:

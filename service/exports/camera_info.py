@@ -8,9 +8,13 @@ from service.exports.transform import yaml_list
 
 
 def camera_info(camera: CalibratedCamera) -> str:
-    """One camera. The rectified image is the undistorted one: R is the identity, P is K."""
+    """One camera. The rectified image is the undistorted one: R is the identity, P is K.
+
+    Of rectified images this is the lens that they have already, in their own frame.
+    """
     P = [entry for row in camera.K for entry in (*row, 0.0)]
     lines = [
+        *([f"# Of rectified images, in the frame {camera.frame}."] if camera.is_rectified else []),
         f"image_width: {camera.width}",
         f"image_height: {camera.height}",
         f'camera_name: "{file_name(camera.name)}"',

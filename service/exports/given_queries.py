@@ -48,6 +48,8 @@ class Given(NamedTuple):
     pairing: Json | None
     camera_serial: str | None
     joint: Json | None = None
+    frame: str = ""
+    images: Json | None = None
 
     @property
     def camera(self) -> str:
@@ -125,7 +127,8 @@ def _rows(vehicle_id: UUID, asked: Asked) -> Select[*tuple[Any, ...]]:
     is_newest = move.id == newest.correlate(names).scalar_subquery()
     by = AliasMove.said_by if move is AliasMove else Publication.published_by
     return (
-        select(move, Result, Calibration, Rig, Person.name, Detection.pairing, RigCamera.serial, RigCamera.joint)
+        select(move, Result, Calibration, Rig, Person.name, Detection.pairing)
+        .add_columns(RigCamera.serial, RigCamera.joint, RigCamera.frame, RigCamera.images)
         .select_from(names)
         .join(move, is_newest)
         .outerjoin(Result, Result.id == move.result_id)

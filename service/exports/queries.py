@@ -10,6 +10,7 @@ from sqlalchemy import Select, and_, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.camera_models import parse_model
+from service.calibration_runs.image_frames import T_images_camera, joint_of_images
 from service.db.calibrations import Calibration, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.exports.given_queries import Asked, given
@@ -65,6 +66,8 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
     from service.exports.calibrated import CalibratedCamera, SolvedJoint
     from service.exports.transform import Transform
 
+    turn = T_images_camera(camera.frame, camera.images)
+    joint = joint_of_images(camera.joint, turn, rig.lidar_frame)
     return CalibratedCamera(
         name=camera.name,
         topic=camera.topic,
@@ -72,12 +75,14 @@ def _camera(result: Result, rig: Rig, camera: RigCamera) -> CalibratedCamera:
         height=camera.image_height,
         model=parse_model(result.model),
         intrinsics=result.document["intrinsics"],
-        T_camera_lidar=Transform.of(result.document["transform"]),
+        T_camera_lidar=Transform.of(result.document["transform"])._replace(to_frame=turn["to_frame"]),
         T_vehicle_lidar=Transform.of(rig.T_vehicle_lidar) if rig.T_vehicle_lidar else None,
         rig=rig.name,
         source=str(result.id),
         at=result.created_at,
-        joint=SolvedJoint(*(Transform.of(camera.joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
-        if camera.joint
+        joint=SolvedJoint(*(Transform.of(joint[name]) for name in ("T_parent_lidar", "T_child_camera")))
+        if joint
         else None,
+        is_rectified=(camera.images or {}).get("kind") == "rectified",
+        T_own_camera=Transform.of(turn).inverse(),
     )

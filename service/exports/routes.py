@@ -56,7 +56,9 @@ def _patched(body: UrdfRequest, calibrated: Calibrated) -> Response:
     # Imported here: it needs NumPy, which takes a twentieth of the start.
     from service.exports.urdf_patch import patched
 
-    mount = calibrated.cameras[0].T_camera_lidar
+    camera = calibrated.cameras[0]
+    # The file has the camera's own frame, or names that of the rectified images.
+    mount = camera.T_camera_lidar if body.camera_link == camera.frame else camera.T_own_lidar
     mount = mount._replace(
         to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame
     )

@@ -12,7 +12,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import selectinload
 
 from apexcal.documents.base import stored
-from apexcal.documents.fleets import FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
+from apexcal.documents.fleets import CameraImages, FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
 from apexcal.documents.gates import Gate
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.broker.hints import hint
@@ -144,6 +144,7 @@ def post_rig(id: UUID, body: NewRig, access: WriteAccess) -> JSONResponse:
                 nominal=camera.nominal.model_dump(mode="json"),
                 bounds={name: list(pair) for name, pair in camera.bounds.items()},
                 joint=camera.joint and camera.joint.model_dump(mode="json"),
+                images=camera.images and camera.images.model_dump(mode="json"),
             )
             for position, camera in enumerate(body.cameras)
         ],
@@ -182,6 +183,22 @@ def patch_serials(id: UUID, body: SensorSerials, access: WriteAccess, conditions
         rig.lidar_serial = body.lidar
     for name, serial in body.cameras.items():
         rig_camera(access.session, rig, name).serial = serial
+    rig.version += 1
+    access.session.flush()
+    conditions.offer(version_etag(rig.version))
+    return rig_view(rig)
+
+
+@router.patch("/rigs/{id}/images")
+def patch_images(id: UUID, body: CameraImages, access: WriteAccess, conditions: Conditional) -> RigOut:
+    """Correct whether a rig's cameras give raw or rectified images; cameras omitted stay. [engineer]
+
+    The lens that a recording states, and the frame of exports, follow from it. Marks and results stay.
+    """
+    rig = access.find(Rig, id, "engineer", lock=True)
+    conditions.require(version_etag(rig.version))
+    for name, images in body.cameras.items():
+        rig_camera(access.session, rig, name).images = images and images.model_dump(mode="json")
     rig.version += 1
     access.session.flush()
     conditions.offer(version_etag(rig.version))

@@ -26,6 +26,7 @@ def rig_view(rig: Rig) -> RigOut:
                     "image_size": [camera.image_width, camera.image_height],
                     "nominal": camera.nominal,
                     "joint": camera.joint,
+                    "images": camera.images,
                     "bounds": camera.bounds,
                 }
                 for camera in rig.cameras

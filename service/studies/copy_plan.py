@@ -29,7 +29,7 @@ def plan_copy(session: Session, recording: Recording, wanted: CopyRequest) -> Js
     """
     sensors, cameras = recorded_cameras(session, recording, wanted)
     lidar_frame = frame_of(sensors["lidar"], cameras[0].lidar_frame)
-    frames = {one.name: frame_of(sensors[one.name], one.frame) for one in cameras}
+    frames = {one.name: frame_of(sensors[one.name], one.T_own_lidar.to_frame) for one in cameras}
     tree = recorded_tree((recording.facts or {}).get("static_transforms") or ())
     return {
         "lidar_frame": lidar_frame,
@@ -70,12 +70,14 @@ def frame_of(sensor: Sensor, otherwise: str) -> str:
 
 
 def _camera(camera: CalibratedCamera, sensor: Sensor, frame: str) -> Json:
-    if camera.skew:
+    # CameraInfo has no skew; P, the lens of rectified images, has no distortion either.
+    lost = "a skew" if camera.skew else "a distortion" if camera.is_rectified and any(camera.D) else None
+    if lost:
         raise Problem(
             422,
             "lens_without_equal",
-            f"The lens of {camera.name} has a skew, which readers of CameraInfo ignore.",
-            "Calibrate with skew locked at 0 (`locked`).",
+            f"The lens of {camera.name} has {lost}, which readers of CameraInfo ignore.",
+            "Calibrate with skew locked at 0 (`locked`), and rectified images as pinhole.",
         )
     return {
         "name": camera.name,
@@ -86,6 +88,7 @@ def _camera(camera: CalibratedCamera, sensor: Sensor, frame: str) -> Json:
         "distortion_model": camera.written_as.camera_info,
         "K": [value for row in camera.K for value in row],
         "D": camera.D,
+        "is_rectified": camera.is_rectified,
     }
 
 
@@ -99,7 +102,7 @@ def _poses(
     """The poses to write, one for each camera; each is solved in the tree with those before it."""
     found: list[Json] = []
     for camera in cameras:
-        T_camera_lidar = camera.T_camera_lidar._replace(to_frame=frames[camera.name], from_frame=lidar)
+        T_camera_lidar = camera.T_own_lidar._replace(to_frame=frames[camera.name], from_frame=lidar)
         others = [frame for name, frame in frames.items() if name != camera.name]
         pose, is_new = _pose(tree, T_camera_lidar, others, joints.get(camera.name))
         tree.put(Joint(pose.from_frame, True, pose))

@@ -12,7 +12,7 @@ from service.jobs.sweep import sweep
 from tests.support.databases import one_database
 from tests.support.work import work
 from tests.workers.solver.two_cameras import FRONT, LEFT, SIZE, walked
-from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL
+from workers.geometry.rotations import FORWARD_LIDAR_TO_OPTICAL, rotation_from_vector
 from workers.geometry.transforms import RigidTransform, to_document
 from workers.tasks.running import run_job
 
@@ -21,7 +21,7 @@ SCHEDULE = {"slots": 2, "population": 300, "generations": 15, "max_iterations": 
 TRUE = to_document(FRONT.transform @ LEFT.transform.inverse())
 
 
-def rig_document(known=TRUE):
+def rig_document(known=TRUE, images=None):
     cameras = [
         {
             "name": mount.name,
@@ -30,6 +30,7 @@ def rig_document(known=TRUE):
             "nominal": _sent(
                 to_document(RigidTransform(mount.name, "velodyne", FORWARD_LIDAR_TO_OPTICAL, np.zeros(3)))
             ),
+            "images": images if mount is LEFT else None,
         }
         for mount in (FRONT, LEFT)
     ]
@@ -41,12 +42,12 @@ def _sent(transform):
     return transform | {"rotation": {"matrix": transform["rotation"]["matrix"]}}
 
 
-def asked(api, known=TRUE, **request):
+def asked(api, known=TRUE, images=None, **request):
     """An engineer, and their calibration of both cameras from one walk, every vertex marked in both."""
     fleet = api.fleet()
     engineer = api.member(fleet, "engineer")
     vehicle = engineer.post(f"/fleets/{fleet}/vehicles", {"name": "car"}).json()["id"]
-    rig = engineer.post(f"/vehicles/{vehicle}/rigs", rig_document(known))
+    rig = engineer.post(f"/vehicles/{vehicle}/rigs", rig_document(known, images))
     assert rig.status_code == 201, rig.text
     points, pixels = walked(5, 100)
     rng = np.random.default_rng(5)
@@ -82,6 +83,18 @@ def test_two_cameras_are_compared_when_both_are_done(api, context):
     provenance = result["provenance"]
     assert (len(provenance["sources_sha256"]), len(provenance["pairs_sha256"])) == (64, 64)
     assert provenance["request"]["seed"] == result["seed"] == done["request"]["seed"]
+
+
+def test_what_the_rig_states_is_of_the_cameras_before_their_images_are_rectified(api, context):
+    R = rotation_from_vector(np.radians([0.6, -0.9, 0.5]))
+    own = RigidTransform("left", "velodyne", R.T @ LEFT.transform.R, R.T @ LEFT.transform.t)
+    known = to_document(FRONT.transform @ own.inverse())
+    engineer, calibration = asked(api, known, {"kind": "rectified", "rotation": {"matrix": R.tolist()}})
+    work(context)
+    (pair,) = engineer.get(f"/calibrations/{calibration['id']}").json()["summary"]["rig"]["pairs"]
+    assert pair["transform"]["from_frame"] == "left_rectified"
+    assert [one["source"] for one in pair["stated"]] == ["nominal", "rig"] and pair["alarms"] == []
+    assert pair["stated"][1]["sigmas"] < 4.0
 
 
 @one_database

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.readings import LidarModel, PointTimes, StampConvention
+from apexcal.documents.readings import ImageKind, LidarModel, PointTimes, StampConvention
 
 TimeSource = Literal["per_point", "derived_from_azimuth", "stamp_only"]
 
@@ -98,7 +98,9 @@ class Sensor:
         notes: what the file says before it is read: ``fields`` of a point cloud (names, separated by spaces),
             ``type`` of a topic, ``width`` and ``height`` of a camera's first frame, ``rate_hz``.
         camera_info: of a camera: the intrinsics that the file states, a starting guess: ``model`` (a name of ours),
-            ``K`` (9 numbers, rows), ``D``, ``distortion_model`` as in the file, ``width``, ``height``.
+            ``K`` (9 numbers, rows), ``D``, ``distortion_model`` as in the file, ``R`` (9) and ``P`` (12) of its
+            rectified images or None, ``width``, ``height``.
+        image_kind: of a camera: whether its images are raw or rectified, as far as the file tells.
     """
 
     kind: Literal["lidar", "camera"]
@@ -107,6 +109,7 @@ class Sensor:
     count: int | None
     notes: Mapping[str, str] = field(default_factory=dict[str, str])
     camera_info: Mapping[str, Any] | None = None
+    image_kind: ImageKind | None = None
 
 
 @dataclass(frozen=True, slots=True)

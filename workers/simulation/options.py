@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 from workers.geometry.models import MODELS
 from workers.simulation.disturbances import SECOND_PERSON, Disturbances
 from workers.simulation.sensors import SENSORS
-from workers.simulation.settings import FORMATS, Settings, parse_cameras
+from workers.simulation.settings import FORMATS, CameraInfos, Settings, Tree, parse_cameras
 from workers.simulation.walks import WALKS
 
 _OFF = Disturbances()
@@ -70,6 +70,8 @@ def settings_of(options: argparse.Namespace) -> Settings:
             poles=options.poles,
         ),
         format=options.format,
+        camera_info=options.camera_info,
+        tree=options.tree,
     )
 
 
@@ -119,6 +121,10 @@ def _cameras(group: _Group) -> None:
     group.add_argument(
         "--pitch-down-deg", type=float, default=_STANDARD.pitch_down_deg, help="how far they look down"
     )
+    infos = "a bag's topics: images alone; image_raw or image_rect_color with CameraInfo, /tf_static and a URDF"
+    group.add_argument("--camera-info", choices=get_args(CameraInfos), default=_STANDARD.camera_info, help=infos)
+    mounts = "where cameras stand in /tf_static and the URDF: as drawn, or as they are"
+    group.add_argument("--tree", choices=get_args(Tree), default=_STANDARD.tree, help=mounts)
     group.add_argument(
         "--clock-offset-ms",
         type=float,

@@ -30,6 +30,8 @@ FORMATS: dict[Format, str] = {
     "zip": "that folder as one zip",
     "kitti": "KITTI raw folders: .bin clouds (which have no rings) and PNG images",
 }
+CameraInfos = Literal["none", "raw", "rectified"]
+Tree = Literal["nominal", "true"]
 PACKET_FORMATS: tuple[Format, ...] = ("pcap", "pcapng", "video")
 _YAWS_DEG = {FRONT: 0.0, "left": 45.0, "right": -45.0, "front_left": 25.0, "front_right": -25.0}
 _MOST_CAMERAS = 11
@@ -113,6 +115,9 @@ class Settings:
         board_m: lengths of the board's edges, to the left and to the right of the apex as the LiDAR sees it.
         disturbances: what makes the board harder to see.
         format: of the recording, in ``FORMATS``.
+        camera_info: ``raw``: a bag holds ``image_raw`` and CameraInfo; ``rectified``: ``image_rect_color`` and the
+            same CameraInfo. Both have ``/tf_static``, and ``vehicle.urdf`` beside them.
+        tree: whether the cameras stand there as the rig's drawing says or as they are mounted.
 
     Raises:
         ValueError: a value that cannot be simulated, said in one sentence.
@@ -134,6 +139,8 @@ class Settings:
     board_m: tuple[float, float] = BOARD_EDGES_M
     disturbances: Disturbances = field(default_factory=Disturbances)
     format: Format = "bag"
+    camera_info: CameraInfos = "none"
+    tree: Tree = "nominal"
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -156,6 +163,8 @@ class Settings:
             ("sensor", self.sensor, SENSORS),
             ("walk", self.walk, WALKS),
             ("format", self.format, get_args(Format)),
+            ("camera info", self.camera_info, get_args(CameraInfos)),
+            ("tree", self.tree, get_args(Tree)),
         ):
             if value not in known:
                 raise ValueError(f"there is no {what} {value!r}; one of {', '.join(known)}")
@@ -167,6 +176,8 @@ class Settings:
         names = [camera.name for camera in self.cameras]
         if not 1 <= len(names) <= _MOST_CAMERAS or len(set(names)) < len(names):
             raise ValueError(f"a rig has 1 to {_MOST_CAMERAS} cameras of different names, not {_listed(names)}")
+        if self.camera_info != "none" and self.format not in ("bag", "db3", "mcap"):
+            raise ValueError(f"only bag, db3 and mcap hold a CameraInfo; {self.format} does not")
         if self.format in PACKET_FORMATS and (self.sensor != "vlp16" or self.rings is not None):
             raise ValueError(
                 f"only the packets of a vlp16 with its 16 rings are written as {self.format}; choose another format"

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.simulation.background import paint_background
+from workers.simulation.driver import urdf
 from workers.simulation.render import Renderer
 from workers.simulation.rig import START_NS, MountedCamera, Rig
 from workers.simulation.scene import WALKER_REGION
@@ -44,6 +45,8 @@ class Simulated:
 def simulate(settings: Settings, out_dir: Path, on_progress: OnProgress | None = None) -> Simulated:
     """Write the recording, ``truth.json``, ``rig.json`` and ``region.json`` into ``out_dir``.
 
+    Beside a recording with CameraInfo stands ``vehicle.urdf``.
+
     Whoever needs no images takes :class:`Rig` and its ``sweeps()`` instead: painting is the slow part.
 
     Args:
@@ -61,6 +64,8 @@ def simulate(settings: Settings, out_dir: Path, on_progress: OnProgress | None =
     described = json.dumps(rig_document(rig, writer.names), indent=2) + "\n"
     (out_dir / "rig.json").write_text(described, encoding="utf-8")
     (out_dir / "region.json").write_text(json.dumps(WALKER_REGION, indent=2) + "\n", encoding="utf-8")
+    if settings.camera_info != "none":
+        (out_dir / "vehicle.urdf").write_text(urdf(rig.tree()), encoding="utf-8")
     return Simulated(
         recording=writer.path,
         truth=out_dir / "truth.json",

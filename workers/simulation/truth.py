@@ -23,6 +23,7 @@ def truth_document(rig: Rig) -> dict[str, Any]:
     recording has it; ``time_ns``, when the frame was taken by the LiDAR's clock; ``apex_xyz``, the board's apex at
     that moment, metres, LiDAR frame; ``apex_uv``, its pixel ((0, 0) is the centre of the top-left one);
     ``apex_in_image``. The first camera's stand at the top too.
+    Of rectified images transform and intrinsics are theirs: a pinhole, turned.
     ``clock``: ``offset_ns``, the cameras' clock minus the LiDAR's; ``jitter_ns``, the standard
     deviation of a frame's stamp.
     ``sweeps``: ``stamp_ns``; ``apex_xyz`` at the stamp; ``scan_ns``, when the turning sensor looked at the

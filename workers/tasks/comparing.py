@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations
 from uuid import UUID
 
@@ -12,6 +13,7 @@ from sqlalchemy.orm import Session
 from service.calibration_runs.actions import end_calibration
 from service.calibration_runs.camera_summary import recommend
 from service.calibration_runs.conclusion import by_camera, results_of, runs_of
+from service.calibration_runs.image_frames import T_images_camera
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig
 from service.jobs.claims import Claim, Lease
@@ -75,7 +77,15 @@ def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:
     """T_cameraA_cameraB by the nominal mounts of every two cameras, and as the rig knows it otherwise."""
     rig = session.get_one(Rig, rig_id)
     nominal = combinations((from_document(camera.nominal) for camera in rig.cameras), 2)
-    return [StatedTransform(a @ b.inverse(), "nominal") for a, b in nominal] + [
+    stated = [StatedTransform(a @ b.inverse(), "nominal") for a, b in nominal] + [
         StatedTransform(from_document(one["transform"]), "rig", one["std_deg"], 1e-3 * one["std_mm"])
         for one in rig.camera_transforms or []
+    ]
+    turns = [from_document(T_images_camera(one.frame, one.images)) for one in rig.cameras]
+    by_frame = {turn.from_frame: turn for turn in turns}
+    # Results lead to the frames of the images.
+    return [
+        replace(one, transform=by_frame[known.to_frame] @ known @ by_frame[known.from_frame].inverse())
+        for one in stated
+        for known in [one.transform]
     ]

@@ -25,6 +25,7 @@ from workers.readers.limited import ingest_limited
 from workers.readers.normalised.manifest import FrameTable, SensorManifest, read_table
 from workers.readers.recording import ReadError, legible
 from workers.tasks.context import Context
+from workers.tasks.image_kinds import keep_image_kinds
 from workers.tasks.loading import require_room
 from workers.tasks.originals import join_parts, reading_limits
 
@@ -69,7 +70,8 @@ def ingest(context: Context, held: Claim, lease: Lease) -> Callable[[Session], N
         _forget_earlier(session, recording)
         row = session.get_one(Recording, recording.id)
         row.taken_bytes = row.size + sum(size for _, size in stored.values()) + copied(session, row.id)
-        row.facts, row.warnings = _legible(manifest.facts()), _legible(list(manifest.warnings))
+        warnings = [*manifest.warnings, *keep_image_kinds(session, recording.rig_id, manifest.sensors)]
+        row.facts, row.warnings = _legible(manifest.facts()), _legible(warnings)
         for sensor in manifest.sensors:
             key, size = stored[sensor.name]
             keep(session, key, size=size)

@@ -67,6 +67,42 @@ def test_intrinsics_that_the_recording_states_bound_the_search(api, fleet, engin
     assert any("bound nothing" in note for note in ask_it().json()["notes"])
 
 
+P = [450.0, 0.0, 330.0, -54.0, 0.0, 450.0, 250.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+
+
+def test_rectified_images_have_the_lens_p_and_may_be_a_pinholes(api, fleet, engineer):
+    seed = seed_marking(api.database, fleet, vertices=20)
+    for number in range(20):
+        seed_answer(api.database, seed, engineer.person_id, number, "confirmed", (10.0 + number, 20.0))
+    made = engineer.post(f"/detections/{seed.detection_id}/correspondence-sets", {"camera": "front"}).json()
+    request = {"models": ["pinhole"], "folds": 0, "intrinsics_from": "recording", "intrinsics_as": "locked"}
+
+    def ask_it(stated, told, images):
+        etag = {"If-Match": engineer.get(f"/rigs/{seed.rig_id}").headers["etag"]}
+        body = {"cameras": {"front": images and {"kind": images}}}
+        assert engineer.patch(f"/rigs/{seed.rig_id}/images", body, headers=etag).status_code == 200
+        with api.database.writing() as session:
+            session.get_one(Sensor, seed.camera_id).facts = {"camera_info": PLUMB_BOB | stated, "image_kind": told}
+        return engineer.post(
+            f"/vehicles/{seed.vehicle_id}/calibrations", {"correspondence_set_ids": [made["id"]], **request}
+        )
+
+    stated = {"model": "brown_conrady", "R": None, "P": P}
+    for told, images in (("rectified", None), (None, "rectified"), ("raw", "rectified")):
+        answer = ask_it(stated, told, images)
+        assert answer.status_code == 202, answer.text
+        locked = documents(api, answer.json()["id"])["pinhole", -1]["locked"]
+        assert locked == {"f_x": 450.0, "f_y": 450.0, "c_x": 330.0, "c_y": 250.0}
+    for told, images in (("raw", None), (None, None), ("rectified", "raw")):
+        assert ask_it(stated, told, images).json()["code"] == "intrinsics_of_another_model"
+    refused = ask_it(stated | {"P": None}, "rectified", None).json()
+    assert refused["code"] == "no_intrinsics_stated" and "states P of rectified images" in refused["detail"]
+    # A lens with a distortion is no rectified image's, whoever states it.
+    request |= {"models": ["brown_conrady"], "intrinsics": {"front": PLUMB_BOB}}
+    assert ask_it(stated, None, "rectified").json()["code"] == "intrinsics_of_raw_images"
+    assert ask_it(stated, None, "raw").status_code == 202
+
+
 PLUMB_BOB = {
     "width": 640,
     "height": 480,

@@ -11,13 +11,12 @@ from workers.readers.copying.edits import CameraEdit, Counts, Edits
 from workers.readers.copying.messages import Messages, head_of_message, ros1_types
 from workers.readers.copying.qos import LATCHED_QOS, SENSOR_QOS
 from workers.readers.recording import ReadError
-from workers.readers.ros.camera_info import match_infos
+from workers.readers.ros.camera_info import match_infos, without_transport
 from workers.readers.ros.containers import Container
 from workers.readers.ros.ros_types import INFO, TRANSFORM, TRANSFORMS, fixed_types, full_name
 from workers.readers.ros.static_transforms import is_static_transforms
 from workers.readers.ros.topic_messages import CameraInfo, Topic
 
-_SUFFIXES: Final = ("/compressed", "/raw")
 _TF: Final = "tf"
 _TF_STATIC: Final = "/tf_static"
 
@@ -229,14 +228,8 @@ def _infos_of(container: Container, cameras: dict[str, CameraEdit]) -> dict[str,
 
 def _info_topic(camera: CameraEdit, cameras: Sequence[CameraEdit], topics: dict[str, Topic]) -> str:
     """Where image_transport looks for an image's intrinsics, if that is free and no other camera's."""
-    base = {one.topic: _base(one.topic) for one in cameras}
+    base = {one.topic: without_transport(one.topic) for one in cameras}
     folder = posixpath.dirname(base[camera.topic])
     beside = posixpath.join(folder, "camera_info")
     shared = sum(posixpath.dirname(one) == folder for one in base.values()) > 1
     return f"{base[camera.topic]}/camera_info" if shared or beside in topics else beside
-
-
-def _base(topic: str) -> str:
-    for suffix in _SUFFIXES:
-        topic = topic.removesuffix(suffix)
-    return topic

@@ -18,6 +18,8 @@ class CameraEdit:
         width, height: pixels.
         distortion_model: as CameraInfo names it.
         K: (9,) by rows, pixels. D: in the model's order.
+        is_rectified: whether the images are rectified, so that the lens is P of a CameraInfo.
+        R: (9,), P: (12,) of a new CameraInfo by rows; empty: no turn, and the lens again.
     """
 
     name: str
@@ -28,6 +30,9 @@ class CameraEdit:
     distortion_model: str
     K: tuple[float, ...]
     D: tuple[float, ...]
+    is_rectified: bool = False
+    R: tuple[float, ...] = ()
+    P: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,9 +34,16 @@ class Messages:
         return self._written(self._make(INFO, header, *_lens(camera), 0, 0, roi), INFO)
 
     def with_lens(self, raw: bytes, camera: CameraEdit) -> bytes:
-        """A CameraInfo with this lens; stamp, frame, binning and region of interest stay."""
+        """A CameraInfo with this lens; stamp, frame, binning and region of interest stay.
+
+        Of rectified images P alone is replaced; K, D and R stay those of the raw ones.
+        """
         found = self._read(raw, INFO)
-        made = self._make(INFO, found.header, *_lens(camera), found.binning_x, found.binning_y, found.roi)
+        lens = _lens(camera)
+        if camera.is_rectified and found.p[0] and (np.any(found.d) or not np.array_equal(found.r, _NO_TURN)):
+            lens[-1][3] = found.p[3] * (lens[-1][0] / found.p[0])  # -f_x b of a stereo camera
+            lens = (*lens[:2], found.distortion_model, found.d, found.k, found.r, lens[-1])
+        made = self._make(INFO, found.header, *lens, found.binning_x, found.binning_y, found.roi)
         return self._written(made, INFO)
 
     def children(self, raw: bytes) -> list[str]:
@@ -95,10 +102,11 @@ def ros1_types() -> Typestore:
 
 
 def _lens(camera: CameraEdit) -> tuple[Any, ...]:
-    """height, width, model, D, K, R, P: the rectified image is the undistorted one, with the same K."""
+    """height, width, model, D, K, R, P: the rectified image is the undistorted one, with the same K, unless said."""
     K = np.array(camera.K, np.float64)
-    P = np.hstack([K.reshape(3, 3), np.zeros((3, 1))]).reshape(-1)
-    return (camera.height, camera.width, camera.distortion_model, np.array(camera.D, np.float64), K, _NO_TURN, P)
+    P = np.array(camera.P) if camera.P else np.hstack([K.reshape(3, 3), np.zeros((3, 1))]).reshape(-1)
+    R = np.array(camera.R) if camera.R else _NO_TURN
+    return (camera.height, camera.width, camera.distortion_model, np.array(camera.D, np.float64), K, R, P)
 
 
 def plain(frame: str) -> str:

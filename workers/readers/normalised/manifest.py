@@ -9,6 +9,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, Final, Literal, Self
 
+from apexcal.documents.readings import ImageKind
 from workers.readers.output import create
 from workers.readers.recording import StampConvention, StaticTransform, TimeSource
 
@@ -65,7 +66,8 @@ class SensorManifest:
         sizes: of a camera: how many frames have which size, the most frequent first.
         overlap_s, overlap_share: of a camera: how long it ran together with the LiDAR, seconds, and as a share of the
             LiDAR's time.
-        camera_info: of a camera: the intrinsics that its file states; see :class:`Sensor`.
+        camera_info, image_kind: of a camera: the intrinsics that its file states, and what its images are; see
+            :class:`Sensor`.
         notes: sentences about how the sensor was read.
     """
 
@@ -98,6 +100,7 @@ class SensorManifest:
     overlap_s: float | None = None
     overlap_share: float | None = None
     camera_info: Mapping[str, Any] | None = None
+    image_kind: ImageKind | None = None
     notes: Sequence[str] = field(default_factory=list[str])
 
 

@@ -127,6 +127,7 @@ class _Camera:
             height=table.height[0],
             sizes=sizes,
             camera_info=self.sensor.camera_info,
+            image_kind=self.sensor.image_kind,
             notes=list(self.transcodings),
         )
         return manifest, [*report.warnings, *_size_warnings(self.name, sizes, self.sensor)]

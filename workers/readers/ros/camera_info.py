@@ -7,17 +7,23 @@ import posixpath
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from apexcal.documents.lenses import coefficients_of, model_stated
-from workers.readers.ros.topic_messages import CameraInfo
+import numpy as np
 
-_IMAGE_SUFFIXES: Final = ("/compressed", "/raw")
+from apexcal.documents.lenses import coefficients_of, lens_of_images, model_stated
+from apexcal.documents.readings import ImageKind
+from workers.readers.ros.topic_messages import CameraInfo
+from workers.readers.topic_words import words
+
+_RECTIFIED: Final = frozenset(("rect", "rectified", "undistorted"))
+# image_proc's names of images that it did not rectify.
+_RAW: Final = ("image_color", "image_mono")
 
 
 def camera_info(
-    stamp_ns: int, frame_id: str, width: int, height: int, model: str, d: Sequence[float], k: Sequence[float]
+    stamp_ns: int, frame_id: str, width: int, height: int, model: str, *dkrp: Sequence[float]
 ) -> CameraInfo:
-    """A message's fields, numbers made Python's own."""
-    numbers = ([float(value) for value in d], [float(value) for value in k])
+    """A message's fields, numbers made Python's own. ``dkrp``: D, K, R and P."""
+    numbers = ([float(value) for value in one] for one in dkrp)
     return CameraInfo(stamp_ns, frame_id, int(width), int(height), str(model), *numbers)
 
 
@@ -33,14 +39,48 @@ def info_document(info: CameraInfo) -> dict[str, Any] | None:
         return None
     model = model_stated(info.distortion_model)
     D = coefficients_of(model, info.d) if model else None
+    is_rectifying = len(info.p) == 12 and all(map(math.isfinite, info.p)) and info.p[0] > 0 and info.p[5] > 0
     return {
         "model": model if D is not None else None,
         "K": list(info.k),
         "D": list(info.d) if D is None else D,
+        "R": _turn(info.r) if is_rectifying else None,
+        "P": list(info.p) if is_rectifying else None,
         "distortion_model": info.distortion_model[:64],
         "width": info.width,
         "height": info.height,
     }
+
+
+def _turn(r: Sequence[float]) -> list[float] | None:
+    """R, unless it is no rotation, or none that a pixel shows."""
+    # Fields of a file may hold any number.
+    R = np.reshape(r, (3, 3)) if len(r) == 9 and all(abs(one) < 1.1 for one in r) else np.zeros((3, 3))
+    is_rotation = np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0.0
+    return list(r) if is_rotation and not np.allclose(R, np.eye(3), atol=1e-5) else None
+
+
+def image_kind(topic: str, info: Mapping[str, Any] | None) -> ImageKind | None:
+    """Whether a topic's images are raw or rectified; None where neither its name nor its CameraInfo tells.
+
+    ``info`` is that of :func:`info_document`.
+
+    RealSense's ``image_rect_raw`` is rectified. A CameraInfo without distortion and rotation, whose P repeats its K,
+    is that of rectified images: raw and rectified ones would be the same.
+    """
+    plain = without_transport(topic)
+    if words(plain) & _RECTIFIED:
+        return "rectified"
+    if "raw" in words(last := posixpath.basename(plain)) or last in _RAW:
+        return "raw"
+    rectified = lens_of_images(info, "rectified") if info else None
+    is_same = info and rectified and not any(info["D"]) and info["R"] is None and rectified["K"] == info["K"]
+    return "rectified" if is_same else None
+
+
+def without_transport(topic: str) -> str:
+    """An image topic without the name that image_transport puts behind it."""
+    return topic.removesuffix("/compressed").removesuffix("/raw")
 
 
 def match_infos(cameras: Mapping[str, str], infos: Mapping[str, CameraInfo]) -> dict[str, CameraInfo]:
@@ -52,9 +92,7 @@ def match_infos(cameras: Mapping[str, str], infos: Mapping[str, CameraInfo]) -> 
     """
     found: dict[str, CameraInfo] = {}
     for topic, frame_id in cameras.items():
-        plain = topic
-        for suffix in _IMAGE_SUFFIXES:
-            plain = plain.removesuffix(suffix)
+        plain = without_transport(topic)
         beside = [info for name, info in infos.items() if posixpath.dirname(name) == posixpath.dirname(plain)]
         named = [info for name, info in infos.items() if name in (f"{topic}/camera_info", f"{plain}/camera_info")]
         framed = [info for info in infos.values() if frame_id and info.frame_id == frame_id]

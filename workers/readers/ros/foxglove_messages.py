@@ -72,9 +72,9 @@ def _raw(message: Any) -> Message:
 
 
 def _calibration(message: Any) -> Message:
-    # ROS has no names in capitals.
-    D, K = (message.D, message.K) if hasattr(message, "K") else (message.d, message.k)
-    return camera_info(*_head(message), message.width, message.height, message.distortion_model, D, K)
+    names = "DKRP" if hasattr(message, "K") else "dkrp"  # ROS has no names in capitals
+    matrices = (getattr(message, name) for name in names)
+    return camera_info(*_head(message), message.width, message.height, message.distortion_model, *matrices)
 
 
 FOXGLOVE_MESSAGES: Final[Mapping[str, Callable[[Any], Message]]] = {

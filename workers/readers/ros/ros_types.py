@@ -181,7 +181,8 @@ def _read_compressed(message: Any) -> Message:
 
 
 def _read_info(message: Any) -> CameraInfo:
-    return camera_info(*_head(message), message.width, message.height, message.distortion_model, message.d, message.k)
+    matrices = (message.d, message.k, message.r, message.p)
+    return camera_info(*_head(message), message.width, message.height, message.distortion_model, *matrices)
 
 
 def _read_packets(message: Any) -> Message:

@@ -89,6 +89,8 @@ class CameraInfo(Stamped):
         distortion_model: as the message says.
         d: distortion coefficients.
         k: 9 numbers, the camera matrix by rows.
+        r: 9 numbers by rows, the rotation from the camera's frame to that of its rectified images.
+        p: 12 numbers by rows, the projection matrix of its rectified images.
     """
 
     width: int
@@ -96,6 +98,8 @@ class CameraInfo(Stamped):
     distortion_model: str
     d: Sequence[float]
     k: Sequence[float]
+    r: Sequence[float] = ()
+    p: Sequence[float] = ()
 
 
 Message = CloudMessage | EncodedImage | RawImage | VideoMessage | PacketMessage | CameraInfo

@@ -27,7 +27,7 @@ from workers.readers.recording import (
     StaticTransform,
     Sweep,
 )
-from workers.readers.ros.camera_info import info_document, match_infos
+from workers.readers.ros.camera_info import image_kind, info_document, match_infos
 from workers.readers.ros.containers import Container
 from workers.readers.ros.static_transforms import static_transforms
 from workers.readers.ros.topic_messages import (
@@ -90,8 +90,7 @@ class TopicRecording(Recording):
             self._decoders[topic.name] = decoder
             sensors.append(_sensor(topic, first))
         matched = match_infos({s.name: s.frame_id for s in sensors if s.kind == "camera"}, infos)
-        documents = {name: info_document(info) for name, info in matched.items()}
-        return [replace(s, camera_info=documents[s.name]) if s.name in documents else s for s in sensors]
+        return [_with_info(s, matched.get(s.name)) if s.kind == "camera" else s for s in sensors]
 
     def _first(self, topic: Topic, decoder: Decoder) -> Message | None:
         for _, raw in self._container.samples(topic.name, 1):
@@ -256,6 +255,11 @@ def _described(topic: Topic) -> str:
     if topic.type.startswith("foxglove.") and topic.encoding not in ("protobuf", "json"):
         return f"{topic.name} ({topic.type} encoded as {topic.encoding or 'nothing'}, which is not read)"
     return f"{topic.name} ({topic.type})"
+
+
+def _with_info(camera: Sensor, info: CameraInfo | None) -> Sensor:
+    document = info and info_document(info)
+    return replace(camera, camera_info=document, image_kind=image_kind(camera.name, document))
 
 
 def _sensor(topic: Topic, first: Message | None) -> Sensor:

@@ -8,7 +8,7 @@ from typing import assert_never
 
 import numpy as np
 
-from workers.simulation.camera import LIDAR_FRAME, camera_frame
+from workers.simulation.camera import LIDAR_FRAME
 from workers.simulation.rig import START_NS, Rig
 from workers.simulation.writers.files import CloudsAndImages, KittiRaw
 from workers.simulation.writers.packets import Pcap, Pcapng, Vlp16Packets
@@ -26,10 +26,11 @@ def open_writer(rig: Rig, out_dir: Path) -> RecordingWriter:
     kind = rig.settings.format
     cameras = _channels(rig)
     match kind:
-        case "bag":
-            return RosWriter(out_dir / "recording.bag", kind, LIDAR_FRAME, cameras)
-        case "db3" | "mcap":
-            return RosWriter(out_dir / "recording", kind, LIDAR_FRAME, cameras)
+        case "bag" | "db3" | "mcap":
+            bag = RosWriter(out_dir / ("recording.bag" if kind == "bag" else "recording"), kind, LIDAR_FRAME, cameras)
+            if rig.settings.camera_info != "none":
+                bag.write_tree(rig.tree(), START_NS)
+            return bag
         case "folder":
             return CloudsAndImages(FolderTree(out_dir / "recording"), cameras)
         case "tar":
@@ -46,10 +47,11 @@ def open_writer(rig: Rig, out_dir: Path) -> RecordingWriter:
 
 
 def _channels(rig: Rig) -> list[Channel]:
-    return [
-        Channel(mounted.spec.name, camera_frame(mounted.spec.name), mounted.camera.image_size, rig.settings.camera_hz)
-        for mounted in rig.cameras
-    ]
+    hz, kind = rig.settings.camera_hz, rig.settings.camera_info
+    topic = {"none": "image", "raw": "image_raw", "rectified": "image_rect_color"}[kind]
+    heads = [(one.spec.name, one.info.frame_id, one.camera.image_size, hz, topic) for one in rig.cameras]
+    infos = [None if kind == "none" else one.info for one in rig.cameras]
+    return [Channel(*head, info) for head, info in zip(heads, infos, strict=True)]
 
 
 def _sweep_seconds(rig: Rig) -> tuple[float, float]:

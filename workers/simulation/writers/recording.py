@@ -10,6 +10,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from workers.readers.copying.edits import CameraEdit
 from workers.readers.recording import Sweep
 
 
@@ -35,12 +36,16 @@ class Channel:
         frame_id: its coordinate frame.
         image_size: width, height in pixels.
         rate_hz: frames per second, about.
+        topic: last word of its images' topic in a bag.
+        info: what its driver states with each of them; None: nothing.
     """
 
     name: str
     frame_id: str
     image_size: tuple[int, int]
     rate_hz: float
+    topic: str = "image"
+    info: CameraEdit | None = None
 
 
 class RecordingWriter(Protocol):

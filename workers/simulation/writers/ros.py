@@ -9,12 +9,18 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 import numpy as np
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Bag1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2
 from rosbags.typesys import Stores, get_typestore
 
+from workers.geometry.rotations import quaternion_from_rotation
+from workers.geometry.transforms import RigidTransform
+from workers.readers.copying.edits import CameraEdit, PoseEdit
+from workers.readers.copying.messages import Messages, ros1_types
 from workers.readers.recording import Sweep
+from workers.readers.ros.ros_types import INFO, TRANSFORM
 from workers.simulation.render import encode_jpeg
 from workers.simulation.writers.recording import Channel, Picture, refuse_existing
 
@@ -53,7 +59,7 @@ class RosWriter:
     ) -> None:
         refuse_existing(path)
         self.path = path
-        self.names = {"lidar": LIDAR_TOPIC, **{c.name: f"/camera/{c.name}/image/compressed" for c in cameras}}
+        self.names = {"lidar": LIDAR_TOPIC, **{c.name: f"/camera/{c.name}/{c.topic}/compressed" for c in cameras}}
         self._frame_ids = {"lidar": lidar_frame, **{camera.name: camera.frame_id for camera in cameras}}
         self._sequence: Counter[str] = Counter()
         self._ros1 = kind == "bag"
@@ -66,6 +72,12 @@ class RosWriter:
         }
         serialize: Callable[[Any, str], Any] = self._types.serialize_ros1 if self._ros1 else self._types.serialize_cdr
         self._serialize = serialize
+        self._messages = Messages("ros1" if self._ros1 else "cdr")
+        self._infos: dict[str, tuple[Any, CameraEdit]] = {}
+        for one in cameras:
+            if one.info is not None:
+                topic = f"/camera/{one.name}/camera_info"
+                self._infos[one.name] = self._bag.add_connection(topic, INFO, typestore=self._types), one.info
 
     def __enter__(self) -> Self:
         return self
@@ -92,14 +104,27 @@ class RosWriter:
         )
         self._bag.write(self._connections["lidar"], received_ns, self._serialize(message, _CLOUD))
 
+    def write_tree(self, tree: Sequence[RigidTransform], stamp_ns: int) -> None:
+        """One latched message of T_parent_child on ``/tf_static``, as robot_state_publisher sends."""
+        turned = [(one, quaternion_from_rotation(one.R)) for one in tree]
+        poses = [PoseEdit(one.to_frame, one.from_frame, tuple(one.t), tuple(turn), True) for one, turn in turned]
+        types = ros1_types() if self._ros1 else self._types
+        latched: dict[str, Any] = {"latching": 1} if self._ros1 else {"offered_qos_profiles": [_LATCHED]}
+        connection = self._bag.add_connection("/tf_static", TRANSFORM, typestore=types, **latched)
+        self._bag.write(connection, stamp_ns, self._messages.new_poses(poses, stamp_ns))
+
     def write_picture(self, camera: str, picture: Picture, received_ns: int) -> None:
-        """One CompressedImage."""
+        """One CompressedImage, and its CameraInfo."""
         message = self._types.types[_IMAGE](
             header=self._header(camera, picture.stamp_ns),
             format="jpeg",
             data=np.frombuffer(encode_jpeg(picture.image), np.uint8),
         )
         self._bag.write(self._connections[camera], received_ns, self._serialize(message, _IMAGE))
+        if camera in self._infos:
+            connection, info = self._infos[camera]
+            made = self._messages.new_info(info, picture.stamp_ns, self._frame_ids[camera])
+            self._bag.write(connection, received_ns, made)
 
     def _header(self, sensor: str, stamp_ns: int) -> Any:
         number: dict[str, int] = {"seq": self._sequence[sensor]} if self._ros1 else {}
@@ -110,4 +135,7 @@ class RosWriter:
         return self._types.types["std_msgs/msg/Header"](**number, stamp=stamp, frame_id=self._frame_ids[sensor])
 
 
+_NEVER = QosTime(0, 0)
+_UNSAID = (_NEVER, _NEVER, QosLiveliness.SYSTEM_DEFAULT, _NEVER, False)
+_LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, *_UNSAID)
 _PLUGINS = {"db3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}

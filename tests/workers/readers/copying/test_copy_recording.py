@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sqlite3
 import tarfile
 from pathlib import Path
@@ -194,6 +195,33 @@ def refusal(tmp_path, path, asked) -> ReadError:
     with pytest.raises(ReadError) as refused:
         copied(tmp_path, path, asked)
     return refused.value
+
+
+def test_of_rectified_images_p_alone_is_put_in(tmp_path):
+    """K and D are the raw images' still, R turns as before, and a stereo camera keeps its baseline."""
+    P = np.array([4.0, 0.0, 3.5, -0.48, 0.0, 4.0, 2.5, 0.0, 0.0, 0.0, 1.0, 0.0])
+    R = np.array([0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+    def written(one):
+        topic, kind, log_ns, info = one
+        return (topic, kind, log_ns, dataclasses.replace(info, p=P, r=R)) if kind == INFO else one
+
+    path = write_mcap(tmp_path / "walk.mcap", as_cdr(written(one) for one in rig()))
+    lens = LENS | {"is_rectified": True, "D": [0.0] * 5, "distortion_model": "plumb_bob"}
+    file = copied(tmp_path, path, {"lidar_frame": "velodyne", "cameras": [lens], "poses": []})
+    before, after = (
+        [
+            ROS2.deserialize_cdr(raw, INFO)
+            for name, _, raw in read_all(one, tmp_path, "x")
+            if name == "/front/camera_info"
+        ]
+        for one in (path, file)
+    )
+    assert len(after) == 5
+    for old, new in zip(before, after, strict=True):
+        assert [list(getattr(new, name)) for name in "dkr"] == [list(getattr(old, name)) for name in "dkr"]
+        assert new.distortion_model == old.distortion_model
+        assert list(new.p) == pytest.approx([5.0, 0.0, 4.0, -0.6, 0.0, 5.1, 3.0, 0.0, 0.0, 0.0, 1.0, 0.0])
 
 
 def test_a_frame_that_moves_is_refused(tmp_path):

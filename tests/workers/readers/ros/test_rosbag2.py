@@ -39,10 +39,13 @@ def test_bags_of_ros_2(tmp_path, storage, compress, bare):
         "model": "brown_conrady",
         "K": K,
         "D": [0.1, -0.2, 0.001, 0.002, 0.05],
+        "R": None,
+        "P": None,
         "distortion_model": "plumb_bob",
         "width": 1920,
         "height": 1208,
     }
+    assert camera.image_kind == "raw"
     assert (camera.notes["width"], camera.notes["height"]) == ("8", "6")
     assert recording.other_topics == [f"/front/camera_info ({INFO})"]
 

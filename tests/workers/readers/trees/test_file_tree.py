@@ -14,7 +14,7 @@ import zstandard
 
 from workers.readers import output
 from workers.readers.recording import ReadError
-from workers.readers.trees import file_tree, scratch, zip_tree
+from workers.readers.trees import file_tree, scratch
 from workers.readers.trees.file_tree import Folder, read_file, read_head
 from workers.readers.trees.open_tree import open_tree
 from workers.readers.trees.zip_tree import Zip

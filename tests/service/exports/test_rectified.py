@@ -1,0 +1,160 @@
+"""Rectified images: results and exports are of their frame, the vehicle's tree keeps the camera's own."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+from sqlalchemy import select
+
+from service.db.fleets import RigCamera
+from service.exports.transform import Transform
+from tests.service.calibrations.test_results import T_VEHICLE_LIDAR, current_address, seed_results
+from tests.service.detections.seeding import LEVEL, seed_rig
+from tests.service.exports.readers import joints
+from tests.service.exports.test_routes import URDF
+from tests.support.databases import one_database
+
+pytestmark = one_database
+R = Rotation.from_rotvec(np.radians([0.7, -0.9, 0.4])).as_matrix()
+OWN, IMAGES = "camera_front_optical", "camera_front_optical_rectified"
+RECTIFIED = {"kind": "rectified", "rotation": {"matrix": R.tolist()}}
+BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+JOINT = {
+    "T_parent_lidar": T_VEHICLE_LIDAR,
+    "T_child_camera": {"to_frame": "camera_front_link", "from_frame": OWN, "rotation": {"matrix": BODY.tolist()},
+                       "translation_m": [0.01, 0.02, 0.03]},
+}  # fmt: skip
+
+
+@pytest.fixture
+def rig(api, fleet):
+    return seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
+
+
+@pytest.fixture
+def result(api, fleet, rig):
+    _, (full, _) = seed_results(api, rig)
+    assert api.member(fleet, "reviewer").post(f"/results/{full}/publication").status_code == 201
+    return full
+
+
+@pytest.fixture
+def engineer(api, fleet):
+    return api.member(fleet, "engineer")
+
+
+def state(engineer, rig, images):
+    etag = {"If-Match": engineer.get(f"/rigs/{rig.id}").headers["etag"]}
+    made = engineer.patch(f"/rigs/{rig.id}/images", {"cameras": {"front": images}}, headers=etag)
+    assert made.status_code == 200, made.text
+    return made.json()["cameras"][0]["images"]
+
+
+def solved(engineer, result) -> Transform:
+    return Transform.of(engineer.get(f"/results/{result}").json()["transform"])
+
+
+def exported(actor, rig, name):
+    return actor.get(current_address(rig), params={"format": name}).content
+
+
+def inverse(matrix):
+    return np.linalg.inv(matrix)
+
+
+def turned() -> np.ndarray:
+    made = np.eye(4)
+    made[:3, :3] = R
+    return made
+
+
+def test_what_the_images_are_is_corrected_in_the_rig(api, fleet, rig, engineer):
+    assert state(engineer, rig, RECTIFIED)["rotation"]["matrix"] == pytest.approx(R, abs=1e-15)
+    assert state(engineer, rig, {"kind": "raw"}) == {"kind": "raw", "rotation": None}
+    assert state(engineer, rig, None) is None
+    address = f"/rigs/{rig.id}/images"
+    etag = {"If-Match": engineer.get(f"/rigs/{rig.id}").headers["etag"]}
+    assert engineer.patch(address, {"cameras": {}}).status_code == 428
+    for cameras, code in (
+        ({"side": RECTIFIED}, "unknown_camera"),
+        ({"front": {"kind": "warped"}}, "invalid_request"),
+        ({"front": RECTIFIED | {"rotation": {"matrix": (2.0 * R).tolist()}}}, "invalid_request"),
+    ):
+        refused = engineer.patch(address, {"cameras": cameras}, headers=etag)
+        assert refused.json()["code"] == code, refused.text
+    low = api.member(fleet, "reviewer").patch(address, {"cameras": {"front": None}}, headers=etag)
+    assert low.status_code == 403
+
+
+@pytest.mark.parametrize("joint", [None, JOINT], ids=["plain", "joint"])
+def test_the_tree_keeps_its_frame_and_gets_that_of_the_images(api, rig, engineer, result, joint):
+    with api.database.writing() as session:
+        session.scalar(select(RigCamera).where(RigCamera.rig_id == rig.id)).joint = joint
+    before = engineer.get(current_address(rig))
+    state(engineer, rig, RECTIFIED)
+    T = solved(engineer, result).matrix
+    edges = joints(exported(engineer, rig, "urdf"))
+    base = np.array(Transform.of(T_VEHICLE_LIDAR).matrix)
+    own = base @ inverse(T) @ turned()  # the camera's own frame in base_link: T_own_images = R'
+    if joint:
+        body = Transform.of(joint["T_child_camera"]).matrix
+        assert np.abs(edges["base_link", "camera_front_link"] - own @ inverse(body)).max() < 1e-9
+        assert np.abs(edges["camera_front_link", IMAGES] - body @ inverse(turned())).max() < 1e-9
+    else:
+        assert np.abs(edges["velodyne", OWN] - inverse(T) @ turned()).max() < 1e-9
+        assert np.abs(edges[OWN, IMAGES] - inverse(turned())).max() < 1e-9
+    # The document says the same, and a car that asks again gets it.
+    again = engineer.get(current_address(rig), headers={"If-None-Match": before.headers["etag"]})
+    document = again.json()
+    assert (again.status_code, document["T_camera_lidar"]["to_frame"]) == (200, IMAGES)
+    assert document["T_vehicle_camera"]["from_frame"] == IMAGES
+    child = Transform.of(document["T_parent_child"])
+    said = edges["base_link", "camera_front_link"] if joint else edges["velodyne", OWN]
+    assert child.from_frame == ("camera_front_link" if joint else OWN) and np.abs(child.matrix - said).max() < 1e-9
+
+
+def test_without_r_the_frame_of_the_rig_is_that_of_the_images(api, rig, engineer, result):
+    plain = exported(engineer, rig, "urdf")
+    state(engineer, rig, {"kind": "rectified"})
+    assert exported(engineer, rig, "urdf") == plain
+    assert "T_parent_child" not in engineer.get(current_address(rig)).json()
+
+
+@pytest.mark.parametrize("name", ["camera_info", "ros2"])
+def test_the_lens_is_exported_as_that_of_the_rectified_images(api, rig, engineer, result, name):
+    state(engineer, rig, RECTIFIED)
+    content = exported(engineer, rig, name)
+    if name == "ros2":
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            content = archive.read("front/camera_info.yaml")
+    assert content.startswith(f"# Of rectified images, in the frame {IMAGES}.\n".encode())
+    lens = yaml.safe_load(content)
+    K = np.reshape(lens["camera_matrix"]["data"], (3, 3))
+    P = np.reshape(lens["projection_matrix"]["data"], (3, 4))
+    assert np.array_equal(P, np.column_stack([K, np.zeros(3)]))
+    assert np.array_equal(np.reshape(lens["rectification_matrix"]["data"], (3, 3)), np.eye(3))
+
+
+def test_a_vehicles_own_urdf_has_the_cameras_own_frame(api, rig, engineer, result):
+    state(engineer, rig, RECTIFIED)
+    T = solved(engineer, result).matrix
+    asked = {"urdf": URDF, "joint": "mount"}
+    edges = joints(engineer.post(f"/results/{result}/urdf", asked).content)
+    assert np.abs(edges["velodyne", OWN] - inverse(T) @ turned()).max() < 1e-9
+    named = URDF.replace(OWN, IMAGES)
+    asked = {"urdf": named, "joint": "mount", "camera_link": IMAGES}
+    edges = joints(engineer.post(f"/results/{result}/urdf", asked).content)
+    assert np.abs(edges["velodyne", IMAGES] - inverse(T)).max() < 1e-9
+
+
+def test_the_rig_takes_images_when_it_is_made(api, rig, engineer):
+    camera = {"name": "front", "frame": OWN, "image_size": [640, 480], "nominal": LEVEL, "images": RECTIFIED}
+    body = {"name": "second", "lidar": {"frame": "velodyne"}, "cameras": [camera]}
+    made = engineer.post(f"/vehicles/{rig.vehicle_id}/rigs", body)
+    assert made.status_code == 201, made.text
+    assert made.json()["cameras"][0]["images"]["kind"] == "rectified"
