@@ -38,7 +38,8 @@ def test_help_names_every_option(capsys):
     for option in ("--out", "--seconds", "--seed", "--camera-model", "--cameras", "--camera-hz", "--pitch-down-deg",
                    "--clock-offset-ms", "--clock-jitter-ms", "--sensor", "--rings", "--sector-deg", "--beam-mrad",
                    "--range-noise-mm", "--dropouts", "--walk", "--board", "--walker-height-m", "--head-above-m",
-                   "--second-person", "--poles", "--speckle", "--format", "--json", "--progress-json"):  # fmt: skip
+                   "--second-person", "--poles", "--speckle", "--format", "--camera-info", "--tree", "--json",
+                   "--progress-json"):  # fmt: skip
         assert option in text
 
 
@@ -47,7 +48,8 @@ def test_every_option_reaches_the_settings():
         "--out x --seconds 30 --seed 9 --camera-model pinhole --cameras front,side:60:kannala_brandt --camera-hz 10 "
         "--pitch-down-deg 5 --clock-offset-ms -12.5 --clock-jitter-ms 2 --sensor hdl64 --rings 20 --sector-deg 50 "
         "--range-noise-mm 20 --beam-mrad 3 --dropouts 0.1 --walk field --board 0.5x0.9 --walker-height-m 1.9 "
-        "--head-above-m 0.1 --second-person behind --poles 3 --speckle 0.02 --format zip"
+        "--head-above-m 0.1 --second-person behind --poles 3 --speckle 0.02 --format mcap "
+        "--camera-info raw --tree true"
     )
     assert settings_of(parser().parse_args(words.split())) == Settings(
         seconds=30.0,
@@ -65,7 +67,9 @@ def test_every_option_reaches_the_settings():
         walk="field",
         board_m=(0.5, 0.9),
         disturbances=Disturbances(3.0, 0.1, 0.02, 1.9, 0.1, "behind", 3),
-        format="zip",
+        format="mcap",
+        camera_info="raw",
+        tree="true",
     )
     assert settings_of(parser().parse_args(["--out", "x"])) == Settings()
 
@@ -83,6 +87,7 @@ def test_every_option_reaches_the_settings():
         ("--board 0.6x9", "between 0.3 and 1.5"),
         ("--dropouts 2", "dropout_share"),
         ("--format pcap --sensor os1-64", "another format"),
+        ("--format zip --camera-info raw", "hold a CameraInfo"),
     ],
 )
 def test_what_cannot_be_simulated_is_said_in_a_sentence(tmp_path, capsys, words, said):
