@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, Protocol, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,7 +186,7 @@ class LidarFacts:
     notes: Sequence[str]
 
 
-class Recording(Protocol):
+class Recording:
     """An opened recording of any format. Readers stream: nothing here holds more than one message.
 
     ``sweeps``, ``frames`` and ``messages`` raise :class:`ReadError` where the file's content is not usable.
@@ -198,37 +198,43 @@ class Recording(Protocol):
     format: str
 
     @property
-    def sensors(self) -> Sequence[Sensor]: ...
+    def sensors(self) -> Sequence[Sensor]:
+        """Every LiDAR and camera, in the file's order."""
+        raise NotImplementedError
 
     @property
     def other_topics(self) -> Sequence[str]:
         """What else the recording holds and no reader takes, for messages to its owner."""
-        ...
+        return ()
 
     @property
     def static_transforms(self) -> Sequence[StaticTransform]:
         """The poses of frames that the recording states to be fixed."""
-        ...
+        return ()
 
     @property
     def warnings(self) -> list[str]:
         """Sentences for the owner, growing while the recording is read."""
-        ...
+        raise NotImplementedError
 
     @property
     def share_read(self) -> float | None:
         """Share of the bytes that ``messages`` has passed, 0 to 1, for progress; None where the sensors' counts
         tell it.
         """
-        ...
-
-    def sweeps(self, sensor: Sensor) -> Iterator[Sweep]: ...
-
-    def frames(self, sensor: Sensor) -> Iterator[Frame]: ...
+        return None
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """All sensors in one pass over the file, in the order in which they were recorded."""
-        ...
+        raise NotImplementedError
+
+    def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
+        """The sweeps of one LiDAR."""
+        return (item for _, item in self.messages([sensor]) if isinstance(item, Sweep))
+
+    def frames(self, sensor: Sensor) -> Iterator[Frame]:
+        """The frames of one camera."""
+        return (item for _, item in self.messages([sensor]) if isinstance(item, Frame))
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned of a LiDAR from a few of its sweeps.
@@ -236,6 +242,7 @@ class Recording(Protocol):
         Raises:
             ReadError: its clouds are not usable, for example ``cloud_without_rings``.
         """
-        ...
+        raise NotImplementedError
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Close all files, and remove what was unpacked."""

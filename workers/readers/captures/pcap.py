@@ -14,7 +14,7 @@ from workers.readers.captures.other_makers import instead, maker_of_datagram
 from workers.readers.captures.packet_stream import SAMPLE_PACKETS, Packet, PacketStream, learn_packets
 from workers.readers.captures.velodyne import FIELDS, SweepCutter
 from workers.readers.captures.velodyne_models import is_data_packet
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, StaticTransform, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
 
 _SAMPLE_BYTES: Final = 24_000_000
 _FEW: Final = 20
@@ -34,7 +34,7 @@ class _Overview:
     frames: int = 0
 
 
-class PcapRecording:
+class PcapRecording(Recording):
     """A capture of what Velodyne sensors send; each sender and port is one LiDAR, named ``address:port``.
 
     Raises:
@@ -145,11 +145,6 @@ class PcapRecording:
         return self._other_topics
 
     @property
-    def static_transforms(self) -> Sequence[StaticTransform]:
-        """None: packets state no frames."""
-        return ()
-
-    @property
     def share_read(self) -> float:
         """Share of the file that has been read."""
         return min(1.0, self._capture.position / max(1, self._capture.size))
@@ -173,16 +168,6 @@ class PcapRecording:
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned from the beginning of the capture."""
         return self._streams[sensor.name].facts(self._options)
-
-    def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
-        """The sweeps of one LiDAR in recorded order."""
-        for _, item in self.messages([sensor]):
-            if isinstance(item, Sweep):
-                yield item
-
-    def frames(self, sensor: Sensor) -> Iterator[Frame]:
-        """A capture holds no camera."""
-        return iter(())
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """All chosen sensors in one pass, each sweep when it is whole."""
@@ -212,6 +197,3 @@ class PcapRecording:
             sweep = cutter.finish()
             if sweep is not None:
                 yield sensor, sweep
-
-    def close(self) -> None:
-        """Nothing stays open between passes."""

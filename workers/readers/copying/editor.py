@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from workers.readers.copying.edits import CameraEdit, Counts, Edits
-from workers.readers.copying.messages import Messages, head_of_message
+from workers.readers.copying.messages import Messages, head_of_message, ros1_types
+from workers.readers.copying.qos import LATCHED_QOS, SENSOR_QOS
 from workers.readers.recording import ReadError
 from workers.readers.ros.camera_info import match_infos, without_transport
 from workers.readers.ros.containers import Container
-from workers.readers.ros.ros_types import INFO, TRANSFORM, TRANSFORMS, full_name
+from workers.readers.ros.ros_types import INFO, TRANSFORM, TRANSFORMS, fixed_types, full_name
 from workers.readers.ros.static_transforms import is_static_transforms
 from workers.readers.ros.topic_messages import CameraInfo, Topic
 
@@ -28,6 +29,29 @@ class NewTopic:
     type: str
     encoding: str
     latched: bool = False
+
+    @property
+    def qos(self) -> str:
+        """Its quality of service, as rosbag2 stores it."""
+        return LATCHED_QOS if self.latched else SENSOR_QOS
+
+    @property
+    def definition(self) -> str:
+        """The text of its type's definition in its encoding's notation."""
+        if self.encoding == "ros1":
+            return ros1_types().generate_msgdef(self.type)[0]
+        return fixed_types("cdr").generate_msgdef(self.type, ros_version=2)[0]
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What rosbag2 says of it, in a bag's metadata and in SQLite."""
+        return {
+            "name": self.name,
+            "type": self.type,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": self.qos,
+            "type_description_hash": fixed_types("cdr").hash_rihs01(self.type),
+        }
 
 
 @dataclass(frozen=True, slots=True)

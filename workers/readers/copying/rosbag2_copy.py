@@ -8,14 +8,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
-from workers.readers.copying.editor import Editor, NewTopic
+from workers.readers.copying.editor import Editor
 from workers.readers.copying.edits import Counts, Edits
 from workers.readers.copying.mcap_copy import copy_mcap
-from workers.readers.copying.qos import LATCHED_QOS, SENSOR_QOS
 from workers.readers.copying.sqlite_copy import copy_sqlite
 from workers.readers.damage import damage
 from workers.readers.output import create
-from workers.readers.ros.ros_types import fixed_types
 from workers.readers.ros.rosbag2 import METADATA, bag_files, read_metadata, unpacked_file
 from workers.readers.trees.scratch import Scratch
 
@@ -108,7 +106,7 @@ def _metadata(stated: Mapping[str, Any], files: list[Path], editors: list[Editor
             known[name]["message_count"] = int(known[name]["message_count"]) + count
     new = {topic.name: topic for editor in editors for topic in editor.new_topics}
     listed += [
-        {"topic_metadata": _topic(topic), "message_count": added.get(topic.name, 0)}
+        {"topic_metadata": topic.metadata, "message_count": added.get(topic.name, 0)}
         for topic in new.values()
         if topic.name not in known and added.get(topic.name)
     ]
@@ -127,16 +125,6 @@ def _metadata(stated: Mapping[str, Any], files: list[Path], editors: list[Editor
         ]
     text: str = yaml.safe_dump({_INFORMATION: information}, sort_keys=False, allow_unicode=True)
     return text.encode()
-
-
-def _topic(topic: NewTopic) -> dict[str, str]:
-    return {
-        "name": topic.name,
-        "type": topic.type,
-        "serialization_format": "cdr",
-        "offered_qos_profiles": LATCHED_QOS if topic.latched else SENSOR_QOS,
-        "type_description_hash": fixed_types("cdr").hash_rihs01(topic.type),
-    }
 
 
 def _packed(files: list[Path], out: Path) -> Path:

@@ -6,7 +6,7 @@ The new file's tables are made here, by the columns that rosbag2 knows: nothing 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,9 +14,7 @@ import zstandard
 
 from workers.readers.copying.editor import Added, Editor, NewTopic
 from workers.readers.copying.edits import Edits
-from workers.readers.copying.qos import LATCHED_QOS, SENSOR_QOS
 from workers.readers.output import declare
-from workers.readers.ros.ros_types import fixed_types
 from workers.readers.ros.sqlite_bag import SqliteBag, unpacked_message
 
 _TABLES: Final = {
@@ -75,10 +73,9 @@ class _Copy:
             self._add_topic(topic)
         self._make("messages")
         total = max(1, sum(topic.count or 0 for topic in self._bag.topics))
-        ((last,),) = self._bag.file.rows("SELECT count(*) FROM messages")
-        rows = self._bag.file.rows("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id")
+        query = "SELECT id, topic_id, timestamp, data FROM messages WHERE id <= ? ORDER BY id"
+        rows = self._bag.file.rows(query, [self._bag.last])
         added: list[Added] = []
-        self._next_id = int(last)
         for number, (row, topic_id, log_ns, data) in enumerate(rows):
             self._next_id = max(self._next_id, int(row))
             if number == 0:
@@ -121,38 +118,26 @@ class _Copy:
         self._make(table)
         names = [one.split()[0] for one in _TABLES[table].split(",") if one.split()[0] in self._columns[table]]
         rows: Iterable[tuple[Any, ...]] = self._bag.file.rows(f"SELECT {', '.join(names)} FROM {table}")
-        marks = ", ".join("?" * len(names))
         for row in rows:
-            declare(_ROW_BYTES + sum(len(one) for one in row if isinstance(one, str | bytes)), self._folder)
-            self._db.execute(f"INSERT INTO {table} ({', '.join(names)}) VALUES ({marks})", row)
+            self._insert_into(table, dict(zip(names, row, strict=True)))
 
     def _add_topic(self, topic: NewTopic) -> None:
         number = max([0, *self._names]) + 1
         self._names[number], self._ids[topic.name] = topic.name, number
-        values = {
-            "id": number,
-            "name": topic.name,
-            "type": topic.type,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": LATCHED_QOS if topic.latched else SENSOR_QOS,
-            "type_description_hash": fixed_types("cdr").hash_rihs01(topic.type),
-        }
-        names = [name for name in values if name in self._columns["topics"]]
-        marks = ", ".join("?" * len(names))
-        said = [values[name] for name in names]
-        self._db.execute(f"INSERT INTO topics ({', '.join(names)}) VALUES ({marks})", said)
+        self._insert_into("topics", {"id": number, **topic.metadata})
         if "message_definitions" in self._columns:
-            self._add_definition(topic, values["type_description_hash"])
+            values = {
+                "topic_type": topic.type,
+                "encoding": "ros2msg",
+                "encoded_message_definition": topic.definition,
+                "type_description_hash": topic.metadata["type_description_hash"],
+            }
+            self._insert_into("message_definitions", values)
 
-    def _add_definition(self, topic: NewTopic, digest: object) -> None:
-        text, _ = fixed_types("cdr").generate_msgdef(topic.type, ros_version=2)
-        values = {
-            "topic_type": topic.type,
-            "encoding": "ros2msg",
-            "encoded_message_definition": text,
-            "type_description_hash": digest,
-        }
-        names = [name for name in values if name in self._columns["message_definitions"]]
+    def _insert_into(self, table: str, values: Mapping[str, Any]) -> None:
+        """A row, of which the table takes what it has columns for."""
+        names = [name for name in values if name in self._columns[table]]
+        declare(_ROW_BYTES + sum(len(one) for one in values.values() if isinstance(one, str | bytes)), self._folder)
         marks = ", ".join("?" * len(names))
-        said = [values[name] for name in names]
-        self._db.execute(f"INSERT INTO message_definitions ({', '.join(names)}) VALUES ({marks})", said)
+        row = [values[name] for name in names]
+        self._db.execute(f"INSERT INTO {table} ({', '.join(names)}) VALUES ({marks})", row)

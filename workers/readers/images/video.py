@@ -21,7 +21,7 @@ from workers.readers.images.headers import MAX_PIXELS, check_size
 from workers.readers.images.video_times import FrameTable, VideoClock
 from workers.readers.output import video_is_decoded
 from workers.readers.pulse import beat
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, StaticTransform, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
 
 # On frames of 1920 x 1208 pixels 8 ms and 0.9 MB, 1.6 grey levels RMS off what the video holds; as PNG they take
 # 75 ms and 4 MB. What the video's own compression cost is not undone by either.
@@ -40,7 +40,7 @@ _OPTIONS: Final = {
 _FORMATS: Final = ((b"RIFF", 0, "avi"), (b"\x1aE\xdf\xa3", 0, "matroska"), (b"ftyp", 4, "mov"))
 
 
-class VideoRecording:
+class VideoRecording(Recording):
     """One video file: one camera.
 
     Frames come as they are stored, not turned as the file may ask a player to.
@@ -108,16 +108,6 @@ class VideoRecording:
         return [self._sensor]
 
     @property
-    def other_topics(self) -> Sequence[str]:
-        """Nothing: sound and subtitles are not looked at."""
-        return ()
-
-    @property
-    def static_transforms(self) -> Sequence[StaticTransform]:
-        """None: a video states no frames."""
-        return ()
-
-    @property
     def warnings(self) -> list[str]:
         """Sentences about the times and about what was missing."""
         return [*self._clock.warnings, *self._warnings]
@@ -134,10 +124,6 @@ class VideoRecording:
             ReadError: ``no_sweeps``.
         """
         raise ReadError("no_sweeps", f"{sensor.name} is a video and holds no sweeps.", "Add the LiDAR's recording.")
-
-    def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
-        """None."""
-        return iter(())
 
     def frames(self, sensor: Sensor) -> Iterator[Frame]:
         """The frames in the order in which they are shown."""
@@ -208,9 +194,6 @@ class VideoRecording:
         for sensor in sensors:
             for frame in self.frames(sensor):
                 yield sensor, frame
-
-    def close(self) -> None:
-        """Nothing: the file is open only while it is read."""
 
     @contextmanager
     def _opened(self) -> Generator[InputContainer]:

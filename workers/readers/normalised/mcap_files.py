@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import struct
 import zlib
 from array import array
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
-from mcap.reader import SeekingReader
-
+from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.normalised.cdr import IMAGE_SCHEMA, POINT_CLOUD_SCHEMA, encode_image, encode_points
-from workers.readers.normalised.channel_file import ChannelFile
 from workers.readers.normalised.lidar_file import METADATA_NAME
 from workers.readers.normalised.ros2_definitions import COMPRESSED_IMAGE, POINT_CLOUD2
 from workers.readers.pulse import beat
@@ -20,8 +17,6 @@ from workers.readers.recording import Frame, ReadError, Sweep
 # Of 18,701 points of a VLP-16 (449 kB): level 3 takes 2.0 ms and leaves 63 %, level 1 takes 1.2 ms and leaves 65 %,
 # level -1 takes 0.95 ms and leaves 69 %, and unpacks in half the time of the others (0.24 ms).
 _LEVEL: Final = -1
-_CHUNK_HEAD: Final = 1 + 8 + 8 + 8 + 8 + 4 + 4 + 8  # as in the MCAP specification, compression name empty
-_MESSAGE_HEAD: Final = 1 + 8 + 2 + 4 + 8 + 8
 
 
 def check_stamp(stamp_ns: int, topic: str) -> None:
@@ -38,13 +33,31 @@ def check_stamp(stamp_ns: int, topic: str) -> None:
         )
 
 
-class LidarWriter:
+class _SensorFile:
+    """A file of one channel of ROS 2 messages."""
+
+    def __init__(self, path: Path, topic: str, frame_id: str, schema: tuple[str, str], compression: str) -> None:
+        self.path, self.topic, self.frame_id = path, topic, frame_id
+        self._file = McapWriter(path, "ros2", compression, _LEVEL)
+        self._channel = self._file.add_channel(
+            topic, self._file.add_schema(schema[0], "ros2msg", schema[1].encode()), "cdr"
+        )
+
+    def _finish(self, **facts: object) -> None:
+        facts = {"topic": self.topic, "frame_id": self.frame_id, **facts}
+        self._file.add_metadata(METADATA_NAME, {name: str(value) for name, value in facts.items()})
+        self._file.finish()
+
+    def abandon(self) -> None:
+        """Close without finishing; what is on disk is of no use."""
+        self._file.abandon()
+
+
+class LidarWriter(_SensorFile):
     """Writes ``lidar.mcap``: ``sensor_msgs/msg/PointCloud2`` in zstd chunks, read by :class:`LidarFile`."""
 
     def __init__(self, path: Path, topic: str, frame_id: str) -> None:
-        self._file = ChannelFile(path, topic, (POINT_CLOUD_SCHEMA, POINT_CLOUD2), _LEVEL)
-        self.topic = topic
-        self.frame_id = frame_id
+        super().__init__(path, topic, frame_id, (POINT_CLOUD_SCHEMA, POINT_CLOUD2), "zstd")
 
     def add(self, sweep: Sweep) -> None:
         """Append one sweep; stamps need not ascend.
@@ -54,37 +67,22 @@ class LidarWriter:
             OverflowError: a point lies more than 2.1 s from its sweep's stamp.
         """
         check_stamp(sweep.stamp_ns, self.topic)
-        self._file.add(sweep.stamp_ns, *encode_points(sweep, self.frame_id))
+        self._file.add(self._channel, sweep.stamp_ns, *encode_points(sweep, self.frame_id))
 
     def finish(self, *, time_source: str, stamp_convention: str, ring_count: int, sweep_ns: int) -> None:
         """Write index and facts, and close."""
-        self._file.finish(
-            METADATA_NAME,
-            {
-                "topic": self.topic,
-                "frame_id": self.frame_id,
-                "time_source": time_source,
-                "stamp_convention": stamp_convention,
-                "ring_count": str(ring_count),
-                "sweep_ns": str(sweep_ns),
-            },
+        self._finish(
+            time_source=time_source, stamp_convention=stamp_convention, ring_count=ring_count, sweep_ns=sweep_ns
         )
 
-    def abandon(self) -> None:
-        """Close without finishing; what is on disk is of no use."""
-        self._file.abandon()
 
-
-class CameraWriter:
+class CameraWriter(_SensorFile):
     """Writes ``camera-<name>.mcap``: ``sensor_msgs/msg/CompressedImage``, uncompressed, so that each frame is a
     byte range of the file.
     """
 
     def __init__(self, path: Path, topic: str, frame_id: str) -> None:
-        self.path = path
-        self._file = ChannelFile(path, topic, (IMAGE_SCHEMA, COMPRESSED_IMAGE), None)
-        self.topic = topic
-        self.frame_id = frame_id
+        super().__init__(path, topic, frame_id, (IMAGE_SCHEMA, COMPRESSED_IMAGE), "")
         self.lengths = array("q")
         self._checksums = array("L")
 
@@ -96,7 +94,7 @@ class CameraWriter:
         """
         check_stamp(frame.stamp_ns, self.topic)
         head = encode_image(frame.stamp_ns, self.frame_id, frame.media_type, len(frame.data))
-        self._file.add(frame.stamp_ns, head, frame.data)
+        self._file.add(self._channel, frame.stamp_ns, head, frame.data)
         self.lengths.append(len(frame.data))
         self._checksums.append(zlib.crc32(frame.data))
 
@@ -108,44 +106,16 @@ class CameraWriter:
         Raises:
             ReadError: ``write_verification_failed``.
         """
-        self._file.finish(METADATA_NAME, {"topic": self.topic, "frame_id": self.frame_id})
-        offsets = array("q")
+        self._finish()
+        offsets = array("q", (end - length for end, length in zip(self._file.ends, self.lengths, strict=True)))
         with self.path.open("rb") as file:
-            for start, length in self._messages(file):
+            for number, offset in enumerate(offsets):
                 beat()
-                number = len(offsets)
-                offsets.append(start + length - self.lengths[number])
-                file.seek(offsets[number])
+                file.seek(offset)
                 if zlib.crc32(file.read(self.lengths[number])) != self._checksums[number]:
-                    raise _unverified(self.path, f"frame {number} is not where the index says")
-        if len(offsets) != self._file.count:
-            raise _unverified(self.path, f"it holds {len(offsets)} of {self._file.count} frames")
+                    raise ReadError(
+                        "write_verification_failed",
+                        f"{self.path.name} was written but does not read back: frame {number} is not at its byte.",
+                        "Look at the disk; ingest the recording again.",
+                    )
         return offsets
-
-    def abandon(self) -> None:
-        """Close without finishing; what is on disk is of no use."""
-        self._file.abandon()
-
-    def _messages(self, file: BinaryIO) -> list[tuple[int, int]]:
-        """(start, length) of the body of every message in the file, in the order added."""
-        summary = SeekingReader(file).get_summary()
-        bodies: list[tuple[int, int]] = []
-        for chunk in sorted(summary.chunk_indexes if summary else [], key=lambda c: c.chunk_start_offset):
-            file.seek(chunk.chunk_start_offset + chunk.chunk_length)
-            record = file.read(chunk.message_index_length)
-            (size,) = struct.unpack_from("<I", record, 11)
-            for place in range(15, 15 + size, 16):
-                (within,) = struct.unpack_from("<Q", record, place + 8)
-                message_at = chunk.chunk_start_offset + _CHUNK_HEAD + within
-                file.seek(message_at + 1)
-                (length,) = struct.unpack("<Q", file.read(8))
-                bodies.append((message_at + _MESSAGE_HEAD, length + 9 - _MESSAGE_HEAD))
-        return bodies
-
-
-def _unverified(path: Path, why: str) -> ReadError:
-    return ReadError(
-        "write_verification_failed",
-        f"{path.name} was written but does not read back: {why}.",
-        "Look at the disk; ingest the recording again.",
-    )

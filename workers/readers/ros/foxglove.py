@@ -1,194 +1,106 @@
-"""Foxglove's own messages: point clouds, images, video and calibrations, in protobuf or JSON."""
+"""Foxglove's own messages in protobuf or JSON, parsed by the classes of foxglove-schemas-protobuf."""
 
 from __future__ import annotations
 
 import base64
-import binascii
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, cast
+from collections.abc import Callable
+from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from google.protobuf.json_format import ParseDict, ParseError
+from google.protobuf.message import DecodeError
+from google.protobuf.unknown_fields import UnknownFieldSet
 
-from workers.readers.ros.camera_info import camera_info
-from workers.readers.ros.protobuf_wire import Fields, WireError, doubles, fields_of, last, number, text
-from workers.readers.ros.topic_messages import (
-    CloudMessage,
-    Decoder,
-    EncodedImage,
-    Message,
-    RawImage,
-    Topic,
-    VideoMessage,
-)
+from workers.readers.mcap_io.records import RecordError
+from workers.readers.ros.foxglove_messages import FOXGLOVE_MESSAGES
+from workers.readers.ros.topic_messages import Decoder, Topic
 
-# foxglove.PackedElementField.NumericType to sensor_msgs/PointField's datatype: signed and unsigned are swapped.
-FOXGLOVE_CLOUD_TYPES: Final = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
-_NAMES: Final = ("PointCloud", "CompressedImage", "CompressedVideo", "RawImage", "CameraCalibration")
-
-
-@dataclass(frozen=True, slots=True)
-class CloudField:
-    """``sensor_msgs/PointField``."""
-
-    name: str
-    offset: int
-    datatype: int
-    count: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class FoxgloveCloud:
-    """A ``foxglove.PointCloud`` in the shape of ``sensor_msgs/PointCloud2``.
-
-    Its pose, which places the cloud in another frame, is not applied: points stay in the sensor's own.
-    """
-
-    width: int
-    fields: Sequence[CloudField]
-    point_step: int
-    row_step: int
-    data: NDArray[np.uint8]
-    height: int = 1
-    is_bigendian: bool = False
-
-    @classmethod
-    def of(cls, fields: Sequence[tuple[str, int, int]], stride: int, data: NDArray[np.uint8]) -> FoxgloveCloud:
-        """From (name, offset, PointField datatype) of each field."""
-        width = len(data) // stride if stride > 0 else 0
-        return cls(width, [CloudField(*field) for field in fields], stride, width * stride, data)
+# All of a message but its `data`: a cloud of 30 fields takes less than 1 kB. An empty field of two bytes becomes an
+# object of 200.
+_MAX_BESIDE_DATA: Final = 256 * 1024
+_CLASSES: Final[dict[str, Any]] = {
+    kind.DESCRIPTOR.name: kind for kind in (PointCloud, CompressedImage, CompressedVideo, RawImage, CameraCalibration)
+}
 
 
 def foxglove_decoder(topic: Topic) -> Decoder | None:
     """How messages of this topic are read, None where they are none of these types, or in another encoding."""
     package, _, name = topic.type.rpartition(".")
-    if package != "foxglove" or name not in _NAMES:
+    parse = {"protobuf": _from_protobuf, "json": _from_json}.get(topic.encoding)
+    if package != "foxglove" or name not in _CLASSES or parse is None:
         return None
-    if topic.encoding == "protobuf":
-        return _PROTOBUF[name]
-    return _JSON[name] if topic.encoding == "json" else None
+    kind, read = _CLASSES[name], FOXGLOVE_MESSAGES[name]
+    return lambda raw: read(_guarded(parse, kind, raw))
 
 
-# The numbers below are those of the fields in foxglove-sdk's schemas (.proto); new fields come with new numbers.
-def _time(fields: Fields) -> int:
-    inner = last(fields, 1)
-    if not isinstance(inner, bytes | memoryview):
-        return 0
-    parts = fields_of(inner)
-    return number(parts, 1) * 1_000_000_000 + number(parts, 2)
+def _guarded(parse: Callable[[Any, bytes], Any], kind: Any, raw: bytes) -> Any:
+    try:
+        message = parse(kind, raw)
+    except (DecodeError, ParseError) as error:
+        raise RecordError(f"a message is no {kind.DESCRIPTOR.full_name} ({error})") from error
+    for part in (message, message.timestamp, *getattr(message, "fields", ())):
+        # New fields of a schema come with new numbers; a number of ours with another type is damage.
+        if any(field.field_number in part.DESCRIPTOR.fields_by_number for field in UnknownFieldSet(part)):
+            raise RecordError(f"a field of a {part.DESCRIPTOR.full_name} has another type")
+    return message
 
 
-def _payload(fields: Fields, key: int) -> memoryview:
-    value = last(fields, key)
-    return value if isinstance(value, memoryview) else memoryview(b"")
+def _from_protobuf(kind: Any, raw: bytes) -> Any:
+    data = kind.DESCRIPTOR.fields_by_name.get("data")
+    if _beside(memoryview(raw), 0 if data is None else data.number) > _MAX_BESIDE_DATA:
+        raise RecordError(f"a message holds more than {_MAX_BESIDE_DATA} bytes beside its data")
+    return kind.FromString(raw)
 
 
-def _protobuf_cloud(raw: bytes) -> Message:
-    fields = fields_of(raw)
-    columns: list[tuple[str, int, int]] = []
-    for inner in fields.get(5, ()):
-        if not isinstance(inner, memoryview):
-            raise WireError("a field of the cloud is no message")
-        part = fields_of(inner)
-        columns.append((text(part, 1), number(part, 2), FOXGLOVE_CLOUD_TYPES.get(number(part, 3), 0)))
-    data = np.frombuffer(_payload(fields, 6), np.uint8)
-    return CloudMessage(_time(fields), text(fields, 2), FoxgloveCloud.of(columns, number(fields, 4), data))
+def _beside(view: memoryview, payload: int) -> int:
+    """Bytes of a message beside the field with the number ``payload``, or a number beyond the bound.
 
-
-def _protobuf_compressed(raw: bytes) -> Message:
-    fields = fields_of(raw)
-    return EncodedImage(_time(fields), text(fields, 4), bytes(_payload(fields, 2)))
-
-
-def _protobuf_video(raw: bytes) -> Message:
-    fields = fields_of(raw)
-    return VideoMessage(_time(fields), text(fields, 2), text(fields, 4), bytes(_payload(fields, 3)))
-
-
-def _protobuf_raw(raw: bytes) -> Message:
-    fields = fields_of(raw)
-    size = (number(fields, 2), number(fields, 3), number(fields, 5))
-    data = np.frombuffer(_payload(fields, 6), np.uint8)
-    return RawImage(_time(fields), text(fields, 7), *size, text(fields, 4), False, data)
-
-
-def _protobuf_calibration(raw: bytes) -> Message:
-    fields = fields_of(raw)
-    size = (number(fields, 2), number(fields, 3))
-    matrices = (doubles(fields, place) for place in (5, 6, 7, 8))
-    return camera_info(_time(fields), text(fields, 9), *size, text(fields, 4), *matrices)
-
-
-_PROTOBUF: Final[dict[str, Callable[[bytes], Message]]] = {
-    "PointCloud": _protobuf_cloud,
-    "CompressedImage": _protobuf_compressed,
-    "CompressedVideo": _protobuf_video,
-    "RawImage": _protobuf_raw,
-    "CameraCalibration": _protobuf_calibration,
-}
-
-
-def _document(raw: bytes) -> tuple[dict[str, Any], int, str]:
-    """A JSON message with its stamp and frame.
+    The wire format is that of protobuf.dev, "Encoding".
 
     Raises:
-        WireError: it is no JSON object.
+        RecordError: a group, or a number that does not end.
     """
-    message: Any = json.loads(raw)
-    if not isinstance(message, dict):
-        raise WireError("a message is no JSON object")
-    message = cast(dict[str, Any], message)
-    time: dict[str, Any] = message.get("timestamp") or {}
-    stamp_ns = int(time.get("sec", 0)) * 1_000_000_000 + int(time.get("nsec", 0))
-    return message, stamp_ns, str(message.get("frame_id", ""))
+    place = beside = 0
+    while place < len(view) and beside <= _MAX_BESIDE_DATA:
+        start = place
+        key, place = _varint(view, place)
+        wire = key & 7
+        if wire == 2:
+            size, place = _varint(view, place)
+            if key >> 3 == payload:
+                beside -= size
+            place += size
+        elif wire == 0:
+            _, place = _varint(view, place)
+        elif wire in (1, 5):
+            place += 8 if wire == 1 else 4
+        else:
+            raise RecordError(f"a field of wire type {wire} at byte {start}")
+        beside += place - start
+    return beside
 
 
-def _base64(value: Any) -> bytes:
-    try:
-        return base64.b64decode(value, validate=True)
-    except (binascii.Error, TypeError) as error:
-        raise WireError("data is not in base64") from error
+def _varint(view: memoryview, place: int) -> tuple[int, int]:
+    value = 0
+    for shift, byte in enumerate(view[place : place + 10]):
+        value |= (byte & 0x7F) << 7 * shift
+        if byte < 0x80:
+            return value, place + shift + 1
+    raise RecordError(f"a number at byte {place} does not end")
 
 
-def _json_cloud(raw: bytes) -> Message:
-    message, stamp_ns, frame_id = _document(raw)
-    columns = [
-        (str(f["name"]), int(f["offset"]), FOXGLOVE_CLOUD_TYPES.get(int(f["type"]), 0)) for f in message["fields"]
-    ]
-    data = np.frombuffer(_base64(message["data"]), np.uint8)
-    return CloudMessage(stamp_ns, frame_id, FoxgloveCloud.of(columns, int(message["point_stride"]), data))
-
-
-def _json_compressed(raw: bytes) -> Message:
-    message, stamp_ns, frame_id = _document(raw)
-    return EncodedImage(stamp_ns, frame_id, _base64(message["data"]))
-
-
-def _json_video(raw: bytes) -> Message:
-    message, stamp_ns, frame_id = _document(raw)
-    return VideoMessage(stamp_ns, frame_id, str(message["format"]), _base64(message["data"]))
-
-
-def _json_raw(raw: bytes) -> Message:
-    message, stamp_ns, frame_id = _document(raw)
-    size = (int(message["width"]), int(message["height"]), int(message["step"]))
-    data = np.frombuffer(_base64(message["data"]), np.uint8)
-    return RawImage(stamp_ns, frame_id, *size, str(message["encoding"]), False, data)
-
-
-def _json_calibration(raw: bytes) -> Message:
-    message, stamp_ns, frame_id = _document(raw)
-    size = (int(message["width"]), int(message["height"]))
-    matrices = (message.get(name, ()) for name in "DKRP")
-    return camera_info(stamp_ns, frame_id, *size, str(message["distortion_model"]), *matrices)
-
-
-_JSON: Final[dict[str, Callable[[bytes], Message]]] = {
-    "PointCloud": _json_cloud,
-    "CompressedImage": _json_compressed,
-    "CompressedVideo": _json_video,
-    "RawImage": _json_raw,
-    "CameraCalibration": _json_calibration,
-}
+def _from_json(kind: Any, raw: bytes) -> Any:
+    """Its time is an object of ``sec`` and ``nsec``, unlike protobuf's own JSON; its data must be whole base64."""
+    document: dict[str, Any] = json.loads(raw)
+    time: dict[str, Any] = document.pop("timestamp", None) or {}
+    data = base64.b64decode(document.pop("data", ""), validate=True)
+    message = ParseDict(document, kind(), ignore_unknown_fields=True)
+    message.timestamp.seconds, message.timestamp.nanos = int(time.get("sec", 0)), int(time.get("nsec", 0))
+    if data:
+        message.data = data
+    return message

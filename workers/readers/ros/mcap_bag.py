@@ -7,9 +7,11 @@ where; where it has none (recording was interrupted, or it was left out), the fi
 from __future__ import annotations
 
 import struct
+import zlib
 from array import array
 from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Final, TypeVar
@@ -23,22 +25,20 @@ from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 
 from workers.readers.damage import damage, damage_proof
-from workers.readers.pulse import beat
-from workers.readers.recording import ReadError
-from workers.readers.ros.foxglove import foxglove_decoder
-from workers.readers.ros.mcap_records import (
+from workers.readers.mcap_io.records import (
     FOOTER_BYTES,
+    HEAD,
     MAGIC,
     MAX_CHUNK_BYTES,
     ChunkPlace,
     Contents,
     RecordError,
-    head_of,
     message_of,
     records,
     unpacked_chunk,
 )
-from workers.readers.ros.protobuf_wire import WireError
+from workers.readers.pulse import beat
+from workers.readers.recording import ReadError
 from workers.readers.ros.ros_types import ros_decoder
 from workers.readers.ros.topic_messages import Decoder, Topic
 
@@ -63,10 +63,11 @@ class McapBag:
         self._path = path
         self._size = path.stat().st_size
         self._position = 0
+        self._ended = False
         self.warnings: list[str] = []
         # Places of messages outside chunks, by channel; found only where the file is looked through.
         self._loose: dict[int, array[int]] = {}
-        self._file = path.open("rb")
+        self.file = path.open("rb")
         try:
             with self.damage():
                 self.contents = self._summary() or self._look_through()
@@ -77,96 +78,97 @@ class McapBag:
                     "Copy or upload the file again; look at what recorded it.",
                 )
         except BaseException:
-            self._file.close()
+            self.file.close()
             raise
 
     @contextmanager
     def damage(self) -> Generator[None]:
         """What libraries raise on damaged bytes becomes ``recording_damaged``."""
-        kinds = (zstandard.ZstdError, SerdeError, WireError, RecordError, McapError)
+        kinds = (zstandard.ZstdError, SerdeError, RecordError, McapError)
         with damage(self._path.name, "an MCAP file", _HINT, *kinds):
             yield
 
     def _summary(self) -> Contents | None:
-        """What the summary says; None where there is none, or it does not say where the messages are."""
+        """What the summary says; None where it is missing, damaged, or does not say where messages are."""
         if self._size < len(MAGIC) + FOOTER_BYTES:
             return None
-        self._file.seek(self._size - FOOTER_BYTES)
-        tail = self._file.read(FOOTER_BYTES)
+        self.file.seek(self._size - FOOTER_BYTES)
+        tail = self.file.read(FOOTER_BYTES)
         if tail[-len(MAGIC) :] != MAGIC or tail[0] != Opcode.FOOTER:
             return None
-        (start,) = struct.unpack_from("<Q", tail, 9)
+        start, _, checksum = struct.unpack_from("<QQI", tail, HEAD.size)
         length = self._size - FOOTER_BYTES - start
         if not start or not 0 < length < _SUMMARY_BYTES:
             return None
-        self._file.seek(start)
+        self.file.seek(start)
+        text = self.file.read(length)
         contents = Contents()
-        for kind, body in records(memoryview(self._file.read(length))):
-            contents.take(kind, body)
-        fits = all(chunk.start + chunk.length <= start for chunk in contents.chunks)
-        return contents if contents.channels and contents.chunks and fits else None
+        try:
+            if checksum and zlib.crc32(text + tail[: -len(MAGIC) - 4]) != checksum:
+                raise RecordError("it does not have its checksum")
+            for kind, body in records(memoryview(text)):
+                contents.take(kind, body)
+            for chunk in contents.chunks:
+                fits = chunk.start + chunk.length <= start
+                if not fits or self._record_at(chunk.start) != (Opcode.CHUNK, chunk.length - HEAD.size):
+                    raise RecordError(f"it names a chunk at byte {chunk.start}, where there is none")
+        except (RecordError, McapError, struct.error, ValueError):
+            self.warnings.append(f"The index of {self._path.name} is damaged; the file was read through instead.")
+            return None
+        return contents if contents.channels and contents.chunks else None
+
+    def _record_at(self, place: int) -> tuple[int, int] | None:
+        """Kind and size of the record at a place, where the file has its head; the file stands at its body then."""
+        self._position = place
+        self.file.seek(place)
+        head = self.file.read(HEAD.size)
+        return HEAD.unpack(head) if len(head) == HEAD.size else None
 
     def _look_through(self) -> Contents:
         contents = Contents()
-        for place, kind, body in self._records(whole=True):
+        for place, kind, size in self.walk():
             if kind == Opcode.CHUNK:
                 present: set[int] = set()
-                for inner, part in records(unpacked_chunk(body)):
-                    if inner in (Opcode.SCHEMA, Opcode.CHANNEL):
+                for inner, part in records(unpacked_chunk(self.body(size))):
+                    if inner == Opcode.MESSAGE:
+                        present.add(contents.count(part))
+                    elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
                         contents.take(inner, part)
-                    elif inner == Opcode.MESSAGE:
-                        (channel,) = struct.unpack_from("<H", part)
-                        contents.counts[channel] = contents.counts.get(channel, 0) + 1
-                        present.add(channel)
-                contents.chunks.append(ChunkPlace(place, 9 + len(body), frozenset(present)))
+                contents.chunks.append(ChunkPlace(place, 9 + size, frozenset(present)))
             elif kind == Opcode.MESSAGE:
-                (channel,) = struct.unpack_from("<H", body)
-                contents.counts[channel] = contents.counts.get(channel, 0) + 1
-                self._loose.setdefault(channel, array("q")).append(place)
+                self._loose.setdefault(contents.count(self.body(size)), array("q")).append(place)
             elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-                contents.take(kind, body)
+                contents.take(kind, self.body(size))
+        if not self._ended:
+            self.warnings.append(
+                f"{self._path.name} ends without its index, as when recording is interrupted; the messages up to "
+                f"byte {self._position} of {self._size} were read."
+            )
         contents.counts = {number: contents.counts.get(number, 0) for number in contents.channels}
         return contents
 
-    def _records(self, whole: bool, wanted: frozenset[int] | None = None) -> Iterator[tuple[int, int, memoryview]]:
-        """(place, kind, body) of the records of the data section; of chunks without ``wanted`` channels none.
-
-        Args:
-            whole: whether a file that ends early is to be spoken of.
-        """
-        skip = {c.start for c in self._chunks_without(wanted)} if wanted is not None else set[int]()
+    def walk(self) -> Iterator[tuple[int, int, int]]:
+        """(place, kind, size) of the records of the data section, the file standing at each one's body."""
         place = len(MAGIC)
-        self._file.seek(place)
-        while True:
-            head = head_of(self._file)
-            if head is None:
-                if whole:
-                    self._note_end(place)
-                return
+        self._ended = False
+        while (head := self._record_at(place)) is not None:
             beat()
             kind, size = head
-            if kind in (Opcode.DATA_END, Opcode.FOOTER):
+            self._ended = kind in (Opcode.DATA_END, Opcode.FOOTER)
+            if self._ended or size > self._size - place - HEAD.size:
                 return
-            if size > self._size - place - 9:
-                if whole:
-                    self._note_end(place)
-                return
-            if kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK) and place not in skip:
-                if size > MAX_CHUNK_BYTES:
-                    raise RecordError(f"a record claims {size} bytes; at most {MAX_CHUNK_BYTES} are read")
-                yield place, kind, memoryview(self._file.read(size))
-            place += 9 + size
-            self._position = place
-            self._file.seek(place)
+            yield place, kind, size
+            place += HEAD.size + size
 
-    def _chunks_without(self, wanted: frozenset[int]) -> Iterator[ChunkPlace]:
-        return (c for c in self.contents.chunks if c.channels and c.channels.isdisjoint(wanted))
+    def body(self, size: int) -> memoryview:
+        """The body of the record at which the file stands.
 
-    def _note_end(self, place: int) -> None:
-        self.warnings.append(
-            f"{self._path.name} ends without its index, as when recording is interrupted; the messages up to byte "
-            f"{place} of {self._size} were read."
-        )
+        Raises:
+            RecordError: it is larger than is read.
+        """
+        if size > MAX_CHUNK_BYTES:
+            raise RecordError(f"a record claims {size} bytes; at most {MAX_CHUNK_BYTES} are read")
+        return memoryview(self.file.read(size))
 
     @property
     def topics(self) -> Sequence[Topic]:
@@ -191,7 +193,8 @@ class McapBag:
 
     def decoder(self, topic: Topic) -> Decoder | None:
         """See :class:`Container`."""
-        decode = foxglove_decoder(topic) or ros_decoder(topic)
+        own = topic.type.startswith("foxglove.")  # their classes take 20 ms to load
+        decode = import_module("workers.readers.ros.foxglove").foxglove_decoder(topic) if own else ros_decoder(topic)
         return None if decode is None else damage_proof(decode, self.damage)
 
     def _numbers(self, names: Collection[str]) -> dict[int, str]:
@@ -200,8 +203,13 @@ class McapBag:
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
         """See :class:`Container`; within a chunk and from chunk to chunk in the order of the file."""
         numbers = self._numbers(names)
+        # Chunks without these topics; of some, an index does not say which they have.
+        skip = {c.start for c in self.contents.chunks if c.channels and c.channels.isdisjoint(numbers)}
         with self.damage():
-            for _, kind, body in self._records(whole=False, wanted=frozenset(numbers)):
+            for place, kind, size in self.walk():
+                if kind not in (Opcode.CHUNK, Opcode.MESSAGE) or place in skip:
+                    continue
+                body = self.body(size)
                 parts = records(unpacked_chunk(body)) if kind == Opcode.CHUNK else ((kind, body),)
                 for inner, part in parts:
                     if inner == Opcode.MESSAGE and struct.unpack_from("<H", part)[0] in numbers:
@@ -219,11 +227,8 @@ class McapBag:
 
     def _loose_samples(self, places: Sequence[int], count: int) -> Iterator[tuple[int, bytes]]:
         for place in _spread(places, count):
-            self._file.seek(place)
-            head = head_of(self._file)
-            if head is not None:
-                _, log_ns, data = message_of(memoryview(self._file.read(head[1])))
-                yield log_ns, data
+            _, log_ns, data = message_of(self._body_at(place, Opcode.MESSAGE))
+            yield log_ns, data
 
     def _chunk_samples(
         self, chunks: Sequence[ChunkPlace], numbers: Collection[int], count: int
@@ -231,15 +236,17 @@ class McapBag:
         """Of chunks spread over the file a few messages each, so many that they are enough altogether."""
         chosen = _spread(chunks, count)
         for number, chunk in enumerate(chosen):
-            self._file.seek(chunk.start)
-            head = head_of(self._file)
-            if head is None or head[0] != Opcode.CHUNK or head[1] > MAX_CHUNK_BYTES:
-                raise RecordError(f"there is no chunk at byte {chunk.start}, where the index has one")
-            parts = records(unpacked_chunk(memoryview(self._file.read(head[1]))))
+            parts = records(unpacked_chunk(self._body_at(chunk.start, Opcode.CHUNK)))
             found = (message_of(part) for kind, part in parts if kind == Opcode.MESSAGE)
             ours = ((log_ns, data) for channel, log_ns, data in found if channel in numbers)
             share = (number + 1) * count // len(chosen) - number * count // len(chosen)
             yield from islice(ours, share)
+
+    def _body_at(self, place: int, kind: int) -> memoryview:
+        head = self._record_at(place)
+        if head is None or head[0] != kind:
+            raise RecordError(f"there is no record of kind {kind} at byte {place} any more")
+        return self.body(head[1])
 
     def times(self, name: str) -> NDArray[np.int64]:
         """See :class:`Container`."""
@@ -248,7 +255,7 @@ class McapBag:
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        self.file.close()
 
 
 def _spread(items: Sequence[_Item], count: int) -> list[_Item]:

@@ -16,7 +16,7 @@ from rosbags.typesys.store import Typestore
 from workers.readers.captures.velodyne_models import is_data_packet
 from workers.readers.recording import ReadError
 from workers.readers.ros.camera_info import camera_info
-from workers.readers.ros.foxglove import FOXGLOVE_CLOUD_TYPES, FoxgloveCloud
+from workers.readers.ros.foxglove_messages import FOXGLOVE_MESSAGES
 from workers.readers.ros.topic_messages import (
     CameraInfo,
     CloudMessage,
@@ -26,7 +26,6 @@ from workers.readers.ros.topic_messages import (
     PacketMessage,
     RawImage,
     Topic,
-    VideoMessage,
 )
 
 CLOUD: Final = "sensor_msgs/msg/PointCloud2"
@@ -182,12 +181,8 @@ def _read_compressed(message: Any) -> Message:
 
 
 def _read_info(message: Any) -> CameraInfo:
-    return _info_of(_head(message), message)
-
-
-def _info_of(head: tuple[int, str], message: Any) -> CameraInfo:
-    dkrp = (message.d, message.k, message.r, message.p)
-    return camera_info(*head, message.width, message.height, message.distortion_model, *dkrp)
+    matrices = (message.d, message.k, message.r, message.p)
+    return camera_info(*_head(message), message.width, message.height, message.distortion_model, *matrices)
 
 
 def _read_packets(message: Any) -> Message:
@@ -196,40 +191,11 @@ def _read_packets(message: Any) -> Message:
     return PacketMessage(stamp_ns, frame_id, [packet for packet in packets if is_data_packet(packet[1])])
 
 
-def _read_foxglove_cloud(message: Any) -> Message:
-    fields = [(str(f.name), int(f.offset), FOXGLOVE_CLOUD_TYPES.get(int(f.type), 0)) for f in message.fields]
-    cloud = FoxgloveCloud.of(fields, int(message.point_stride), message.data)
-    return CloudMessage(_stamp(message.timestamp), str(message.frame_id), cloud)
-
-
-def _read_foxglove_compressed(message: Any) -> Message:
-    return EncodedImage(_stamp(message.timestamp), str(message.frame_id), message.data.tobytes())
-
-
-def _read_foxglove_video(message: Any) -> Message:
-    head = (_stamp(message.timestamp), str(message.frame_id))
-    return VideoMessage(*head, str(message.format), message.data.tobytes())
-
-
-def _read_foxglove_raw(message: Any) -> Message:
-    size = (int(message.width), int(message.height), int(message.step))
-    head = (_stamp(message.timestamp), str(message.frame_id))
-    return RawImage(*head, *size, str(message.encoding), False, message.data)
-
-
-def _read_calibration(message: Any) -> CameraInfo:
-    return _info_of((_stamp(message.timestamp), str(message.frame_id)), message)
-
-
 _READERS: Final = {
     CLOUD: _read_cloud,
     IMAGE: _read_image,
     COMPRESSED: _read_compressed,
     INFO: _read_info,
     PACKETS: _read_packets,
-    "foxglove_msgs/msg/PointCloud": _read_foxglove_cloud,
-    "foxglove_msgs/msg/CompressedImage": _read_foxglove_compressed,
-    "foxglove_msgs/msg/CompressedVideo": _read_foxglove_video,
-    "foxglove_msgs/msg/RawImage": _read_foxglove_raw,
-    "foxglove_msgs/msg/CameraCalibration": _read_calibration,
+    **{f"foxglove_msgs/msg/{name}": read for name, read in FOXGLOVE_MESSAGES.items()},
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from array import array
 from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ from workers.readers.ros.topic_messages import Decoder, Topic
 
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _TIMES: Final = 2000
+_MAX_ID: Final = 2**63 - 1
 _HINT: Final = "Copy or upload the bag again; `sqlite3 FILE .recover` may save what is left of a damaged one."
 
 
@@ -65,10 +67,11 @@ class SqliteBag:
         if "message_definitions" in self.file.tables:
             rows = self.file.rows("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
             definitions = {str(kind): (str(text), str(form)) for kind, form, text in rows}
-        some = "SELECT topic_id FROM messages LIMIT ?"  # a table whose pages lie in a circle has no end
+        self.last = self._last_whole() if self.file.is_cut else _MAX_ID
+        some = "SELECT topic_id FROM messages WHERE id <= ? LIMIT ?"  # a table whose pages lie in a circle has no end
         most = self.file.most_rows
         counts: dict[int, int] = dict(
-            self.file.rows(f"SELECT topic_id, count(*) FROM ({some}) GROUP BY topic_id", [most])
+            self.file.rows(f"SELECT topic_id, count(*) FROM ({some}) GROUP BY topic_id", [self.last, most])
         )
         if sum(counts.values()) >= most:
             raise sqlite3.DatabaseError("it has more messages than room for them")
@@ -82,6 +85,32 @@ class SqliteBag:
                 usual = str(encoding) or "cdr"  # old recorders left it empty; there is no other format in ROS 2
                 topics.append(Topic(str(name), str(kind), usual, text, form, counts.get(number, 0)))
         return ids, topics
+
+    def _last_whole(self) -> int:
+        """The id of the last message that is whole for certain, of a file that was cut short.
+
+        SQLite fills the last page with zeros, and messages were written in the order of their ids. So the page may
+        belong to the last message that is not shorter than a page, or to those behind it.
+        """
+        ids, sizes = array("q"), array("q")
+        try:
+            for number, data in self.file.rows("SELECT id, data FROM messages ORDER BY id"):
+                if not isinstance(data, bytes) or (ids and number <= ids[-1]):
+                    break
+                ids.append(number)
+                sizes.append(len(data))
+        except sqlite3.OperationalError:  # it took too long
+            raise
+        except sqlite3.DatabaseError:
+            pass
+        doubtful = 0
+        while ids and doubtful <= self.file.page_bytes:
+            doubtful += sizes.pop()
+            ids.pop()
+        self.warnings.append(
+            f"{self._path.name} is cut short, as when recording is interrupted; {len(ids)} messages were read."
+        )
+        return ids[-1] if ids else 0
 
     @property
     def topics(self) -> Sequence[Topic]:
@@ -98,8 +127,10 @@ class SqliteBag:
         by_id = {number: name for name in names for number in self.ids[name]}
         marks = ",".join("?" * len(by_id))
         with self.damage():
-            query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
-            for topic_id, log_ns, data in self.file.rows(query, list(by_id)):
+            query = (
+                f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) AND id <= ? ORDER BY id"
+            )
+            for topic_id, log_ns, data in self.file.rows(query, [*by_id, self.last]):
                 yield by_id[topic_id], int(log_ns), unpacked_message(data)
 
     def samples(self, name: str, count: int) -> Iterator[tuple[int, bytes]]:
@@ -107,7 +138,8 @@ class SqliteBag:
         with self.damage():
             numbers = self.ids[name]
             marks = ",".join("?" * len(numbers))
-            rows = self.file.rows(f"SELECT id FROM messages WHERE topic_id IN ({marks}) ORDER BY id", numbers)
+            query = f"SELECT id FROM messages WHERE topic_id IN ({marks}) AND id <= ? ORDER BY id"
+            rows = self.file.rows(query, [*numbers, self.last])
             every = np.fromiter((row for (row,) in rows), np.int64)
             chosen = np.unique(np.linspace(0, len(every) - 1, min(count, len(every))).astype(int))
             for row in every[chosen].tolist():
@@ -120,8 +152,10 @@ class SqliteBag:
         with self.damage():
             numbers = self.ids[name]
             marks = ",".join("?" * len(numbers))
-            query = f"SELECT timestamp FROM messages WHERE topic_id IN ({marks}) ORDER BY id LIMIT {_TIMES}"
-            return np.fromiter((time for (time,) in self.file.rows(query, numbers)), np.int64)
+            query = (
+                f"SELECT timestamp FROM messages WHERE topic_id IN ({marks}) AND id <= ? ORDER BY id LIMIT {_TIMES}"
+            )
+            return np.fromiter((time for (time,) in self.file.rows(query, [*numbers, self.last])), np.int64)
 
     def close(self) -> None:
         """Close the file."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import sqlite3
+import struct
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -48,6 +49,8 @@ class SqliteFile:
         tables: names of the tables that may be read.
         columns: of each table, the names of its columns.
         most_rows: more than this the file has no room for.
+        page_bytes: size of a page.
+        is_cut: whether the file ends before its last page does. SQLite reads zeros for what is missing of a page.
 
     Raises:
         ReadError: ``sqlite_not_plain``, the file holds views, triggers or virtual tables.
@@ -60,6 +63,8 @@ class SqliteFile:
         self.most_rows = self._size // _ROW_BYTES + 1
         self._since = time.process_time()
         self._late = False
+        self.page_bytes, pages = _pages(path)
+        self.is_cut = self._size < pages * self.page_bytes or self._size % self.page_bytes != 0
         # A bag is uploaded alone: a journal beside it would be another file's.
         uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         self._db = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
@@ -69,7 +74,9 @@ class SqliteFile:
             self._db.set_progress_handler(self._overdue, _STEPS)
             # Nothing is spilled into files: what is written is counted, and memory has a limit of its own.
             memory = ("cache_size=-4000", "temp_store=MEMORY")
-            for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "query_only=ON", *memory):
+            # Without it SQLite opens no file that lacks a page.
+            cut = ("writable_schema=ON",) if self.is_cut else ()
+            for pragma in (*cut, "trusted_schema=OFF", "cell_size_check=ON", "query_only=ON", *memory):
                 self._db.execute(f"PRAGMA {pragma}")
             self.columns = self._ordinary_tables()
             self.tables = frozenset(self.columns)
@@ -131,6 +138,14 @@ class SqliteFile:
     def close(self) -> None:
         """Close the file."""
         self._db.close()
+
+
+def _pages(path: Path) -> tuple[int, int]:
+    """Bytes of a page and number of pages, as the file's head states them (sqlite.org/fileformat.html, 1.3)."""
+    with path.open("rb") as file:
+        head = file.read(32).ljust(32, b"\0")
+    (size, pages) = struct.unpack_from(">H10xI", head, 16)
+    return {0: 512, 1: 65_536}.get(size, size), pages
 
 
 def _is_table(sql: str) -> bool:

@@ -17,7 +17,16 @@ from workers.readers.clouds.pointcloud2 import cloud_columns
 from workers.readers.images.headers import read_image_header
 from workers.readers.images.still_images import image_frame
 from workers.readers.images.transcode import raw_to_png
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, StaticTransform, Sweep
+from workers.readers.recording import (
+    Frame,
+    LidarFacts,
+    ReadError,
+    ReadOptions,
+    Recording,
+    Sensor,
+    StaticTransform,
+    Sweep,
+)
 from workers.readers.ros.camera_info import image_kind, info_document, match_infos
 from workers.readers.ros.containers import Container
 from workers.readers.ros.static_transforms import static_transforms
@@ -40,7 +49,7 @@ _MAX_TOPICS: Final = 10_000
 _INFOS: Final = ("CameraInfo", "CameraCalibration")
 
 
-class TopicRecording:
+class TopicRecording(Recording):
     """The topics of a container that are LiDARs and cameras.
 
     JPEG, PNG and WebP images are handed on byte for byte; raw images become PNG.
@@ -164,18 +173,6 @@ class TopicRecording:
             self._stampless.add(sensor.name)
             return evened(log_ns, [data for _, data in message.packets])
         return message.packets
-
-    def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
-        """The sweeps of one LiDAR in recorded order."""
-        for _, item in self.messages([sensor]):
-            if isinstance(item, Sweep):
-                yield item
-
-    def frames(self, sensor: Sensor) -> Iterator[Frame]:
-        """The frames of one camera in recorded order."""
-        for _, item in self.messages([sensor]):
-            if isinstance(item, Frame):
-                yield item
 
     def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
         """All chosen topics in one pass, in recorded order."""

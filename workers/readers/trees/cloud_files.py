@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from workers.readers.clouds.pointcloud2 import MAX_POINTS
 from workers.readers.recording import ReadError
-from workers.readers.trees.ply import read_ply
+from workers.readers.trees.ply import read_ply, truncated_cloud
 
 CLOUD_SUFFIXES: Final = frozenset({".pcd", ".ply", ".bin", ".npy"})
 _PLAIN: Final = ("x", "y", "z", "intensity", "ring", "time")
@@ -107,11 +107,8 @@ def _read_npy(data: bytes, path: str) -> Arrays:
     if not shape or min(shape) < 0 or shape[0] > MAX_POINTS:
         raise _malformed(path, f"its shape is {shape}", hint)
     if len(data) - place < count * dtype.itemsize:
-        raise ReadError(
-            "cloud_truncated",
-            f"{path} is cut short: {len(data) - place} of {count * dtype.itemsize} bytes of points are there.",
-            "Copy the file again, or leave it out.",
-        )
+        whole = count * dtype.itemsize
+        raise truncated_cloud(path, f"{len(data) - place} of {whole} bytes of points are there")
     array: NDArray[np.generic] = np.frombuffer(data, dtype, count, place)
     if dtype.names:
         flat: Any = array.reshape(shape, order="F" if fortran else "C").reshape(-1)

@@ -12,7 +12,7 @@ import numpy as np
 
 from workers.readers.clouds.model import SAMPLES, CloudModel, Columns, learn_clouds
 from workers.readers.images.still_images import IMAGE_SUFFIXES, image_frame
-from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Sensor, StaticTransform, Sweep
+from workers.readers.recording import Frame, LidarFacts, ReadError, ReadOptions, Recording, Sensor, Sweep
 from workers.readers.trees.cloud_files import CLOUD_SUFFIXES, read_cloud
 from workers.readers.trees.file_times import KITTI_NAME, TimesFrom, stamp_files, stem_and_number
 from workers.readers.trees.file_tree import FileTree, read_file
@@ -87,7 +87,7 @@ def _plain_name(kind: Kind, folder: str, both: bool) -> str:
     return folder.removesuffix("/data")  # KITTI's: image_02/data
 
 
-class FileSeries:
+class FileSeries(Recording):
     """Clouds (PCD, KITTI's .bin, .npy, .csv) and images of a tree, each a file.
 
     JPEG, PNG and WebP are handed on byte for byte where a browser shows them as they are.
@@ -136,7 +136,7 @@ class FileSeries:
             return None
         stamps = {path: self._times.stamps_ns[path] for path in group.paths}
         turn_ns = self._period(group) if self._options.rate_hz is None else round(1e9 / self._options.rate_hz)
-        cloud = read_cloud(read_file(self._tree, group.paths[0]), group.paths[0])
+        cloud = self._cloud(group.paths[0])
         if any(axis not in cloud for axis in "xyz"):  # said when the cloud is read
             return None
         xyz = np.stack([cloud[axis] for axis in "xyz"], 1).astype(np.float32)
@@ -153,7 +153,7 @@ class FileSeries:
         notes = {"times_from": self._times.sources[group.name]}
         try:
             if group.kind == "lidar":
-                return notes | {"fields": " ".join(read_cloud(read_file(self._tree, path), path))}
+                return notes | {"fields": " ".join(self._cloud(path))}
             frame = self._frame(path)
         except ReadError:  # raised again if this sensor is the one that is read
             return notes
@@ -165,16 +165,6 @@ class FileSeries:
         return self._sensors
 
     @property
-    def other_topics(self) -> Sequence[str]:
-        """Nothing: it is given only what it reads."""
-        return ()
-
-    @property
-    def static_transforms(self) -> Sequence[StaticTransform]:
-        """None: files of sensors state no frames."""
-        return ()
-
-    @property
     def times_from(self) -> set[TimesFrom]:
         """Where the stamps come from; ``index`` where they are made up."""
         return set(self._times.sources.values())
@@ -183,11 +173,6 @@ class FileSeries:
     def warnings(self) -> list[str]:
         """Sentences about what was met while reading."""
         return [*self._times.warnings, *(said for model in self._models.values() for said in model.warnings())]
-
-    @property
-    def share_read(self) -> None:
-        """Counts tell the progress."""
-        return None
 
     def lidar_facts(self, sensor: Sensor) -> LidarFacts:
         """What was learned of a LiDAR from files spread over the folder."""
@@ -212,34 +197,24 @@ class FileSeries:
         paths = self._groups[sensor.name].paths
         numbers: list[int] = np.unique(np.linspace(0, len(paths) - 1, min(SAMPLES, len(paths))).astype(int)).tolist()
         for number in numbers:
-            yield (
-                self._times.stamps_ns[paths[number]],
-                read_cloud(read_file(self._tree, paths[number]), paths[number]),
-            )
+            yield self._times.stamps_ns[paths[number]], self._cloud(paths[number])
 
-    def sweeps(self, sensor: Sensor) -> Iterator[Sweep]:
-        """The sweeps of one LiDAR in the order of their stamps."""
+    def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
+        """All chosen sensors, merged by stamp."""
+        return heapq.merge(*map(self._messages, sensors), key=lambda pair: pair[1].stamp_ns)
+
+    def _messages(self, sensor: Sensor) -> Iterator[tuple[Sensor, Sweep | Frame]]:
+        paths = self._groups[sensor.name].paths
+        if sensor.kind == "camera":
+            yield from ((sensor, self._frame(path)) for path in paths)
+            return
         model, spin = self._model(sensor), self._spins.get(sensor.name)
-        for path in self._groups[sensor.name].paths:
-            sweep = model.sweep(self._times.stamps_ns[path], read_cloud(read_file(self._tree, path), path))
-            yield sweep if spin is None else spin.timed(sweep, path)
-
-    def frames(self, sensor: Sensor) -> Iterator[Frame]:
-        """The frames of one camera in the order of their stamps."""
-        for path in self._groups[sensor.name].paths:
-            yield self._frame(path)
+        for path in paths:
+            sweep = model.sweep(self._times.stamps_ns[path], self._cloud(path))
+            yield sensor, sweep if spin is None else spin.timed(sweep, path)
 
     def _frame(self, path: str) -> Frame:
         return image_frame(read_file(self._tree, path), self._times.stamps_ns[path], path)
 
-    def messages(self, sensors: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sweep | Frame]]:
-        """All chosen sensors, merged by stamp."""
-
-        def of(sensor: Sensor) -> Iterator[tuple[Sensor, Sweep | Frame]]:
-            items: Iterator[Sweep | Frame] = self.sweeps(sensor) if sensor.kind == "lidar" else self.frames(sensor)
-            return ((sensor, item) for item in items)
-
-        return heapq.merge(*(of(sensor) for sensor in sensors), key=lambda pair: pair[1].stamp_ns)
-
-    def close(self) -> None:
-        """Nothing: the tree belongs to who gave it."""
+    def _cloud(self, path: str) -> Columns:
+        return read_cloud(read_file(self._tree, path), path)

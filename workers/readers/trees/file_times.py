@@ -76,11 +76,7 @@ def stamp_files(
     made_up = [group for group, source in sources.items() if source == "index"]
     if made_up and len(made_up) < len(sources):
         odd = groups[made_up[0]][0]
-        raise ReadError(
-            "files_without_times",
-            f"Some files have a time, but {odd} has only a number.",
-            f"Name all files by their time, or add {CSV_NAME} with the columns file,stamp_ns.",
-        )
+        raise without_times(f"Some files have a time, but {odd} has only a number.")
     warnings = (
         "File names hold numbers and no times: files of equal number are taken as simultaneous, and the times, "
         "0.1 s from number to number, are made up.",
@@ -106,29 +102,28 @@ def _stamp_group(
         raise _incomplete(missing, len(paths))
     nameless = [path for path, text in texts.items() if not text and len(paths) > 1]
     if nameless:
-        raise ReadError(
-            "files_without_times",
-            f"The name of {nameless[0]} ends in no number ({len(nameless)} of {len(paths)} files).",
-            f"Name files by their time (1600000000123456789.png), by a number (pose12.png), or add {CSV_NAME} "
-            "with the columns file,stamp_ns.",
-        )
+        raise without_times(f"The name of {nameless[0]} ends in no number ({len(nameless)} of {len(paths)} files).")
     if any("." in texts[path] for path in timed):
         odd = next(path for path in paths if path not in set(timed))
-        raise ReadError(
-            "files_without_times",
-            f"Some files are named by their time, but {odd} is not.",
-            f"Name all files in the same way, or add {CSV_NAME} with the columns file,stamp_ns.",
-        )
+        raise without_times(f"Some files are named by their time, but {odd} is not.")
     absurd = next((path for path, text in texts.items() if len(text.lstrip("0")) > 9), None)
     if absurd is not None:
-        raise ReadError(
-            "files_without_times",
+        raise without_times(
             f"The number in the name of {absurd} is no time since 1970 (10, 13, 16 or 19 digits) and too large to "
-            "count files.",
-            f"Name files by their time in nanoseconds, or add {CSV_NAME} with the columns file,stamp_ns.",
+            "count files."
         )
     # A single file needs no number to be told from others.
     return "index", {path: _INDEX_START_NS + int(text or 0) * _INDEX_STEP_NS for path, text in texts.items()}
+
+
+def without_times(why: str) -> ReadError:
+    """The refusal of files whose moments nobody states."""
+    return ReadError(
+        "files_without_times",
+        why,
+        "Name all files by their time in nanoseconds (1600000000123456789.png), or all by a number (pose12.png), or "
+        f"add {CSV_NAME} with the columns file,stamp_ns.",
+    )
 
 
 def _is_time(text: str) -> bool:
@@ -147,11 +142,7 @@ def _incomplete(missing: Sequence[str], count: int) -> ReadError:
 def _time(path: str, text: str) -> int:
     stamp_ns = int(Decimal(text) * 1_000_000_000) if "." in text else int(text) * _UNITS_BY_DIGITS[len(text)]
     if stamp_ns > _MAX_NS:
-        raise ReadError(
-            "files_without_times",
-            f"The name of {path} ends in no time: {text} lies past the year 2262.",
-            f"Name files by their time in nanoseconds, or add {CSV_NAME} with the columns file,stamp_ns.",
-        )
+        raise without_times(f"The name of {path} ends in no time: {text} lies past the year 2262.")
     return stamp_ns
 
 

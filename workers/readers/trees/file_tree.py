@@ -7,7 +7,7 @@ library must have as a file of its own (a bag, a packet capture, a video) is cop
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path, PurePosixPath
 from typing import IO, Final, Protocol
@@ -27,29 +27,61 @@ class Stream(Protocol):
     def close(self) -> None: ...
 
 
-class FileTree(Protocol):
-    """Files by relative POSIX path; hidden ones are not seen."""
+class FileTree:
+    """Files by relative POSIX path; hidden ones are not seen.
 
-    name: str
+    Args:
+        name: what its owner calls it, for messages.
+        scratch: where members are copied to; removed with the tree.
+    """
+
+    is_packed = False
+
+    def __init__(self, name: str, scratch: Scratch | None = None) -> None:
+        self.name = name
+        self._sizes: dict[str, int] = {}
+        self._scratch = scratch or Scratch(name)
+
+    def _add(self, stated: str, size: int) -> str:
+        """Take note of a member of an archive. Returns its path.
+
+        Raises:
+            ReadError: ``folder_refused``.
+        """
+        path = checked_path(self.name, stated)
+        if len(self._sizes) >= MAX_FILES:
+            raise refused(self.name, f"it holds more than {MAX_FILES} files")
+        if path in self._sizes:
+            raise refused(self.name, f"{shortened(stated)!r} comes twice in it")
+        if not is_hidden(path):
+            self._sizes[path] = size
+        return path
 
     @property
     def paths(self) -> list[str]:
         """Relative paths of all files, sorted."""
-        ...
+        return sorted(self._sizes)
 
     def size(self, path: str) -> int:
         """Bytes of a file."""
-        ...
+        return self._sizes[path]
 
     def open(self, path: str) -> Stream:
-        """A file as a stream."""
-        ...
+        """A file as a stream, from its beginning."""
+        raise NotImplementedError
 
     def on_disk(self, path: str) -> Path:
-        """A file, or a folder with all that is in it, as a path of this machine."""
-        ...
+        """A file, or a folder with all that is in it, as a path of this machine: a copy in the scratch folder."""
+        for member in self._sizes:
+            below = member == path or path == "." or member.startswith(f"{path}/")
+            if below and not (self._scratch.root / member).exists():
+                with closing(self.open(member)) as stream:
+                    self._scratch.write(stream, member, expanding=self.is_packed)
+        return self._scratch.root / path
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Remove what was unpacked or copied."""
+        self._scratch.close()
 
 
 def read_file(tree: FileTree, path: str) -> bytes:
@@ -117,13 +149,28 @@ def check_tree(archive: str, paths: Iterable[str]) -> None:
                 raise refused(archive, f"{shortened(parent.as_posix())!r} is both a file and a folder in it")
 
 
-class Folder:
+class OnDisk(FileTree):
+    """Files in a folder on disk: a single one, which came out of a compressed one such as ``walk.bag.gz``."""
+
+    def __init__(self, root: Path, name: str, files: Iterable[str] = (), scratch: Scratch | None = None) -> None:
+        super().__init__(name, scratch)
+        self._root = root
+        self._sizes = {file: (root / file).stat().st_size for file in files}
+
+    def open(self, path: str) -> Stream:
+        """A file as a stream."""
+        return (self._root / path).open("rb")
+
+    def on_disk(self, path: str) -> Path:
+        """A file or a folder where it is."""
+        return self._root / path
+
+
+class Folder(OnDisk):
     """A folder on disk. Links are refused."""
 
     def __init__(self, root: Path) -> None:
-        self.name = root.name
-        self._root = root
-        self._sizes: dict[str, int] = {}
+        super().__init__(root, root.name)
         for folder, subfolders, files in os.walk(root, followlinks=False):
             base = Path(folder)
             for name in (*subfolders, *files):
@@ -137,54 +184,6 @@ class Folder:
                     self._sizes[relative] = (base / name).stat().st_size
             if len(self._sizes) > MAX_FILES:
                 raise refused(root.name, f"it holds more than {MAX_FILES} files")
-
-    @property
-    def paths(self) -> list[str]:
-        """Relative paths of all files, sorted."""
-        return sorted(self._sizes)
-
-    def size(self, path: str) -> int:
-        """Bytes of a file."""
-        return self._sizes[path]
-
-    def open(self, path: str) -> Stream:
-        """A file as a stream."""
-        return (self._root / path).open("rb")
-
-    def on_disk(self, path: str) -> Path:
-        """A file or a folder where it is."""
-        return self._root / path
-
-    def close(self) -> None:
-        """Nothing to close."""
-
-
-class OneFile:
-    """A single file that came out of a compressed one, such as ``walk.bag.gz``."""
-
-    def __init__(self, file: Path, name: str) -> None:
-        self.name = name
-        self._file = file
-
-    @property
-    def paths(self) -> list[str]:
-        """Its name."""
-        return [self._file.name]
-
-    def size(self, path: str) -> int:
-        """Its bytes."""
-        return self._file.stat().st_size
-
-    def open(self, path: str) -> Stream:
-        """It as a stream."""
-        return self._file.open("rb")
-
-    def on_disk(self, path: str) -> Path:
-        """Where it is."""
-        return self._file
-
-    def close(self) -> None:
-        """Nothing to close."""
 
 
 class Window:
@@ -203,16 +202,3 @@ class Window:
 
     def close(self) -> None:
         """The file stays open."""
-
-
-def copy_out(tree: FileTree, scratch: Scratch, path: str, *, expanding: bool) -> Path:
-    """A member of an archive, or all below a folder in it, in the scratch folder; once."""
-    for member in _below(tree.paths, path):
-        if not (scratch.root / member).exists():
-            with closing(tree.open(member)) as stream:
-                scratch.write(stream, member, expanding=expanding)
-    return scratch.root / path
-
-
-def _below(paths: Iterable[str], path: str) -> Iterator[str]:
-    return (member for member in paths if member == path or path == "." or member.startswith(f"{path}/"))

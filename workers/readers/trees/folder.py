@@ -11,11 +11,17 @@ from typing import Final
 from workers.readers.detect import HEAD_BYTES, TREE, Format, format_of
 from workers.readers.recording import ReadError, ReadOptions, Recording
 from workers.readers.trees.cloud_files import is_cloud_table
-from workers.readers.trees.composite import Composite, Part
+from workers.readers.trees.composite import Composite, Joined, Part
 from workers.readers.trees.file_series import FileSeries, Group, group_files, is_sensor_file
-from workers.readers.trees.file_times import CSV_NAME, KITTI_NAME, is_times_table, listed_times, stem_and_number
+from workers.readers.trees.file_times import (
+    CSV_NAME,
+    KITTI_NAME,
+    is_times_table,
+    listed_times,
+    stem_and_number,
+    without_times,
+)
 from workers.readers.trees.file_tree import FileTree, read_file, read_head
-from workers.readers.trees.joined import Joined
 from workers.readers.trees.kitti import KITTI_ENDS, KITTI_STARTS
 from workers.readers.trees.open_tree import open_tree
 
@@ -185,11 +191,9 @@ def _open_series(
     try:
         series = FileSeries(tree, groups, tables, options)
         if parts and "index" in series.times_from:
-            raise ReadError(
-                "files_without_times",
-                f"The files of {groups[0].name} have no times, and {parts[0].label} has: which belong together "
-                "is not said.",
-                f"Name the files by their time (1600000000123456789.png), or add {CSV_NAME} with file,stamp_ns.",
+            raise without_times(
+                f"The files of {groups[0].name} have no times, and {parts[0].label} has: which belong together is "
+                "not said."
             )
     except ReadError as error:
         kinds = {sensor.kind for part in parts for sensor in part.recording.sensors}

@@ -13,6 +13,7 @@ from pypcd4.pypcd4 import PointCloud
 
 from workers.readers.clouds.pointcloud2 import MAX_POINTS
 from workers.readers.recording import ReadError
+from workers.readers.trees.ply import truncated_cloud
 
 _HEADER_BYTES: Final = 4096
 # The longest copy of LZF takes 3 bytes and gives 264.
@@ -49,12 +50,8 @@ def read_pcd(data: bytes, where: str) -> dict[str, NDArray[np.generic]]:
         raise _damaged(where, why) from error
     points: NDArray[np.void] = np.atleast_1d(cast("NDArray[np.void]", cloud.pc_data))  # pyright: ignore[reportUnknownMemberType]
     if len(points) != cloud.metadata.points:
-        raise _truncated(where, f"{len(points)} of {cloud.metadata.points} points are there")
+        raise truncated_cloud(where, f"{len(points)} of {cloud.metadata.points} points are there")
     return {name: points[name] for name in points.dtype.names or () if not name.startswith("#$%&~~")}
-
-
-def _truncated(where: str, why: str) -> ReadError:
-    return ReadError("cloud_truncated", f"{where} is cut short: {why}.", "Copy the file again, or leave it out.")
 
 
 def _check_claims(data: bytes, where: str) -> bytes:
@@ -77,13 +74,13 @@ def _check_claims(data: bytes, where: str) -> bytes:
         raise _damaged(where, f"its header claims {points} points of {sum(counts)} values")
     encoding = start.group(1)
     if encoding == b"binary" and body < bytes_needed:
-        raise _truncated(where, f"{body} of {bytes_needed} bytes of points are there")
+        raise truncated_cloud(where, f"{body} of {bytes_needed} bytes of points are there")
     if encoding == b"binary_compressed":
         if body < 8:
-            raise _truncated(where, "it ends with its header")
+            raise truncated_cloud(where, "it ends with its header")
         packed, unpacked = struct.unpack_from("<II", data, start.end())
         if body - 8 < packed:
-            raise _truncated(where, f"{body - 8} of {packed} bytes of compressed points are there")
+            raise truncated_cloud(where, f"{body - 8} of {packed} bytes of compressed points are there")
         if unpacked > LZF_LIMIT * packed:
             raise _damaged(where, f"{packed} bytes cannot hold the {unpacked} that they claim to unpack to")
         if unpacked != bytes_needed:

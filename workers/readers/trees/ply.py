@@ -40,7 +40,7 @@ def read_ply(data: bytes, where: str) -> dict[str, NDArray[np.generic]]:
     layout = np.dtype([(name, order + kind) for name, kind in fields])
     whole = count * layout.itemsize
     if len(data) - start < whole:
-        raise _truncated(where, f"{len(data) - start} of {whole} bytes of points are there")
+        raise truncated_cloud(where, f"{len(data) - start} of {whole} bytes of points are there")
     points = np.frombuffer(data, layout, count, start)
     return {name: points[name] for name, _ in fields}
 
@@ -85,7 +85,7 @@ def _read_ascii(body: bytes, count: int, fields: list[tuple[str, str]], where: s
     if table.shape[1] != len(fields):
         raise _malformed(where, f"its lines have {table.shape[1]} values for {len(fields)} properties")
     if len(table) < count:
-        raise _truncated(where, f"{len(table)} of {count} points are there")
+        raise truncated_cloud(where, f"{len(table)} of {count} points are there")
     return {name: table[:, number] for number, (name, _) in enumerate(fields)}
 
 
@@ -97,5 +97,6 @@ def _malformed(where: str, why: str) -> ReadError:
     )
 
 
-def _truncated(where: str, why: str) -> ReadError:
+def truncated_cloud(where: str, why: str) -> ReadError:
+    """The refusal of a cloud's file that ends too early."""
     return ReadError("cloud_truncated", f"{where} is cut short: {why}.", "Copy the file again, or leave it out.")

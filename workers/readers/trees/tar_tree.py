@@ -8,41 +8,39 @@ from typing import Any, cast
 
 from workers.readers.recording import ReadError
 from workers.readers.trees.file_tree import (
-    MAX_FILES,
+    FileTree,
     Stream,
     Window,
     check_tree,
     checked_path,
-    copy_out,
-    is_hidden,
     refused,
     shortened,
 )
 from workers.readers.trees.scratch import Scratch, damaged_archive
 
 
-class Tar:
+class Tar(FileTree):
     """An uncompressed tar of a folder.
 
     Args:
         file: where it is.
         name: what its owner calls it, for messages; None: the file's name.
+        scratch: see :class:`FileTree`.
 
     Raises:
         ReadError: ``folder_refused`` (links, devices, sparse files, paths that climb out, names that come twice),
             ``recording_truncated``.
     """
 
-    def __init__(self, file: Path, name: str | None = None) -> None:
-        self.name = name or file.name
-        self._members: dict[str, tuple[int, int]] = {}
+    def __init__(self, file: Path, name: str | None = None, scratch: Scratch | None = None) -> None:
+        super().__init__(name or file.name, scratch)
+        self._offsets: dict[str, int] = {}
         self._end = 0
         self._size = file.stat().st_size
-        self._scratch = Scratch(self.name)
         self._file = file.open("rb")
         try:
             self._list()
-            check_tree(self.name, self._members)
+            check_tree(self.name, self._sizes)
         except BaseException:
             self._file.close()
             raise
@@ -51,7 +49,7 @@ class Tar:
         try:
             with tarfile.open(fileobj=self._file, mode="r:") as archive:
                 for member in archive:
-                    self._add(member)
+                    self._take(member)
                     cast(Any, archive).members.clear()  # else the archive keeps every header
         except (tarfile.TarError, ValueError, OverflowError) as error:
             raise self._truncated(f"it cannot be read to its end ({error})") from error
@@ -65,42 +63,25 @@ class Tar:
     def _truncated(self, why: str) -> ReadError:
         return damaged_archive(self.name, why)
 
-    def _add(self, member: tarfile.TarInfo) -> None:
-        path = checked_path(self.name, member.name)
+    def _take(self, member: tarfile.TarInfo) -> None:
+        name = shortened(member.name)
         if member.issym() or member.islnk():
-            raise refused(self.name, f"{shortened(member.name)!r} is a link")
+            raise refused(self.name, f"{name!r} is a link")
         self._end = member.offset_data + -(-member.size // 512) * 512
         if member.isdir():
+            checked_path(self.name, member.name)
             return
         if not member.isreg() or member.sparse is not None:
-            raise refused(self.name, f"{shortened(member.name)!r} is no ordinary file")
+            raise refused(self.name, f"{name!r} is no ordinary file")
         if member.size < 0 or member.offset_data + member.size > self._size:
-            raise self._truncated(f"it ends at byte {self._size}, inside {shortened(member.name)!r}")
-        if len(self._members) >= MAX_FILES:
-            raise refused(self.name, f"it holds more than {MAX_FILES} files")
-        if path in self._members:
-            raise refused(self.name, f"{shortened(member.name)!r} comes twice in it")
-        if not is_hidden(path):
-            self._members[path] = (member.offset_data, member.size)
-
-    @property
-    def paths(self) -> list[str]:
-        """Relative paths of all files, sorted."""
-        return sorted(self._members)
-
-    def size(self, path: str) -> int:
-        """Bytes of a file."""
-        return self._members[path][1]
+            raise self._truncated(f"it ends at byte {self._size}, inside {name!r}")
+        self._offsets[self._add(member.name, member.size)] = member.offset_data
 
     def open(self, path: str) -> Stream:
         """A file as a stream."""
-        return Window(self._file, *self._members[path])
-
-    def on_disk(self, path: str) -> Path:
-        """A copy of a file or folder in a scratch folder."""
-        return copy_out(self, self._scratch, path, expanding=False)
+        return Window(self._file, self._offsets[path], self._sizes[path])
 
     def close(self) -> None:
         """Close the tar and remove what was copied out of it."""
         self._file.close()
-        self._scratch.close()
+        super().close()

@@ -12,16 +12,14 @@ from typing import IO, Final
 
 from workers.readers.recording import ReadError
 from workers.readers.trees.file_tree import (
-    MAX_FILES,
+    FileTree,
     Stream,
     check_tree,
     checked_path,
-    copy_out,
-    is_hidden,
     refused,
     shortened,
 )
-from workers.readers.trees.scratch import Scratch, damaged_archive, expands_too_far, refused_expanding
+from workers.readers.trees.scratch import damaged_archive, expands_too_far, refused_expanding
 
 _PACKINGS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 _LOCAL_HEADER: Final = 30  # bytes before a member's name and data
@@ -30,7 +28,7 @@ _MAX_DIRECTORY_BYTES: Final = 200 * 1024 * 1024
 _BROKEN: Final = (zipfile.BadZipFile, EOFError, zlib.error, LZMAError, struct.error, ValueError, NotImplementedError)
 
 
-class Zip:
+class Zip(FileTree):
     """A zip of a folder, or of a single recording.
 
     Raises:
@@ -38,10 +36,11 @@ class Zip:
             overlap), ``archive_expands``, ``recording_truncated``.
     """
 
+    is_packed = True
+
     def __init__(self, file: Path) -> None:
-        self.name = file.name
+        super().__init__(file.name)
         self._size = file.stat().st_size
-        self._scratch = Scratch(self.name)
         self._members: dict[str, zipfile.ZipInfo] = {}
         self._check_directory(file)
         try:
@@ -50,9 +49,9 @@ class Zip:
             raise damaged_archive(self.name, str(error)) from error
         try:
             for info in self._zip.infolist():
-                self._add(info)
+                self._take(info)
             self._check_sizes()
-            check_tree(self.name, self._members)
+            check_tree(self.name, self._sizes)
         except BaseException:
             self._zip.close()
             raise
@@ -76,7 +75,7 @@ class Zip:
         if directory > _MAX_DIRECTORY_BYTES:
             raise refused(self.name, f"its directory alone takes {directory} bytes")
 
-    def _add(self, info: zipfile.ZipInfo) -> None:
+    def _take(self, info: zipfile.ZipInfo) -> None:
         path = checked_path(self.name, info.filename)
         mode = info.external_attr >> 16
         if not info.filename:
@@ -97,11 +96,9 @@ class Zip:
                 self.name,
                 f"{shortened(path)!r} is packed by a method (number {info.compress_type}), which is not read",
             )
-        if len(self._members) >= MAX_FILES:
-            raise refused(self.name, f"it holds more than {MAX_FILES} files")
-        if path in self._members:
-            raise refused(self.name, f"{shortened(path)!r} comes twice in it")
-        if not is_hidden(path):
+        # No more than the directory states is ever unpacked.
+        self._add(path, info.file_size)
+        if path in self._sizes:
             self._members[path] = info
 
     def _check_sizes(self) -> None:
@@ -115,15 +112,6 @@ class Zip:
         if expands_too_far(self._size, sum(info.file_size for info in members)):
             raise refused_expanding(self.name)
 
-    @property
-    def paths(self) -> list[str]:
-        """Relative paths of all files, sorted."""
-        return sorted(self._members)
-
-    def size(self, path: str) -> int:
-        """Bytes of a file, unpacked, as the directory states; no more than these are ever unpacked."""
-        return self._members[path].file_size
-
     def open(self, path: str) -> Stream:
         """A file as a stream, unpacked as it is read."""
         try:
@@ -131,14 +119,10 @@ class Zip:
         except _BROKEN as error:
             raise damaged_archive(f"{self.name}: {shortened(path)!r}", str(error)) from error
 
-    def on_disk(self, path: str) -> Path:
-        """A copy of a file or folder in a scratch folder."""
-        return copy_out(self, self._scratch, path, expanding=True)
-
     def close(self) -> None:
         """Close the zip and remove what was unpacked."""
         self._zip.close()
-        self._scratch.close()
+        super().close()
 
 
 def _long_directory(raw: IO[bytes], place: int) -> int:

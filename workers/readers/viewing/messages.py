@@ -1,4 +1,4 @@
-"""Foxglove's messages: a point cloud, an image, a camera's calibration, the poses of frames.
+"""Foxglove's messages as viewers read them: a point cloud, an image, a camera's calibration, the poses of frames.
 
 Times are nanoseconds. Camera frames are optical: x right, y down, z forward, as Foxglove's are.
 """
@@ -7,22 +7,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
+
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.descriptor import FileDescriptor
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.timestamp_pb2 import Timestamp
 
 from workers.readers.normalised.cdr import POINT_DTYPE
-from workers.readers.viewing.protobuf_writing import (
-    block,
-    block_head,
-    doubles,
-    fixed32,
-    integer,
-    named_doubles,
-    text,
-)
 
+ENCODING: Final = "protobuf"
+KINDS: Final[tuple[Any, ...]] = (PointCloud, CompressedImage, CameraCalibration, FrameTransforms)
 _NUMERIC_TYPES: Final = {"<f4": 7, "<i4": 6, "<u2": 3}
-_NO_TURN: Final = (0.0, 0.0, 0.0, 1.0)
 _SAME_AXES: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+_COLUMNS: Final = [
+    PackedElementField(name=name, offset=offset, type=_NUMERIC_TYPES[kind.str])  # pyright: ignore[reportArgumentType]
+    for name, (kind, offset, *_) in (POINT_DTYPE.fields or {}).items()
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,62 +61,71 @@ class FramePose:
     quaternion_xyzw: Sequence[float]
 
 
-def point_cloud(stamp_ns: int, frame_id: str, size: int) -> bytes:
-    """What stands before the ``size`` bytes of points, which are laid out as POINT_DTYPE and end the message."""
-    pose = block(1, named_doubles((0.0, 0.0, 0.0))) + block(2, named_doubles(_NO_TURN))
-    columns = [
-        text(1, name) + fixed32(2, offset) + integer(3, _NUMERIC_TYPES[kind.str])
-        for name, (kind, offset, *_) in (POINT_DTYPE.fields or {}).items()
-    ]
-    return b"".join(
-        [
-            _time(stamp_ns),
-            text(2, frame_id),
-            block(3, pose),
-            fixed32(4, POINT_DTYPE.itemsize),
-            *(block(5, column) for column in columns),
-            block_head(6, size),
-        ]
-    )
+def descriptor_set(kind: Any) -> bytes:
+    """A serialized FileDescriptorSet of a message's class, as MCAP files carry it: what it needs comes first."""
+    files = FileDescriptorSet()
+
+    def add(file: FileDescriptor) -> None:
+        for needed in file.dependencies:
+            add(needed)
+        if file.name not in {known.name for known in files.file}:
+            file.CopyToProto(files.file.add())
+
+    add(kind.DESCRIPTOR.file)
+    return files.SerializeToString()
 
 
-def compressed_image(stamp_ns: int, frame_id: str, media_type: str, size: int) -> bytes:
-    """What stands before the ``size`` bytes of an encoded image, which end the message."""
+def point_cloud(stamp_ns: int, frame_id: str, points: memoryview) -> bytes:
+    """Points that are laid out as POINT_DTYPE."""
+    pose = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
+    return PointCloud(
+        timestamp=_time(stamp_ns),
+        frame_id=frame_id,
+        pose=pose,
+        point_stride=POINT_DTYPE.itemsize,
+        fields=_COLUMNS,
+        data=bytes(points),
+    ).SerializeToString()
+
+
+def compressed_image(stamp_ns: int, frame_id: str, media_type: str, data: bytes) -> bytes:
+    """An encoded image."""
     kind = media_type.removeprefix("image/")
-    return _time(stamp_ns) + text(3, kind) + text(4, frame_id) + block_head(2, size)
+    image = CompressedImage(timestamp=_time(stamp_ns), frame_id=frame_id, format=kind, data=data)
+    return image.SerializeToString()
 
 
 def camera_calibration(stamp_ns: int, frame_id: str, lens: Lens) -> bytes:
     """A lens; the rectified image is the undistorted one, with the same K."""
     K = lens.K
-    P = (*K[0:3], 0.0, *K[3:6], 0.0, *K[6:9], 0.0)
-    return b"".join(
-        [
-            _time(stamp_ns),
-            fixed32(2, lens.width),
-            fixed32(3, lens.height),
-            text(4, lens.distortion_model),
-            *(doubles(key, values) for key, values in ((5, lens.D), (6, K), (7, _SAME_AXES), (8, P))),
-            text(9, frame_id),
-        ]
-    )
+    return CameraCalibration(
+        timestamp=_time(stamp_ns),
+        frame_id=frame_id,
+        width=lens.width,
+        height=lens.height,
+        distortion_model=lens.distortion_model,
+        D=lens.D,
+        K=K,
+        R=_SAME_AXES,
+        P=(*K[0:3], 0.0, *K[3:6], 0.0, *K[6:9], 0.0),
+    ).SerializeToString()
 
 
 def frame_transforms(stamp_ns: int, poses: Sequence[FramePose]) -> bytes:
     """Where frames stand in their parents."""
-    return b"".join(
-        block(
-            1,
-            _time(stamp_ns)
-            + text(2, pose.parent)
-            + text(3, pose.child)
-            + block(4, named_doubles(pose.translation_m))
-            + block(5, named_doubles(pose.quaternion_xyzw)),
+    transforms = [
+        FrameTransform(
+            timestamp=_time(stamp_ns),
+            parent_frame_id=pose.parent,
+            child_frame_id=pose.child,
+            translation=Vector3(**dict(zip("xyz", pose.translation_m, strict=True))),
+            rotation=Quaternion(**dict(zip("xyzw", pose.quaternion_xyzw, strict=True))),
         )
         for pose in poses
-    )
+    ]
+    return FrameTransforms(transforms=transforms).SerializeToString()
 
 
-def _time(stamp_ns: int) -> bytes:
+def _time(stamp_ns: int) -> Timestamp:
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
-    return block(1, integer(1, seconds) + integer(2, nanoseconds))
+    return Timestamp(seconds=seconds, nanos=nanoseconds)

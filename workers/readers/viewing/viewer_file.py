@@ -17,23 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workers.readers.images.decode import decoded
-from workers.readers.mcap_writing.chunked_file import ChunkedFile
+from workers.readers.mcap_io.writer import McapWriter
 from workers.readers.normalised.cdr import point_bytes
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.manifest import FrameTable, read_table
 from workers.readers.output import bytes_written
-from workers.readers.viewing.foxglove_schemas import ENCODING, descriptor_set
 from workers.readers.viewing.messages import (
+    ENCODING,
+    KINDS,
     FramePose,
     camera_calibration,
     compressed_image,
+    descriptor_set,
     frame_transforms,
     point_cloud,
 )
 from workers.readers.viewing.viewed_camera import ViewedCamera
 
 FILE_NAME: Final = "recording.mcap"
-_SCHEMAS: Final = ("PointCloud", "CompressedImage", "CameraCalibration", "FrameTransforms")
 _LIDAR: Final = -1
 _Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
 # The level of normalised LiDAR files (mcap_files.py): points become a third smaller. Frames are compressed already.
@@ -55,12 +56,13 @@ def write_viewer_file(
     with ExitStack() as stack:
         sweeps = stack.enter_context(LidarFile(lidar))
         cameras = [_Camera(ViewedCamera.from_json(one), stack) for one in request["cameras"]]
-        file = ChunkedFile(out_dir / FILE_NAME, "", _LEVEL)
+        file = McapWriter(out_dir / FILE_NAME, "", "zstd", _LEVEL)
         stack.callback(file.abandon)
         poses = [FramePose(**one) for one in request["poses"]]
         writer = _Writer(file, sweeps, str(request["lidar_frame"]), cameras, poses)
         writer.run(on_share)
-        file.finish("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
+        file.add_metadata("apexcal", {str(name): str(value) for name, value in request["facts"].items()})
+        file.finish()
     counts = {"copied": writer.copied, "replaced": 0, "added": writer.added, "left_out": writer.left_out}
     return {"file": FILE_NAME, **counts, "written": bytes_written()}
 
@@ -103,13 +105,15 @@ class _Camera:
 
 class _Writer:
     def __init__(
-        self, file: ChunkedFile, sweeps: LidarFile, lidar_frame: str, cameras: list[_Camera], poses: list[FramePose]
+        self, file: McapWriter, sweeps: LidarFile, lidar_frame: str, cameras: list[_Camera], poses: list[FramePose]
     ) -> None:
         self._file, self._sweeps, self._lidar_frame = file, sweeps, lidar_frame
         self._cameras, self._poses = cameras, poses
         self.copied = self.added = self.left_out = 0
-        types = descriptor_set()
-        self._schemas = {name: file.add_schema(f"foxglove.{name}", ENCODING, types) for name in _SCHEMAS}
+        self._schemas = {
+            kind.DESCRIPTOR.name: file.add_schema(kind.DESCRIPTOR.full_name, ENCODING, descriptor_set(kind))
+            for kind in KINDS
+        }
         self._channels: dict[str, int] = {}
         # Lichtblick takes the first image that is listed, and its calibration from the topics beside it.
         for camera in cameras:
@@ -144,16 +148,14 @@ class _Writer:
 
     def _write_sweep(self, stamp_ns: int, index: int) -> None:
         points = point_bytes(self._sweeps.sweep(index))
-        self._file.add(
-            self._channels["/lidar"], stamp_ns, point_cloud(stamp_ns, self._lidar_frame, len(points)), points
-        )
+        self._file.add(self._channels["/lidar"], stamp_ns, point_cloud(stamp_ns, self._lidar_frame, points))
         self.copied += 1
 
     def _write_frame(self, camera: _Camera, stamp_ns: int, index: int) -> None:
         of = camera.of
         data = camera.encoded(index)
-        head = compressed_image(stamp_ns, of.frame_id, camera.table.media_type[index], len(data))
-        self._file.add(self._channels[f"/{of.name}/raw/image"], stamp_ns, head, data)
+        image = compressed_image(stamp_ns, of.frame_id, camera.table.media_type[index], data)
+        self._file.add(self._channels[f"/{of.name}/raw/image"], stamp_ns, image)
         self.copied += 1
         if of.raw is not None:
             self._add(f"/{of.name}/raw/calibration", stamp_ns, camera_calibration(stamp_ns, of.frame_id, of.raw))
@@ -161,13 +163,13 @@ class _Writer:
         if made is None:
             self.left_out += 1
             return
-        head = compressed_image(stamp_ns, of.frame_id, "image/jpeg", len(made))
-        self._add(f"/{of.name}/undistorted/image", stamp_ns, head, made)
+        image = compressed_image(stamp_ns, of.frame_id, "image/jpeg", made)
+        self._add(f"/{of.name}/undistorted/image", stamp_ns, image)
         said = camera_calibration(stamp_ns, of.frame_id, of.pinhole)
         self._add(f"/{of.name}/undistorted/calibration", stamp_ns, said)
 
-    def _add(self, topic: str, stamp_ns: int, *parts: bytes) -> None:
-        self._file.add(self._channels[topic], stamp_ns, *parts)
+    def _add(self, topic: str, stamp_ns: int, message: bytes) -> None:
+        self._file.add(self._channels[topic], stamp_ns, message)
         self.added += 1
 
 

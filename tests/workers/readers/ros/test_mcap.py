@@ -165,6 +165,46 @@ def test_a_time_that_does_not_fit_a_number_with_a_sign_is_refused(tmp_path):
     assert error.code == "recording_damaged" and "past the year 2262" in error.message
 
 
+def summary_of(data):
+    """Where the summary begins and where the footer does."""
+    footer = len(data) - 8 - 20 - 9
+    return struct.unpack_from("<Q", data, footer + 9)[0], footer
+
+
+def test_a_damaged_index_is_answered_by_reading_through(tmp_path):
+    path = write_mcap(tmp_path / "a.mcap", as_cdr(rig(20)), chunk_size=4000)
+    whole = path.read_bytes()
+    _, everything, _ = read(path)
+    start, _ = summary_of(whole)
+    rng, warned = np.random.default_rng(0), 0
+    for place in rng.integers(start, len(whole) - 16, 60):
+        path.write_bytes(whole[:place] + rng.bytes(16) + whole[place + 16 :])
+        _, items, warnings = read(path)
+        warned += any("The index of a.mcap is damaged" in said for said in warnings)
+        assert len(items) == len(everything)
+        for item, known in zip(items, everything, strict=True):
+            assert item.stamp_ns == known.stamp_ns
+            assert item.data == known.data if isinstance(item, Frame) else (item.xyz == known.xyz).all()
+    assert warned > 40  # of the others the footer itself is damaged, which says where the index is
+
+
+@pytest.mark.parametrize("change", [1, -1, 1 << 40, (1 << 63) - 1])
+def test_an_index_without_a_checksum_that_names_no_chunk(tmp_path, change):
+    path = write_mcap(tmp_path / "a.mcap", as_cdr(rig(20)), chunk_size=4000)
+    data = bytearray(path.read_bytes())
+    start, footer = summary_of(data)
+    at = data.index(b"\x08", start)
+    while data[at] != 8 or not 30 < struct.unpack_from("<Q", data, at + 1)[0] < 500:  # the first chunk's index
+        at += 1
+    (chunk,) = struct.unpack_from("<Q", data, at + 9 + 16)
+    struct.pack_into("<Q", data, at + 9 + 16, (chunk + change) % (1 << 64))
+    struct.pack_into("<I", data, footer + 9 + 16, 0)
+    path.write_bytes(data)
+    _, items, warnings = read(path)
+    check_rig(items, 20)
+    assert any("The index of a.mcap is damaged" in said for said in warnings)
+
+
 @pytest.mark.parametrize("rest", [b"", bytes(100), b"\1" + bytes(7)])
 def test_an_mcap_file_with_nothing_in_it(tmp_path, rest):
     (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + rest)

@@ -12,6 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from workers.readers.recording import ReadError, ReadOptions
 from workers.readers.ros.rosbag2 import Rosbag2Recording
+from workers.readers.ros.sqlite_bag import SqliteBag
 
 REAL = DATA / "vlp16-ros2" / "1673400471837873222"
 
@@ -173,6 +174,50 @@ def test_a_table_with_values_of_the_wrong_kind_is_damaged_in_plain_words(tmp_pat
 def test_damage_anywhere_is_a_clear_answer(tmp_path):
     (path,) = write_ros2(tmp_path / "bag", rig(3)).glob("*.db3")
     check_damage(path)
+
+
+def test_a_file_that_is_cut_short_gives_its_first_messages(tmp_path):
+    (path,) = write_ros2(tmp_path / "bag", rig(40)).glob("*.db3")
+    whole = path.read_bytes()
+    bag = SqliteBag(path)
+    names = [topic.name for topic in bag.topics]
+    everything = list(bag.messages(names))
+    bag.close()
+    share, rng = [], np.random.default_rng(0)
+    for size in rng.integers(len(whole) // 4, len(whole), 40):
+        path.write_bytes(whole[:size])
+        try:
+            bag = SqliteBag(path)
+        except ReadError as error:  # not even the names of its topics are there
+            assert error.code == "recording_damaged"
+            share.append(0)
+            continue
+        found = list(bag.messages(names))
+        assert found == everything[: len(found)]
+        assert sum(topic.count for topic in bag.topics) == len(found)
+        assert all(len(list(bag.samples(name, 3))) <= 3 for name in names)
+        assert bag.warnings == [
+            f"{path.name} is cut short, as when recording is interrupted; {len(found)} messages were read."
+        ]
+        bag.close()
+        share.append(len(found) / len(everything))
+    assert np.mean(share) > 0.5
+
+
+def test_zeros_for_the_rest_of_a_page_are_no_message(tmp_path):
+    """SQLite fills a page that is there in part with zeros: messages in it lose their end, or their number."""
+    (path,) = write_ros2(tmp_path / "bag", rig(12)).glob("*.db3")
+    whole = path.read_bytes()
+    bag = SqliteBag(path)
+    names = [topic.name for topic in bag.topics]
+    everything = list(bag.messages(names))
+    bag.close()
+    for size in range(len(whole) - 1, len(whole) // 2, -397):
+        path.write_bytes(whole[:size])
+        bag = SqliteBag(path)
+        found = list(bag.messages(names))
+        assert found == everything[: len(found)] and len(found) > 3
+        bag.close()
 
 
 @pytest.mark.parametrize("bare", [True, False])

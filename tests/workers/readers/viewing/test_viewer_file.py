@@ -10,8 +10,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf import CameraCalibration_pb2, CompressedImage_pb2, FrameTransforms_pb2, PointCloud_pb2
-from google.protobuf import descriptor_pb2, descriptor_pool
 from mcap.reader import make_reader
 
 from service.studies.viewer_plan import viewer_file
@@ -23,7 +21,6 @@ from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.normalised.mcap_files import LidarWriter
 from workers.readers.normalised.normalise import normalise
 from workers.readers.recording import Sweep
-from workers.readers.viewing.foxglove_schemas import descriptor_set
 from workers.readers.viewing.viewer_file import write_viewer_file
 from workers.tasks.viewing import write_map
 
@@ -204,35 +201,6 @@ def test_a_frame_that_is_taller_than_wide_is_undistorted_at_its_own_size(tmp_pat
     ((_, _, picture),) = messages(path, "/front/undistorted/image")
     image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_GRAYSCALE)
     assert image.shape == (1000, 600) and image.min() > 250 and made["left_out"] == 0
-
-
-def test_the_descriptors_are_foxgloves_own():
-    """Each field's name, number, type and label, against the schemas that Foxglove publishes."""
-    pool = descriptor_pool.DescriptorPool()
-    for file in descriptor_pb2.FileDescriptorSet.FromString(descriptor_set()).file:
-        pool.Add(file)
-
-    def fields(descriptor):
-        return {
-            (one.name, one.number, one.type, one.is_repeated, one.message_type and one.message_type.full_name)
-            for one in descriptor.fields
-        }
-
-    official = [
-        PointCloud_pb2.PointCloud,
-        CompressedImage_pb2.CompressedImage,
-        CameraCalibration_pb2.CameraCalibration,
-        FrameTransforms_pb2.FrameTransforms,
-    ]
-    for known in official:
-        wanted = [known.DESCRIPTOR, *(one.message_type for one in known.DESCRIPTOR.fields if one.message_type)]
-        for descriptor in wanted:
-            assert fields(pool.FindMessageTypeByName(descriptor.full_name)) == fields(descriptor), (
-                descriptor.full_name
-            )
-    ours_of = pool.FindEnumTypeByName("foxglove.PackedElementField.NumericType").values_by_name
-    theirs = PointCloud_pb2.PointCloud.DESCRIPTOR.fields_by_name["fields"].message_type.enum_types[0].values_by_name
-    assert {name: one.number for name, one in ours_of.items()} == {name: one.number for name, one in theirs.items()}
 
 
 def test_our_own_reader_takes_it_for_a_recording(tmp_path):

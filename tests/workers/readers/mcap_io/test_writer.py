@@ -3,17 +3,18 @@ import random
 import pytest
 from mcap.reader import NonSeekingReader, SeekingReader
 
-from workers.readers.mcap_writing.chunked_file import CHUNK_BYTES
-from workers.readers.normalised.channel_file import ChannelFile
+from workers.readers.mcap_io.writer import CHUNK_BYTES, McapWriter
 
 SCHEMA = ("std_msgs/msg/String", "string data\n")
 
 
 def made(path, messages, level):
-    file = ChannelFile(path, "/topic", SCHEMA, level)
+    file = McapWriter(path, "ros2", *(() if level is None else ("zstd", level)))
+    channel = file.add_channel("/topic", file.add_schema(SCHEMA[0], "ros2msg", SCHEMA[1].encode()), "cdr")
     for stamp, parts in messages:
-        file.add(stamp, *parts)
-    file.finish("facts", {"a": "1"})
+        file.add(channel, stamp, *parts)
+    file.add_metadata("facts", {"a": "1"})
+    file.finish()
     return path
 
 

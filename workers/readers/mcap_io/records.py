@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import BinaryIO, Final
+from typing import Final
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -23,9 +23,9 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 FOOTER_BYTES: Final = 9 + 20 + len(MAGIC)
 # One message is all that a chunk must hold; no sensor's is larger.
 MAX_CHUNK_BYTES: Final = 160 * 1024**2
-_HEAD: Final = struct.Struct("<BQ")
-_MESSAGE: Final = struct.Struct("<HIQQ")
-_CHUNK: Final = struct.Struct("<16xQII")  # two times, size unpacked, checksum, length of a name
+HEAD: Final = struct.Struct("<BQ")
+MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+CHUNK: Final = struct.Struct("<QQQII")  # start, end, size unpacked, checksum, length of the compression's name
 
 
 class RecordError(ValueError):
@@ -77,6 +77,16 @@ class Contents:
         elif kind == Opcode.STATISTICS:
             self.counts = Statistics.read(stream).channel_message_counts
 
+    def count(self, message: memoryview) -> int:
+        """One more message, by its record. Returns its channel.
+
+        Raises:
+            struct.error: it is too short.
+        """
+        (channel,) = struct.unpack_from("<H", message)
+        self.counts[channel] = self.counts.get(channel, 0) + 1
+        return int(channel)
+
 
 def records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
     """(kind, body) of the records in a piece of memory.
@@ -86,23 +96,14 @@ def records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
     """
     place = 0
     while place < len(data):
-        if len(data) - place < _HEAD.size:
+        if len(data) - place < HEAD.size:
             raise RecordError("a record begins where its chunk ends")
-        kind, size = _HEAD.unpack_from(data, place)
-        place += _HEAD.size
+        kind, size = HEAD.unpack_from(data, place)
+        place += HEAD.size
         if size > len(data) - place:
             raise RecordError(f"a record of {size} bytes goes past the end of its chunk")
         yield kind, data[place : place + size]
         place += size
-
-
-def head_of(file: BinaryIO) -> tuple[int, int] | None:
-    """Kind and size of the record at the file's position, None where the file ends before or in its head."""
-    head = file.read(_HEAD.size)
-    if len(head) < _HEAD.size:
-        return None
-    kind, size = _HEAD.unpack(head)
-    return kind, size
 
 
 def message_of(body: memoryview) -> tuple[int, int, bytes]:
@@ -112,10 +113,20 @@ def message_of(body: memoryview) -> tuple[int, int, bytes]:
         struct.error: it is too short.
         RecordError: its time lies past the year 2262, where 64 bits with a sign end.
     """
-    channel, _, log_ns, _ = _MESSAGE.unpack_from(body)
+    channel, _, log_ns, _ = MESSAGE.unpack_from(body)
     if log_ns >= 2**63:
         raise RecordError(f"a message was recorded at {log_ns} ns, past the year 2262")
-    return channel, log_ns, bytes(body[_MESSAGE.size :])
+    return channel, log_ns, bytes(body[MESSAGE.size :])
+
+
+def chunk_head(body: bytes | memoryview) -> tuple[int, str]:
+    """Where the stored records of a chunk record begin, and by what they are compressed.
+
+    Raises:
+        struct.error, UnicodeDecodeError: it ends too early.
+    """
+    end = CHUNK.size + CHUNK.unpack_from(body)[-1]
+    return end + 8, bytes(body[CHUNK.size : end]).decode()
 
 
 def unpacked_chunk(body: memoryview) -> memoryview:
@@ -127,11 +138,10 @@ def unpacked_chunk(body: memoryview) -> memoryview:
         struct.error, UnicodeDecodeError: it ends too early.
         zstandard.ZstdError, RuntimeError: it does not decompress.
     """
-    size, checksum, length = _CHUNK.unpack_from(body)
-    place = _CHUNK.size + length
-    compression = bytes(body[_CHUNK.size : place]).decode()
-    (stored,) = struct.unpack_from("<Q", body, place)
-    data = body[place + 8 :]
+    _, _, size, checksum, _ = CHUNK.unpack_from(body)
+    start, compression = chunk_head(body)
+    (stored,) = struct.unpack_from("<Q", body, start - 8)
+    data = body[start:]
     if stored > len(data):
         raise RecordError("a chunk goes past its end")
     if size > MAX_CHUNK_BYTES:

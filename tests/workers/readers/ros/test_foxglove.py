@@ -1,0 +1,109 @@
+import json
+import struct
+
+import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from making_ros2 import field
+
+from workers.readers.mcap_io.records import RecordError
+from workers.readers.ros.foxglove import foxglove_decoder
+from workers.readers.ros.topic_messages import Topic
+
+
+def decode(name, raw, encoding="protobuf"):
+    return foxglove_decoder(Topic("/a", f"foxglove.{name}", encoding, "", "", None))(raw)
+
+
+def cloud(**more):
+    fields = [PackedElementField(name=name, offset=4 * i, type=7) for i, name in enumerate("xyz")]
+    message = PointCloud(frame_id="lidar", point_stride=12, fields=fields, data=bytes(24), **more)
+    message.timestamp.FromNanoseconds(1_600_000_000_000_000_005)
+    return message.SerializeToString()
+
+
+def test_a_cloud_of_the_schemas_own_writer():
+    message = decode("PointCloud", cloud())
+    assert (message.stamp_ns, message.frame_id) == (1_600_000_000_000_000_005, "lidar")
+    assert [(f.name, f.offset, f.datatype) for f in message.cloud.fields] == [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)]
+    assert (message.cloud.width, message.cloud.point_step, len(message.cloud.data)) == (2, 12, 24)
+
+
+def test_the_last_of_several_counts():
+    assert decode("CompressedImage", field(2, b"one") + field(2, b"two")).data == b"two"
+
+
+def test_fields_of_a_newer_schema_are_passed_over():
+    assert decode("PointCloud", cloud() + field(100, "of a newer schema")).cloud.width == 2
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"\x08",  # no value
+        b"\x08" + b"\xff" * 11,  # a number without end
+        b"\x12\x7fshort",  # longer than what is there
+        b"\x12\xff\xff\xff\xff\xff\xff\xff\xff\x7f",
+        b"\x1d\x00",  # half a fixed32
+        b"\x0b\x0c",  # a group
+        b"\x12\x02\xff\xff",  # no UTF-8
+    ],
+)
+def test_what_is_no_message(raw):
+    with pytest.raises(RecordError):
+        decode("PointCloud", raw)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        field(4, ("v", 12)),  # the stride as a varint
+        field(2, ("f", 12)),  # the frame's name as a number
+        field(6, ("v", 1)),  # the points as a number
+        field(5, field(2, ("v", 4))),  # a column's offset as a varint
+        field(1, field(1, b"1")),  # a time's seconds as text
+    ],
+)
+def test_a_field_of_another_type_is_no_default(raw):
+    with pytest.raises(RecordError):
+        decode("PointCloud", cloud() + raw)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"\x2a\x00" * 131_073,  # columns, each an object of 200 bytes
+        b"\x08\x00" * 131_073,
+        field(5, b"\x2a\x00" * 131_073),  # fields of one column
+        field(2, "a" * 262_145),
+    ],
+)
+def test_what_stands_beside_the_data_is_bounded(raw):
+    with pytest.raises(RecordError, match="more than 262144 bytes beside its data"):
+        decode("PointCloud", raw)
+
+
+def test_points_without_a_stride_are_no_empty_cloud():
+    assert decode("PointCloud", b"").cloud.width == 0
+    with pytest.raises(ValueError, match="no stride"):
+        decode("PointCloud", field(6, bytes(24)))
+
+
+def test_data_is_as_long_as_it_is():
+    data = bytes(1_000_000)
+    assert decode("CompressedImage", CompressedImage(data=data).SerializeToString()).data == data
+    with pytest.raises(RecordError):  # each number is a field of its own, and none is data
+        decode("CameraCalibration", b"".join(b"\x29" + struct.pack("<d", i) for i in range(40_000)))
+
+
+@pytest.mark.parametrize("data", ["!!!!", "YQ", 1, None])
+def test_json_whose_data_is_no_base64(data):
+    with pytest.raises((RecordError, ValueError, TypeError)):
+        decode("CompressedImage", json.dumps({"timestamp": {"sec": 1, "nsec": 2}, "data": data}).encode(), "json")
+
+
+@pytest.mark.parametrize("document", [[], {"width": "wide"}, {"width": -1}, {"K": [[1.0]]}])
+def test_json_of_another_shape(document):
+    with pytest.raises((RecordError, TypeError)):
+        decode("CameraCalibration", json.dumps(document).encode(), "json")
