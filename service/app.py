@@ -177,7 +177,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         app.state.sender.close()
         app.state.publisher.close()
         app.state.database.close()
-        app.state.health_database.close()
+        for database in app.state.health_databases:
+            database.close()
 
     app = FastAPI(
         title="apexcal",

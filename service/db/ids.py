@@ -8,10 +8,10 @@ from uuid import UUID
 
 
 def new_id() -> UUID:
-    """A UUID version 7: 48 bits of Unix milliseconds, then 74 random bits."""
-    stamp = time.time_ns() // 1_000_000
-    tail = int.from_bytes(os.urandom(10), "big")
-    value = (stamp & (1 << 48) - 1) << 80 | tail
-    value = value & ~(0xF << 76) | 0x7 << 76
-    value = value & ~(0x3 << 62) | 0x2 << 62
-    return UUID(int=value)
+    """A UUID version 7: 48 bits of Unix milliseconds, 12 of their fraction, then 62 random bits.
+
+    With the fraction (RFC 9562, section 6.2, method 3) rows that one process makes one after the other sort so.
+    """
+    stamp, within = divmod(time.time_ns(), 1_000_000)
+    head = (stamp & (1 << 48) - 1) << 80 | 0x7 << 76 | (within << 12) // 1_000_000 << 64
+    return UUID(int=head | 0x2 << 62 | int.from_bytes(os.urandom(8), "big") >> 2)

@@ -46,10 +46,14 @@ def install(app: FastAPI) -> None:
     options = replace(settings.s3, timeout_s=min(PATIENCE_S, settings.store_timeout_s))
     store = cache(lambda: Store(settings.blobs, options))
     probe = f"probe/{new_id().hex}"
-    # A connection of its own: requests that have taken all the others make no process unready.
-    own = app.state.health_database = Database(settings.database)
+    # Connections of its own: requests that have taken all the others make no process unready. What decides about
+    # readiness shares its one with no other part: where the server has none left, it is still there.
+    reads, own = app.state.health_databases = (
+        Database(settings.database, connections=1),
+        Database(settings.database),
+    )
     app.state.parts = [
-        Part(DATABASE, lambda: _database(own)),
+        Part(DATABASE, lambda: _database(reads)),
         Part("writes", lambda: _writes(own), _WRITES_FRESH_S),
         Part("broker", lambda: _broker(settings)),
         Part("store", lambda: _store(store(), probe, settings), _STORE_FRESH_S),

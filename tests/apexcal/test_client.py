@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from apexcal.client import ApiError, Client, ClientError, FailedError, TooSlowError, UnreachableError
-from apexcal.documents.recordings import PartView
+from apexcal.documents.recordings import Parts
 from apexcal.rigs import read_rig
 from apexcal.transport import Transport
 from apexcal.upload_sources import open_source
@@ -51,7 +51,7 @@ def test_an_interrupted_upload_sends_only_what_is_missing(owner, rig, large):
 
     with pytest.raises(InterruptedUploadError):
         send_parts(http, recording, open_source(large), interrupt, connections=1)
-    held = {part.number for part in http.items(f"/recordings/{recording.id}/parts", PartView)}
+    held = {part.number for part in http.get(f"/recordings/{recording.id}/parts", Parts).items}
     assert held
     assert len(held) < 4
     found = owner.recordings.unfinished(large, rig.vehicle_id, rig.id)

@@ -117,7 +117,7 @@ def test_the_mount_is_right_with_the_drivers_lens(owner, tmp_path, images, seed)
     seen = np.array(frames["apex_in_image"])
     points, pixels = np.array(frames["apex_xyz"])[seen], np.array(frames["apex_uv"], float)[seen]
     urdf = (folder / "vehicle.urdf").read_text()
-    patched = owner.exports.urdf_of_result(result.id, urdf, f"{LINK}_joint")
+    patched = owner.exports.urdf_of_result(result.id, urdf, f"{LINK}_joint").content.decode()
     off_px = np.linalg.norm(driver_pixels(folder, images, patched, points) - pixels, axis=1)
     nominal_px = np.linalg.norm(driver_pixels(folder, images, urdf, points) - pixels, axis=1)
     print(

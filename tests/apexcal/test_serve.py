@@ -234,6 +234,7 @@ def test_a_log_that_grows_is_cut_while_its_process_runs(embedded):
     eventually(lambda: log.stat().st_size < 1_000_000, "the end of a long log", 30)
     assert kept.stat().st_size == 10 * 1024 * 1024
     assert "000399999 a stranger's line" in kept.read_text()
-    urllib.request.urlopen(f"{embedded.url}/?a-later-line", timeout=5).close()
+    page = urllib.request.Request(f"{embedded.url}/?a-later-line", headers={"Accept": "text/html"})
+    urllib.request.urlopen(page, timeout=5).close()
     eventually(lambda: " GET / 200 " in log.read_text(), "a later line in the same file")
     assert "\0" not in log.read_text()

@@ -169,7 +169,7 @@ class Farm:
     def is_ready(self) -> bool:
         """Whether a balancer would ask its API."""
         try:
-            with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/readyz", timeout=2) as answer:
+            with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/readyz", timeout=30) as answer:
                 return answer.status == 200
         except OSError:
             return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
 
@@ -279,18 +280,17 @@ def test_a_worker_that_cannot_reach_the_database_takes_no_messages(farm: Farm, u
 def test_a_database_without_free_connections_loses_nothing(farm: Farm, undisturbed):
     calibration = ask(farm.client, next(_names))
     wait_until(lambda: _running(farm) != [], "work", 120)
+    wait_until(farm.is_ready, "the API's own connection", 60)
     end = time.monotonic() + 3 * LEASE_S
-    taken: list[psycopg.Connection] = []
     refused = 0
-    while time.monotonic() < end:
-        try:
-            taken.append(psycopg.connect(_libpq(farm.database_url)))
-        except psycopg.OperationalError:
-            refused += 1
-            assert farm.is_ready()
+    with ExitStack() as taken:
+        while time.monotonic() < end:
+            try:
+                taken.callback(psycopg.connect(_libpq(farm.database_url)).close)
+            except psycopg.OperationalError:
+                refused += 1
+                assert farm.is_ready()
     assert refused > 0
-    for connection in taken:
-        connection.close()
     assert_ended_once_with_the_same_bits(farm, calibration, undisturbed)
 
 

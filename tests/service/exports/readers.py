@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import json
 import shlex
+import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -363,7 +364,11 @@ def by_vcd(document: bytes, calibrated: Calibrated) -> list[Projection]:
 
         def pixels(points: np.ndarray) -> np.ndarray:
             inside = np.c_[move(T, points), np.ones(len(points))].T
-            found, valid = scene.get_camera(camera).project_points3d(inside)
+            with warnings.catch_warnings():
+                # Of its inverse for whole images, which is not asked here.
+                warnings.filterwarnings("ignore", "WARNING: the inverse of the CameraFisheye distortion", Warning)
+                lens = scene.get_camera(camera)
+            found, valid = lens.project_points3d(inside)
             assert all(valid)
             return (found[:2] / found[2]).T
 

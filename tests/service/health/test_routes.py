@@ -88,7 +88,7 @@ def test_a_store_that_is_away_or_full_makes_no_process_unready(make_api, tmp_pat
 def test_a_database_that_takes_no_writes_is_ready_and_says_so(api: Api) -> None:
     """As a full one, one that only reads: a vehicle is answered."""
     beat(api)
-    health: Database = api.app.state.health_database
+    health: Database = api.app.state.health_databases[1]
     refused = ["OFF", "ON"]
 
     def checkout(connection: Any, *_: object) -> None:
@@ -174,7 +174,7 @@ def test_it_answers_in_time_and_keeps_to_itself_why_a_part_hangs_or_fails(
         return Database.reading(api.database)
 
     monkeypatch.setattr(api.database, "reading", hang)
-    monkeypatch.setattr(api.app.state.health_database, "reading", hang)
+    monkeypatch.setattr(api.app.state.health_databases[0], "reading", hang)
     s3_server.pause()
     requests = [threading.Thread(target=viewer.get, args=("/fleets",)) for _ in range(THREADS + 1)]
     try:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from apexcal.documents.imports import CalibrationFiles
+from service.exports.calibrated import file_name
 from service.http.problems import Problem
 from service.imports.views import files_view
 from tests.service.exports.readers import files_of
@@ -102,7 +103,7 @@ def test_what_we_write_is_read_to_the_same_bits(name, model):
         order = sorted(calibrated.cameras, key=lambda one: one.name)
     elif name == "kitti":
         folders = [
-            {one: text for one, text in files.items() if one.startswith(f"{camera.name}/")}
+            {one: text for one, text in files.items() if one.startswith(f"{file_name(camera.name)}/")}
             for camera in calibrated.cameras
         ]
         found, order = [read(folder).cameras[0] for folder in folders], calibrated.cameras

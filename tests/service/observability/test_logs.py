@@ -53,10 +53,10 @@ def test_a_line_for_people_says_what_it_is_about() -> None:
 
 @pytest.mark.parametrize("given", ["abc-1.2_3", "x" * 64])
 def test_a_callers_id_is_kept_and_answered(api: Api, written, given: str) -> None:
-    answer = api.owner().get("/jobs?limit=1&cursor=hidden", headers={request_ids.HEADER: given})
+    answer = api.owner().get("/jobs?limit=1&secret=hidden", headers={request_ids.HEADER: given})
     assert answer.headers[request_ids.HEADER] == given
     (line,) = written()
-    assert (line["request_id"], line["path"], line["status"], line["method"]) == (given, "/v1/jobs", 200, "GET")
+    assert (line["request_id"], line["path"], line["status"], line["method"]) == (given, "/v1/jobs", 422, "GET")
     assert "hidden" not in json.dumps(line) and "apx_" not in json.dumps(line)
 
 
