@@ -1,4 +1,4 @@
-"""What comes one after the other: all that one person writes, and the hand-out of one recording.
+"""What comes one after the other: all that one person writes, and the hand-out of one recording and what reopens it.
 
 Whoever takes both takes the person's first, and the recording's before any row that refers to it. On SQLite every
 writing transaction is alone anyway.
@@ -23,10 +23,10 @@ def lock_person(session: Session, person_id: UUID) -> datetime:
     return session.scalars(row).one()
 
 
-def lock_recording(session: Session, recording_id: UUID) -> int:
+def lock_recording(session: Session, recording_id: UUID, *, shared: bool = False) -> int:
     """Lock a recording's hand-out until the transaction ends; returns how many marks each vertex shall get.
 
-    Rows that refer to the recording may still be inserted.
+    Rows that refer to the recording may still be inserted. ``shared``: others may hand out of it meanwhile.
     """
     row = select(Recording.marks_per_vertex).where(Recording.id == recording_id)
-    return session.scalars(row.with_for_update(key_share=True)).one()
+    return session.scalars(row.with_for_update(read=shared, key_share=not shared)).one()

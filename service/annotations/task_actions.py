@@ -1,7 +1,7 @@
 """Which vertices a person gets next, and the leases on them.
 
-Under the person's lock, and under one of the recording while new ones are leased: people who ask at the same moment
-never take more vertices than wanted.
+Under the person's lock and those of the apexes: people who ask at the same moment never take more vertices than
+wanted. They share the recording's lock, so that nothing reopens vertices meanwhile.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ def next_tasks(
     held = session.execute(_held(), names | {"most": 1 + ahead}).all()
     leased = [row.vertex_id for row in held]
     if len(leased) < 1 + ahead:
-        wanted = lock_recording(session, detection.recording_id)
+        wanted = lock_recording(session, detection.recording_id, shared=True)
         passed = [one for one in (skip, *(row.id for row in held)) if one is not None]
         whose = (session, detection.recording_id, detection.id, camera.id, person_id)
-        leased += Seeker(*whose, wanted, corners, passed).seek(1 + ahead - len(leased))
+        leased += Seeker(*whose, wanted, corners, passed).take(1 + ahead - len(leased))
     if not leased:
         return []
     common = {"detection_id": detection.id, "sensor_id": camera.id, "person_id": person_id, "created_at": clock}

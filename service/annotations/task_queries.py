@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from service.annotations.answer_queries import answers_of_others, has_answered, leases_of_others
 from service.db.annotations import MarkingFrontier, MarkingTask
 from service.db.clock import now
-from service.db.detections import Vertex, VertexFrame
+from service.db.detections import Apex, Vertex, VertexFrame
 
 # A rank beyond all: a detection has far fewer vertices.
 _END = 2**30
@@ -29,7 +29,7 @@ _CAMERA, _PERSON = bindparam("camera", type_=Uuid()), bindparam("person", type_=
 
 @dataclass(frozen=True)
 class Seeker:
-    """A person who marks the vertices of a detection in one camera, under the lock of its recording."""
+    """A person who marks the vertices of a detection in one camera, under their own lock."""
 
     session: Session
     recording_id: UUID
@@ -41,23 +41,49 @@ class Seeker:
     # Tasks of theirs that they hold, or have just given back.
     passed: Sequence[UUID]
 
-    def seek(self, count: int) -> list[UUID]:
-        """Open vertices, ``count`` at most: those new to the person by rank, then those that they saw longest ago.
+    def take(self, count: int) -> list[UUID]:
+        """Open vertices, ``count`` at most, that nobody else can lease until the transaction ends.
+
+        People who ask at the same moment find the same vertices. Each locks the apexes that nobody has locked, looks
+        again whether their vertices are open, and seeks others in place of the rest.
+        """
+        taken: list[UUID] = []
+        tried: dict[UUID, int] = {}
+        while len(taken) < count and (sought := self._seek(count - len(taken), tried)):
+            tried |= sought
+            taken += self._claim([*sought], wait=False)
+        if tried and not taken:  # all are being leased or answered by others, who may be the last ones
+            taken = self._claim([*tried][:count], wait=True)
+        missed = [rank for vertex_id, rank in tried.items() if vertex_id not in taken]
+        frontier = self.session.get(MarkingFrontier, self._key) if missed else None
+        if frontier is not None:
+            frontier.rank = min(frontier.rank, *missed)
+        return taken
+
+    def _claim(self, vertices: Sequence[UUID], *, wait: bool) -> list[UUID]:
+        """Those of the vertices whose apexes could be locked, and that are still open then."""
+        locked = self.session.scalars(_locking(wait=wait), {"vertices": vertices}).all()
+        still = _open().where(Vertex.id.in_(locked))
+        open_now = set(self.session.scalars(still, self._names | {"tried": []})) if locked else set()
+        return [one for one in vertices if one in open_now]
+
+    def _seek(self, count: int, tried: Mapping[UUID, int]) -> dict[UUID, int]:
+        """Open vertices with their ranks: those new to the person by rank, then those that they saw longest ago.
 
         The first search looks at all vertices. So does one that finds nothing, but not again for a minute.
         """
         frontier = self._frontier()
         if frontier is not None:
-            found = self._new(frontier, count)
+            found = self._new(frontier, count, tried)
             if len(found) < count:
-                found += self._seen(count - len(found), MarkingTask.answered_at.is_(None))
+                found |= self._seen(count - len(found), tried, MarkingTask.answered_at.is_(None))
             if found or self._was_nothing_lately():
                 return found
         frontier = self._no_frontier()
-        found = self._new(frontier, count)
+        found = self._new(frontier, count, tried)
         if len(found) < count:
-            found += self._seen(count - len(found))
-        if not found:
+            found |= self._seen(count - len(found), tried)
+        if not found and not tried:
             frontier.nothing_at = now()  # pyright: ignore[reportAttributeAccessIssue] - the database's own clock
             self.session.flush()
         return found
@@ -98,7 +124,7 @@ class Seeker:
         )
         return bool(self.session.scalar(recent))
 
-    def _new(self, frontier: MarkingFrontier, count: int) -> list[UUID]:
+    def _new(self, frontier: MarkingFrontier, count: int, tried: Mapping[UUID, int]) -> dict[UUID, int]:
         """The first open vertices from the frontier on that the person had no task for; the frontier moves there."""
         first = frontier.rank
         # Not past a vertex that somebody else holds: they may give it back, even while this looks.
@@ -107,13 +133,13 @@ class Seeker:
         # The next ones first: the database knows that they are few, and looks each up.
         for begin, end in ((first, first + _NEAR), (first + _NEAR, 2 * _END - 1)):
             if len(found) < count:
-                part = {"first": begin, "end": end, "count": count - len(found)}
+                part = {"first": begin, "end": end, "count": count - len(found), "tried": [*tried]}
                 found += self.session.execute(_new(), self._names | part)
         held = _END if held is None else held
         frontier.rank = min(found[-1].rank if len(found) == count else _END, held)
-        return [row.id for row in found]
+        return {row.id: row.rank for row in found}
 
-    def _seen(self, count: int, *which: ColumnElement[bool]) -> list[UUID]:
+    def _seen(self, count: int, tried: Mapping[UUID, int], *which: ColumnElement[bool]) -> dict[UUID, int]:
         """The open vertices whose tasks the person had longest ago."""
         own = and_(
             MarkingTask.vertex_id == Vertex.id,
@@ -124,7 +150,8 @@ class Seeker:
         if self.passed:
             seen = seen.where(MarkingTask.id.not_in(self.passed))
         order = (MarkingTask.leased_until, Vertex.rank, Vertex.corner.desc())
-        return list(self.session.scalars(seen.order_by(*order).limit(count), self._names))
+        rows = self.session.execute(seen.order_by(*order).limit(count), self._names | {"tried": [*tried]})
+        return {row.id: row.rank for row in rows}
 
 
 @cache
@@ -151,10 +178,19 @@ def _open() -> Select[Any, Any]:
         .where(
             Vertex.detection_id == bindparam("detection"),
             Vertex.corner.in_(bindparam("corners", expanding=True)),
+            Vertex.id.not_in(bindparam("tried", expanding=True)),
             ~has_answered(_PERSON),
             answers_of_others(_PERSON) + func.coalesce(lease.c.people, 0) < bindparam("wanted", type_=Integer()),
         )
     )
+
+
+@cache
+def _locking(*, wait: bool) -> Select[UUID]:
+    """Lock the apexes of vertices; without ``wait`` of those that nobody has locked."""
+    rows = select(Vertex.id).join(Apex, Apex.id == Vertex.apex_id).order_by(Apex.id)
+    rows = rows.where(Vertex.id.in_(bindparam("vertices", expanding=True)))
+    return rows.with_for_update(key_share=True, of=Apex, skip_locked=not wait)
 
 
 @cache
