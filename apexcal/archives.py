@@ -13,9 +13,9 @@ _MOST_BYTES = 64 * 2**20
 
 
 def read_archive(content: bytes) -> dict[str, bytes]:
-    """Each file by its name, which leads nowhere but into the folder.
+    """Return each file by its name. Every name leads into the folder that it is unpacked to.
 
-    Raises ValueError, with what is wrong, for an archive that is damaged, empty, too large, or has another name.
+    Raises ValueError, with what is wrong, for an archive that is damaged, empty, too large, or has other names.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:

@@ -83,6 +83,7 @@ FORMAT = Format(
     write=_files,
     kind="zip",
     direction="the child's pose in its parent, cameras as camera_link (x forward)",
+    mount_apart=True,
     needs_vehicle=True,
     one_lidar=True,
 )

@@ -35,7 +35,9 @@ def patched(document: str, child: str, camera: CalibratedCamera) -> str:
         raise _refused(f"The file is no YAML: {error}.", "Send the file as Autoware reads it.") from None
     for name, node in sorted(numbers.items(), key=lambda item: -item[1].start_mark.index):
         if not isinstance(node, yaml.ScalarNode):
-            raise _refused(f"{name} of {child!r} is no number.", "Each of x, y, z, roll, pitch, yaw is one.")
+            raise _refused(
+                f"{name} of {child!r} is no number.", "Write a number for each of x, y, z, roll, pitch, yaw."
+            )
         document = document[: node.start_mark.index] + values(edge)[name] + document[node.end_mark.index :]
     return document
 

@@ -48,22 +48,24 @@ class CalibratedCamera:
 
     @property
     def _stated(self) -> StatedLensFit | None:
-        """The mount under the stated lens, unless the pairs deny that lens."""
+        """The mount under the stated lens; None if the pairs contradict that lens."""
         return None if self.stated is None or self.stated.explains is False else self.stated
 
     def alone(self) -> CalibratedCamera:
-        """The camera for who takes its mount without its lens: the vehicle projects through the stated one."""
+        """The camera for a format without lenses: the vehicle then projects through the stated lens."""
         if (stated := self._stated) is None:
             return self
         mount, lens = stated.transform.model_dump(), stated.intrinsics.model_dump(exclude_none=True)
         T_camera_lidar = Transform.of(mount)._replace(to_frame=self.frame)
         return replace(self, model=parse_model(lens["model"]), intrinsics=lens, T_camera_lidar=T_camera_lidar)
 
-    @property
-    def needs(self) -> str:
-        """The lens with which :meth:`alone` holds, as a sentence."""
+    def needs(self, *, carries_lens: bool = False) -> str:
+        """The lens that the vehicle has to use with this mount, as a sentence.
+
+        It is the result's own where the format carries that, else the one of :meth:`alone`.
+        """
         own = f"the lens of its result alone: load that too (GET /v1/results/{self.source}?format=camera_info)."
-        lens = "the stated lens (CameraInfo)." if self._stated else own
+        lens = own if carries_lens or not self._stated else "the stated lens (CameraInfo)."
         return f"{self.name}: this mount holds with {lens} {self.stated.sentence if self.stated else ''}".strip()
 
     @property
@@ -134,7 +136,7 @@ class Calibrated:
     cameras: Sequence[CalibratedCamera]
 
     def alone(self) -> Calibrated:
-        """The mounts for who takes them without their lenses."""
+        """The mounts for a format without lenses."""
         return replace(self, cameras=[camera.alone() for camera in self.cameras])
 
     @property

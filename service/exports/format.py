@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 # A person's mark errs by as much: what is left out is less than what one pair says.
 MOST_DROPPED_PX = 1.0
+_STATE_VEHICLE = "Say T_vehicle_lidar in the rig."
 # Name inside the export -> text.
 Files = dict[str, str]
 
@@ -35,8 +36,9 @@ class Format:
     """One format: what writes it, and what it can say.
 
     ``direction`` says what its transform maps into what. ``skew``: whether its readers use the camera matrix whole.
-    ``third_radial``: whether it has OpenCV's k3. ``carries_lens``: a mount alone is the one for the
-    lens that the vehicle uses, see :meth:`CalibratedCamera.alone`.
+    ``third_radial``: whether it has OpenCV's k3. ``carries_lens``: otherwise its mount is the one
+    for the lens that the vehicle uses, see :meth:`CalibratedCamera.alone`. ``mount_apart``: whether it writes mount
+    and lens into different files, so that a reader may take the mount alone.
     ``one_tree``: whether all frames must hang together. ``plain_frames``: whether its readers may take a frame's name
     for arguments or commands.
     """
@@ -50,43 +52,27 @@ class Format:
     skew: bool = False
     third_radial: bool = True
     carries_lens: bool = True
+    mount_apart: bool = False
     needs_vehicle: bool = False
     one_lidar: bool = False
     one_tree: bool = False
     plain_frames: bool = False
 
 
-def obstacle(wanted: Format, calibrated: Calibrated) -> str | None:
-    """Why the format cannot carry this, as a sentence; None where it can."""
+def obstacle(wanted: Format, calibrated: Calibrated) -> tuple[str, str] | None:
+    """Why the format cannot carry this, and what to change, as sentences; None where it can."""
     for camera in calibrated.cameras:
         reason = (_of_lens(wanted, camera) if wanted.carries_lens else None) or _of_mount(wanted, camera)
         if reason:
             return reason
+    frames = " and ".join(calibrated.lidar_frames)
     if reason := _clash(calibrated):
-        return reason
+        return reason, "Ask for one camera."
     if wanted.one_lidar and len(calibrated.lidar_frames) > 1:
-        frames = " and ".join(calibrated.lidar_frames)
-        return f"{wanted.title} has one LiDAR, and the cameras are calibrated to {frames}."
+        return f"{wanted.title} has one LiDAR, and the cameras are calibrated to {frames}.", "Ask for one camera."
     if wanted.one_tree and _is_apart(calibrated):
-        frames = " and ".join(calibrated.lidar_frames)
-        return f"{wanted.title} is one tree, and nothing says how {frames} lie together."
+        return f"{wanted.title} is one tree, and nothing says how {frames} lie together.", _STATE_VEHICLE
     return None
-
-
-def remedy(wanted: Format, calibrated: Calibrated) -> str:
-    """What to change, so that the format carries it."""
-    if wanted.plain_frames and any(_odd_frames(camera) for camera in calibrated.cameras):
-        return "Name the frame plainly in a new rig."
-    if _clash(calibrated) or (wanted.one_lidar and len(calibrated.lidar_frames) > 1):
-        return "Ask for one camera."
-    if any(_of_mount(wanted, camera) for camera in calibrated.cameras) or (wanted.one_tree and _is_apart(calibrated)):
-        return "Say T_vehicle_lidar in the rig."
-    if any(camera.lens not in wanted.lenses for camera in calibrated.cameras):
-        return f"Calibrate as {' or '.join(sorted(wanted.lenses))}."
-    locks = ["skew"] if not wanted.skew and any(camera.skew for camera in calibrated.cameras) else []
-    if not wanted.third_radial and any(_third_radial(camera) for camera in calibrated.cameras):
-        locks.append("k5")
-    return f"Calibrate with {' and '.join(locks)} locked at 0 (`locked`)."
 
 
 def _is_apart(calibrated: Calibrated) -> bool:
@@ -136,13 +122,17 @@ def carried(wanted: Format, camera: CalibratedCamera) -> Dropped | None:
     return drop(camera, terms)
 
 
-def _of_lens(wanted: Format, camera: CalibratedCamera) -> str | None:
-    dropped = carried(wanted, camera)
+def _of_lens(wanted: Format, camera: CalibratedCamera) -> tuple[str, str] | None:
+    dropped, models = carried(wanted, camera), f"Calibrate as {' or '.join(sorted(wanted.lenses))}."
     if camera.lens not in wanted.lenses and dropped is None:
-        return f"{wanted.title} has no lens model for {camera.name}'s {camera.lens} distortion."
+        return f"{wanted.title} has no lens model for {camera.name}'s {camera.lens} distortion.", models
     if dropped is None or dropped.max_px <= MOST_DROPPED_PX:
         return None
-    return f"{lacking(wanted, camera)}: {dropped.sentence}."
+    locks = ["skew"] if camera.skew and not wanted.skew else []
+    locks += ["k5"] if _third_radial(camera) and not wanted.third_radial else []
+    locked = f"Calibrate with {' and '.join(locks)} locked at 0 (`locked`)."
+    remedy = locked if camera.lens in wanted.lenses else models
+    return f"{lacking(wanted, camera)}: {dropped.sentence}.", remedy
 
 
 def lacking(wanted: Format, camera: CalibratedCamera) -> str:
@@ -158,9 +148,11 @@ def _third_radial(camera: CalibratedCamera) -> bool:
     return camera.lens in RADIAL_TANGENTIAL and bool(camera.D[4])
 
 
-def _of_mount(wanted: Format, camera: CalibratedCamera) -> str | None:
+def _of_mount(wanted: Format, camera: CalibratedCamera) -> tuple[str, str] | None:
     if wanted.needs_vehicle and camera.T_vehicle_lidar is None:
-        return f"{wanted.title} starts at the vehicle's frame, and the rig {camera.rig} does not say where that is."
+        reason = f"{wanted.title} starts at the vehicle's frame, and the rig {camera.rig} does not say where that is."
+        return reason, _STATE_VEHICLE
     if wanted.plain_frames and (odd := _odd_frames(camera)):
-        return f"{wanted.title} takes no frame named {odd[0]!r}, but letters, digits and _ . / - alone."
+        reason = f"{wanted.title} takes no frame named {odd[0]!r}, but letters, digits and _ . / - alone."
+        return reason, "Name the frame plainly in a new rig."
     return None

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from service.exports import autoware, camera_info, kalibr, kitti, nuscenes, opencv, openlabel, ros2, urdf
 from service.exports.calibrated import Calibrated, file_name
-from service.exports.format import Files, Format, carried, lacking, obstacle, remedy
+from service.exports.format import Files, Format, carried, lacking, obstacle
 from service.http.problems import Problem
 
 FORMATS: dict[str, Format] = {
@@ -54,21 +54,21 @@ def find_format(name: str) -> Format:
 
 def export(wanted: Format, calibrated: Calibrated) -> Exported:
     """Raises :class:`Problem` 406 ``format_cannot_carry``, which names the formats that can."""
-    reason = obstacle(wanted, calibrated)
-    if reason is not None:
+    if (found := obstacle(wanted, calibrated)) is not None:
+        reason, remedy = found
         able = ["json", *(name for name, one in FORMATS.items() if obstacle(one, calibrated) is None)]
         raise Problem(
             406,
             "format_cannot_carry",
             reason,
-            f"{remedy(wanted, calibrated)} Or take one of {', '.join(able)}.",
+            f"{remedy} Or take one of {', '.join(able)}.",
             format=wanted.name,
             formats=able,
         )
-    notes = [] if wanted.carries_lens else [camera.needs for camera in calibrated.cameras]
+    tells_lens = wanted.mount_apart or not wanted.carries_lens
+    notes = [one.needs(carries_lens=wanted.carries_lens) for one in calibrated.cameras if tells_lens]
     calibrated = calibrated if wanted.carries_lens else calibrated.alone()
-    dropped = [carried(wanted, camera) for camera in calibrated.cameras]
-    pairs = list(zip(calibrated.cameras, dropped, strict=True))
+    pairs = [(camera, carried(wanted, camera)) for camera in calibrated.cameras]
     notes += [f"{lacking(wanted, camera)}: {less.sentence}." for camera, less in pairs if less]
     files = wanted.write(replace(calibrated, cameras=[less.camera if less else camera for camera, less in pairs]))
     name = "-".join([*(file_name(part) for part in _named(calibrated)), wanted.name])

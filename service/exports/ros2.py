@@ -29,28 +29,22 @@ def _decimal(value: float) -> str:
     return text + "0" if text.endswith(".") else text
 
 
-def _launch(calibrated: Calibrated) -> str:
+def _files(calibrated: Calibrated) -> Files:
+    lines: list[str] = []
     nodes: list[str] = []
     for pose in map(solved_edge, calibrated.cameras):
         # A node's name has letters, digits and _ alone, and begins with no digit.
         name = re.sub(r"[^A-Za-z0-9_]", "_", f"static_{pose.to_frame}_to_{pose.from_frame}")
-        said = " ".join(f"--{option} {value}" for option, value in arguments(pose))
-        nodes.append(
-            f'  <node pkg="tf2_ros" exec="static_transform_publisher" name={quoteattr(name)} args={quoteattr(said)}/>'
-        )
+        lines.append(" ".join(f"--{option} {value}" for option, value in arguments(pose)))
+        args = quoteattr(lines[-1])
+        nodes.append(f'  <node pkg="tf2_ros" exec="static_transform_publisher" name={quoteattr(name)} args={args}/>')
     note = "<!-- Each mount holds with the camera_info.yaml of this export: load both. -->"
-    return "\n".join(['<?xml version="1.0"?>', note, "<launch>", *nodes, "</launch>", ""])
-
-
-def _files(calibrated: Calibrated) -> Files:
-    said = [
-        " ".join(f"--{option} {value}" for option, value in arguments(pose))
-        for pose in map(solved_edge, calibrated.cameras)
-    ]
     return {
         **{f"{file_name(camera.name)}/camera_info.yaml": camera_info(camera) for camera in calibrated.cameras},
-        "static_transform_publisher.txt": "\n".join(said) + "\n",
-        "static_transforms.launch.xml": _launch(calibrated),
+        "static_transform_publisher.txt": "\n".join([*lines, ""]),
+        "static_transforms.launch.xml": "\n".join(
+            ['<?xml version="1.0"?>', note, "<launch>", *nodes, "</launch>", ""]
+        ),
     }
 
 
@@ -60,5 +54,6 @@ FORMAT = Format(
     write=_files,
     kind="zip",
     direction="the child frame's pose in its parent: T_lidar_camera, or the rig's T_parent_child",
+    mount_apart=True,
     plain_frames=True,
 )

@@ -61,11 +61,11 @@ def _patched(body: UrdfRequest, calibrated: Calibrated) -> Response:
     camera = calibrated.cameras[0].alone()
     if not body.urdf.lstrip("\ufeff \t\r\n").startswith("<"):
         text = autoware_patch.patched(body.urdf, body.joint, camera)
-        return Response(text, media_type="application/yaml", headers=notes_header([camera.needs]))
+        return Response(text, media_type="application/yaml", headers=notes_header([camera.needs()]))
     # The file has the camera's own frame, or names that of the rectified images.
     mount = camera.T_camera_lidar if body.camera_link == camera.frame else camera.T_own_lidar
     mount = mount._replace(
         to_frame=body.camera_link or mount.to_frame, from_frame=body.lidar_link or mount.from_frame
     )
     made = patched(body.urdf.encode(), body.joint, mount)
-    return Response(made, media_type="application/xml", headers=notes_header([camera.needs]))
+    return Response(made, media_type="application/xml", headers=notes_header([camera.needs()]))

@@ -21,7 +21,7 @@ def _files(calibrated: Calibrated) -> Files:
     links = dict.fromkeys([*(pose.to_frame for pose in joints), *(pose.from_frame for pose in joints)])
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(file_name(calibrated.vehicle))}>"]
     # A comment holds no double hyphen.
-    lines += [f"  <!-- {camera.needs.replace('--', '__')} -->" for camera in calibrated.cameras]
+    lines += [f"  <!-- {camera.needs().replace('--', '__')} -->" for camera in calibrated.cameras]
     lines += [f"  <link name={quoteattr(link)}/>" for link in links]
     for pose in joints:
         lines += [

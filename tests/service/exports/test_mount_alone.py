@@ -55,7 +55,9 @@ def test_what_carries_no_lens_takes_the_mount_for_the_lens_that_the_vehicle_uses
         if camera.T_vehicle_lidar is None and format.needs_vehicle:
             continue
         made = export(format, calibrated)
-        assert bool(made.notes) == (name == "urdf") == (not format.carries_lens), name
+        assert bool(made.notes) == (name in ("urdf", "ros2", "autoware")), name
+        if name in ("ros2", "autoware"):
+            assert f"/v1/results/{camera.source}?format=camera_info" in made.notes[0]
     made = export(FORMATS["urdf"], calibrated)
     joint = ElementTree.fromstring(made.content).find("joint/origin")
     assert joint is not None
@@ -95,4 +97,5 @@ def test_the_answer_says_with_which_lens_a_mount_holds(api, fleet):
         assert "the stated lens (CameraInfo)" in note and SENTENCE in note
         assert b"-7.0" in answer.content
     ros2 = viewer.get(current_address(rig), params={"format": "ros2"})
-    assert "apexcal-notes" not in ros2.headers and b"-7.0" not in ros2.content
+    (note,) = json.loads(ros2.headers["apexcal-notes"])
+    assert f"/v1/results/{full}?format=camera_info" in note and b"-7.0" not in ros2.content

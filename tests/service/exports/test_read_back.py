@@ -73,7 +73,7 @@ def test_what_a_format_leaves_out_is_said_in_pixels(name, model, changed):
     """As the format's own reader and our projection differ, at the pixels of the pairs."""
     calibrated = rig_of(model, 0, **changed)
     calibrated = replace(calibrated, cameras=[replace(one, marked=ours(one)) for one in calibrated.cameras])
-    notes = export(FORMATS[name], calibrated).notes
+    notes = [one for one in export(FORMATS[name], calibrated).notes if one.endswith("where pairs lie.")]
     assert len(notes) == 3
     for camera, projection, note in zip(calibrated.cameras, READERS[name](calibrated), notes, strict=True):
         off = np.linalg.norm(projection(seen(camera)) - ours(camera), axis=1)
