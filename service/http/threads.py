@@ -47,9 +47,7 @@ class Lane:
         self._share = share
         self._shares: WeakValueDictionary[UUID, CapacityLimiter] = WeakValueDictionary()
 
-    async def run(
-        self, call: Callable[..., ValueT], *args: Any, caller: UUID | None = None, **named: Any
-    ) -> ValueT:
+    async def run(self, call: Callable[..., ValueT], *args: Any, caller: UUID | None = None, **named: Any) -> ValueT:
         """What ``call`` returns, called in a thread. Raises :class:`Problem` 503 ``busy`` after ``LOCK_S``."""
         async with AsyncExitStack() as held:
             try:
