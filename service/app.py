@@ -72,6 +72,8 @@ from service.validations import routes as validations
 ROUTERS: tuple[APIRouter, ...] = (
     # First, because every vehicle asks it at every start.
     vehicle_routes.router,
+    # Then what people who mark ask all the time: a request is compared with one router after the other.
+    annotations.router,
     auth.router,
     member_routes.router,
     token_routes.router,
@@ -88,7 +90,6 @@ ROUTERS: tuple[APIRouter, ...] = (
     studies.router,
     copy_routes.router,
     overlay_routes.router,
-    annotations.router,
     mark_routes.router,
     correspondence_sets.router,
     publication_routes.router,

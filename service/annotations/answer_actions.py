@@ -111,16 +111,8 @@ def _restore_verdict(session: Session, found: Subject) -> None:
     if found.verdict is None:
         return
     person_id, apex_id = found.task.person_id, found.vertex.apex_id
-    rows = session.scalars(
-        select(AnswerRow)
-        .where(
-            AnswerRow.person_id == person_id,
-            AnswerRow.apex_id == apex_id,
-            AnswerRow.sensor_id != found.camera.id,
-        )
-        .order_by(AnswerRow.version)
-    )
-    last = {row.sensor_id: row for row in rows}
+    own = select(AnswerRow).filter_by(person_id=person_id, apex_id=apex_id).order_by(AnswerRow.version)
+    last = {row.sensor_id: row for row in session.scalars(own.where(AnswerRow.sensor_id != found.camera.id))}
     standing = sorted((row for row in last.values() if row.verdict), key=lambda row: row.created_at)
     if standing:
         kept, whose = standing[-1], (person_id, found.camera.recording_id, apex_id)
@@ -179,15 +171,8 @@ def _check_patience(answers: Sequence[AnswerRow]) -> None:
 
 
 def _new(session: Session, found: Subject, id: UUID, version: int) -> AnswerRow:
-    row = AnswerRow(
-        id=id,
-        recording_id=found.camera.recording_id,
-        person_id=found.task.person_id,
-        apex_id=found.vertex.apex_id,
-        sensor_id=found.camera.id,
-        frame_index=found.frame.index,
-        version=version,
-        reviewed=found.told,
-    )
+    whose = {"recording_id": found.camera.recording_id, "person_id": found.task.person_id}
+    subject = {"apex_id": found.vertex.apex_id, "sensor_id": found.camera.id, "frame_index": found.frame.index}
+    row = AnswerRow(id=id, version=version, reviewed=found.told, **whose, **subject)
     session.add(row)
     return row

@@ -69,17 +69,14 @@ def leases_of_others(camera_id: Any, person_id: Any) -> CTE:
 
 def _is_complete() -> ColumnElement[bool]:
     """Whether ``_verdict`` has all that it needs: a confirmation needs the mark in the paired frame."""
-    marked = (
-        exists()
-        .where(
-            _mark.person_id == _verdict.person_id,
-            _mark.sensor_id == VertexFrame.sensor_id,
-            _mark.frame_index == VertexFrame.frame_index,
-            _mark.corner == Vertex.corner,
-        )
-        .correlate_except(_mark)
-    )
+    marked = exists().where(is_paired(_mark), _mark.person_id == _verdict.person_id).correlate_except(_mark)
     return or_(_verdict.verdict != "confirmed", marked)
+
+
+def is_paired(mark: Any) -> ColumnElement[bool]:
+    """Whether a mark is of the corner of the enclosing query's ``Vertex``, in the frame of its ``VertexFrame``."""
+    in_frame = and_(mark.sensor_id == VertexFrame.sensor_id, mark.frame_index == VertexFrame.frame_index)
+    return and_(in_frame, mark.corner == Vertex.corner)
 
 
 def is_live(task: Any) -> ColumnElement[bool]:
@@ -97,14 +94,6 @@ def answers_of(detection_id: UUID, sensor_id: UUID, *columns: Any) -> Select[*tu
         .select_from(Vertex)
         .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == sensor_id))
         .join(Verdict, Verdict.apex_id == Vertex.apex_id)
-        .outerjoin(
-            Mark,
-            and_(
-                Mark.person_id == Verdict.person_id,
-                Mark.sensor_id == VertexFrame.sensor_id,
-                Mark.frame_index == VertexFrame.frame_index,
-                Mark.corner == Vertex.corner,
-            ),
-        )
+        .outerjoin(Mark, and_(is_paired(Mark), Mark.person_id == Verdict.person_id))
         .where(Vertex.detection_id == detection_id, or_(Verdict.verdict != "confirmed", Mark.id.is_not(None)))
     )

@@ -33,14 +33,8 @@ def check_inside(u: float, v: float, frame: CameraFrame) -> None:
 
 def find_mark(session: Session, person_id: UUID, sensor_id: UUID, frame_index: int, corner: str = TOP) -> Mark | None:
     """A person's mark of a corner in a frame."""
-    return session.scalar(
-        select(Mark).where(
-            Mark.person_id == person_id,
-            Mark.sensor_id == sensor_id,
-            Mark.frame_index == frame_index,
-            Mark.corner == corner,
-        )
-    )
+    whose = {"person_id": person_id, "sensor_id": sensor_id, "frame_index": frame_index, "corner": corner}
+    return session.scalar(select(Mark).filter_by(**whose))
 
 
 def write_mark(
@@ -66,15 +60,8 @@ def write_mark(
     if before is not None and (before.u, before.v) == (u, v):
         return before
     if before is None:
-        mark = Mark(
-            id=new_id(),
-            recording_id=camera.recording_id,
-            person_id=person_id,
-            sensor_id=camera.id,
-            frame_index=frame.index,
-            corner=corner,
-            version=0,
-        )
+        whose = {"person_id": person_id, "sensor_id": camera.id, "frame_index": frame.index, "corner": corner}
+        mark = Mark(id=new_id(), recording_id=camera.recording_id, version=0, **whose)
         session.add(mark)
     else:
         mark = before
@@ -123,13 +110,5 @@ def take_back(session: Session, row: Mark | Verdict) -> None:
 
 
 def _keep_revision(session: Session, subject: str, row: Mark | Verdict, value: Json) -> None:
-    session.add(
-        AnnotationRevision(
-            recording_id=row.recording_id,
-            person_id=row.person_id,
-            subject=subject,
-            subject_id=row.id,
-            version=row.version,
-            value=value,
-        )
-    )
+    whose = {"recording_id": row.recording_id, "person_id": row.person_id, "subject_id": row.id}
+    session.add(AnnotationRevision(**whose, subject=subject, version=row.version, value=value))

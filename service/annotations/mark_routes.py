@@ -17,6 +17,7 @@ from service.annotations.disclosure_actions import is_told
 from service.annotations.locks import lock_person
 from service.annotations.mark_actions import find_mark, write_mark
 from service.annotations.progress_actions import counted
+from service.annotations.views import mark_view
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.db.annotations import Answer, Mark
 from service.db.detections import Apex
@@ -95,17 +96,9 @@ def _frame(access: Access, recording_id: UUID, camera: str, index: int, role: Ro
 def _check_no_answer(
     access: Access, camera: Sensor, frame: CameraFrame, corner: CornerName, mark: Mark | None
 ) -> None:
-    rows = access.session.scalars(
-        select(Answer)
-        .join(Apex, Apex.id == Answer.apex_id)
-        .where(
-            Apex.corner == corner,
-            Answer.person_id == access.person.id,
-            Answer.sensor_id == camera.id,
-            Answer.frame_index == frame.index,
-        )
-        .order_by(Answer.version)
-    )
+    own = {"person_id": access.person.id, "sensor_id": camera.id, "frame_index": frame.index}
+    of_corner = select(Answer).filter_by(**own).join(Apex, Apex.id == Answer.apex_id).where(Apex.corner == corner)
+    rows = access.session.scalars(of_corner.order_by(Answer.version))
     if any(row.verdict for row in {row.apex_id: row for row in rows}.values()):
         raise Problem(
             409,
@@ -141,4 +134,4 @@ def _check_edit(mark: Mark | None, pixel: Pixel, conditions: Conditions, request
 
 def _answer(mark: Mark, conditions: Conditions) -> MarkView:
     conditions.offer(version_etag(mark.version))
-    return MarkView(u=mark.u, v=mark.v, version=mark.version)
+    return mark_view(mark)

@@ -75,12 +75,8 @@ def counted(
 def read_progress(access: Access, database: Database, detection: Detection, camera: Sensor) -> Progress:
     """Progress of the marking in one camera, as the asker sees it."""
     session, person_id = access.session, access.person.id
-    mine = func.sum(case((MarkingProgress.person_id == person_id, MarkingProgress.mine), else_=0))
-    wanted = select(Recording.marks_per_vertex).where(Recording.id == detection.recording_id).scalar_subquery()
-    sums = [func.sum(getattr(MarkingProgress, name)) for name in ("vertices", "marks_wanted", "answered", "complete")]
-    *kept, wanted_now = session.execute(
-        select(sums[0], sums[1], sums[2], mine, sums[3], wanted).where(_of(detection.id, camera.id))
-    ).one()
+    names = {"detection": detection.id, "sensor": camera.id, "person": person_id, "recording": detection.recording_id}
+    *kept, wanted_now = session.execute(_sums(), names).one()
     if kept[0] is not None and kept[1] == wanted_now:
         return _progress(*kept)
     if detection.state != WorkState.DONE:
@@ -94,22 +90,34 @@ def read_progress(access: Access, database: Database, detection: Detection, came
         found, people = _count(writing, detection, camera, person_id, wanted_now)
         if not is_alone:
             return _progress(*found)
-        vertices, _, answered, _, complete = found
+        counters = (*found[:3], found[4])
         writing.execute(delete(MarkingProgress).where(_of(detection.id, camera.id)))
-        nothing: dict[str, Any] = {"vertices": None, "marks_wanted": None, "answered": 0, "complete": 0}
-        rows = {person: nothing | {"mine": count} for person, count in people.items()}
-        counters = {"vertices": vertices, "marks_wanted": wanted_now, "answered": answered, "complete": complete}
-        rows[person_id] = counters | {"mine": people[person_id]}
-        own = {"detection_id": detection.id, "sensor_id": camera.id}
-        writing.execute(insert(MarkingProgress), [own | {"person_id": person} | row for person, row in rows.items()])
+        own, names = (detection.id, camera.id), [column.key for column in MarkingProgress.__table__.columns]
+        people.setdefault(person_id, 0)
+        # The counters of all stand in the asker's row.
+        rows = [
+            (*own, person, *(counters if person == person_id else (None, None, 0, 0)), mine)
+            for person, mine in people.items()
+        ]
+        writing.execute(insert(MarkingProgress), [dict(zip(names, row, strict=True)) for row in rows])
     return _progress(*found)
+
+
+@cache
+def _sums() -> Select[*tuple[Any, ...]]:
+    """Progress as the counters tell it to a person, and how many marks of each vertex are wanted now."""
+    row, total = MarkingProgress, func.sum
+    mine = total(case((row.person_id == bindparam("person"), row.mine), else_=0))
+    wanted = select(Recording.marks_per_vertex).where(Recording.id == bindparam("recording")).scalar_subquery()
+    sums = (total(row.vertices), total(row.marks_wanted), total(row.answered), mine, total(row.complete))
+    return select(*sums, wanted).where(_of(bindparam("detection"), bindparam("sensor")))
 
 
 def _progress(vertices: int, marks_wanted: int, answered: int, mine: int, complete: int) -> Progress:
     return Progress(vertices=vertices, marks_wanted=marks_wanted, answered=answered, mine=mine, complete=complete)
 
 
-def _of(detection_id: UUID, sensor_id: UUID) -> Any:
+def _of(detection_id: Any, sensor_id: Any) -> Any:
     return (MarkingProgress.detection_id == detection_id) & (MarkingProgress.sensor_id == sensor_id)
 
 

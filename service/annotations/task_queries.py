@@ -72,12 +72,12 @@ class Seeker:
 
         The first search looks at all vertices. So does one that finds nothing, but not again for a minute.
         """
-        frontier = self._frontier()
+        frontier, was_nothing_lately = self._frontier()
         if frontier is not None:
             found = self._new(frontier, count, tried)
             if len(found) < count:
                 found |= self._seen(count - len(found), tried, MarkingTask.answered_at.is_(None))
-            if found or self._was_nothing_lately():
+            if found or was_nothing_lately:
                 return found
         frontier = self._no_frontier()
         found = self._new(frontier, count, tried)
@@ -89,40 +89,25 @@ class Seeker:
         return found
 
     @property
-    def _key(self) -> tuple[UUID, UUID, UUID]:
-        return self.detection_id, self.camera_id, self.person_id
+    def _key(self) -> dict[str, UUID]:
+        return {"detection_id": self.detection_id, "sensor_id": self.camera_id, "person_id": self.person_id}
 
     @property
     def _names(self) -> dict[str, Any]:
         names = {"camera": self.camera_id, "person": self.person_id, "detection": self.detection_id}
         return names | {"corners": self.corners, "wanted": self.marks_wanted}
 
-    def _frontier(self) -> MarkingFrontier | None:
-        found = self.session.get(MarkingFrontier, self._key, populate_existing=True)
-        return found if found is not None and found.marks_wanted == self.marks_wanted else None
+    def _frontier(self) -> tuple[MarkingFrontier | None, bool]:
+        """The frontier if it holds still, and whether the last look at all vertices, a moment ago, found nothing."""
+        row = select(MarkingFrontier).filter_by(**self._key, marks_wanted=self.marks_wanted)
+        row = row.add_columns(MarkingFrontier.nothing_at > now(-_LOOK_S))
+        found = self.session.execute(row, execution_options={"populate_existing": True}).first()
+        return (found[0], bool(found[1])) if found else (None, False)
 
     def _no_frontier(self) -> MarkingFrontier:
         """A frontier before all vertices."""
-        detection_id, camera_id, person_id = self._key
-        return self.session.merge(
-            MarkingFrontier(
-                detection_id=detection_id,
-                sensor_id=camera_id,
-                person_id=person_id,
-                recording_id=self.recording_id,
-                marks_wanted=self.marks_wanted,
-                rank=0,
-                nothing_at=None,
-            )
-        )
-
-    def _was_nothing_lately(self) -> bool:
-        recent = select(MarkingFrontier.nothing_at > now(-_LOOK_S)).where(
-            MarkingFrontier.detection_id == self.detection_id,
-            MarkingFrontier.sensor_id == self.camera_id,
-            MarkingFrontier.person_id == self.person_id,
-        )
-        return bool(self.session.scalar(recent))
+        own = {"recording_id": self.recording_id, "marks_wanted": self.marks_wanted, "rank": 0, "nothing_at": None}
+        return self.session.merge(MarkingFrontier(**self._key, **own))
 
     def _new(self, frontier: MarkingFrontier, count: int, tried: Mapping[UUID, int]) -> dict[UUID, int]:
         """The first open vertices from the frontier on that the person had no task for; the frontier moves there."""
@@ -141,12 +126,7 @@ class Seeker:
 
     def _seen(self, count: int, tried: Mapping[UUID, int], *which: ColumnElement[bool]) -> dict[UUID, int]:
         """The open vertices whose tasks the person had longest ago."""
-        own = and_(
-            MarkingTask.vertex_id == Vertex.id,
-            MarkingTask.sensor_id == self.camera_id,
-            MarkingTask.person_id == self.person_id,
-        )
-        seen = _open().join(MarkingTask, own).where(*which)
+        seen = _open().join(MarkingTask, _is_own()).where(*which)
         if self.passed:
             seen = seen.where(MarkingTask.id.not_in(self.passed))
         order = (MarkingTask.leased_until, Vertex.rank, Vertex.corner.desc())
@@ -154,12 +134,16 @@ class Seeker:
         return {row.id: row.rank for row in rows}
 
 
+def _is_own() -> ColumnElement[bool]:
+    """Whether a task is the person's, of the enclosing query's ``Vertex`` in the camera."""
+    is_of = and_(MarkingTask.vertex_id == Vertex.id, MarkingTask.sensor_id == _CAMERA)
+    return and_(is_of, MarkingTask.person_id == _PERSON)
+
+
 @cache
 def _new() -> Select[Any, Any]:
     """Open vertices between two ranks that the person had no task for."""
-    had = exists().where(
-        MarkingTask.vertex_id == Vertex.id, MarkingTask.sensor_id == _CAMERA, MarkingTask.person_id == _PERSON
-    )
+    had = exists().where(_is_own())
     ranks = (Vertex.rank >= bindparam("first"), Vertex.rank < bindparam("end"))
     # The corners of a sweep have its rank, so they come one after the other: top, right, left, bottom.
     new = _open().where(~had, *ranks).order_by(Vertex.rank, Vertex.corner.desc())

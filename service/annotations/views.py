@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session, defer
 
 from apexcal.documents.detections import Moved, VertexSummary
 from apexcal.documents.marking import MarkView, Own, Pixel, TaskFrame, TaskView
+from service.annotations.answer_queries import is_paired
 from service.annotations.disclosure_actions import is_told
 from service.auth.access import Access
 from service.db.annotations import Answer, Mark, MarkingTask, Verdict
@@ -67,15 +68,7 @@ def _subjects(*, of_task: bool, lock: bool) -> Select[*tuple[Any, ...]]:
         .join(Sensor, Sensor.id == MarkingTask.sensor_id)
         .join(VertexFrame, and_(VertexFrame.vertex_id == Vertex.id, VertexFrame.sensor_id == Sensor.id))
         .join(CameraFrame, and_(CameraFrame.sensor_id == Sensor.id, CameraFrame.index == VertexFrame.frame_index))
-        .outerjoin(
-            Mark,
-            and_(
-                Mark.person_id == MarkingTask.person_id,
-                Mark.sensor_id == Sensor.id,
-                Mark.frame_index == VertexFrame.frame_index,
-                Mark.corner == Vertex.corner,
-            ),
-        )
+        .outerjoin(Mark, and_(is_paired(Mark), Mark.person_id == MarkingTask.person_id))
         .outerjoin(Verdict, and_(Verdict.person_id == MarkingTask.person_id, Verdict.apex_id == Vertex.apex_id))
         .where(MarkingTask.person_id == bindparam("person"))
         .options(defer(Vertex.covariance), defer(Vertex.corners), defer(VertexFrame.corners))
@@ -84,14 +77,11 @@ def _subjects(*, of_task: bool, lock: bool) -> Select[*tuple[Any, ...]]:
     if of_task:
         statement = statement.where(MarkingTask.id == bindparam("task"))
     else:
-        statement = statement.where(
-            MarkingTask.sensor_id == bindparam("camera"),
-            MarkingTask.vertex_id.in_(bindparam("vertices", expanding=True)),
-        )
-    if lock:
-        apex = statement.join(Apex, Apex.id == Vertex.apex_id)
-        statement = apex.with_for_update(key_share=True, of=Apex)
-    return statement
+        is_one = MarkingTask.vertex_id.in_(bindparam("vertices", expanding=True))
+        statement = statement.where(is_one, MarkingTask.sensor_id == bindparam("camera"))
+    if not lock:
+        return statement
+    return statement.join(Apex, Apex.id == Vertex.apex_id).with_for_update(key_share=True, of=Apex)
 
 
 def find_subject(access: Access, task_id: UUID) -> Subject:
@@ -102,9 +92,9 @@ def find_subject(access: Access, task_id: UUID) -> Subject:
     raise not_found()
 
 
-def mark_view(mark: Mark | None) -> MarkView | None:
+def mark_view(mark: Mark) -> MarkView:
     """A mark's public members."""
-    return MarkView(u=mark.u, v=mark.v, version=mark.version) if mark else None
+    return MarkView(u=mark.u, v=mark.v, version=mark.version)
 
 
 def task_views(session: Session, found: Sequence[Subject]) -> list[TaskView]:

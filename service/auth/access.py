@@ -7,10 +7,10 @@ is sent (:mod:`service.http.router`). Rows of a fleet that the person is not in 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from typing import Annotated, Any, TypeVar
 from uuid import UUID
 
@@ -18,7 +18,7 @@ from fastapi import Depends, Request
 from fastapi.encoders import jsonable_encoder
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
-from sqlalchemy import ColumnElement, Select, select
+from sqlalchemy import ColumnElement, Select, bindparam, null, select
 from sqlalchemy.orm import Session
 from starlette.types import Scope
 
@@ -123,8 +123,8 @@ class Access:
 
         Raises :class:`Problem` 401 ``not_signed_in``.
         """
-        again = _by_cookie if self.identity.token is None else _by_token
-        self.identity = again(self._session, self.identity.credential)
+        is_token = self.identity.token is not None
+        self.identity = _look_up(self._session, self.identity.credential, is_token=is_token)
 
     def find(self, model: type[ModelT], key: Any, role: Role = "viewer", *, lock: bool = False) -> ModelT:
         """The row of ``model`` with this key, where the person has ``role`` in its fleet.
@@ -205,15 +205,14 @@ def identify(request: Request) -> Identity:
     """Who sends this request. Raises :class:`Problem` 401 ``not_signed_in``."""
     database: Database = request.app.state.database
     kind, _, bearer = request.headers.get("authorization", "").partition(" ")
-    cookie = request.cookies.get(COOKIE)
-    if kind.lower() == "bearer" and bearer.startswith(TOKEN_PREFIX):
-        with database.looking() as session:
-            return _by_token(session, bearer)
-    if cookie:
+    is_token = kind.lower() == "bearer" and bearer.startswith(TOKEN_PREFIX)
+    secret = bearer if is_token else request.cookies.get(COOKIE)
+    if not secret:
+        raise _not_signed_in("The request carries neither a session nor an API token.")
+    if not is_token:
         check_origin(request, request.app.state.settings.public_url)
-        with database.looking() as session:
-            return _by_cookie(session, cookie)
-    raise _not_signed_in("The request carries neither a session nor an API token.")
+    with database.looking() as session:
+        return _look_up(session, secret, is_token=is_token)
 
 
 async def identified(request: Request) -> Identity:
@@ -223,9 +222,8 @@ async def identified(request: Request) -> Identity:
 
 def renewed(session: Session, identity: Identity) -> Identity | None:
     """Who the same credential identifies now; None where it has ended."""
-    look_up = _by_token if identity.credential.startswith(TOKEN_PREFIX) else _by_cookie
     try:
-        return look_up(session, identity.credential)
+        return _look_up(session, identity.credential, is_token=identity.token is not None)
     except Problem:
         return None
 
@@ -240,34 +238,29 @@ async def _identity(request: Request) -> Identity:
     return known or await identified(request)
 
 
-def _by_token(session: Session, secret: str) -> Identity:
-    rows = session.execute(
-        select(Person, Membership.fleet_id, Membership.role, ApiToken)
-        .join(ApiToken, ApiToken.person_id == Person.id)
-        .outerjoin(Membership, Membership.person_id == Person.id)
-        .where(ApiToken.secret_hash == secret_hash(secret), ApiToken.revoked_at.is_(None))
-        .where(ApiToken.expires_at.is_(None) | (ApiToken.expires_at > now()))
-    ).all()
+def _look_up(session: Session, secret: str, *, is_token: bool) -> Identity:
+    rows = session.execute(_valid(is_token=is_token), {"hash": secret_hash(secret)}).all()
     if not rows:
-        raise _not_signed_in("The API token is unknown, revoked or has ended.")
+        ended = "The API token is unknown, revoked or has ended." if is_token else "The browser's session has ended."
+        raise _not_signed_in(ended)
     person, _, _, token = rows[0]
-    return Identity(person, _roles(rows), secret, token.fleet_id, token.role, token)
+    roles: dict[UUID, Role] = {row.fleet_id: row.role for row in rows if row.fleet_id is not None}
+    return Identity(person, roles, secret, token and token.fleet_id, token and token.role, token)
 
 
-def _by_cookie(session: Session, secret: str) -> Identity:
-    rows = session.execute(
-        select(Person, Membership.fleet_id, Membership.role)
-        .join(BrowserSession, BrowserSession.person_id == Person.id)
+@cache
+def _valid(*, is_token: bool) -> Select[*tuple[Any, ...]]:
+    """Person, fleet, role and token of a credential that has not ended; one row for each fleet, or one without."""
+    kind = ApiToken if is_token else BrowserSession
+    lasts = kind.expires_at > now()
+    if is_token:
+        lasts = ApiToken.revoked_at.is_(None) & (ApiToken.expires_at.is_(None) | lasts)
+    return (
+        select(Person, Membership.fleet_id, Membership.role, ApiToken if is_token else null())
+        .join(kind, kind.person_id == Person.id)
         .outerjoin(Membership, Membership.person_id == Person.id)
-        .where(BrowserSession.secret_hash == secret_hash(secret), BrowserSession.expires_at > now())
-    ).all()
-    if not rows:
-        raise _not_signed_in("The browser's session has ended.")
-    return Identity(rows[0].Person, _roles(rows), secret)
-
-
-def _roles(rows: Iterable[Any]) -> dict[UUID, Role]:
-    return {row.fleet_id: row.role for row in rows if row.fleet_id is not None}
+        .where(kind.secret_hash == bindparam("hash"), lasts)
+    )
 
 
 def _not_signed_in(detail: str) -> Problem:

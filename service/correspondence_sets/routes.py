@@ -41,6 +41,9 @@ from service.http.router import Router
 
 router = Router(tags=["calibrations"])
 
+# What a selection has in common with the set that it is of.
+_ORIGIN = ("fleet_id", "vehicle_id", "rig_id", "recording_id", "detection_id", "camera", "source")
+
 # An import holds one of few places while its body arrives. 15 MB, as 100,000 pairs usually have, need 50 kB/s.
 _RECEIVING_S = 300.0
 
@@ -208,13 +211,7 @@ def select_pairs(set_id: UUID, wanted: SelectionRequest, access: WriteAccess) ->
         without = sorted([*of.left_out, *(kept[i] for i in left_out)])
     noun = "pair was" if len(left_out) == 1 else "pairs were"
     row = CorrespondenceSet(
-        fleet_id=of.fleet_id,
-        vehicle_id=of.vehicle_id,
-        rig_id=of.rig_id,
-        recording_id=of.recording_id,
-        detection_id=of.detection_id,
-        camera=of.camera,
-        source=of.source,
+        **{name: getattr(of, name) for name in _ORIGIN},
         whole_id=of.whole_id or of.id,
         left_out=without,
         count=of.count - len(left_out),

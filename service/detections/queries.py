@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from uuid import UUID
 
-from sqlalchemy import Select, select
+from sqlalchemy import Select, bindparam, select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
@@ -14,6 +14,10 @@ from service.auth.access import Access
 from service.db.detections import Detection, Vertex, VertexFrame
 from service.db.recordings import Recording, Sensor
 from service.http.problems import Problem
+
+_CAMERAS = (
+    select(Sensor).where(Sensor.recording_id == bindparam("recording"), Sensor.kind == "camera").order_by(Sensor.name)
+)
 
 
 def ready_recording(access: Access, recording_id: UUID, role: Role) -> Recording:
@@ -58,11 +62,7 @@ def done_detection(access: Access, detection_id: UUID, role: Role) -> Detection:
 
 def find_camera(session: Session, recording_id: UUID, name: str) -> Sensor:
     """A recording's camera by its name in the rig. Raises :class:`Problem` 404 ``unknown_camera`` naming those."""
-    cameras = list(
-        session.scalars(
-            select(Sensor).where(Sensor.recording_id == recording_id, Sensor.kind == "camera").order_by(Sensor.name)
-        )
-    )
+    cameras = session.scalars(_CAMERAS, {"recording": recording_id}).all()
     for camera in cameras:
         if camera.name == name:
             return camera

@@ -67,19 +67,9 @@ def vertex_views(
         )
     return [
         VertexView(
-            id=vertex.id,
-            sweep_index=vertex.sweep_index,
-            time_ns=vertex.time_ns,
-            x=vertex.x,
-            y=vertex.y,
-            z=vertex.z,
-            ring=vertex.ring,
-            points=vertex.points,
-            quality=vertex.quality,  # pyright: ignore[reportArgumentType] - the column holds only qualities
-            flags=vertex.flags,
+            **VertexSummary.model_validate(vertex, from_attributes=True).model_dump(),
             covariance=vertex.covariance,
             frames=of_vertex[vertex.id],
-            corner=vertex.corner,  # pyright: ignore[reportArgumentType] - the column holds only corners
             corners=stored(vertex.corners or []),
             joint_covariance=_whole(vertex.corner_covariance) if joint else None,
         )

@@ -242,12 +242,7 @@ def _of_status(request: Request, error: HTTPException) -> Problem:
             headers=headers,
         )
     if status == 413:
-        return Problem(
-            413,
-            "body_too_large",
-            "The request's body is too large.",
-            "Upload recordings in parts; send less at once.",
-        )
+        return _too_large()
     phrase = HTTPStatus(status).phrase
     return Problem(status, phrase.lower().replace(" ", "_").replace("-", "_"), str(error.detail), headers=headers)
 
