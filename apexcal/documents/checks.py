@@ -1,0 +1,38 @@
+"""Checks of a result: what was looked at, what came of it, and what to do. They are all that anybody judges it by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final, Literal
+
+from apexcal.documents.base import Document
+
+CheckVerdict = Literal["pass", "look", "stop"]
+CheckScope = Literal["mount_with_lens", "mount_alone"]
+
+_GRAVITY: Final[dict[CheckVerdict, int]] = {"pass": 0, "look": 1, "stop": 2}
+
+
+class Check(Document):
+    """One check of a result.
+
+    ``verdict``: ``pass``; ``look`` if a person should look before the result is used; ``stop`` if it should not be
+    used. ``sentence`` says what was found, ``figures`` are its numbers by name (unit in the name: ``_px``, ``_deg``),
+    null where the pairs do not tell them. ``remedy`` says what to do and is empty where the check passes. What could
+    not be looked at passes, and its sentence says so. ``scope``: ``mount_alone`` concerns only those who use the
+    mount with another lens than the result's.
+    """
+
+    name: str
+    title: str
+    verdict: CheckVerdict
+    sentence: str
+    remedy: str
+    figures: dict[str, float | None]
+    scope: CheckScope
+
+
+def verdict_of(checks: Iterable[Check], scope: CheckScope) -> CheckVerdict:
+    """Return the gravest verdict of the checks that concern this use: all of them for the mount alone."""
+    concerned = [check.verdict for check in checks if scope == "mount_alone" or check.scope == scope]
+    return max(concerned, key=_GRAVITY.__getitem__, default="pass")
