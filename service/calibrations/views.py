@@ -82,8 +82,8 @@ def _progress(row: Calibration, runs: Sequence[CalibrationRun]) -> ProgressView:
     ended = sum(run.state not in UNENDED for run in runs)
     begun = sum(run.iteration / (run.iteration + 10.0) for run in runs if run.state in UNENDED)
     fraction = (ended + begun) / len(runs) if runs else 1.0
-    comparing = row.state in UNENDED and ended == len(runs)
-    message = "the cameras are compared" if comparing else f"{ended} of {len(runs)} fits have ended"
+    judging = row.state in UNENDED and ended == len(runs)
+    message = "the models are compared" if judging else f"{ended} of {len(runs)} fits have ended"
     return ProgressView(fraction=round(fraction, 4), message=message)
 
 

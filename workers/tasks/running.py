@@ -52,7 +52,7 @@ _ROOMS = {
     "corners": "cornering",
     "clock_offset": "studying",
     "solve": "solving",
-    "consistency": "comparing",
+    "conclude": "concluding",
     "report": "reporting",
     "score_pairs": "validating",
     "check_lanes": "validating",

@@ -9,9 +9,9 @@ from typing import Any
 from uuid import UUID
 
 import numpy as np
+from service.calibration_runs.camera_summary import camera_summary
 
 from apexcal.documents.results import RunResult
-from service.calibration_runs.camera_summary import camera_summary
 from tests.workers.solver.rigs import NOMINAL, real_correspondences
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, Material
