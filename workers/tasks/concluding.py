@@ -15,11 +15,11 @@ from apexcal.documents.states import WorkState
 from service.calibration_runs.conclusion import RunRow, end_calibration, runs_of
 from service.calibration_runs.image_frames import T_images_camera
 from service.calibration_runs.objection_queries import objections, own_objections
-from service.calibration_runs.publication_actions import hold_publications, publish_by_itself
 from service.db.base import Json
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.db.fleets import Rig
 from service.jobs.claims import Claim, Lease
+from service.publications.actions import hold_publications, publish_by_itself
 from workers.geometry.errors import GeometryError
 from workers.geometry.transforms import from_document
 from workers.models.summary import Fit, camera_summary
