@@ -206,7 +206,6 @@ def wrong_pairs(document: dict[str, Any]) -> Check:
     """Whether more pairs than slips of the hand explain do not belong."""
     outliers, pairs = document.get("outliers", []), document.get("pairs") or len(document.get("residuals_px") or [])
     excluded = sum(bool(one["excluded"]) for one in outliers)
-    pairs += excluded
     figures = {"outliers": len(outliers), "excluded": excluded, "pairs": pairs}
     many = len(outliers) > max(_MANY_WRONG * pairs, _FEWEST_WRONG)
     kept = "left out of the fit" if excluded else "in the fit"
