@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 from uuid import UUID
 
 from apexcal.documents.base import Document
-from apexcal.documents.checks import Check
+from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.corners import CornerName
 from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
@@ -141,25 +141,6 @@ class Field(Document):
     u: list[float]
     v: list[float]
     sigma_px: list[float]
-
-
-class Compared(Document):
-    """How far a result is from its camera's current one.
-
-    ``sigmas``: the mount's difference in what both state of it, root mean square; ``field_px`` and ``field_sigmas``
-    over the points of ``Field`` that both see. ``differs``: by more than chance does once in 1000. ``turn_deg`` and
-    ``shift_mm`` are the mount's difference about and along the camera's axes.
-    """
-
-    result_id: UUID
-    rotation_deg: float
-    translation_mm: float
-    turn_deg: list[float] | None = None
-    shift_mm: list[float] | None = None
-    sigmas: float
-    field_px: float | None = None
-    field_sigmas: float | None = None
-    differs: bool
 
 
 class OverTime(Document):
@@ -364,9 +345,10 @@ class RunResult(Document):
 
 
 class ResultView(RunResult):
-    """A run's result, whose it is, and what speaks against publishing it.
+    """A run's result, whose it is, and all its checks at this moment.
 
-    ``objections`` is null of a fit that is not to all pairs. Of pairs that were marked here only reviewers see
+    ``verdict`` is the gravest check of the mount with its lens, ``verdict_alone`` that for who uses the mount with
+    another lens; null of a fit that is not to all pairs. Of pairs that were marked here only reviewers see
     ``residuals_px``, ``outliers`` and the errors of single held-out pairs.
     """
 
@@ -382,6 +364,6 @@ class ResultView(RunResult):
     camera: str
     fold: int
     seed: int | None = None
-    objections: list[str] | None = None
-    compared: Compared | None = None
+    verdict: CheckVerdict | None = None
+    verdict_alone: CheckVerdict | None = None
     created_at: datetime

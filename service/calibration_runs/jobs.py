@@ -90,6 +90,12 @@ def _reopen(session: Session, calibration_id: UUID, runs: int) -> None:
     ).one_or_none()
     if reopened is None:
         raise CannotRetryError("its calibration was cancelled; ask for a new one")
+    session.execute(
+        update(Result)
+        .where(Result.calibration_id == calibration_id)
+        .values(checks=None, verdict=None)
+        .execution_options(synchronize_session=False)
+    )
     # The calibration is locked now, so none begins meanwhile: it would end the calibration without this run.
     conclusion = exists().where(Job.subject_id == calibration_id, Job.state.in_(UNENDED))
     if session.scalar(select(conclusion)):

@@ -144,17 +144,13 @@ def _model_summary(fit: Fit) -> Json:
         "message": document["message"],
         "free_parameters": document["free_parameters"],
         "at_bounds": document["at_bounds"],
-        # The previous version's workers do not send it.
-        "several_optima": document.get("several_optima", []),
         "lens": document.get("lens", "fitted"),
         "stated_lens": (document.get("stated_lens") or {}).get("sentence"),
         "explained_px": document.get("explained_px"),
         "marks_outside": document.get("marks_outside"),
-        "stated_too_small": document.get("stated_too_small", []),
         "pairs": document["pairs"],
         "iterations": document["iterations"],
         "stopped": document["stopped"],
-        "alarms": document["alarms"],
         "seconds": fit.search_seconds + document.get("finish_seconds", 0.0),
         "workers": list(fit.workers),
     }

@@ -6,26 +6,34 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 from uuid import UUID
 
-from sqlalchemy import bindparam, func, select
+from sqlalchemy import bindparam, func, select, update
 from sqlalchemy.orm import Session
 
+from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.states import WorkState
-from service.calibration_runs.conclusion import RunRow, end_calibration, runs_of
+from service.calibration_runs.conclusion import end_calibration, runs_of
 from service.calibration_runs.image_frames import T_images_camera
-from service.calibration_runs.objection_queries import objections, own_objections
+from service.calibration_runs.result_comparison import compared
 from service.db.base import Json
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
 from service.db.fleets import Rig
-from service.jobs.claims import Claim, Lease
+from service.jobs.claims import Claim, Lease, StaleInputError
 from service.publications.actions import hold_publications, publish_by_itself
+from service.publications.check_queries import failing, judged_now
+from service.publications.queries import current_publication
 from workers.geometry.errors import GeometryError
 from workers.geometry.transforms import from_document
+from workers.judge.calibration_checks import checks_of_calibration, no_current
+from workers.judge.calibration_checks import current as current_check
+from workers.judge.validation_checks import elsewhere as other_data_check
 from workers.models.summary import Fit, camera_summary
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
 from workers.solver.stopping import Stop
 from workers.tasks.context import Context
+from workers.tasks.other_data import other_data
 from workers.tasks.solving import read_run
 
 # Built once: SQLAlchemy takes longer to build such a statement than to run it.
@@ -43,8 +51,29 @@ _SEARCHES = (
 )
 
 
+class _Current(NamedTuple):
+    """What a camera is given while its new results are judged."""
+
+    result: Result
+    summary: Json
+    """Of its model."""
+
+
+class _Judged(NamedTuple):
+    """A fit to all pairs with the checks of its calibration, and the result that was current then."""
+
+    result: Result
+    checks: list[Check]
+    current_id: UUID | None
+
+    @property
+    def all_checks(self) -> list[Check]:
+        """Those of the fit, too."""
+        return [Check.model_validate(one) for one in self.result.document["checks"]] + self.checks
+
+
 def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
-    """Summarise a calibration whose runs have all ended, and publish what is recommended where that was asked for."""
+    """Summarise and judge a calibration whose runs have all ended; publish what passes, where that was asked for."""
     with context.database.reading() as session:
         calibration = session.get_one(Calibration, held.subject_id)
         runs, results = runs_of(session, calibration.id), session.scalars(_RESULTS, {"calibration": calibration.id})
@@ -54,44 +83,109 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
         summaries = {camera: camera_summary(of_camera) for camera, of_camera in fits.items()}
         solved = _solved_cameras(session, calibration.id, cameras, summaries, lease)
         stated = _stated(session, calibration.rig_id) if len(cameras) > 1 else []
+        current = {camera: _current(session, calibration.vehicle_id, camera) for camera in cameras}
+        elsewhere = other_data(session, [one for found in cameras.values() for one in found if one.fold == FULL])
     rig = _compared(solved, stated, summaries) if len(cameras) > 1 else None
     ended_well = all(run.state == WorkState.DONE for run in runs)
-    for camera, found in summaries.items():
-        for name, model in found["models"].items():
-            model["objections"] = own_objections(camera, found, name, rig, ended_well=ended_well)
+    judged = [
+        _judge(result, summaries[camera], rig, current[camera], elsewhere[result.id], ended_well=ended_well)
+        for camera, found in cameras.items()
+        for result in found
+        if result.fold == FULL
+    ]
+    for one in judged:
+        model = summaries[one.result.camera]["models"][one.result.model]
+        model["verdict"] = verdict_of(one.all_checks, "mount_with_lens")
+        model["verdict_alone"] = verdict_of(one.all_checks, "mount_alone")
 
     def write(session: Session) -> None:
         calibration = session.get_one(Calibration, held.subject_id, with_for_update=True)
-        _end(session, calibration, runs, {"cameras": summaries} | ({} if rig is None else {"rig": rig}))
+        _store(session, judged)
+        # The calibration's row before the vehicle's: the order of all locks.
+        session.flush()
+        hold_publications(session, calibration.vehicle_id)
+        if calibration.publish == "recommended":
+            _check_unchanged(session, calibration.vehicle_id, current)
+        ended = {camera: found | _published(session, calibration, found) for camera, found in summaries.items()}
+        problem = next((run.failure for run in runs if run.failure), None)
+        end_calibration(
+            *(session, calibration, WorkState.DONE, problem),
+            {"cameras": ended} | ({} if rig is None else {"rig": rig}),
+        )
 
     return write
 
 
-def _end(session: Session, calibration: Calibration, runs: Sequence[RunRow], summary: Json) -> None:
-    """End the calibration with its summary, and publish what is recommended and nothing speaks against."""
-    problem = next((run.failure for run in runs if run.failure), None)
-    calibration.summary = summary
-    if calibration.publish == "recommended":
-        # The calibration's row before the vehicle's: the order of all locks.
-        session.flush()
-        hold_publications(session, calibration.vehicle_id)
-        cameras = {
-            camera: found | _published(session, calibration, found) for camera, found in summary["cameras"].items()
+def _judge(
+    result: Result,
+    found: Json,
+    rig: Json | None,
+    current: _Current | None,
+    elsewhere: Sequence[Json],
+    *,
+    ended_well: bool,
+) -> _Judged:
+    """Judge a fit beside the other fits of its calibration, and beside what the vehicle has."""
+    checks = checks_of_calibration(result.camera, found, result.model, rig, ended_well=ended_well)
+    checks.append(other_data_check(elsewhere))
+    if current is None or current.result.id == result.id:
+        return _Judged(result, [*checks, no_current()], current and current.result.id)
+    model, other = found["models"][result.model], current.summary
+    spreads = model["between_models"], other.get("between_models")
+    apart = compared(result.document, current.result.document, *spreads)
+    beside = current_check(
+        *(apart, model["heldout_mean_px"], other.get("heldout_mean_px"), current.result.verdict == "stop"),
+    )
+    return _Judged(result, [*checks, beside], current.result.id)
+
+
+def _current(session: Session, vehicle_id: UUID, camera: str) -> _Current | None:
+    """What the camera is given now, with the summary of its model."""
+    publication = current_publication(session, vehicle_id, camera)
+    if publication is None or publication.result_id is None:
+        return None
+    result = session.get_one(Result, publication.result_id)
+    summary = session.get_one(Calibration, result.calibration_id).summary or {}
+    return _Current(result, summary.get("cameras", {}).get(camera, {}).get("models", {}).get(result.model, {}))
+
+
+def _store(session: Session, judged: Sequence[_Judged]) -> None:
+    """Keep each result's checks with it."""
+    rows = [
+        {
+            "id": one.result.id,
+            "checks": [check.model_dump(mode="json") for check in one.checks],
+            "verdict": verdict_of(one.all_checks, "mount_with_lens"),
+            "compared_with": one.current_id,
         }
-        summary = summary | {"cameras": cameras}
-    end_calibration(session, calibration, WorkState.DONE, problem, summary)
+        for one in judged
+    ]
+    session.execute(update(Result), rows)
+
+
+def _check_unchanged(session: Session, vehicle_id: UUID, judged_beside: Mapping[str, _Current | None]) -> None:
+    """Raises :class:`StaleInputError` if a camera's current result is another one than results were judged beside."""
+    for camera, before in judged_beside.items():
+        publication = current_publication(session, vehicle_id, camera)
+        if (publication and publication.result_id) != (before and before.result.id):
+            raise StaleInputError
 
 
 def _published(session: Session, calibration: Calibration, found: Json) -> Json:
-    """Publish a camera's recommended result, or say why not."""
+    """The checks of a camera's recommended result now; if that was asked for, whether its policy publishes it."""
     chosen = found["models"].get(found["recommended"])
+    is_asked = calibration.publish == "recommended"
     if chosen is None:
-        return {"published": False, "not_published": ["No model is recommended."]}
-    result = session.get_one(Result, UUID(chosen["result_id"]))
-    reasons = objections(session, result)
-    if not reasons:
-        publish_by_itself(session, calibration, result)
-    return {"published": not reasons, "not_published": reasons}
+        return {"checks": [], "published": False if is_asked else None}
+    result = session.get_one(Result, UUID(chosen["result_id"]), populate_existing=True)
+    checks, policy = judged_now(session, result)
+    publishes = is_asked and policy.publishes(verdict_of(checks, "mount_with_lens"))
+    if publishes:
+        publish_by_itself(session, calibration, result, [one.sentence for one in failing(checks)])
+    return {
+        "checks": [one.model_dump(mode="json") for one in checks],
+        "published": publishes if is_asked else None,
+    }
 
 
 def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:
