@@ -10,7 +10,8 @@ from apexcal.documents.base import Document
 CheckVerdict = Literal["pass", "look", "stop"]
 CheckScope = Literal["mount_with_lens", "mount_alone"]
 
-_GRAVITY: Final[dict[CheckVerdict, int]] = {"pass": 0, "look": 1, "stop": 2}
+# In the order of their gravity.
+_VERDICTS: Final[tuple[CheckVerdict, ...]] = ("pass", "look", "stop")
 
 
 class Check(Document):
@@ -34,5 +35,8 @@ class Check(Document):
 
 def verdict_of(checks: Iterable[Check], scope: CheckScope) -> CheckVerdict:
     """Return the gravest verdict of the checks that concern this use: all of them for the mount alone."""
-    concerned = [check.verdict for check in checks if scope == "mount_alone" or check.scope == scope]
-    return max(concerned, key=_GRAVITY.__getitem__, default="pass")
+    concerned = {check.verdict for check in checks if scope == "mount_alone" or check.scope == scope}
+    for verdict in reversed(_VERDICTS):
+        if verdict in concerned:
+            return verdict
+    return "pass"
