@@ -322,6 +322,21 @@ def test_a_refused_rig_leaves_nothing_behind_and_every_field_is_said(embedded, o
     assert "of Car in the fleet Refused is" in made.stdout
 
 
+def test_what_a_rigs_images_are_is_corrected(embedded, owner, simulated):
+    made = apexcal("rig", simulated / "rig.json", "--fleet", "Images", "--data", embedded.data, "--json")
+    rig = json.loads(made.stdout)["id"]
+    for word, kind in (("rectified", "rectified"), ("raw", "raw"), ("", None)):
+        words = ("--correct", rig, "--images", f"front={word}", "--data", embedded.data)
+        assert apexcal("rig", *words).returncode == 0
+        images = owner.vehicles.rig(rig).cameras[0].images
+        assert (images and images.kind) == kind
+    for wrong in ("front=blurred", "nobody=raw"):
+        assert apexcal("rig", "--correct", rig, "--images", wrong, "--data", embedded.data).returncode != 0
+    for unclear in ((), ("--correct", rig), ("--images", "front=raw"), (simulated / "rig.json", "--correct", rig)):
+        refused = apexcal("rig", *unclear, "--data", embedded.data)
+        assert refused.returncode == 2 and "--correct with --images" in refused.stderr
+
+
 def test_several_vehicles_of_a_name_are_told_apart_and_several_fleets_asked_for(embedded, owner, simulated):
     for name in ("North", "South"):
         owner.vehicles.create(owner.fleets.create(name).id, "Twin")
