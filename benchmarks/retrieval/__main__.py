@@ -1,9 +1,9 @@
 """`python -m benchmarks.retrieval`: how fast a vehicle gets its calibration. SHORT=1 for a short form.
 
 10,000 vehicles of two cameras with 10 publications each (SHORT: 1,000), PostgreSQL, one API process. An empty route,
-304 of random vehicles at 1,000 requests a second, the whole vehicle at 50 a second. Then publications through one of two API processes under load: after each 201 both
-are asked. Latency counts from when a request was due. The last line is JSON; it includes the machine's load, which
-tells how far to trust the figures.
+304 of random vehicles at 1,000 requests a second, the whole vehicle at 50 a second. Then publications through one of
+two API processes under load: after each 201 both are asked. Latency counts from when a request was due. The last line
+is JSON; it includes the machine's load, which tells how far to trust the figures.
 """
 
 from __future__ import annotations
