@@ -5,8 +5,8 @@ import { read, readAll, type Read } from "./reads.ts";
 import type {
   DraftedRig,
   Fleet,
-  Gate,
   ImageKind,
+  PublicationPolicy,
   Rig,
   RigDraftRequest,
   RigRequest,
@@ -57,9 +57,14 @@ export async function draftRig(
 const asRead = (version: number) => ({ "If-Match": `"v${version}"` });
 
 /** States what results must show to be published; no limit at all states nothing. */
-export const putGate = (of: "fleets" | "rigs", id: string, version: number, body: Gate): Promise<unknown> => {
+export const putPolicy = (
+  of: "fleets" | "rigs",
+  id: string,
+  version: number,
+  body: PublicationPolicy,
+): Promise<unknown> => {
   const options = { params: { path: { id } }, body, headers: asRead(version) };
-  return of === "fleets" ? client.PUT("/v1/fleets/{id}/gate", options) : client.PUT("/v1/rigs/{id}/gate", options);
+  return of === "fleets" ? client.PUT("/v1/fleets/{id}/policy", options) : client.PUT("/v1/rigs/{id}/policy", options);
 };
 
 /** Corrects whether a camera's images are raw or rectified; null lets the next recording tell it. */
