@@ -33,8 +33,8 @@ def grounds_of(session: Session, result: Result, wanted: PublicationRequest, per
     """Why this person publishes a result now, with the sentences of the checks that it does not pass.
 
     Raises:
-        Problem: 409 ``checks_stop`` where a check says so, without an override; 422 ``reason_missing`` where the alias
-            led to it before.
+        Problem: 409 ``checks_stop`` where a check says so, without an override; 422 ``reason_missing`` where the
+            alias led to it before.
     """
     failed = failing(checks_now(session, result))
     if failed and failed[0].verdict == "stop" and wanted.override is None:
