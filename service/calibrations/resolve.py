@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from apexcal.documents.bounds import Interval
 from apexcal.documents.calibrations import CalibrationTemplate
@@ -205,12 +206,16 @@ def _fit(template: ResolvedTemplate, camera: ResolvedCamera, model: ModelName) -
     )
 
 
-def camera_request(camera: RigCamera, model: ModelName, **options: object) -> FitRequest:
-    """The request of a camera as its rig describes it. ``options`` as of ``fit_request``; without ``bounds`` the
-    rig's hold."""
+def camera_request(
+    camera: RigCamera, model: ModelName, search: SearchForm = "rotation_vector", **options: Any
+) -> FitRequest:
+    """The request of a camera as its rig describes it.
+
+    ``options``: of ``fit_request``; without ``bounds`` the rig's hold.
+    """
     frame = T_images_camera(camera.nominal["to_frame"], camera.images)["to_frame"]
     of_rig = in_radians(camera.bounds)
-    names = parameter_names(model, options.get("search") or "rotation_vector")
+    names = parameter_names(model, search)
     given: Json = {"bounds": {name: value for name, value in of_rig.items() if name in names}, **options}
     size = (camera.image_width, camera.image_height)
-    return fit_request(model, size, camera.nominal | {"to_frame": frame}, camera=camera.name, **given)
+    return fit_request(model, size, camera.nominal | {"to_frame": frame}, camera=camera.name, search=search, **given)

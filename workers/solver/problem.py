@@ -195,7 +195,7 @@ def fit_problem(
         saturation_px=request.saturation_px,
         outliers=request.outliers,
         mark_sigma_px=request.mark_sigma_px,
-        common_errors=dict(request.common_errors),
+        common_errors=dict[str, float](request.common_errors.items()),
         line_time_us=request.line_time_us,
         stated_lens=request.stated_lens,
         schedule=request.schedule,
