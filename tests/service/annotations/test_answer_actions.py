@@ -44,6 +44,7 @@ def test_an_answer_that_is_sent_twice_is_one(api, seed, ann):
         "verdict": "confirmed",
         "mark": {"u": 1.5, "v": 2.5},
         "reviewed": False,
+        "progress": None,
     }
     assert len(rows(api, Answer)) == len(rows(api, Mark)) == len(rows(api, Verdict)) == 1
 

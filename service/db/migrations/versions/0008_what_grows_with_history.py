@@ -95,7 +95,6 @@ def _make_frontiers():
         sa.Column("recording_id", sa.Uuid(), nullable=False),
         sa.Column("marks_wanted", sa.Integer(), nullable=False),
         sa.Column("rank", sa.Integer(), nullable=False),
-        sa.Column("nothing_at", sa.BigInteger(), nullable=True),
         *(
             sa.ForeignKeyConstraint(
                 [f"{name}_id"], [f"{name}.id"], name=op.f(f"fk_marking_frontier_{name}_id"), ondelete="CASCADE"
