@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, Integer, Select, Uuid, and_, bindparam, exists, func, select
+from sqlalchemy import ColumnElement, Integer, Select, Uuid, and_, bindparam, func, select
 from sqlalchemy.orm import Session
 
 from service.annotations.answer_queries import answers_closing, leases_of_others
@@ -18,7 +18,7 @@ from service.db.detections import Apex, Vertex, VertexFrame
 from service.db.upserts import put
 
 # The next open vertex is mostly within so many ranks; stretches that others have answered may be longer.
-_NEAR = 200
+_NEAR = 150
 # The frontier is written when it has moved so far; until then the search passes the vertices in between again.
 _STEP = 50
 
@@ -64,15 +64,15 @@ class Seeker:
                 names = self.names | {"tried": [*tried], "count": count - len(rows)}
                 rows += self.session.execute(_new(is_near=is_near, wait=wait), names)
         if rows and rows[0].rank - rows[0].frontier >= _STEP:
-            self._advance(rows[0].frontier)
+            self._advance(rows[0].frontier, rows[0].rank)
         if len(rows) < count:
             names = self.names | {"tried": [*tried, *self.passed], "count": count - len(rows)}
             rows += self.session.execute(_seen(wait=wait), names)
         return [row.id for row in rows]
 
-    def _advance(self, before: int) -> None:
+    def _advance(self, before: int, open_rank: int) -> None:
         """Move the frontier up to the first vertex that answers have not closed to the person, if that is far."""
-        rank = self.session.scalar(_first_not_closed(), self.names)
+        rank = self.session.scalar(_first_not_closed(), self.names | {"open": open_rank})
         if rank is not None and rank - before >= _STEP:
             names = self.names
             key = {"detection_id": names["detection"], "sensor_id": names["camera"], "person_id": names["person"]}
@@ -84,6 +84,11 @@ def _is_own() -> ColumnElement[bool]:
     """Whether a task is the person's, of the enclosing query's ``Vertex`` in the camera."""
     is_of = and_(MarkingTask.vertex_id == Vertex.id, MarkingTask.sensor_id == _CAMERA)
     return and_(is_of, MarkingTask.person_id == _PERSON)
+
+
+def _had_no_task() -> ColumnElement[bool]:
+    # PostgreSQL makes a join of NOT EXISTS, over all tasks of the person; this it looks up vertex by vertex.
+    return select(func.count()).where(_is_own()).correlate(Vertex).scalar_subquery() == 0
 
 
 def _frontier() -> ColumnElement[int]:
@@ -100,7 +105,7 @@ def _new(*, is_near: bool, wait: bool) -> Select[Any, Any, Any]:
     begin = _frontier()
     ranks = (Vertex.rank >= begin, Vertex.rank < begin + _NEAR) if is_near else (Vertex.rank >= begin + _NEAR,)
     # The corners of a sweep have its rank, so they come one after the other: top, right, left, bottom.
-    new = _open().where(~exists().where(_is_own()), *ranks).order_by(Vertex.rank, Vertex.corner.desc())
+    new = _open().where(_had_no_task(), *ranks).order_by(Vertex.rank, Vertex.corner.desc())
     return _locking(new.add_columns(begin.label("frontier")), wait=wait)
 
 
@@ -112,7 +117,9 @@ def _seen(*, wait: bool) -> Select[Any, Any]:
 
 
 def _locking(rows: Any, *, wait: bool) -> Any:
-    rows = rows.where(Vertex.id.not_in(bindparam("tried", expanding=True))).limit(bindparam("count", type_=Integer()))
+    rows = rows.where(Vertex.id.not_in(bindparam("tried", expanding=True)))
+    # Of a number that it does not know, PostgreSQL expects a tenth of all rows, and sorts them first.
+    rows = rows.limit(bindparam("count", type_=Integer(), literal_execute=True))
     return rows.join(Apex, Apex.id == Vertex.apex_id).with_for_update(key_share=True, of=Apex, skip_locked=not wait)
 
 
@@ -131,8 +138,9 @@ def _open() -> Select[Any, Any]:
 
 @cache
 def _first_not_closed() -> Select[int]:
-    rows = _paired(Vertex.rank).where(~exists().where(_is_own()), answers_closing(_PERSON, _WANTED) < _WANTED)
-    return rows.where(Vertex.rank >= _frontier()).order_by(Vertex.rank).limit(1)
+    rows = _paired(Vertex.rank).where(_had_no_task(), answers_closing(_PERSON, _WANTED) < _WANTED)
+    ranks = (Vertex.rank >= _frontier(), Vertex.rank <= bindparam("open"))
+    return rows.where(*ranks).order_by(Vertex.rank).limit(1)
 
 
 def _paired(*columns: Any) -> Select[*tuple[Any, ...]]:
