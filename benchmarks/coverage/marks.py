@@ -24,7 +24,8 @@ _IMPORTED: Final = ("x", "y", "z", "u", "v", "group")
 class Errors:
     """What is wrong with a recording besides the vertices' and marks' own noise.
 
-    ``blunders``: share of marks on another corner of the board; ``on_hand``: of marks on the hand below the tip. ``noises_px``: of the people, stated by each mark
+    ``blunders``: share of marks on another corner of the board.
+    ``on_hand``: share of marks on the hand below the tip. ``noises_px``: of the people, stated by each mark
     where there are several. ``elevation_deg``: of all vertices. ``pose_m``, ``pose_deg``: offset and turn of each
     pose of a still board, the same for its pairs. ``second_half_deg``: turn of the mount about the vertical in the
     second half. ``line_time_us``: of a rolling shutter.
@@ -81,7 +82,7 @@ def _marked(paired: Paired, errors: Errors, random: np.random.Generator) -> Floa
 
 
 def _hand(poses: Poses, random: np.random.Generator) -> Floats:
-    """Where the hand holds the board: below the tip by the same share of the board all the time, to a hand's width."""
+    """(M, 3) a hand's place: below the tip by the same share of the board all the time, to two centimetres."""
     left, right = (
         length * edge for length, edge in zip(poses.board_m, (poses.edge_left, poses.edge_right), strict=True)
     )

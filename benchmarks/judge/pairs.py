@@ -31,14 +31,14 @@ CLOCK_SIGMA_MS: Final = 1.5
 
 
 def draw_pairs(seed: int, lens: ModelName, decentring: float = 0.0, late_ms: float = 0.0) -> Paired:
-    """Draw a rig, its camera, a walk of one to two minutes, and 120 to 260 pairs of it.
+    """Draw a rig, its camera, a walk of two to three minutes, and 200 to 260 pairs of it.
 
     decentring: deviation of the tangential terms of a `brown_conrady` lens; late_ms: of the frames beyond what the
     clocks' estimated offset misses.
     """
     random = np.random.default_rng([seed, 61])
     settings = Settings(
-        seconds=float(random.uniform(60.0, 120.0)),
+        seconds=float(random.uniform(120.0, 180.0)),
         seed=seed,
         walk="rows",
         pitch_down_deg=float(random.uniform(6.0, 16.0)),
@@ -49,7 +49,7 @@ def draw_pairs(seed: int, lens: ModelName, decentring: float = 0.0, late_ms: flo
     frames = rig.cameras[0].times_ns
     walked = Walked(rig, [])
     seen = np.flatnonzero(_inside(camera, camera.project(walked.poses(frames).apex)))
-    count = min(int(random.integers(120, 261)), len(seen))
+    count = min(int(random.integers(200, 261)), len(seen))
     taken = seen[np.round(np.linspace(0, len(seen) - 1, count)).astype(np.int64)]
     off_ns = np.int64(round(1e6 * (late_ms + random.normal(0.0, CLOCK_SIGMA_MS))))
     stamps = frames[taken] + off_ns  # where the vertices are said to be at the frames' moments
@@ -89,7 +89,7 @@ def _inside(camera: Camera, pixels: Floats) -> NDArray[np.bool_]:
 
 
 def _errors(apex: Floats, stamps: NDArray[np.int64], random: np.random.Generator) -> tuple[Floats, Floats]:
-    """Stated deviations (N, 3) of azimuth, elevation (rad) and range (m), and errors of that size, of neighbours alike."""
+    """Stated deviations (N, 3) of azimuth, elevation (rad) and range (m), and errors of that size, alike in time."""
     distance = np.linalg.norm(apex, axis=1)
     across = np.hypot(random.uniform(*_ACROSS_M) / distance, random.uniform(*_ACROSS_RAD))
     sigmas = np.column_stack([across, across, np.full(len(apex), random.uniform(*_RANGE_M))])

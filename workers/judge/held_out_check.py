@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -14,8 +14,6 @@ from workers.judge.topics import LOOK_RATE, STOP_RATE, USE_LIMIT_PX, USE_LIMIT_R
 from workers.solver.prediction import DISTANCES_M
 
 Floats = NDArray[np.float64]
-# scipy publishes no types.
-_chance_above: Callable[[float, float, float], float] = special.fdtrc
 _HELD_OUT: Final = Topic("held_out", "Held-out pairs")
 # Ratio of held-out to fitted error from which a fit says little about other places. Twenty real pairs for sixteen
 # parameters give 3.3, enough pairs 1.1.
@@ -28,9 +26,12 @@ _FEWEST: Final = 10  # pairs of one distance that are judged together
 
 
 class HeldOut(NamedTuple):
-    """Held-out pairs of all folds: distances from their marks, px, and from the camera, m; (M,) each."""
+    """Held-out pairs of all folds, (M,) each: distances from their marks in px of a typical pair's noise, by how much
+    that whitening scales lengths, and distances from the camera, m.
+    """
 
-    errors_px: Floats
+    standard_px: Floats
+    stretch: Floats
     distances_m: Floats
 
 
@@ -39,16 +40,17 @@ def held_out_pairs(
 ) -> HeldOut:
     """Return the held-out pairs that belong.
 
-    heldout: of each fold, `indices` and `errors_px`; outliers: of the fit to all pairs, by `index`; distances_m (N,):
-    of all pairs from the camera.
+    heldout: of each fold, `indices`, `standard_px` and `stretch`; outliers: of the fit to all pairs, by `index`;
+    distances_m (N,): of all pairs from the camera.
     """
     far = np.asarray(distances_m, np.float64)
-    errors = np.full(len(far), np.nan)
+    errors, stretch = np.full(len(far), np.nan), np.ones(len(far))
     for fold in heldout:
-        errors[np.asarray(fold["indices"], np.int64)] = fold["errors_px"]
+        rows = np.asarray(fold["indices"], np.int64)
+        errors[rows], stretch[rows] = fold["standard_px"], fold["stretch"]
     errors[[one["index"] for one in outliers]] = np.nan
     judged = np.isfinite(errors)
-    return HeldOut(errors[judged], far[judged])
+    return HeldOut(errors[judged], stretch[judged], far[judged])
 
 
 def held_out(result: Mapping[str, Any], summary: Mapping[str, Any], pairs: HeldOut | None) -> Check:
@@ -88,17 +90,22 @@ def _limit_px(result: Mapping[str, Any]) -> float:
 
 
 def _by_distance(result: Mapping[str, Any], pairs: HeldOut) -> list[tuple[float, float, float]]:
-    """Of each distance with enough pairs: metres, RMS beyond the noise in px, and the probability of as much."""
-    fitted, noise_px = result["kept"], result["sigma_px"]
-    freedom = max(2.0 * fitted["pairs"] - result["free_parameters"], 1.0)
+    """Of each distance with enough pairs: metres, a typical point's RMS beyond the noise in px, and the probability of
+    as much.
+
+    Half of the squares of a noise of 1 px are exponential; their median is ln 2, known to 1 / sqrt(M). One block that
+    lies beyond all fitted pairs does not decide.
+    """
+    noise_px = result["sigma_px"]
     edges = np.sqrt(np.array(DISTANCES_M[:-1]) * np.array(DISTANCES_M[1:]))
     band = np.searchsorted(edges, pairs.distances_m)
     judged: list[tuple[float, float, float]] = []
     for k, distance in enumerate(DISTANCES_M):
-        errors = pairs.errors_px[band == k]
-        if len(errors) < _FEWEST:
+        halves = 0.5 * (pairs.standard_px[band == k] / noise_px) ** 2
+        if len(halves) < _FEWEST:
             continue
-        square = float(np.mean(errors**2))
-        chance = _chance_above(2.0 * len(errors), freedom, square / (2.0 * noise_px**2))
-        judged.append((distance, float(np.sqrt(max(square - 2.0 * noise_px**2, 0.0))), chance))
+        median = float(np.median(halves))
+        chance = float(special.ndtr(-(median - np.log(2.0)) * np.sqrt(len(halves))))
+        beyond = 2.0 * noise_px**2 * max(median / np.log(2.0) - 1.0, 0.0)
+        judged.append((distance, float(np.sqrt(beyond) / np.median(pairs.stretch[band == k])), chance))
     return judged

@@ -28,7 +28,7 @@ def pairs(off_px=0.0, seed=1):
     distances = np.repeat([5.0, 20.0, 50.0], 60)
     marks = rng.normal(size=(180, 2))
     marks[distances > 32.0, 0] += off_px
-    return HeldOut(np.hypot(*marks.T), distances)
+    return HeldOut(np.hypot(*marks.T), np.ones(180), distances)
 
 
 def judged(change=None, *, recommended="pinhole", ended_well=True, rig=None, current=None, held=None, over_limit=0.5):
@@ -78,13 +78,17 @@ def test_held_out_pairs_are_judged_where_points_are_used():
     assert judged(held=pairs(1.0))["held_out"].verdict == "pass"
     check = judged(held=pairs(4.0))["held_out"]
     assert check.verdict == "stop" and "about 50 m" in check.sentence
-    assert check.figures["beyond_noise_at_50_m_px"] == pytest.approx(4.0, abs=0.5)
+    assert check.figures["beyond_noise_at_50_m_px"] == pytest.approx(4.5, abs=0.8)
 
 
 def test_held_out_pairs_that_do_not_belong_are_not_judged():
-    folds = [{"indices": [0, 2], "errors_px": [1.0, 99.0]}, {"indices": [1], "errors_px": [2.0]}]
+    folds = [
+        {"indices": [0, 2], "standard_px": [1.0, 99.0], "stretch": [0.5, 1.0]},
+        {"indices": [1], "standard_px": [2.0], "stretch": [1.0]},
+    ]
     found = held_out_pairs(folds, [{"index": 2}], [5.0, 6.0, 7.0, 8.0])
-    assert found.errors_px.tolist() == [1.0, 2.0] and found.distances_m.tolist() == [5.0, 6.0]
+    assert found.standard_px.tolist() == [1.0, 2.0] and found.stretch.tolist() == [0.5, 1.0]
+    assert found.distances_m.tolist() == [5.0, 6.0]
 
 
 def test_another_model_that_is_clearly_likelier_stops():
