@@ -29,7 +29,7 @@ import numpy as np  # noqa: E402
 from scipy import special  # noqa: E402
 
 from benchmarks.judge.cases import CASES, Case  # noqa: E402
-from benchmarks.judge.judging import Outcome, outcome  # noqa: E402
+from benchmarks.judge.judging import Outcome, numbered  # noqa: E402
 from workers.solver.slot import warm_up  # noqa: E402
 
 IN_TABLE: Final = 60
@@ -44,16 +44,11 @@ def main() -> None:
     asked = [(number, seed + draw, draw < IN_TABLE) for draw in range(draws) for number in map(CASES.index, cases)]
     workers = int(os.environ.get("WORKERS") or os.cpu_count() or 1)
     with ProcessPoolExecutor(workers, get_context("spawn"), warm_up) as pool:
-        outcomes = list(pool.map(_judged, asked, chunksize=4))
+        outcomes = list(pool.map(numbered, asked, chunksize=4))
     by_case = {case.name: [one for one in outcomes if one.case == case.name] for case in cases}
     print(cases_table(cases, by_case), checks_table(cases, by_case), sep="\n\n", file=sys.stderr)
     said = {"bench": "judge", "seed": seed, "draws": draws, **summary(cases, by_case)}
     print(json.dumps(said | {"seconds": round(time.perf_counter() - began, 1)}))
-
-
-def _judged(asked: tuple[int, int, bool]) -> Outcome:
-    number, seed, with_folds = asked
-    return outcome(CASES[number], seed, with_folds)
 
 
 def interval(count: int, of: int) -> tuple[float, float]:
@@ -91,10 +86,8 @@ def _median_px(outcomes: Sequence[Outcome]) -> float | None:
 
 def cases_table(cases: Sequence[Case], by_case: dict[str, list[Outcome]]) -> str:
     """Each case as a line: shares with their intervals, and the median error."""
-    rows = [
-        "| case | draws | published | and wrong | look | stop | refused | median px |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    head = ("case", "draws", "published", "and wrong", "look", "stop", "refused", "median px")
+    rows = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
     for case in cases:
         found = by_case[case.name]
         counts = [sum(one.verdict == verdict for one in found) for verdict in ("pass", "look", "stop", "refused")]

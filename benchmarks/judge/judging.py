@@ -13,7 +13,7 @@ from apexcal.documents.checks import Check, CheckVerdict, verdict_of
 from apexcal.documents.errors import DocumentError
 from benchmarks.coverage.calibrations import NO_WORK, held_out_document, planned
 from benchmarks.coverage.scores import derivative, projected
-from benchmarks.judge.cases import Case, Draw
+from benchmarks.judge.cases import CASES, Case, Draw
 from service.calibration_runs.camera_summary import camera_summary
 from service.db.calibrations import FULL, Result
 from service.http.problems import Problem
@@ -58,6 +58,12 @@ def outcome(case: Case, seed: int, with_folds: bool = True) -> Outcome:
     failed = {check.name: check.verdict for check in checks if check.verdict != "pass"}
     error_px, is_wrong = _error(draw, result)
     return Outcome(case.name, verdict_of(checks, "mount_with_lens"), error_px, is_wrong, failed)
+
+
+def numbered(asked: tuple[int, int, bool]) -> Outcome:
+    """The outcome of a case by its number, for a process of its own: number, seed, and `with_folds`."""
+    number, seed, with_folds = asked
+    return outcome(CASES[number], seed, with_folds)
 
 
 def calibrated(draw: Draw, with_folds: bool) -> tuple[dict[str, Any], list[Check]]:

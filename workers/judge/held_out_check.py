@@ -90,8 +90,7 @@ def _limit_px(result: Mapping[str, Any]) -> float:
 
 
 def _by_distance(result: Mapping[str, Any], pairs: HeldOut) -> list[tuple[float, float, float]]:
-    """Of each distance with enough pairs: metres, a typical point's RMS beyond the noise in px, and the probability of
-    as much.
+    """Of each distance with enough pairs: metres, a typical point's RMS beyond the noise in px, and its probability.
 
     Half of the squares of a noise of 1 px are exponential; their median is ln 2, known to 1 / sqrt(M). One block that
     lies beyond all fitted pairs does not decide.

@@ -133,9 +133,8 @@ def coverage(problem: FitProblem, result: Result) -> Check:
         float(np.subtract(*np.quantile(values, (0.975, 0.025)))) / size for values, size in ((u, width), (v, height))
     )
     beyond = _beyond_marks(result)
-    short = [
-        name for name, is_short in (("width", across < _SPAN), ("height", down < _SPAN and beyond > 1.0)) if is_short
-    ]
+    short = ["width"] if across < _SPAN else []
+    short += ["height"] if down < _SPAN and beyond > 1.0 else []
     return _COVERAGE.fails(
         "look" if short else "pass",
         f"The marks span {across:.0%} of the image's width and {down:.0%} of its height."

@@ -29,8 +29,8 @@ Split = Literal["alternating", "first_and_last"]
 _f_quantile: Callable[[float, float, float], float] = special.fdtri
 _FALSE_ALARMS: Final = 0.001
 _TURNS_FALSE_ALARMS: Final = 0.001
-"""Chances that sound pairs exceed a limit: in each of four tests (two splits, by parameters and by pixels), and in the
-test for a turn. Together they are one in 200, as every check of a result has it."""
+"""Chances that sound pairs exceed a limit: in each of four tests (two splits, by parameters and by pixels), and in
+the test for a turn. Together they are one in 200, as every check of a result has it."""
 _MANY: Final = 1e6
 _SPLITS: Final[tuple[Split, Split]] = ("alternating", "first_and_last")
 
