@@ -69,13 +69,13 @@ def numbered(asked: tuple[int, int, bool]) -> Outcome:
 def calibrated(draw: Draw, with_folds: bool) -> tuple[dict[str, Any], list[Check]]:
     """The result of the one model that was asked for, and all of its checks. Raises what the product raises."""
     (fit,) = planned(draw.paired, draw.known, draw.request).fits
-    whole = read_run(fit.problem | {"fold": FULL}, FULL, draw.known)
+    whole = read_run(fit.of_fold(FULL), FULL, draw.known)
     state, _ = run_schedule(whole.problem)
     result = solved(whole, state)
     own = [Check.model_validate(check) for check in result["checks"]]
     if not with_folds and verdict_of(own, "mount_with_lens") != "pass":
         return result, own
-    given = [read_run(fit.problem | {"fold": fold}, fold, draw.known) for fold in range(fit.folds)]
+    given = [read_run(fit.of_fold(fold), fold, draw.known) for fold in range(fit.folds)]
     folds = [held_out_document(one, state) for one in given]
     rows = [
         Result(id=uuid4(), run_id=uuid4(), camera=FRONT, model=fit.model, fold=fold, document=document)
