@@ -78,7 +78,7 @@ class Bench:
 
     def fit(self, paired: Paired, errors: Errors, known: Json, request: Request) -> Calibration:
         """These pairs, calibrated as the request asks."""
-        plan = _plan(paired, known, request)
+        plan = planned(paired, known, request)
         states = self._states(paired, {fit.model for fit in plan.fits})
         fits: list[Fit] = []
         problems: dict[str, FitProblem] = {}
@@ -87,7 +87,7 @@ class Bench:
                 given = read_run(fit.of_fold(fold), fold, known)
                 if fold == FULL:
                     problems[fit.model] = given.problem
-                document = (solved if fold == FULL else _held_out)(given, states[fit.model])
+                document = (solved if fold == FULL else held_out_document)(given, states[fit.model])
                 fits.append(Fit(uuid4(), fit.model, None if fold == FULL else fold, document))
         summary = camera_summary(fits)
         full = {fit.model: fit.document for fit in fits if fit.heldout_fold is None}
@@ -103,14 +103,14 @@ class Bench:
     def _states(self, paired: Paired, models: Collection[str]) -> dict[str, State]:
         of = (paired.camera.model, paired.is_still, paired.camera.image_size)
         clean = columns(paired, Errors(), np.random.default_rng(self._walked.rig.settings.seed))
-        for fit in _plan(paired, clean, {}).fits:
+        for fit in planned(paired, clean, {}).fits:
             if fit.model in models and (*of, fit.model) not in self._searched:
                 problem = read_run(fit.of_fold(FULL), FULL, clean).problem
                 self._searched[*of, fit.model] = replace(run_schedule(problem)[0], first_slot_parameters=())
         return {model: self._searched[*of, model] for model in models}
 
 
-def _held_out(given: RunInput, state: State) -> Json:
+def held_out_document(given: RunInput, state: State) -> Json:
     """What the end of a calibration reads of a fit to a part of the pairs."""
     problem = given.problem
     found = estimate(problem, np.array(state.best_parameters))
@@ -126,7 +126,7 @@ def _held_out(given: RunInput, state: State) -> Json:
     return document | {"heldout": held_out(problem, given.whole, given.heldout, document)}
 
 
-def _plan(paired: Paired, known: Json, request: Request) -> CalibrationPlan:
+def planned(paired: Paired, known: Json, request: Request) -> CalibrationPlan:
     width, height = paired.camera.image_size
     camera = RigCamera(name=FRONT, image_width=width, image_height=height, nominal=paired.nominal, bounds={})
     pairs = CorrespondenceSet(

@@ -40,7 +40,9 @@ def judge(bench: Bench, paired: Paired, known: dict[str, Any], request: dict[str
     (model,) = request["models"]
     fitted = FittedModel(model, done.results[model], done.problems[model])
     checks = [Check.model_validate(one) for one in fitted.document["checks"]]
-    checks += checks_of_calibration(FRONT, done.summary, model, None, ended_well=True)
+    checks += checks_of_calibration(
+        fitted.document, checks=checks, camera=FRONT, summary=done.summary, ended_well=True
+    )
     failed = frozenset(one.name for one in checks if one.verdict != "pass")
     return Judged(done, fitted, sentence_of(fitted.document, checks), failed)
 

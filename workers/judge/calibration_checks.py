@@ -1,143 +1,150 @@
-"""Checks that take more than one fit: held-out pairs, other models, other cameras, and the current calibration."""
+"""The checks of a result that need more than its own fit: held-out pairs, models, the rig, and what is current."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 from apexcal.documents.checks import Check, CheckVerdict
-from workers.judge.topics import USE_LIMIT_PX, Topic
+from workers.judge.held_out_check import HeldOut, held_out
+from workers.judge.topics import Topic
 
-Summary = Mapping[str, Any]
+Json = Mapping[str, Any]
+_MODELS: Final = Topic("models", "Other lens models")
 _RUNS: Final = Topic("runs", "Fits of the calibration")
-_MODELS: Final = Topic("models", "Camera models")
-_HELD_OUT: Final = Topic("held_out", "Held-out pairs")
-_CAMERAS: Final = Topic("cameras", "Other cameras of the rig")
-_CURRENT: Final = Topic("current", "The vehicle's current calibration")
-# Ratio of held-out to fitted error above which a fit says little about other places. Twenty real pairs for sixteen
-# parameters give 3.3, enough pairs 1.1.
-_FAR: Final = 3.0
-# A held-out error below this is no doubt: half a pixel is better than a person marks.
-_FINE_PX: Final = 0.5
-# Ratio to the current result's held-out error above which the vehicle should keep the current one.
+_RIG: Final = Topic("rig", "Other cameras of the rig")
+_CURRENT: Final = Topic("current", "Current result")
+# Ratio of held-out errors from which a vehicle keeps what it has, and an error below which it never matters.
 _WORSE: Final = 1.5
-_MORE_PAIRS: Final = "Mark more vertices, at other places and distances, and look at the outliers."
+_FINE_PX: Final = 0.5
+# Ratio of stated deviations that are clearly different: each is known to about a tenth (50 degrees of freedom).
+_LESS_PRECISE: Final = 1.25
+
+
+@dataclass(frozen=True)
+class CurrentResult:
+    """What the camera's vehicle gets now.
+
+    verdict: of its own checks. compared: the new result against it, with `rotation_deg`, `translation_mm`, `sigmas`
+    and `differs`; None where one of them states no deviations. heldout_mean_px: its mean held-out error. checks: its
+    own. newer: sentences on what is newer about it, such as its rig or its pairs.
+    """
+
+    model: str
+    lens: str
+    verdict: CheckVerdict
+    checks: Sequence[Check]
+    compared: Json | None = None
+    heldout_mean_px: float | None = None
+    newer: Sequence[str] = ()
 
 
 def checks_of_calibration(
-    camera: str, found: Summary, model: str, rig: Summary | None, *, ended_well: bool
+    result: Json,
+    *,
+    checks: Sequence[Check],
+    camera: str,
+    summary: Json,
+    ended_well: bool,
+    pairs: HeldOut | None = None,
+    rig: Json | None = None,
+    current: CurrentResult | None = None,
 ) -> list[Check]:
-    """Return the checks of a model's fit beside the other fits of its calibration.
+    """Return what a calibration's end adds to the `checks` of a result, a fit to all pairs of a camera.
 
-    found: the camera's summary; rig: the comparison of the cameras, None for one camera; ended_well: whether every
-    run is done.
+    summary: the camera's, with `recommended`, `why` and `models`; ended_well: whether all runs are done; pairs: the
+    held-out ones; rig: the comparison of the cameras; current: None where the vehicle has none, or it was withdrawn.
     """
+    name = result["model"]
     return [
-        _runs(ended_well=ended_well),
-        _models(found, model),
-        _held_out(found["models"][model]),
-        _cameras(camera, found, model, rig),
+        held_out(result, summary["models"][name], pairs),
+        models(name, summary),
+        runs(ended_well),
+        of_rig(camera, rig if name == summary["recommended"] else None),
+        beside_current(result, checks, summary["models"][name]["heldout_mean_px"], current),
     ]
 
 
-def _runs(*, ended_well: bool) -> Check:
+def models(name: str, summary: Json) -> Check:
+    """Whether another model is recommended. It stops a result that held-out pairs speak against."""
+    recommended, behind = summary["recommended"], summary["models"][name].get("behind")
+    remedy = "Publish the recommended model."
+    if not recommended:
+        return _MODELS.fails("look", f"No model is recommended. {summary['why']}", "Retry the runs that failed.")
+    if recommended == name:
+        return _MODELS.passes(f"{name} is recommended; {len(summary['models'])} were fitted.")
+    clear = behind is not None and not behind["within_noise"]
+    return _MODELS.fails(
+        "stop" if clear else "look",
+        f"{recommended} is recommended, not {name}. {summary['why']}",
+        remedy,
+        behind_log_likelihood=behind and behind["log_likelihood"],
+    )
+
+
+def runs(ended_well: bool) -> Check:
+    """Whether every fit of the calibration ended."""
     return _RUNS.fails(
         "pass" if ended_well else "look",
-        "Every fit of the calibration ended well." if ended_well else "Not every fit of the calibration ended well.",
-        "Read why on the calibration's page, and calibrate again.",
+        "Every fit of the calibration ended." if ended_well else "Not every fit of the calibration ended well.",
+        "Retry the runs that failed.",
     )
 
 
-def _models(found: Summary, model: str) -> Check:
-    recommended, behind = found["recommended"], found["models"][model].get("behind")
-    if recommended == model:
-        return _MODELS.passes(found["why"])
-    if recommended is None:
-        return _MODELS.fails("stop", f"No model is recommended. {found['why']}", _MORE_PAIRS)
-    verdict: CheckVerdict = "look" if behind and behind["within_noise"] else "stop"
-    return _MODELS.fails(
-        verdict, f"{recommended} is recommended, not {model}. {found['why']}", f"Take the result of {recommended}."
-    )
-
-
-def _held_out(model: Summary) -> Check:
-    held_out, fitted = model["heldout_mean_px"], model["polished"]["mean_px"]
-    if held_out is None:
-        return _HELD_OUT.fails(
-            "look",
-            "No pairs were held out to judge it by.",
-            "Calibrate with --folds 5, or validate it on other data.",
-        )
-    is_far = held_out > max(_FAR * fitted, _FINE_PX)
-    forbidden = model["heldout_forbidden"]
-    lost = f"; {forbidden} of them have no projection" if forbidden else ""
-    return _HELD_OUT.fails(
-        "stop" if is_far else "pass",
-        f"Held-out pairs lie {held_out:.2f} px off, the fitted ones {fitted:.2f} px{lost}.",
-        _MORE_PAIRS,
-        heldout_mean_px=held_out,
-        fitted_mean_px=fitted,
-    )
-
-
-def _cameras(camera: str, found: Summary, model: str, rig: Summary | None) -> Check:
-    if rig is None:
-        return _CAMERAS.passes("The calibration has one camera.")
-    if model != found["recommended"]:
-        return _CAMERAS.passes("Cameras are compared by their recommended results.")
+def of_rig(camera: str, rig: Json | None) -> Check:
+    """Whether the rig's other cameras and what the rig states agree with this camera's mount."""
+    if not rig:
+        return _RIG.passes("There was no other camera to compare it with.")
     if rig.get("problem"):
-        return _CAMERAS.fails(
-            "look",
-            f"The cameras could not be compared: {rig['problem']['detail']}",
-            rig["problem"].get("hint") or "Compare them by hand.",
-        )
-    alarms = [alarm for pair in rig["pairs"] if camera in pair["cameras"] for alarm in pair["alarms"]]
-    return _CAMERAS.fails(
-        "stop" if alarms else "pass",
-        " ".join(alarms) or "The cameras agree with each other and with what the rig states.",
-        "Check the rig, the marks of both cameras, and their checks.",
+        detail = rig["problem"]["detail"]
+        return _RIG.fails("look", f"The cameras could not be compared: {detail}", "Calibrate again.")
+    against = [alarm for pair in rig["pairs"] if camera in pair["cameras"] for alarm in pair["alarms"]]
+    return _RIG.fails(
+        "stop" if against else "pass",
+        " ".join(against) or "The cameras of the rig agree with each other and with what the rig states.",
+        "Check the marks and clocks of these cameras, and what the rig states.",
     )
 
 
-def current(
-    apart: Summary | None, heldout_px: float | None, current_px: float | None, is_current_unsound: bool
+def beside_current(
+    result: Json, checks: Sequence[Check], heldout_px: float | None, current: CurrentResult | None
 ) -> Check:
-    """Return the check of a result beside the camera's current one.
+    """Whether a person should look before this result takes the current one's place.
 
-    apart: how far they are from each other (`ResultDistance`), None where one states no deviations; the held-out
-    errors of both. A current result that fails its own checks (is_current_unsound) protects nothing.
+    Results are compared if lens and model are alike. A current result that should not be used protects nothing.
     """
-    if is_current_unsound:
-        return _CURRENT.passes("The vehicle's current calibration fails its own checks, so it is no measure.")
-    figures: dict[str, float | None] = {"heldout_mean_px": heldout_px, "current_heldout_mean_px": current_px}
-    verdict: CheckVerdict = "pass"
-    sentences: list[str] = []
-    if apart is None:
-        sentences.append("It cannot be compared with the vehicle's current calibration: one states no deviations.")
-    else:
-        figures |= {name: apart[name] for name in ("rotation_deg", "translation_mm", "sigmas", "field_px")}
-        size = f"{apart['rotation_deg']:.2f} degrees and {apart['translation_mm']:.0f} mm"
+    if current is None:
+        return _CURRENT.passes("The vehicle has no current result of this camera.")
+    if current.verdict == "stop":
+        return _CURRENT.passes("The vehicle's current result fails its own checks and is no standard.")
+    doubts = list(current.newer)
+    is_alike = (current.model, current.lens) == (result["model"], result["lens"])
+    apart = current.compared if is_alike and current.verdict == "pass" else None
+    figures: dict[str, float | None] = {}
+    if apart:
+        figures = {name: apart[name] for name in ("rotation_deg", "translation_mm", "sigmas")}
         if apart["differs"]:
-            # The mount and its lens differ together: over the image's points they may still agree.
-            field_px = apart["field_px"]
-            verdict = "look" if field_px is not None and field_px <= USE_LIMIT_PX else "stop"
-            sentences.append(
-                f"The mount differs from the vehicle's current calibration by {size}, {apart['sigmas']:.1f} times "
-                "what both state: something moved, or one of them states too little."
+            doubts.append(
+                f"The mount differs from the vehicle's current result by {apart['rotation_deg']:.2f} degrees and "
+                f"{apart['translation_mm']:.0f} mm, {apart['sigmas']:.1f} times what both state: something moved, or "
+                "one of them states too little."
             )
-        else:
-            sentences.append(f"It agrees with the vehicle's current calibration: {size} lie between them.")
-    if heldout_px is not None and current_px is not None and heldout_px > max(_WORSE * current_px, _FINE_PX):
-        verdict = "look" if verdict == "pass" else verdict
-        sentences.append(
-            f"Held-out pairs lie {heldout_px:.2f} px off, those of the vehicle's current calibration "
-            f"{current_px:.2f} px."
-        )
+    own, other = (_over_limit(of) for of in (checks, current.checks))
+    if own is not None and other is not None and own > _LESS_PRECISE * other:
+        figures["times_less_precise"] = own / other if other > 0.0 else None
+        doubts.append(f"Its stated deviations are {own / other:.1f} times those of the vehicle's current result.")
+    worse = current.heldout_mean_px
+    if heldout_px is not None and worse is not None and heldout_px > max(_WORSE * worse, _FINE_PX):
+        doubts.append(f"Held-out pairs lie {heldout_px:.2f} px off; of the vehicle's current result {worse:.2f}.")
     return _CURRENT.fails(
-        verdict, " ".join(sentences), "Compare the two results; if the mount moved, publish this one.", **figures
+        "look" if doubts else "pass",
+        " ".join(doubts) or "Nothing speaks for keeping the vehicle's current result.",
+        "Compare both results, and publish this one by hand if it is the better one.",
+        **figures,
     )
 
 
-def no_current() -> Check:
-    """Return the check where the camera is given nothing."""
-    return _CURRENT.passes("The vehicle has no current calibration of this camera.")
+def _over_limit(checks: Sequence[Check]) -> float | None:
+    """Stated precision where the result is used, over its limit."""
+    return next((check.figures.get("over_limit") for check in checks if check.name == "precision"), None)

@@ -9,10 +9,11 @@ from itertools import combinations
 from typing import NamedTuple
 from uuid import UUID
 
+import numpy as np
 from sqlalchemy import bindparam, func, select, update
 from sqlalchemy.orm import Session
 
-from apexcal.documents.checks import Check, verdict_of
+from apexcal.documents.checks import Check, CheckVerdict, verdict_of
 from apexcal.documents.states import WorkState
 from service.calibration_runs.conclusion import end_calibration, runs_of
 from service.calibration_runs.image_frames import T_images_camera
@@ -26,8 +27,8 @@ from service.publications.check_queries import failing, judged_now
 from service.publications.queries import current_publication
 from workers.geometry.errors import GeometryError
 from workers.geometry.transforms import from_document
-from workers.judge.calibration_checks import checks_of_calibration, no_current
-from workers.judge.calibration_checks import current as current_check
+from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
+from workers.judge.held_out_check import HeldOut, held_out_pairs
 from workers.judge.validation_checks import elsewhere as other_data_check
 from workers.models.summary import Fit, camera_summary
 from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
@@ -83,12 +84,20 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
         summaries = {camera: camera_summary(of_camera) for camera, of_camera in fits.items()}
         solved = _solved_cameras(session, calibration.id, cameras, summaries, lease)
         stated = _stated(session, calibration.rig_id) if len(cameras) > 1 else []
+        of_runs = select(CalibrationRun.id, CalibrationRun.set_id).where(
+            CalibrationRun.calibration_id == calibration.id
+        )
+        sets = {run_id: set_id for run_id, set_id in session.execute(of_runs)}
         current = {camera: _current(session, calibration.vehicle_id, camera) for camera in cameras}
         elsewhere = other_data(session, [one for found in cameras.values() for one in found if one.fold == FULL])
     rig = _compared(solved, stated, summaries) if len(cameras) > 1 else None
     ended_well = all(run.state == WorkState.DONE for run in runs)
     judged = [
-        _judge(result, summaries[camera], rig, current[camera], elsewhere[result.id], ended_well=ended_well)
+        _judge(
+            *(result, fits[camera], summaries[camera], rig, current[camera], elsewhere[result.id]),
+            context.pairs_of(sets[result.run_id]),
+            ended_well=ended_well,
+        )
         for camera, found in cameras.items()
         for result in found
         if result.fold == FULL
@@ -118,25 +127,58 @@ def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session],
 
 def _judge(
     result: Result,
+    fits: Sequence[Fit],
     found: Json,
     rig: Json | None,
     current: _Current | None,
     elsewhere: Sequence[Json],
+    pairs: Json,
     *,
     ended_well: bool,
 ) -> _Judged:
     """Judge a fit beside the other fits of its calibration, and beside what the vehicle has."""
-    checks = checks_of_calibration(result.camera, found, result.model, rig, ended_well=ended_well)
-    checks.append(other_data_check(elsewhere))
-    if current is None or current.result.id == result.id:
-        return _Judged(result, [*checks, no_current()], current and current.result.id)
-    model, other = found["models"][result.model], current.summary
-    spreads = model["between_models"], other.get("between_models")
-    apart = compared(result.document, current.result.document, *spreads)
-    beside = current_check(
-        *(apart, model["heldout_mean_px"], other.get("heldout_mean_px"), current.result.verdict == "stop"),
+    document = result.document
+    is_current = current is not None and current.result.id == result.id
+    checks = checks_of_calibration(
+        document,
+        checks=[Check.model_validate(one) for one in document["checks"]],
+        camera=result.camera,
+        summary=found,
+        ended_well=ended_well,
+        pairs=_held_out(document, [one.document for one in fits if one.model == result.model], pairs),
+        rig=rig,
+        current=None if current is None or is_current else _beside(document, found["models"][result.model], current),
     )
-    return _Judged(result, [*checks, beside], current.result.id)
+    return _Judged(result, [*checks, other_data_check(elsewhere)], current and current.result.id)
+
+
+def _held_out(document: Json, of_model: Sequence[Json], pairs: Json) -> HeldOut | None:
+    """The held-out pairs of a model's folds; None if nothing was held out."""
+    heldout = [one["heldout"] for one in of_model if one.get("heldout")]
+    if not heldout:
+        return None
+    points = np.column_stack([pairs[name] for name in "xyz"]).astype(np.float64)
+    distances_m = np.linalg.norm(from_document(document["transform"]).apply(points), axis=1)
+    return held_out_pairs(heldout, document["outliers"], distances_m)
+
+
+def _beside(document: Json, model: Json, current: _Current) -> CurrentResult:
+    """What the vehicle has, and how far this fit is from it."""
+    theirs = current.result.document
+    spreads = model["between_models"], current.summary.get("between_models")
+    return CurrentResult(
+        model=current.result.model,
+        lens=theirs["lens"],
+        verdict=_verdict(current.result.verdict),
+        checks=[Check.model_validate(one) for one in theirs["checks"]],
+        compared=compared(document, theirs, *spreads),
+        heldout_mean_px=current.summary.get("heldout_mean_px"),
+    )
+
+
+def _verdict(stored: str | None) -> CheckVerdict:
+    """A result's stored verdict; one that was never judged should not be used."""
+    return "pass" if stored == "pass" else "look" if stored == "look" else "stop"
 
 
 def _current(session: Session, vehicle_id: UUID, camera: str) -> _Current | None:

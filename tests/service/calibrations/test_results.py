@@ -16,6 +16,7 @@ T_VEHICLE_LIDAR = {
     "rotation": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]},
     "translation_m": [1.0, 0.0, 2.0],
 }
+PLACES = {"x": [5.0] * 60, "y": [0.0] * 60, "z": [0.0] * 60}
 DOCUMENT = {
     "model": "pinhole",
     "status": "ok",
@@ -82,7 +83,7 @@ def seed_results(api, rig, folds=(-1, 0), found=FOUND):
             content_hash="0",
             count=60,
             notes=[],
-            pairs={"u": [10.0, 320.0, 630.0], "v": [20.0, 240.0, 470.0]},
+            pairs={"u": [10.0, 320.0, 630.0], "v": [20.0, 240.0, 470.0]} | PLACES,
         )
         front = {"recommended": "pinhole", "why": "It is the only one.", "models": {"pinhole": found}}
         summary = {"cameras": {"front": front}}

@@ -19,7 +19,7 @@ from service.recordings.actions import delete_recording
 from tests.service.calibrations.test_results import FOUND, NEWER, current_address, failed, seed_results
 from tests.service.detections.seeding import seed_recording
 from tests.support.concluding import conclusion
-from tests.workers.tasks.test_concluding import document
+from tests.workers.tasks.test_concluding import document, of_block
 
 # Long enough that whoever does not wait is done.
 _WAITS_S = 0.5
@@ -104,8 +104,8 @@ def unended(api, rig, held_out_px):
             session.scalars(select(Result).where(Result.id.in_(results)).order_by(Result.fold))
         ):
             held = [] if n == 0 else [held_out_px] * 5
-            of_block = {"errors_px": held, "indices": [5 * n + i for i in range(len(held))]}
-            result.document = result.document | document(held_out_px) | {"heldout": of_block}
+            heldout = of_block(held, [5 * n + i for i in range(len(held))]) if held else None
+            result.document = result.document | document(held_out_px) | {"heldout": heldout}
         session.execute(
             update(Calibration)
             .where(Calibration.id == calibration)
@@ -155,7 +155,7 @@ def test_the_end_of_a_calibration_that_waits_for_a_person_sees_what_they_publish
     front = engineer.get(f"/calibrations/{calibration}").json()["summary"]["cameras"]["front"]
     assert front["published"] is False
     (sentence,) = failed(front)
-    assert "Held-out pairs lie 3.00 px off, those of the vehicle's current calibration 0.90 px." in sentence
+    assert "Held-out pairs lie 3.00 px off; of the vehicle's current result 0.90." in sentence
     assert engineer.get(current_address(rig)).json()["result_id"] == str(better)
 
 

@@ -21,6 +21,12 @@ FREE = {"pinhole": 10, "brown_conrady": 16, "kannala_brandt": 14}
 MOUNT = {"to_frame": "camera", "from_frame": "velodyne"}
 
 
+def of_block(errors, indices):
+    return {"errors_px": list(errors), "standard_px": list(errors), "stretch": [1.0] * len(errors)} | {
+        "indices": list(indices)
+    }
+
+
 def document(mean_px, heldout=(), model="pinhole", **more):
     stage = {"mean_px": mean_px, "rms_px": mean_px}
     return {
@@ -52,7 +58,10 @@ def document(mean_px, heldout=(), model="pinhole", **more):
         "stopped": "converged",
         "checks": [],
         "outliers": [],
-        "heldout": {"errors_px": list(heldout), "indices": list(range(len(heldout)))},
+        "kept": {"pairs": 20, **stage},
+        "sigma_px": mean_px,
+        "lens": "fitted",
+        "heldout": of_block(heldout, range(len(heldout))) if heldout else None,
         **more,
     }
 
@@ -181,7 +190,7 @@ def test_a_fold_that_failed_or_left_parameters_open_counts_for_no_model(context)
         for model in ("pinhole", "brown_conrady"):
             found = document(1.0, model=model)
             wild = fold == 1 and model == "brown_conrady"
-            found |= {"heldout": {"errors_px": [900.0 if wild else 1.0] * 10, "indices": range_of(fold)}}
+            found |= {"heldout": of_block([900.0 if wild else 1.0] * 10, range_of(fold))}
             found |= {"status": "not_determined"} if wild else {}
             end(context, runs[model][1 + fold], found=found)
     _, summary, _ = ended(context, calibration_id)
@@ -199,8 +208,7 @@ def test_a_projection_that_is_none_costs_a_bounded_error(context):
             end(
                 context,
                 run_id,
-                found=document(1.0, errors, model=model)
-                | {"heldout": {"errors_px": errors, "indices": range_of(fold)}},
+                found=document(1.0, errors, model=model) | {"heldout": of_block(errors, range_of(fold))},
             )
     _, summary, _ = ended(context, calibration_id)
     brown = summary["cameras"]["front"]["models"]["brown_conrady"]
@@ -230,7 +238,7 @@ def end_model(context, runs, mean_px, model, **more):
     for fold, run_id in enumerate(runs[1:]):
         errors = [mean_px + 0.01 * (pair % 2) + 0.01 * fold for pair in range(10)]
         found = document(mean_px, model=model)
-        end(context, run_id, found=found | {"heldout": {"errors_px": errors, "indices": range_of(fold)}})
+        end(context, run_id, found=found | {"heldout": of_block(errors, range_of(fold))})
 
 
 def range_of(fold, count=10):
@@ -315,7 +323,7 @@ def test_a_calibration_published_meanwhile_has_the_result_judged_beside_it(conte
     _, summary, published = ended(context, calibration_id)
     assert published == [another]
     (sentence,) = failed(summary["cameras"]["front"])
-    assert "those of the vehicle's current calibration 0.60 px" in sentence
+    assert "of the vehicle's current result 0.60." in sentence
     with context.database.reading() as session:
         results = session.scalars(select(Result).where(Result.verdict.is_not(None), Result.id != another)).all()
         assert {one.compared_with for one in results} == {another}
@@ -324,10 +332,12 @@ def test_a_calibration_published_meanwhile_has_the_result_judged_beside_it(conte
 def test_what_fits_far_better_than_it_foretells_does_not_publish_itself(context):
     calibration_id, runs = two_models(context)
     end_model(context, runs["pinhole"], 5.0, "pinhole")
-    end_model(context, runs["brown_conrady"], 1.0, "brown_conrady", polished={"mean_px": 0.3, "rms_px": 0.3})
+    end_model(context, runs["brown_conrady"], 1.0, "brown_conrady", kept={"pairs": 20, "mean_px": 0.3, "rms_px": 0.3})
     _, summary, published = ended(context, calibration_id)
     assert published == []
-    assert failed(summary["cameras"]["front"]) == ["Held-out pairs lie 1.01 px off, the fitted ones 0.30 px."]
+    assert failed(summary["cameras"]["front"]) == [
+        "Held-out pairs lie 1.01 px off, the fitted ones 0.30: the pairs are too few, too uneven, or some of them wrong."
+    ]
 
 
 def give(context, of_run, before_px):
@@ -375,7 +385,7 @@ def test_a_result_that_predicts_worse_than_a_sound_current_one_does_not_publish_
     front = summary["cameras"]["front"]
     assert front["published"] is takes_over
     assert takes_over or failed(front)[0].endswith(
-        "Held-out pairs lie 1.01 px off, those of the vehicle's current calibration 0.60 px."
+        "Held-out pairs lie 1.01 px off; of the vehicle's current result 0.60."
     )
 
 
@@ -388,7 +398,7 @@ def test_pairs_that_every_fit_left_out_are_not_held_against_any_model(context):
         for fold, run_id in enumerate(folds):
             errors = [1.0] * 3 + [9.0, 500.0] if fold == 0 else [1.0] * 5
             found = document(1.0, model=model)
-            end(context, run_id, found=found | {"heldout": {"errors_px": errors, "indices": range_of(fold, 5)}})
+            end(context, run_id, found=found | {"heldout": of_block(errors, range_of(fold, 5))})
     _, summary, published = ended(context, calibration_id)
     models = summary["cameras"]["front"]["models"]
     assert [models[name]["heldout_pairs"] for name in runs] == [9, 9]
