@@ -44,7 +44,7 @@ def table_of(name: str, camera: CameraSummary) -> Table:
         pad_edge=False,
         padding=(0, 1, 0, 0),
     )
-    for heading in ("model", "GA", "polished", "baseline", "held out", "verdict"):
+    for heading in ("model", "GA", "polished", "baseline", "heldout", "verdict"):
         table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
     for model, found in camera.models.items():
         table.add_row(

@@ -58,7 +58,7 @@ def test_one_click_does_not_publish_what_lies_on_its_bounds(car: Car, owner: Cli
 def test_the_commands_publish_list_and_go_back(car: Car, owner: Client):
     refused = car.apexcal("publish", car.edge)
     assert refused.exit_code == 1
-    assert "edge of its bounds (f_x" in refused.stderr and "add --override" in refused.stderr
+    assert "edge of the bounds of f_x" in refused.stderr and "add --override" in refused.stderr
     given = car.apexcal("publish", car.edge, "--override", "--reason", "It leaves at noon.")
     assert given.exit_code == 0, given.stderr
     assert "pinhole is now the current calibration of front on Wagon." in given.stdout
@@ -71,7 +71,7 @@ def test_the_commands_publish_list_and_go_back(car: Car, owner: Client):
     assert back.exit_code == 0, back.stderr
     assert owner.calibrations.current(car.id, "front").reason == "The newer one is off."
     further = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.")
-    assert further.exit_code == 1 and "edge of its bounds" in further.stderr, "never to what was left"
+    assert further.exit_code == 1 and "edge of the bounds" in further.stderr, "never to what was left"
     further = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.", "--override")
     assert further.exit_code == 0, further.stderr
     none = car.apexcal("rollback", "--vehicle", car.id, "--reason", "Further.")

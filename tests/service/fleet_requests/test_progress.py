@@ -127,7 +127,7 @@ def test_a_run_that_ends_its_vehicle_is_as_many_statements_as_decision_25_says(v
         run_job(context, job_id)
     with statements(context.database) as concluding:
         conclude(context)
-    assert (len(fitting), len(concluding)) == (14, 20), (fitting, concluding)
+    assert (len(fitting), len(concluding)) == (14, 23), (fitting, concluding)
 
 
 def test_vehicles_that_end_at_the_same_moment_are_each_counted_once(vans: Vans, context):
