@@ -44,7 +44,7 @@ def table_of(name: str, camera: CameraSummary) -> Table:
         pad_edge=False,
         padding=(0, 1, 0, 0),
     )
-    for heading in ("model", "GA", "polished", "baseline", "heldout", "verdict"):
+    for heading in ("model", "GA", "polished", "baseline", "held out", "verdict"):
         table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
     for model, found in camera.models.items():
         table.add_row(
@@ -88,8 +88,8 @@ def why_unpublished(camera: CameraSummary, *, wanted: bool) -> str:
 
 
 def _pair(figures: Errors | None) -> str:
-    """``mean / rms`` of one stage."""
-    return f"{_pixels(figures.mean_px)} / {_pixels(figures.rms_px)}" if figures else "-"
+    """``mean/rms`` of one stage."""
+    return f"{_pixels(figures.mean_px)}/{_pixels(figures.rms_px)}" if figures else "-"
 
 
 def _pixels(value: float | None) -> str:

@@ -33,7 +33,7 @@ def test_the_table_fits_into_80_columns():
     out.print(table_of("front", CAMERA))
     shown = out.file.getvalue()
     assert "kannala_brandt *" in shown
-    assert "119.11 / 264.42" in shown
+    assert "119.11/264.42" in shown
     assert "…" not in shown
 
 

@@ -32,7 +32,7 @@ def car(embedded: Embedded) -> Car:
         fleet = client.fleets.create("Publishing")
         vehicle = client.vehicles.create(fleet.id, "Wagon")
         rig = client.vehicles.create_rig(vehicle.id, LEVEL_RIG)
-        of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(60)).id
+        of = client.correspondence_sets.import_pairs(rig.id, "front", pairs(200)).id
         asked = [
             client.calibrations.create(vehicle.id, [of], ["pinhole"], folds=2, **request)
             for request in ({"bounds": {"f_x": [520.0, 700.0]}}, {"seed": 1}, {"seed": 2})
@@ -64,7 +64,8 @@ def test_the_commands_publish_list_and_go_back(car: Car, owner: Client):
     assert "pinhole is now the current calibration of front on Wagon." in given.stdout
     assert "Published against: " in given.stdout
     for result in car.good:
-        assert car.apexcal("publish", result).exit_code == 0
+        published = car.apexcal("publish", result)
+        assert published.exit_code == 0, published.stderr
     again = car.apexcal("publish", car.good[0])
     assert again.exit_code == 1 and "with --reason" in again.stderr
     back = car.apexcal("rollback", "--vehicle", car.id, "--reason", "The newer one is off.")
