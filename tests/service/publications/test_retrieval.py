@@ -1,0 +1,263 @@
+"""What cars ask at every start: fresh on every process, for those who may see it now, by id, name or sensor."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
+from uuid import UUID
+
+import psycopg
+import pytest
+from sqlalchemy import delete, update
+
+from service.auth.secrets import new_secret, secret_hash
+from service.db.calibrations import Calibration, Result
+from service.db.clock import utc_now
+from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
+from service.db.people import ApiToken, BrowserSession, Membership
+from service.publications import retrieval
+from tests.service.detections.seeding import seed_rig
+from tests.service.publications.given import another_rig, publish, withdraw
+from tests.support.people import Actor
+from tests.support.processes import wait_until
+
+
+def address(rig):
+    return f"/vehicles/{rig.vehicle_id}/calibration"
+
+
+def test_another_process_answers_with_what_was_published_a_moment_ago(make_api, api, rig, reviewer, viewer):
+    there = Actor(viewer.person_id, viewer.token, make_api().client)
+    for _ in range(5):
+        given = publish(api, rig, reviewer)
+        for asked in (viewer, there):
+            answer = asked.get(address(rig))
+            assert answer.json()["cameras"]["front"]["publication_id"] == given["id"]
+            etag = {"If-None-Match": answer.headers["etag"]}
+            assert asked.get(address(rig), headers=etag).status_code == 304
+            assert there.get(address(rig), headers=etag).status_code == 304
+    withdraw(reviewer, given)
+    assert [one.get(address(rig), headers=etag).status_code for one in (viewer, there)] == [410, 410]
+    with api.database.writing() as session:
+        session.execute(update(Vehicle).values(name="renamed", version=2))
+    assert publish(api, rig, reviewer)
+    assert there.get(address(rig)).json()["vehicle"] == "renamed"
+
+
+def test_an_etag_is_of_one_question(api, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    asked = [{}, {"camera": "front"}, {"serial": "front=x"}, {"format": "opencv"}, {"as_of": "2100-01-01T00:00:00Z"}]
+    etags = [viewer.get(address(rig), params=one).headers["etag"] for one in asked]
+    assert len(set(etags)) == len(asked)
+    for question, etag in zip(asked, etags, strict=True):
+        for tag in (etag, f"W/{etag}", f'"other", {etag}', "*"):
+            again = viewer.get(address(rig), params=question, headers={"If-None-Match": tag})
+            assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", etag)
+        assert viewer.get(address(rig), params=question, headers={"If-None-Match": '"x"'}).status_code == 200
+    withheld = viewer.get(address(rig), params={"camera": "rear"}, headers={"If-None-Match": "*"})
+    assert withheld.json()["code"] == "no_calibration_yet"
+    # A serial number that the rig learns of makes the same question another one.
+    with api.database.writing() as session:
+        session.execute(update(RigCamera).values(serial="C-1"))
+        session.execute(update(Rig).values(version=2))
+    refused = viewer.get(address(rig), params=asked[2], headers={"If-None-Match": etags[2]})
+    assert refused.json()["code"] == "calibration_does_not_apply"
+
+
+def test_an_answer_is_for_those_who_may_see_it_now(api, fleet, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    etag = {"If-None-Match": viewer.get(address(rig)).headers["etag"]}
+    stranger = api.member(api.fleet(), "admin")
+    assert stranger.get(address(rig), headers=etag).json()["code"] == "not_found"
+    assert api.client.get("/v1" + address(rig), headers=etag).json()["code"] == "not_signed_in"
+    owner = api.owner()
+    assert owner.get(address(rig), headers=etag).status_code == 304
+    with api.database.writing() as session:
+        limited = ApiToken(secret_hash=secret_hash("apx_limited"), name="x", person_id=owner.person_id)
+        limited.fleet_id, limited.role = stranger_fleet(session), "viewer"
+        session.add(limited)
+        session.add(
+            ApiToken(secret_hash=secret_hash("apx_ended"), name="x", person_id=owner.person_id, expires_at=utc_now())
+        )
+        secret = new_secret("s_")
+        session.add(BrowserSession(secret_hash=secret_hash(secret), person_id=viewer.person_id, expires_at=_later()))
+    for token, status in (("apx_limited", 404), ("apx_ended", 401), ("apx_nobody", 401)):
+        assert Actor(owner.person_id, token, api.client).get(address(rig), headers=etag).status_code == status
+    cookie = {"Cookie": f"apexcal_session={secret}", "Origin": "http://127.0.0.1:8000"}
+    assert api.client.get("/v1" + address(rig), headers=cookie | etag).status_code == 304
+    with api.database.writing() as session:
+        session.execute(update(ApiToken).where(ApiToken.person_id == viewer.person_id).values(revoked_at=utc_now()))
+        session.query(Membership).filter_by(person_id=viewer.person_id).delete()
+    assert viewer.get(address(rig), headers=etag).status_code == 401
+    assert api.client.get("/v1" + address(rig), headers=cookie | etag).status_code == 404
+
+
+def stranger_fleet(session):
+    return session.query(Fleet).order_by(Fleet.id.desc()).first().id
+
+
+def _later():
+    return utc_now().replace(year=utc_now().year + 1)
+
+
+def test_many_at_once_get_each_their_own(api, fleet, reviewer, viewer):
+    rigs = []
+    for number in range(12):
+        rig = seed_rig(api.database, fleet)
+        with api.database.writing() as session:
+            session.get_one(Vehicle, rig.vehicle_id).name = f"car {number}"
+        publish(api, rig, reviewer)
+        rigs.append(rig)
+    nobody = Actor(viewer.person_id, "apx_nobody", api.client)
+    asked = [(nobody if number % 7 == 0 else viewer, rigs[number % 12]) for number in range(96)]
+    with ThreadPoolExecutor(16) as pool:
+        answers = list(pool.map(lambda one: one[0].get(address(one[1])), asked))
+    for (who, rig), answer in zip(asked, answers, strict=True):
+        assert answer.status_code == (401 if who is nobody else 200)
+        if who is viewer:
+            assert answer.json()["vehicle_id"] == str(rig.vehicle_id)
+            assert list(answer.json()["cameras"]) == ["front"]
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_a_connection_that_the_server_ended_is_replaced(api, postgres, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    etag = {"If-None-Match": viewer.get(address(rig)).headers["etag"]}
+    with psycopg.connect(f"host={postgres.folder} user=postgres dbname=apexcal", autocommit=True) as connection:
+        for _ in range(3):
+            assert viewer.get(address(rig), headers=etag).status_code == 304
+            connection.execute(
+                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
+                " WHERE datname = current_database() AND pid <> pg_backend_pid()"
+            )
+            wait_until(lambda: viewer.get(address(rig), headers=etag).status_code == 304, "a new connection", 30)
+            connection.execute("ALTER TABLE publication RENAME TO elsewhere")
+            assert viewer.get(address(rig), headers=etag).json()["code"] == "schema_mismatch"
+            connection.execute("ALTER TABLE elsewhere RENAME TO publication")
+            assert viewer.get(address(rig), headers=etag).status_code == 304
+
+
+@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+def test_answers_go_on_while_the_server_ends_connections(api, postgres, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    etag = {"If-None-Match": viewer.get(address(rig)).headers["etag"]}
+    asked = [{"alias": name} for name in ("current", "canary", "current")] * 40
+    with (
+        psycopg.connect(f"host={postgres.folder} user=postgres dbname=apexcal", autocommit=True) as connection,
+        ThreadPoolExecutor(8) as pool,
+    ):
+        answers = [pool.submit(viewer.get, address(rig), headers=etag, params=one) for one in asked]
+        for _ in range(10):
+            connection.execute(
+                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
+                " WHERE datname = current_database() AND query LIKE '%json_build_array%' AND pid <> pg_backend_pid()"
+            )
+    statuses = [one.result().status_code for one in answers]
+    assert [one for one in statuses if one not in (304, 404, 503)] == []
+    assert statuses.count(304) + statuses.count(404) > len(asked) / 2
+    assert viewer.get(address(rig), headers=etag).status_code == 304
+
+
+def test_an_answer_is_of_one_state_though_it_takes_several_statements(api, rig, reviewer, viewer, monkeypatch):
+    """After the statement that gives the ETag and before those of the answer, another result is published."""
+    older, newer = publish(api, rig, reviewer), []
+    made = retrieval.vehicle_document
+
+    def after_a_publication(*given):
+        if not newer:
+            newer.append(publish(api, rig, reviewer))
+        return made(*given)
+
+    monkeypatch.setattr(retrieval, "vehicle_document", after_a_publication)
+    first, second = viewer.get(address(rig)), viewer.get(address(rig))
+    ids = [one.json()["cameras"]["front"]["publication_id"] for one in (first, second)]
+    assert ids == [older["id"], newer[0]["id"]]
+    assert viewer.get(address(rig), headers={"If-None-Match": first.headers["etag"]}).status_code == 200
+    assert viewer.get(address(rig), headers={"If-None-Match": second.headers["etag"]}).status_code == 304
+
+
+def test_the_usual_question_has_the_answer_of_the_same_with_a_query(api, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    usual, asked = viewer.get(address(rig)), viewer.get(address(rig), params={"alias": "current"})
+    assert usual.content == asked.content and usual.headers["etag"] == asked.headers["etag"]
+    assert viewer.get("/vehicles/nobody/calibration").status_code == 422
+    file = viewer.get(address(rig), headers={"Accept": "application/vnd.apexcal.opencv+zip"})
+    assert file.headers["etag"] != usual.headers["etag"] and file.headers["content-type"] != "application/json"
+
+
+def test_by_name_and_by_a_sensor(api, fleet, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    with api.database.writing() as session:
+        session.execute(update(Rig).values(lidar_serial="L-1"))
+        session.execute(update(RigCamera).values(serial="C-1"))
+    whole = viewer.get(address(rig))
+    for question in (
+        {"vehicle": "car"}, {"vehicle": str(rig.vehicle_id)}, {"sensor": "L-1"}, {"sensor": "C-1"},
+        {"vehicle": "car", "fleet": "fleet 1", "sensor": "L-1"},
+    ):  # fmt: skip
+        answer = viewer.get("/calibration", params=question)
+        assert answer.json() == whole.json() and answer.headers["etag"] == whole.headers["etag"], question
+        again = viewer.get("/calibration", params=question, headers={"If-None-Match": answer.headers["etag"]})
+        assert again.status_code == 304
+    for question in ({"vehicle": "bus"}, {"sensor": "L-2"}, {"vehicle": "car", "sensor": "x"}, {"vehicle": ""}):
+        assert viewer.get("/calibration", params=question).json()["code"] == "no_such_vehicle"
+    assert viewer.get("/calibration").json()["code"] == "vehicle_missing"
+    assert api.member(api.fleet(), "admin").get("/calibration", params={"sensor": "L-1"}).status_code == 404
+    other = api.fleet()
+    seed_rig(api.database, other)
+    owner = api.owner()
+    several = owner.get("/calibration", params={"vehicle": "car"})
+    assert (several.status_code, several.json()["code"]) == (409, "several_vehicles")
+    assert len(several.json()["vehicles"]) == 2
+    assert owner.get("/calibration", params={"vehicle": "car", "fleet": str(fleet)}).status_code == 200
+
+
+def test_each_answer_has_its_hash_and_its_vehicle(api, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    for question in ({}, {"format": "opencv"}, {"format": "kitti"}, {"as_of": "2100-01-01T00:00:00Z"}):
+        answer = viewer.get(address(rig), params=question)
+        digest = b64encode(sha256(answer.content).digest()).decode()
+        assert answer.headers["repr-digest"] == f"sha-256=:{digest}:"
+        assert answer.headers["apexcal-vehicle"] == str(rig.vehicle_id)
+
+
+def test_what_was_given_at_a_moment_is_not_answered_after_it_was_deleted(api, rig, reviewer, viewer):
+    older, _ = publish(api, rig, reviewer), publish(api, rig, reviewer)
+    then = {"as_of": older["published_at"]}
+    answer = viewer.get(address(rig), params=then)
+    etag = {"If-None-Match": answer.headers["etag"]}
+    assert answer.json()["cameras"]["front"]["result_id"] == older["result_id"]
+    assert viewer.get(address(rig), params=then, headers=etag).status_code == 304
+    by_name = viewer.get("/calibration", params=then | {"vehicle": "car"})
+    assert by_name.headers["etag"] == answer.headers["etag"]
+    with api.database.writing() as session:
+        found = session.get_one(Result, UUID(older["result_id"]))
+        session.execute(delete(Calibration).where(Calibration.id == found.calibration_id))
+    for headers in ({}, etag):
+        gone = viewer.get(address(rig), params=then, headers=headers)
+        assert (gone.status_code, gone.json()["code"]) == (410, "calibration_deleted")
+
+
+def test_an_answer_is_another_one_once_its_calibration_has_ended(api, rig, reviewer, viewer):
+    """A result may be given against the objection that its calibration has not ended."""
+    given = publish(api, rig, reviewer)
+    before = viewer.get(address(rig))
+    front = {"recommended": "pinhole", "why": "", "models": {"pinhole": {"heldout_mean_px": 4.5}}}
+    with api.database.writing() as session:
+        calibration = session.get_one(Calibration, session.get_one(Result, UUID(given["result_id"])).calibration_id)
+        calibration.summary, calibration.finished_at = {"cameras": {"front": front}}, _later()
+    for headers in ({}, {"If-None-Match": before.headers["etag"]}):
+        after = viewer.get(address(rig), headers=headers)
+        assert after.json()["cameras"]["front"]["quality"]["heldout_mean_px"] == 4.5
+
+
+def test_a_vehicle_is_found_by_the_sensors_that_it_carries_now(api, rig, reviewer, viewer):
+    publish(api, rig, reviewer)
+    with api.database.writing() as session:
+        session.execute(update(Rig).values(lidar_serial="L-1"))
+        session.execute(update(RigCamera).values(serial="C-1"))
+    another_rig(api, rig, "roof 2", lidar_serial="L-2")
+    assert viewer.get("/calibration", params={"sensor": "C-1"}).json()["code"] == "calibration_does_not_apply"
+    assert viewer.get("/calibration", params={"sensor": "L-2"}).json()["code"] == "calibration_does_not_apply"
+    assert viewer.get("/calibration", params={"sensor": "L-1"}).json()["code"] == "no_such_vehicle"

@@ -1,0 +1,195 @@
+"""Publishing against objections, what a camera was given before, and whose clock decides what is newest."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from datetime import timedelta
+
+import pytest
+from sqlalchemy import select, text, update
+
+from service.db.calibrations import Calibration, CorrespondenceSet, Result
+from service.db.clock import utc_now
+from service.db.fleets import Rig
+from service.db.publications import Publication
+from tests.service.calibrations.test_results import FOUND, current_address, seed_results
+
+ON_BOUNDS = FOUND | {"at_bounds": ["f_x", "k1"]}
+EDGE = "pinhole lies on the edge of its bounds (f_x, k1): widen them, or lock what is known."
+
+
+def history(actor, rig, **query):
+    answer = actor.get(f"/vehicles/{rig.vehicle_id}/cameras/front/publications", params=query)
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def test_what_lies_on_its_bounds_is_published_by_an_override_only(api, fleet, rig, reviewer):
+    """The request asked for no publication, and the calibration is of before objections were kept."""
+    _, (full, _) = seed_results(api, rig, found=ON_BOUNDS)
+    assert reviewer.get(f"/results/{full}").json()["objections"] == [EDGE]
+    for body in (None, {}, {"reason": "It is good."}):
+        refused = reviewer.post(f"/results/{full}/publication", body)
+        assert (refused.status_code, refused.json()["code"]) == (409, "objections"), refused.text
+        assert refused.json()["objections"] == [EDGE] and EDGE in refused.json()["detail"]
+    assert reviewer.get(current_address(rig)).status_code == 404
+    why = "The lens is new: Lea measured f_x."
+    given = reviewer.post(f"/results/{full}/publication", {"override": {"reason": f" {why} "}})
+    assert given.status_code == 201, given.text
+    kept = {"published_by": "Rea", "reason": why, "override": {"reason": why, "objections": [EDGE]}}
+    current = api.member(fleet, "viewer").get(current_address(rig)).json()
+    assert {name: current[name] for name in kept} == kept
+    (row,) = history(reviewer, rig)["items"]
+    assert row == given.json() and {name: row[name] for name in kept} == kept
+    assert (row["model"], row["result_id"], row["is_current"]) == ("pinhole", str(full), True)
+
+
+def test_an_override_of_nothing_is_a_reason(api, rig, reviewer):
+    _, (full, _) = seed_results(api, rig)
+    given = reviewer.post(f"/results/{full}/publication", {"override": {"reason": "To be sure."}}).json()
+    assert (given["reason"], given["override"]) == ("To be sure.", None)
+
+
+@pytest.mark.parametrize("reason", ["", "   ", "x" * 501, "a\nb", "gnp.\u202exof", "\u200b", "\u3164", None, 5, {}])
+def test_a_reason_is_a_sentence_or_two_of_plain_text(api, rig, reviewer, reason):
+    _, (full, _) = seed_results(api, rig, found=ON_BOUNDS)
+    refused = reviewer.post(f"/results/{full}/publication", {"override": {"reason": reason}})
+    assert (refused.status_code, refused.json()["code"]) == (422, "invalid_request")
+    assert history(reviewer, rig)["items"] == []
+
+
+def test_an_override_sent_twice_with_its_key_publishes_once(api, rig, reviewer):
+    _, (full, _) = seed_results(api, rig, found=ON_BOUNDS)
+    headers = {"Idempotency-Key": "once"}
+    body = {"override": {"reason": "Measured by hand."}}
+    first = reviewer.post(f"/results/{full}/publication", body, headers=headers)
+    again = reviewer.post(f"/results/{full}/publication", body, headers=headers)
+    assert (first.status_code, again.status_code) == (201, 201) and first.json() == again.json()
+    assert len(history(reviewer, rig)["items"]) == 1
+
+
+def test_only_a_reviewer_overrides(api, fleet, rig):
+    _, (full, _) = seed_results(api, rig, found=ON_BOUNDS)
+    body = {"override": {"reason": "I want to."}}
+    assert api.member(fleet, "annotator").post(f"/results/{full}/publication", body).status_code == 403
+    assert api.member(api.fleet(), "admin").post(f"/results/{full}/publication", body).status_code == 404
+    outsider = api.member(api.fleet(), "admin")
+    assert outsider.get(f"/vehicles/{rig.vehicle_id}/cameras/front/publications").status_code == 404
+
+
+def test_a_result_of_a_calibration_that_has_not_ended_is_held_back(api, rig, reviewer):
+    _, (full, _) = seed_results(api, rig)
+    with api.database.writing() as session:
+        session.execute(update(Calibration).values(state="running", summary=None, remaining=1))
+    refused = reviewer.post(f"/results/{full}/publication")
+    assert refused.json()["code"] == "objections" and "has not ended" in refused.json()["detail"]
+
+
+def test_worse_and_older_than_the_current_result_is_said_at_the_moment_of_asking(api, rig, reviewer):
+    _, (old, _) = seed_results(api, rig, found=FOUND | {"heldout_mean_px": 3.0})
+    assert reviewer.get(f"/results/{old}").json()["objections"] == [], "nothing is current yet"
+    with api.database.writing() as session:
+        of = session.scalars(select(CorrespondenceSet)).one()
+        newer_rig = Rig(fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, name="roof 2", lidar_frame="velodyne")
+        session.add(newer_rig)
+        session.flush()
+        newer = CorrespondenceSet(
+            fleet_id=of.fleet_id, vehicle_id=of.vehicle_id, rig_id=newer_rig.id, camera="front", source="import",
+            content_hash="1", count=60, pairs={}, notes=[], brought_at=utc_now() + timedelta(hours=1),
+        )  # fmt: skip
+        session.add(newer)
+        session.flush()
+        newer_id = newer.id
+    _, (good, _) = seed_results(api, rig)
+    with api.database.writing() as session:
+        session.execute(
+            text("UPDATE calibration_run SET set_id = :set WHERE id = (SELECT run_id FROM result WHERE id = :id)"),
+            {"set": _raw(api, newer_id), "id": _raw(api, good)},
+        )
+    assert reviewer.post(f"/results/{good}/publication").status_code == 201
+    worse, of_rig, older = reviewer.get(f"/results/{old}").json()["objections"]
+    assert worse == "Held-out pairs lie 3.00 px off; of the vehicle's current result 0.90."
+    assert of_rig == "It is of the rig 'roof', the vehicle's current result of the newer rig 'roof 2'."
+    assert older.startswith("Its pairs are of ") and "those of the vehicle's current result are newer" in older
+    assert reviewer.post(f"/results/{old}/publication").json()["objections"] == [worse, of_rig, older]
+    assert reviewer.get(f"/results/{good}").json()["objections"] == [], "it is the current one"
+
+
+def _raw(api, id):
+    return id.hex if api.database.engine.dialect.name == "sqlite" else id
+
+
+def test_the_one_before_is_given_again_with_a_reason_and_nothing_is_rewritten(api, rig, reviewer):
+    (first, _), (second, _) = (seed_results(api, rig)[1] for _ in range(2))
+    for result in (first, second):
+        assert reviewer.post(f"/results/{result}/publication").status_code == 201
+    before = history(reviewer, rig)["items"]
+    refused = reviewer.post(f"/results/{first}/publication")
+    assert (refused.status_code, refused.json()["code"]) == (422, "reason_missing")
+    back = reviewer.post(f"/results/{first}/publication", {"reason": "The second one drives into kerbs."})
+    assert back.status_code == 201, back.text
+    assert reviewer.post(f"/results/{first}/publication").status_code == 200, "it is the current one"
+    after = history(reviewer, rig)["items"]
+    assert [row["result_id"] for row in after] == [str(first), str(second), str(first)]
+    assert after[1:] == [row | {"is_current": False} for row in before]
+    assert after[0]["reason"] == "The second one drives into kerbs."
+
+
+def test_the_history_comes_in_pages(api, fleet, rig, reviewer):
+    results = [seed_results(api, rig, folds=(-1,))[1][0] for _ in range(5)]
+    for result in results:
+        reviewer.post(f"/results/{result}/publication")
+    viewer = api.member(fleet, "viewer")
+    found, query = [], {"limit": 2}
+    while query:
+        page = history(viewer, rig, **query)
+        found += page["items"]
+        query = {"limit": 2, "after": page["next"]} if page["next"] else {}
+    assert [row["result_id"] for row in found] == [str(one) for one in reversed(results)]
+    assert [row["is_current"] for row in found] == [True, *[False] * 4]
+    for cursor in ("x", str(rig.id)):
+        refused = viewer.get(f"/vehicles/{rig.vehicle_id}/cameras/front/publications", params={"after": cursor})
+        assert (refused.status_code, refused.json()["code"]) == (422, "invalid_cursor")
+
+
+_PUBLISH = """
+import sys
+from uuid import UUID
+from tests.faults.campaign.shifted import shift
+shift(float(sys.argv[2]))
+from service.publications.actions import Grounds, hold_to_publish, publish
+from service.db.calibrations import Result
+from service.db.session import Database
+database = Database(sys.argv[1])
+with database.writing() as session:
+    result = session.get_one(Result, UUID(sys.argv[3]))
+    publish(session, hold_to_publish(session, result), result, Grounds(None, None))
+"""
+
+
+def publish_elsewhere(api, result, clock_s):
+    """In a process of its own, whose clock is wrong."""
+    command = [sys.executable, "-c", _PUBLISH, api.database.engine.url.render_as_string(), str(clock_s), str(result)]
+    subprocess.run(command, check=True)
+
+
+def test_the_newest_is_what_was_published_last_whatever_the_clocks_say(api, rig, reviewer):
+    early, late = (seed_results(api, rig, folds=(-1,))[1][0] for _ in range(2))
+    asked_at = utc_now()
+    publish_elsewhere(api, early, 300.0)
+    publish_elsewhere(api, late, -300.0)
+    assert reviewer.get(current_address(rig)).json()["result_id"] == str(late)
+    newest, before = history(reviewer, rig)["items"]
+    assert [newest["result_id"], before["result_id"]] == [str(late), str(early)]
+    with api.database.reading() as session:
+        times = session.scalars(select(Publication.created_at).order_by(Publication.number)).all()
+    assert times == sorted(times)
+    assert all(abs(at - asked_at) < timedelta(seconds=100) for at in times), "they are the database's"
+
+
+def test_a_deleted_result_is_no_500(api, rig, reviewer):
+    _, (full, _) = seed_results(api, rig)
+    with api.database.writing() as session:
+        session.delete(session.get_one(Result, full))
+    assert reviewer.post(f"/results/{full}/publication").status_code == 404
