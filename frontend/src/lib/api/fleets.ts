@@ -2,17 +2,7 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import type {
-  DraftedRig,
-  Fleet,
-  Gate,
-  ImageKind,
-  Rig,
-  RigDraftRequest,
-  RigRequest,
-  SensorSerials,
-  Vehicle,
-} from "./types.ts";
+import type { DraftedRig, Fleet, Gate, Rig, RigDraftRequest, RigRequest, SensorSerials, Vehicle } from "./types.ts";
 
 export const fleet = (id: string | undefined): Read<Fleet> => read("/v1/fleets/{id}", { id });
 
@@ -63,12 +53,10 @@ export const putGate = (of: "fleets" | "rigs", id: string, version: number, body
 };
 
 /** Corrects whether a camera's images are raw or rectified; null lets the next recording tell it. */
-export const patchImages = ({ id, version }: Rig, camera: string, kind: ImageKind | null): Promise<unknown> =>
-  client.PATCH("/v1/rigs/{id}/images", {
-    params: { path: { id } },
-    body: { cameras: { [camera]: kind && { kind } } },
-    headers: asRead(version),
-  });
+export const patchImages = ({ id, version }: Rig, name: string, kind: "raw" | "rectified" | null): Promise<unknown> => {
+  const body = { cameras: { [name]: kind && { kind } } };
+  return client.PATCH("/v1/rigs/{id}/images", { params: { path: { id } }, body, headers: asRead(version) });
+};
 
 /** Corrects serial numbers; those left out stay. */
 export const patchSerials = ({ id, version }: Rig, body: SensorSerials): Promise<unknown> =>
