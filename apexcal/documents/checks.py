@@ -10,8 +10,7 @@ from apexcal.documents.base import Document
 CheckVerdict = Literal["pass", "look", "stop"]
 CheckScope = Literal["mount_with_lens", "mount_alone"]
 
-# In the order of their gravity.
-_VERDICTS: Final[tuple[CheckVerdict, ...]] = ("pass", "look", "stop")
+_GRAVITY: Final[dict[CheckVerdict, int]] = {"pass": 0, "look": 1, "stop": 2}
 
 
 class Check(Document):
@@ -35,8 +34,8 @@ class Check(Document):
 
 def verdict_of(checks: Iterable[Check], scope: CheckScope) -> CheckVerdict:
     """Return the gravest verdict of the checks that concern this use: all of them for the mount alone."""
-    concerned = {check.verdict for check in checks if scope == "mount_alone" or check.scope == scope}
-    for verdict in reversed(_VERDICTS):
-        if verdict in concerned:
-            return verdict
-    return "pass"
+    gravest: CheckVerdict = "pass"
+    for check in checks:
+        if (scope == "mount_alone" or check.scope == scope) and _GRAVITY[check.verdict] > _GRAVITY[gravest]:
+            gravest = check.verdict
+    return gravest

@@ -6,7 +6,7 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from llvmlite import binding
@@ -38,7 +38,19 @@ _LIBRARIES: Final = ("apexcal", "numpy", "scipy", "numba", "llvmlite")
 _LOSS_WORDS: Final = {"mean": "mean pixel distance", "saturating": "saturating mean pixel distance"}
 
 
+class Finished(NamedTuple):
+    """The end of a fit: its estimate, and the document that it becomes."""
+
+    estimate: Estimate
+    document: dict[str, Any]
+
+
 def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
+    """Return the document of `finished`."""
+    return finished(problem, state).document
+
+
+def finished(problem: FitProblem, state: State) -> Finished:
     """Polish the search's best and describe everything found, as plain JSON.
 
     The document's `intrinsics` and `transform` (T_camera_lidar) are the polished ones; `ga`, `polished`,
@@ -85,7 +97,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
     # The alarms compare both stages over the pairs that the polish was given.
     ga_kept_px = mean_and_rms(kept, state.best_parameters)
     excluded = problem.outliers == "exclude"
-    return {
+    document = {
         "model": problem.model,
         "search": problem.search,
         "status": status,
@@ -131,6 +143,7 @@ def solve_finish(problem: FitProblem, state: State) -> dict[str, Any]:
         "cpu": cpu_document(),
         "versions": versions_document(),
     }
+    return Finished(found, document)
 
 
 def _compared(problem: FitProblem, polished: Fit, plain: Mapping[str, Fit | None]) -> dict[str, tuple[Fit, float]]:
