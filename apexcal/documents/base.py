@@ -109,8 +109,9 @@ class Page(BaseModel, Generic[T]):
 
 
 class Document(BaseModel):
-    """A document that is kept as JSON, with finite numbers only. Of another version it may have further members, which
-    stay.
+    """A document that is kept as JSON, with finite numbers only.
+
+    Of another version it may have further members, which stay.
     """
 
     model_config = ConfigDict(extra="allow", allow_inf_nan=False)

@@ -118,6 +118,10 @@ class Intrinsics(Document):
     k5: float | None = None
     image_size: list[int]
 
+    def by_name(self) -> dict[str, float]:
+        """The numbers of the lens that are stated, by name."""
+        return {name: value for name, value in self if isinstance(value, float)}
+
 
 class Covariance(Document):
     """Of the free parameters, in degrees, metres and pixels; rotations are small turns about the camera's axes."""
@@ -273,9 +277,10 @@ class Prediction(Document):
 
 
 class Precision(Document):
-    """What the pairs tell of the free parameters, in degrees, metres and pixels; ``sigma_px``: a typical pair's noise.
+    """What the pairs tell of the free parameters, in degrees, metres and pixels.
 
-    Deviations and half widths are null where the pairs do not determine the parameter.
+    Deviations and half widths are null where the pairs do not determine the parameter. ``sigma_px`` is the noise of a
+    typical pair.
     """
 
     std: Deviations
@@ -331,8 +336,8 @@ class FitResult(FitPrecision):
     ``intrinsics`` and ``transform`` (T_camera_lidar) are the polished ones. ``ga``, ``polished``, ``baseline`` (least
     squares from the centre of the bounds) and ``linear_baseline`` (direct linear transformation with RANSAC, then
     least squares; null where no linear camera fits) stand side by side. ``ga`` is over all pairs, also where the
-    others leave outliers out; ``kept`` has the errors over the rest. ``parameters`` and ``std`` are in degrees, metres
-    and pixels, parameters of the stages in the search's own units: radians, metres, pixels.
+    others leave outliers out; ``kept`` has the errors over the rest. ``parameters`` and ``std`` are in degrees,
+    metres and pixels, parameters of the stages in the search's own units: radians, metres, pixels.
 
     ``status``: ``unfinished`` if the schedule was stopped from outside, ``not_converged`` if the polish ran out,
     ``not_determined`` if the pairs leave a free parameter open, ``not_explained`` if half of them lie far from where
