@@ -3,19 +3,21 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.results import FitResult, HeldOut, Outlier
+from apexcal.documents.results import HeldOut, Outlier
+from workers.geometry.transforms import to_document
 from workers.solver.folds import Fold
 from workers.solver.outliers import without
 from workers.solver.polish import polish, standard_distances
 from workers.solver.problem import FitProblem
-from workers.solver.solution import evaluate
+from workers.solver.residuals import transform_of
+from workers.solver.solution import evaluate, lens_of
 from workers.solver.weighting import whitened
 
 Floats = NDArray[np.float64]
 
 
-def held_out(problem: FitProblem, whole: FitProblem, fold: Fold, result: FitResult) -> HeldOut:
-    """The errors of `result`, that of `problem`, on the pairs of `whole` that `fold` holds out.
+def held_out(problem: FitProblem, whole: FitProblem, fold: Fold, p: Floats, outliers: list[Outlier]) -> HeldOut:
+    """The errors of the fit p (D,) of `problem` on the pairs of `whole` that `fold` holds out.
 
     `indices` and `blocks` are of these pairs; `standard_px`, their distances in standard
     deviations of what they state, in px of a typical pair; `stretch`, by which that whitening scales lengths there
@@ -23,19 +25,15 @@ def held_out(problem: FitProblem, whole: FitProblem, fold: Fold, result: FitResu
     one gross error on a model says nothing of the model.
     """
     indices = fold.indices
-    errors = evaluate(result.intrinsics, result.transform, whole.points[indices], whole.pixels[indices])
-    parameters = result.polished.parameters
-    p = _without_outliers(problem, np.array([parameters[name] for name in problem.names]), result.outliers)
+    lens, transform = lens_of(problem, p).model_dump(exclude_unset=True), to_document(transform_of(problem, p))
+    errors = evaluate(lens, transform, whole.points[indices], whole.pixels[indices])
+    p = _without_outliers(problem, p, outliers)
     here = whitened(whole, p)
     stretch = np.ones(len(indices))
     if here.whitening is not None:
         stretch = np.sqrt(np.abs(np.linalg.det(here.whitening[indices])))
     return HeldOut(
-        mean_px=errors.mean_px,
-        rms_px=errors.rms_px,
-        max_px=float(np.max(errors.errors_px)),
-        errors_px=errors.errors_px.tolist(),
-        forbidden=errors.forbidden,
+        **errors,
         indices=indices.tolist(),
         blocks=fold.blocks.tolist(),
         standard_px=standard_distances(here, p)[indices].tolist(),

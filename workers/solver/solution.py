@@ -164,38 +164,28 @@ def _fitted_pairs(problem: FitProblem, p: Floats) -> FittedPairs:
     return FittedPairs(pairs=int(np.count_nonzero(problem.weights)), mean_px=mean, rms_px=rms)
 
 
-class Evaluation(NamedTuple):
-    """Errors of a calibration on N pairs: their distances, px, and how many projections are forbidden.
-
-    Such a point lies behind the camera or past the fold; its distance is at least the image's diagonal.
-    """
-
-    errors_px: Floats
-    forbidden: int
-
-    @property
-    def mean_px(self) -> float:
-        """Mean distance."""
-        return float(np.mean(self.errors_px))
-
-    @property
-    def rms_px(self) -> float:
-        """Root mean square distance."""
-        return float(np.sqrt(np.mean(self.errors_px * self.errors_px)))
-
-
-def evaluate(lens: Intrinsics, transform: SolvedTransform, points: ArrayLike, pixels: ArrayLike) -> Evaluation:
+def evaluate(
+    intrinsics: Mapping[str, Any], transform: Mapping[str, Any], points: ArrayLike, pixels: ArrayLike
+) -> dict[str, Any]:
     """Errors of a calibration on pairs it may never have seen.
 
-    points (N, 3) metres, LiDAR frame; pixels (N, 2). Raises GeometryError, SolveError.
+    intrinsics and transform: documents as in `solve_finish`. points (N, 3) metres, LiDAR frame; pixels (N, 2).
+    Returns mean_px, rms_px, max_px and errors_px (N numbers) and forbidden (how many projections are none: behind
+    the camera, or past the fold; each counts at least the image's diagonal). Raises GeometryError, SolveError.
     """
+    model = parse_model(intrinsics.get("model"))
     marks = np.asarray(pixels, dtype=np.float64)
     if marks.ndim != 2 or marks.shape[1] != 2 or len(marks) == 0 or len(marks) != len(np.asarray(points)):
         raise SolveError("bad_shape", "There are no pairs to evaluate, or their numbers differ.", "")
-    in_camera = from_document(transform.model_dump()).apply(points)
-    projected, violation = project(parse_model(lens.model), lens.by_name(), in_camera)
-    errors = distances_px(projected, violation, marks, image_diagonal_px(lens.image_size))
-    return Evaluation(errors, int(np.count_nonzero(violation > 0.0)))
+    projected, violation = project(model, intrinsics, from_document(transform).apply(points))
+    errors = distances_px(projected, violation, marks, image_diagonal_px(intrinsics["image_size"]))
+    return {
+        "mean_px": float(np.mean(errors)),
+        "rms_px": float(np.sqrt(np.mean(errors * errors))),
+        "max_px": float(np.max(errors)),
+        "errors_px": errors.tolist(),
+        "forbidden": int(np.count_nonzero(violation > 0.0)),
+    }
 
 
 def people_parameters(problem: FitProblem, p: Floats, transform: RigidTransform) -> dict[str, float]:

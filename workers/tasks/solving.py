@@ -203,7 +203,8 @@ def solved(given: RunInput, state: State) -> FitResult:
     """Polish, baselines, deviations and checks; or the errors on the pairs that were held out."""
     estimate, result = finished(given.problem, state)
     if given.heldout:
-        return result.model_copy(update={"heldout": held_out(given.problem, given.whole, given.heldout, result)})
+        heldout = held_out(given.problem, given.whole, given.heldout, estimate.parameters, result.outliers)
+        return result.model_copy(update={"heldout": heldout})
     return result.model_copy(update={"checks": checks_of_fit(estimate, result, pairs=given.pairs)})
 
 
