@@ -26,8 +26,8 @@ _MARKING = 3
 _IDENTITY = 3
 # All else, such as dependencies, imported pairs, upkeep. It is anyio's own limit, 40 by default.
 OTHERS = 6
-# Threads outside of these limits: three parts of /readyz and the reader of vehicles' states.
-_OUTSIDE = 4
+# Threads outside of these limits: three parts of /readyz.
+_OUTSIDE = 3
 # A connection for each thread: nobody waits for one.
 CONNECTIONS = _READERS + _WRITERS + _MARKING + _IDENTITY + OTHERS + _OUTSIDE
 # A row is locked for milliseconds. Longer than this no request waits for one, nor for a thread: 503 with Retry-After.

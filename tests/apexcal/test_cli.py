@@ -263,7 +263,7 @@ def test_from_a_rig_file_to_a_calibration(embedded, simulated, tmp_path):
     (tmp_path / "pairs.csv").write_text(pairs_csv(simulated))
     calibrated = apexcal(
         *("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"]),
-        *("--model", "brown_conrady", *known_lens(simulated, tmp_path), "--folds", "2", *here),
+        *("--model", "brown_conrady", *known_lens(simulated, tmp_path), "--folds", "2", "--publish", *here),
     )
     assert calibrated.returncode == 0, calibrated.stderr
     done = json.loads(calibrated.stdout)
@@ -396,9 +396,9 @@ def test_calibrate_says_what_became_of_its_result(embedded, simulated, tmp_path)
     calibrate = ("calibrate", "--pairs", tmp_path / "pairs.csv", "--vehicle", rig["vehicle_id"])
     calibrate = (*calibrate, "--model", "brown_conrady", *known_lens(simulated, tmp_path))
     for more, said in (
-        (("--folds", 0), "Nothing was published for front on Van: No pairs were held out"),
-        (("--folds", 2, "--no-publish"), "Nothing was published for front on Van: --no-publish"),
-        (("--folds", 2), "brown_conrady is now the current calibration of front on Van."),
+        (("--folds", 0, "--publish"), "Nothing was published for front on Van: No pairs were held out"),
+        (("--folds", 2), "Nothing was published for front on Van: --publish was not given"),
+        (("--folds", 2, "--publish"), "brown_conrady is now the current calibration of front on Van."),
     ):
         shown = apexcal(*calibrate, *more, *here)
         assert said in shown.stdout, shown.stdout + shown.stderr

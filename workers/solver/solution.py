@@ -81,7 +81,8 @@ def finished(problem: FitProblem, state: State) -> Finished:
         )
         said.append(stated.sentence + way)
     transform = transform_of(problem, p)
-    status, message = _status(state, found)
+    unexplained = misfit(problem, p)
+    status, message = _status(state, found, unexplained)
     ga_mean, ga_rms = mean_and_rms(problem, state.best_parameters)
     # The alarms compare both stages over the pairs that the polish was given.
     ga_kept_px = mean_and_rms(kept, state.best_parameters)
@@ -122,7 +123,7 @@ def finished(problem: FitProblem, state: State) -> Finished:
         stated_lens=stated,
         residuals_px=distances(problem, p).tolist(),
         at_bounds=at_bounds(problem, p),
-        alarms=alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
+        alarms=unexplained + alarms(kept, ga_kept_px, polished, elsewhere, spread, outliers, excluded) + said,
         checks=[],
         several_optima=elsewhere,
         shared_errors=found.shared,
@@ -227,7 +228,7 @@ def _version(library: str) -> str:
         return "not installed"
 
 
-def _status(state: State, found: Estimate) -> tuple[str, str]:
+def _status(state: State, found: Estimate, unexplained: list[str]) -> tuple[str, str]:
     problem, p, spread = found.fitted, found.parameters, found.spread
     if not is_determined(problem, p, spread):
         reasons = point_alarms(problem, p)
@@ -238,9 +239,8 @@ def _status(state: State, found: Estimate) -> tuple[str, str]:
         return "unfinished", f"The schedule was stopped after {state.iteration} iterations; this is its best so far."
     if not found.outcome.converged:
         return "not_converged", f"The polish did not converge: {found.outcome.sentence}"
-    far = misfit(problem, p)
-    if far:
-        return "not_explained", far[0]
+    if unexplained:
+        return "not_explained", unexplained[0]
     reasons = {
         "converged": "no iteration brought a relative decrease above the tolerance any more",
         "goal": "the goal was reached",

@@ -39,7 +39,7 @@ def rig(lens="brown_conrady", seed=1, pairs=222, noise_px=1.0, *, model=None, ed
         edit(points, pixels, rng)
     pixels = pixels + noise_px * rng.normal(size=pixels.shape)
     model = model or lens
-    given = {"model": model, "image_size": SIZE, "nominal": NOMINAL, "outliers": "exclude", **request}
+    given = {"model": model, "image_size": SIZE, "nominal": NOMINAL, **request}
     problem = problem_from_document(given, points, pixels)
     start = dict(zip(_names(lens), lens_values.tolist(), strict=True))
     blocks = blocks_of({"x": points[:, 0], "stamp_ns": np.arange(pairs) * 400_000_000})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.workers.judge.fits import FOCAL_PX, checked, failed, lens_of, rig
-from tests.workers.solver.rigs import SIZE
+from tests.workers.solver.rigs import PLAIN, SIZE
 from tests.workers.solver.walks import posed
 from workers.judge.agreement_checks import fit, optima
 from workers.judge.fit_checks import without_outliers
@@ -47,13 +47,13 @@ def test_a_few_slips_pass_and_more_are_looked_at():
 
 
 def test_wrong_marks_in_the_fit_are_never_passed():
-    one = checked(*rig(edit=below(0.01), outliers="keep"))["wrong_pairs"]
+    one = checked(*rig(edit=below(0.01), **PLAIN))["wrong_pairs"]
     assert one.verdict == "look" and "in the fit and move the mount by" in one.sentence
-    assert checked(*rig(edit=below(0.12), outliers="keep"))["wrong_pairs"].verdict == "stop"
+    assert checked(*rig(edit=below(0.12), **PLAIN))["wrong_pairs"].verdict == "stop"
 
 
 def test_other_checks_look_at_the_pairs_that_belong():
-    problem, start = rig(edit=below(0.05), outliers="keep")
+    problem, start = rig(edit=below(0.05), **PLAIN)
     found = estimate(problem, np.array(start))
     assert not without_outliers(found).fitted.weights.all() and found.fitted.weights.all()
     assert failed(checked(problem, start)).keys() == {"wrong_pairs", "precision"}

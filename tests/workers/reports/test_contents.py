@@ -126,7 +126,7 @@ def test_expected_errors_are_the_covariance_carried_along_rays(report):
     at = prediction["distances_m"].index(20.0)
     factor = prediction["expected_over_stated"]
     middle = points[len(points) // 2]
-    mean = np.mean(steady(report["pairs"]["error_px"]))
+    mean = np.mean(steady(report["pairs"]["error_px"])[belonging(document)])
     for said in (
         f"{mean:.2f} px off on average",
         f"within {factor * middle['stated_px'][at]:.2f} px or {factor * middle['stated_mm'][at]:.0f} mm",
@@ -139,7 +139,7 @@ def test_what_is_said_of_each_model_is_its_own_pairs(report):
     points, marks = points_and_marks(material)
     assert set(report["models"]) == {one.name for one in material.models}
     for model in material.models:
-        error = np.hypot(*(marks - projected(model.document, points)).T)
+        error = np.hypot(*(marks - projected(model.document, points)).T)[belonging(model.document)]
         told = report["models"][model.name]
         assert told["mean_px"] == pytest.approx(error.mean(), rel=1e-5)
         assert told["rms_px"] == pytest.approx(np.sqrt((error**2).mean()), rel=1e-5)
@@ -255,8 +255,7 @@ def test_coverage_counts_and_names_what_is_missing(report):
 
 def test_rings_off_the_axis_are_the_pairs_own(report):
     rings = report["rings"]
-    used = np.ones(222, bool)
-    used[[one["index"] for one in made().chosen.document["outliers"]]] = False
+    used = belonging(made().chosen.document)
     angle, error = (steady(report["pairs"][name])[used] for name in ("angle_deg", "error_px"))
     assert sum(ring["pairs"] for ring in rings) == used.sum()
     for k, ring in enumerate(rings):
@@ -268,12 +267,18 @@ def test_rings_off_the_axis_are_the_pairs_own(report):
             assert abs(int(within.sum()) - ring["pairs"]) <= 1
 
 
+def belonging(document):
+    """(N,) bool, the pairs that the fit did not leave out."""
+    used = np.ones(len(document["residuals_px"]), bool)
+    used[[one["index"] for one in document["outliers"]]] = False
+    return used
+
+
 def refitted(material):
     """The reported result without its outliers: which pairs are used, and least squares from the stored optimum."""
     document = material.chosen.document
     points, marks = points_and_marks(material)
-    used = np.ones(len(points), bool)
-    used[[one["index"] for one in document["outliers"]]] = False
+    used = belonging(document)
     for _ in range(5):
         J = derivatives(document, points[used]).reshape(2 * used.sum(), -1)
         residual = (projected(document, points[used]) - marks[used]).ravel()
