@@ -23,6 +23,21 @@ OLD: dict[str, Any] = {
     "polished": ERRORS | {"also_kept": 1e-7},
     "transform": {"to_frame": "c", "from_frame": "l", "rotation": ROTATION, "translation_m": [0, 0, 1]},
     "intrinsics": {"image_size": [640, 480], "model": "pinhole", "f_x": 500, "f_y": 500.0, "c_x": 320, "c_y": 240},
+    **{"search": "rotation_vector", "loss": "mean", "weights": "equal", "lens": "fitted", "line_time_us": 0.0},
+    **dict.fromkeys(("pairs", "free_parameters", "iterations", "evaluations", "rank", "sigma_px"), 1),
+    "ga": ERRORS | {"loss_px": 1.0},
+    "kept": {"pairs": 3, "mean_px": 1, "rms_px": 1.5},
+    "covariance": {"names": [], "units": [], "matrix": []},
+    **{
+        name: {}
+        for name in ("parameters", "interval95_half_width", "common_errors", "weak_priors", "cpu", "versions")
+    },
+    **{name: [] for name in ("history", "outliers", "at_bounds", "alarms", "checks", "several_optima", "halves")},
+    **{name: [] for name in ("stated_too_small", "correlation", "undetermined")},
+    **dict.fromkeys(("baseline", "linear_baseline", "stated_lens", "shared_errors", "person_bias", "heldout")),
+    **dict.fromkeys(("rolling_shutter", "prediction", "explained_px", "marks_outside", "field", "provenance")),
+    **dict.fromkeys(("finish_seconds", "stopped", "worst_correlation", "noise_scale", "condition")),
+    **dict.fromkeys(("degrees_of_freedom", "recording_id", "detection_id", "seed", "objections", "compared")),
     "std": {"f_x": None},
     "residuals_px": [0.1, 2, 3e-12],
     **dict.fromkeys(("id", "fleet_id", "vehicle_id", "rig_id", "calibration_id", "run_id", "set_id"), ID),
