@@ -10,6 +10,7 @@ from uuid import UUID
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.results import FitResult
 from service.calibration_runs.actions import end_calibration
 from service.calibration_runs.camera_summary import recommend
 from service.calibration_runs.conclusion import by_camera, results_of, runs_of
@@ -70,7 +71,7 @@ def _cameras(session: Session, calibration: Calibration, stop: Stop) -> tuple[li
 def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop: Stop) -> SolvedCamera:
     detection = str(pairs.detection_id) if pairs.detection_id else None
     problem = read_run(run.problem, run.fold, pairs.columns, stop).problem
-    return SolvedCamera(run.camera, problem, result.document, pairs.columns, detection)
+    return SolvedCamera(run.camera, problem, FitResult.model_validate(result.document), pairs.columns, detection)
 
 
 def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:

@@ -10,9 +10,9 @@ from uuid import UUID
 
 import numpy as np
 
-from apexcal.documents.results import RunResult
+from apexcal.documents.results import FitResult
 from service.calibration_runs.camera_summary import camera_summary
-from tests.workers.solver.rigs import NOMINAL, real_correspondences
+from tests.workers.solver.rigs import NOMINAL, plain, real_correspondences
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, Material
 from workers.solver.schedule import run_schedule
@@ -115,9 +115,10 @@ def calibrated(document: Json, pairs: Json) -> Iterator[str]:
     for fold in range(-1, document["folds"]):
         run = read_run(document, fold, pairs)
         state, _ = run_schedule(run.problem)
-        found = solved(run, state) | {"provenance": {"request": document, "pairs_sha256": "0", "sources_sha256": "1"}}
+        found = plain(solved(run, state))
+        found |= {"provenance": {"request": document, "pairs_sha256": "0", "sources_sha256": "1"}}
         yield json.dumps(found, allow_nan=False)
-        RunResult.model_validate(found)
+        FitResult.model_validate(found)
         results.append((run, fold, found | {"finish_seconds": 0.1}))
     rows: Any = [
         SimpleNamespace(model=document["model"], fold=fold, document=found, run_id=UUID(int=1), id=UUID(int=2))
