@@ -1,4 +1,5 @@
-"""The command ``apexcal``. Exit codes: 0 done; 1 the service refused or failed; 2 wrong usage; 3 no answer.
+"""The command ``apexcal``. Exit codes: 0 done; 1 the service refused or failed; 2 wrong usage; 3 no answer;
+4 done, but a check kept a result from being published.
 
 Each subcommand lives in a module of its own, loaded when it is called: ``apexcal --help`` loads none.
 """
@@ -11,7 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-OK, FAILED, USAGE, UNREACHABLE = 0, 1, 2, 3
+OK, FAILED, USAGE, UNREACHABLE, WITHHELD = 0, 1, 2, 3, 4
 
 # Name -> what `apexcal --help` says of it. The module is apexcal.commands.<name>, its function has the same name;
 # hyphens become underscores there.

@@ -17,7 +17,7 @@ from apexcal.commands.publications import (
     VehicleOption,
     find_vehicle_camera,
     lines,
-    saying_objections,
+    saying_checks,
 )
 from apexcal.documents.fleets import VehicleOut
 from apexcal.documents.publications import PublicationView
@@ -48,7 +48,7 @@ def alias(
         usage("a move takes the alias and a reason", "Say why with --reason; it is kept with the move")
     if result and remove:
         usage("--result and --remove exclude each other")
-    with connected(url, token, data) as client, saying_objections():
+    with connected(url, token, data) as client, saying_checks():
         on, of = find_vehicle_camera(client, fleet, vehicle, camera)
         if moves:
             if remove:

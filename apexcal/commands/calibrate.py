@@ -7,6 +7,7 @@ from uuid import UUID
 
 import typer
 
+from apexcal.cli import WITHHELD
 from apexcal.client import ApiError, Client
 from apexcal.commands.calibrated import show, why_unpublished
 from apexcal.commands.camera_files import (
@@ -191,6 +192,9 @@ def calibrate(
     if not as_json:
         show(calibration)
     say(calibration, as_json, "\n".join([f"The calibration is {calibration.id}.", *published]))
+    cameras = calibration.summary.cameras.values() if calibration.summary else ()
+    if publish and not all(camera.published for camera in cameras):
+        raise typer.Exit(WITHHELD)
 
 
 def _publications(client: Client, calibration: CalibrationView, *, wanted: bool) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
 from math import ceil
@@ -10,8 +11,9 @@ from uuid import UUID
 
 import typer
 
-from apexcal.cli import FAILED
+from apexcal.cli import FAILED, WITHHELD
 from apexcal.client import Client
+from apexcal.commands.calibrated import line_of
 from apexcal.commands.choices import FoldsOption, ModelsOption, PresetOption, PublishOption
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, bar, say, usage
 from apexcal.commands.connect import check_id, connected, find_fleet
@@ -83,15 +85,19 @@ def calibrate_fleet(
         with bar("Calibrating", not as_json) as progress:
             request = client.wait(request, on_progress=progress)
         lines = [f"The request {request.id} is {request.state.replace('_', ' ')}: {_counted(request.counts)}."]
+        outcomes = _outcomes(client, request.id)
+        is_asked = request.asked.calibration.publish == "recommended"
+        is_withheld = is_asked and not all(found.published for _, _, found in outcomes)
         if not as_json:
             lines += _reasons(client, request.id)
-            outcomes = _outcomes(client, request.id)
             lines += _doubts(outcomes)
-            if request.asked.calibration.publish == "recommended":
+            if is_asked:
                 lines += _publications(outcomes)
     say(request, as_json, "\n".join(lines))
     if request.state != "done":
         raise typer.Exit(FAILED)
+    if is_withheld:
+        raise typer.Exit(WITHHELD)
 
 
 def _known(client: Client, follow: str | None, retry: str | None, cancel: str | None) -> FleetRequestView:
@@ -150,30 +156,21 @@ def _outcomes(client: Client, request_id: UUID) -> list[tuple[str, str, CameraOu
 
 
 def _doubts(outcomes: Sequence[tuple[str, str, CameraOutcome]]) -> list[str]:
-    """Results whose status is not ok, the first of them; and how many cameras have warnings."""
-    doubtful = [one for one in outcomes if (one[2].status or "ok") != "ok"]
-    lines = [
-        f"  {vehicle} done, but not ok: {camera} is {(found.status or '').replace('_', ' ')}{_warned(found)}"
-        for vehicle, camera, found in doubtful[:_SHOWN]
-    ]
-    if len(doubtful) > _SHOWN:
-        lines.append(f"  ... and {len(doubtful) - _SHOWN} more done, but not ok")
-    warned = sum(found.warnings > 0 for _, _, found in outcomes)
-    if warned:
-        lines.append(f"{warned} of {_count(len(outcomes), 'calibrated camera')} came with warnings.")
-    return lines
-
-
-def _warned(found: CameraOutcome) -> str:
-    count = found.warnings
-    return f", {_count(count, 'warning')}" if count else ""
+    """Results that should not be used, the first of them; and how many cameras have each verdict."""
+    stopped = [one for one in outcomes if one[2].verdict == "stop"]
+    lines = [f"  {vehicle}, {camera}: {_first_of(found)}" for vehicle, camera, found in stopped[:_SHOWN]]
+    if len(stopped) > _SHOWN:
+        lines.append(f"  ... and {len(stopped) - _SHOWN} more that should not be used")
+    verdicts = Counter(found.verdict for _, _, found in outcomes)
+    named = [f"{verdicts[verdict]} {verdict}" for verdict in ("pass", "look", "stop") if verdicts[verdict]]
+    return [*lines, f"Verdicts on {_count(len(outcomes), 'camera')}: {', '.join(named)}."] if named else lines
 
 
 def _publications(outcomes: Sequence[tuple[str, str, CameraOutcome]]) -> list[str]:
     """Vehicles without a publication and why, the first of them; and for how many cameras a result was published."""
     withheld = [one for one in outcomes if not one[2].published]
     lines = [
-        f"  {vehicle}: nothing published for {camera}: {_first_of(found.not_published)}"
+        f"  {vehicle}: nothing published for {camera}: {_first_of(found)}"
         for vehicle, camera, found in withheld[:_SHOWN]
     ]
     if len(withheld) > _SHOWN:
@@ -183,9 +180,11 @@ def _publications(outcomes: Sequence[tuple[str, str, CameraOutcome]]) -> list[st
     return [*lines, counted + by_hand]
 
 
-def _first_of(reasons: list[str]) -> str:
-    more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
-    return (reasons[0] if reasons else "The service does not say why.") + more
+def _first_of(found: CameraOutcome) -> str:
+    if not found.checks:
+        return "No model is recommended."
+    more = f" (and {len(found.checks) - 1} more)" if len(found.checks) > 1 else ""
+    return f"{line_of(found.checks[0])}{more}"
 
 
 def _processor_time(seconds: int) -> str:

@@ -1,4 +1,4 @@
-"""Prints a finished calibration: a table per camera, warnings, and whether the result was published."""
+"""Prints a finished calibration: a table per camera, checks, and whether the result was published."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from rich.table import Table
 
 from apexcal.commands.common import console
 from apexcal.documents.calibrations import CalibrationView
+from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.results import Errors
 from apexcal.documents.summaries import CameraSummary, RigSummary, Summary
-
-# If the held-out error is more than this many times the fitted one, the model fits noise or has too few pairs.
-_OVERFITTED = 2.0
 
 
 def show(calibration: CalibrationView) -> None:
@@ -25,10 +23,10 @@ def show(calibration: CalibrationView) -> None:
         if camera.why:
             out.print(f"* {camera.why}", markup=False, soft_wrap=True)
         out.print(lens_of(camera), markup=False, soft_wrap=True)
-        for warning in warnings_of(camera):
-            out.print(f"Warning: {warning}", markup=False, soft_wrap=True)
-        for objection in objections_of(camera):
-            out.print(f"Against publishing it: {objection}", markup=False, soft_wrap=True)
+        out.print(verdict_line(camera), markup=False, soft_wrap=True)
+        for check in camera.checks:
+            if check.verdict != "pass":
+                out.print(f"  {line_of(check)}", markup=False, soft_wrap=True)
     rig = summary.rig or RigSummary()
     for pair in rig.pairs:
         for sentence in pair.sentences:
@@ -46,36 +44,31 @@ def table_of(name: str, camera: CameraSummary) -> Table:
         pad_edge=False,
         padding=(0, 1, 0, 0),
     )
-    for heading in ("model", "GA", "polished", "baseline", "held out"):
+    for heading in ("model", "GA", "polished", "baseline", "held out", "verdict"):
         table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
     for model, found in camera.models.items():
         table.add_row(
             model + (" *" if model == camera.recommended else ""),
             *(_pair(found.stages.get(stage)) for stage in ("ga", "polished", "baseline")),
             _pixels(found.heldout_mean_px),
+            found.verdict or "-",
         )
     return table
 
 
-def warnings_of(camera: CameraSummary) -> list[str]:
-    """Models that do much worse on pairs that they were not fitted to, and the recommended model's alarms."""
-    warnings: list[str] = []
-    for model, found in camera.models.items():
-        heldout, fitted = found.heldout_mean_px, found.polished.mean_px if found.polished else 0.0
-        if heldout is not None and heldout > _OVERFITTED * fitted:
-            warnings.append(
-                f"{model} is at {heldout:.2f} px on held-out pairs, at {fitted:.2f} px on fitted ones: there are too "
-                "few pairs for it, or they are too close together."
-            )
-    recommended = camera.models.get(camera.recommended or "")
-    return warnings + [f"{camera.recommended}: {alarm}" for alarm in (recommended.alarms if recommended else [])]
+def verdict_line(camera: CameraSummary) -> str:
+    """The verdict on the recommended model's result, with its own lens and alone."""
+    model = camera.models.get(camera.recommended or "")
+    if model is None:
+        return "Verdict: none, because no model is recommended."
+    alone = "" if model.verdict_alone == model.verdict else f"; {model.verdict_alone} for the mount with another lens"
+    return f"Verdict on {camera.recommended}: {verdict_of(camera.checks, 'mount_with_lens')}{alone}."
 
 
-def objections_of(camera: CameraSummary) -> list[str]:
-    """Objections to publishing the recommended result; none if ``not_published`` states them already."""
-    recommended = camera.models.get(camera.recommended or "")
-    # A calibration by an older version has no objections field.
-    return [] if camera.not_published or recommended is None else recommended.objections or []
+def line_of(check: Check) -> str:
+    """One check in a line: its verdict, what it found, and what to do."""
+    alone = " (mount alone)" if check.scope == "mount_alone" else ""
+    return f"{check.verdict}{alone}: {check.sentence} {check.remedy}".strip()
 
 
 def lens_of(camera: CameraSummary) -> str:
@@ -89,9 +82,8 @@ def why_unpublished(camera: CameraSummary, *, wanted: bool) -> str:
     by_hand = "A reviewer can publish a result with `apexcal publish`, or on the calibration's page."
     if not wanted:
         return f"--publish was not given. {by_hand}"
-    reasons = camera.not_published
-    if reasons:
-        return " ".join([*reasons, by_hand])
+    if not camera.published:
+        return f"a check keeps it back. {by_hand}"
     return f"another result has been published since. {by_hand}"
 
 

@@ -43,7 +43,7 @@ PresetOption = Annotated[
         "larger search of its toolbox. Otherwise default: wrong marks do no harm."
     ),
 ]
-PublishOption = Annotated[bool, typer.Option("--publish", help="Publish what is recommended and has no objections.")]
+PublishOption = Annotated[bool, typer.Option("--publish", help="Publish what is recommended and passes its checks.")]
 ModelsOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -1,4 +1,4 @@
-"""``apexcal publications``: lists a camera's publications: by whom, when, why, against which objections."""
+"""``apexcal publications``: lists a camera's publications: by whom, when, why, against which checks."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import Annotated
 import typer
 
 from apexcal.client import ApiError, Client
+from apexcal.commands.calibrated import line_of
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, say
 from apexcal.commands.connect import connected, find_camera, find_vehicle
+from apexcal.documents.checks import Check
 from apexcal.documents.fleets import VehicleOut
 from apexcal.documents.publications import PublicationView
 from apexcal.embedded.folder import DEFAULT
@@ -20,7 +22,7 @@ VehicleOption = Annotated[str, typer.Option(help="Vehicle, by name or id; needed
 CameraOption = Annotated[str, typer.Option(help="Camera; needed where the vehicle has several.")]
 FleetOption = Annotated[str, typer.Option(help="Fleet, by name or id.")]
 OverrideOption = Annotated[
-    bool, typer.Option("--override", help="Publish against the service's objections; the reason is kept.")
+    bool, typer.Option("--override", help="Publish although a check says stop; the reason is kept.")
 ]
 
 
@@ -51,14 +53,14 @@ def find_vehicle_camera(client: Client, fleet: str, vehicle: str, camera: str) -
 
 
 @contextmanager
-def saying_objections() -> Iterator[None]:
-    """Each of the service's objections on a line of its own, and how to publish all the same."""
+def saying_checks() -> Iterator[None]:
+    """Each check that the result does not pass on a line of its own, and how to publish all the same."""
     try:
         yield
     except ApiError as error:
-        if error.code == "objections":
-            listed = "".join(f"\n  {one}" for one in error.fields["objections"])
-            error.args = (f"there are objections to publishing this result:{listed}\nNothing was published",)
+        if error.code == "checks_stop":
+            listed = "".join(f"\n  {line_of(Check.model_validate(one))}" for one in error.fields["checks"])
+            error.args = (f"this result does not pass its checks:{listed}\nNothing was published",)
             error.hint = "To publish it all the same, add --override, and say why with --reason."
         elif error.code == "reason_missing":
             error.hint = "Say why it is given again, with --reason."
@@ -72,7 +74,7 @@ def given(publication: PublicationView, vehicle: str) -> str:
 
 
 def lines(publication: PublicationView) -> list[str]:
-    """Where the alias leads since when, by whom, why, and against which objections."""
+    """Where the alias leads since when, by whom, why, and against which checks."""
     by = f" by {publication.published_by}" if publication.published_by else ""
     current = ", current" if publication.is_current else ""
     to = "withdrawn" if publication.led_to is None else f"{publication.model}, result {publication.result_id}"
@@ -83,5 +85,5 @@ def lines(publication: PublicationView) -> list[str]:
 
 
 def _against(publication: PublicationView) -> list[str]:
-    objections = publication.override.objections if publication.override else []
-    return [f"  Published against: {objection}" for objection in objections]
+    sentences = publication.override.sentences if publication.override else []
+    return [f"  Published against: {sentence}" for sentence in sentences]

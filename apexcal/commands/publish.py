@@ -8,7 +8,7 @@ import typer
 
 from apexcal.commands.common import DataOption, JsonOption, TokenOption, UrlOption, say, usage
 from apexcal.commands.connect import check_id, connected
-from apexcal.commands.publications import OverrideOption, given, saying_objections
+from apexcal.commands.publications import OverrideOption, given, saying_checks
 from apexcal.embedded.folder import DEFAULT
 
 
@@ -21,11 +21,11 @@ def publish(
     data: DataOption = DEFAULT,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a result its camera's current calibration. Against objections this takes --override."""
+    """Make a result its camera's current calibration. Against a check of `stop` this takes --override."""
     check_id(result, "result")
     if override and not reason.strip():
         usage("--override needs a reason", "Say why with --reason; it is kept with the publication")
-    with connected(url, token, data) as client, saying_objections():
+    with connected(url, token, data) as client, saying_checks():
         made = client.calibrations.publish(result, reason.strip() or None, override=override)
         vehicle = client.vehicles.get(made.vehicle_id).name
     say(made, as_json, given(made, vehicle))

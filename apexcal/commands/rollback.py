@@ -18,7 +18,7 @@ from apexcal.commands.publications import (
     VehicleOption,
     find_vehicle_camera,
     given,
-    saying_objections,
+    saying_checks,
 )
 from apexcal.documents.publications import PublicationView
 from apexcal.embedded.folder import DEFAULT
@@ -41,7 +41,7 @@ def rollback(
     """
     if not reason.strip():
         usage("the reason is empty", "Say why with --reason; it is kept with the publication")
-    with connected(url, token, data) as client, saying_objections():
+    with connected(url, token, data) as client, saying_checks():
         on, of = find_vehicle_camera(client, fleet, vehicle, camera)
         before = _before(list(client.calibrations.publications(on.id, of)))
         if before is None:

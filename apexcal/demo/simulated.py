@@ -75,9 +75,12 @@ def run(steps: Steps, client: Client, fleet: FleetOut, folder: Path) -> Document
         "calibration_id": str(calibration.id),
     }
     found = job.summary_of(calibration, CAMERA)
-    # A result with a parameter on its bound, for one, does not publish itself.
+    # A result that does not pass its checks does not publish itself.
     published = str(client.calibrations.current(vehicle.id, CAMERA).result_id) if found.published else None
-    return document | {"current": published, "not_published": found.not_published}
+    return document | {
+        "current": published,
+        "checks": [one.model_dump() for one in found.checks if one.verdict != "pass"],
+    }
 
 
 def _with_refined(steps: Steps, client: Client, truth: Truth, refined: DetectionView) -> Document:

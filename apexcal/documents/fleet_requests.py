@@ -10,6 +10,7 @@ from pydantic import AwareDatetime, Field
 
 from apexcal.documents.base import Document, Name, Received, Sent, Stored
 from apexcal.documents.calibrations import CalibrationTemplate, ProgressView
+from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.jobs import ProblemView
 from apexcal.documents.states import RequestState, VehicleState
 
@@ -80,20 +81,18 @@ class FleetRequestView(Sent):
 class CameraOutcome(Sent):
     """What a vehicle's calibration recommends for a camera, and its mean errors in pixels.
 
-    ``status`` is the result's. If it is not ``ok``, the errors say little, however small. ``warnings`` counts the
-    result's warnings. ``objections`` is what spoke against publishing it when the calibration ended. ``published``
-    says whether it became the camera's current calibration, and ``not_published`` why it did not. They are null and
-    empty if nobody asked for a publication.
+    ``status`` is the result's. If it is not ``ok``, the errors say little, however small. ``verdict`` is the gravest
+    of its checks when the calibration ended, and ``checks`` has those that did not pass, the gravest first.
+    ``published`` says whether it became the camera's current calibration; null if nobody asked for that.
     """
 
     model: str | None
     mean_px: float | None
     heldout_mean_px: float | None
     status: str | None
-    warnings: int
-    objections: list[str]
+    verdict: CheckVerdict | None
+    checks: list[Check]
     published: bool | None
-    not_published: list[str]
 
 
 class RequestVehicleView(Sent):

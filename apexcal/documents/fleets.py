@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, StringConstraints, field_validator, 
 
 from apexcal.documents.base import Magnitude, Name, Received, Sent, Stored, Topic, seen
 from apexcal.documents.camera_models import ANGLES, EXTRINSICS, MODELS, all_names
-from apexcal.documents.gates import Gate
+from apexcal.documents.policies import PublicationPolicy
 from apexcal.documents.readings import ImageKind
 from apexcal.documents.roles import Role
 from apexcal.documents.transforms import Matrix, Transform, check_frames
@@ -42,7 +42,7 @@ class FleetOut(Sent):
     role: Role | None
     taken_bytes: int
     quota_bytes: int
-    gate: Stored[Gate | None] = None
+    policy: Stored[PublicationPolicy | None] = None
     version: int
     created_at: datetime
 
@@ -196,6 +196,6 @@ class RigOut(Sent):
     T_vehicle_lidar: Stored[Transform | None]
     cameras: Stored[list[Camera]]
     camera_transforms: Stored[list[CameraTransform]]
-    gate: Stored[Gate | None] = None
+    policy: Stored[PublicationPolicy | None] = None
     version: int
     created_at: datetime

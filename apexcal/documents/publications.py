@@ -8,8 +8,7 @@ from uuid import UUID
 
 from pydantic import AfterValidator, StringConstraints
 
-from apexcal.documents.base import Received, Sent, Stored, seen
-from apexcal.documents.gates import GateVerdict
+from apexcal.documents.base import Received, Sent, seen
 
 # A sentence or two that whoever looks later can read.
 Reason = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=500), AfterValidator(seen)]
@@ -21,15 +20,15 @@ AliasName = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_.-]{0,63
 
 
 class Override(Received):
-    """Publish although something speaks against it, and why."""
+    """Publish although a check says `stop`, and why."""
 
     reason: Reason
 
 
 class PublicationRequest(Received):
-    """Under which alias a result is published, and why. ``override`` is needed where the service has objections.
+    """Under which alias a result is published, and why. ``override`` is needed if a check says `stop`.
 
-    It is kept with them. A result that the alias led to before needs a reason.
+    It is kept with the sentences of the checks. A result that the alias led to before needs a reason.
     """
 
     alias: AliasName = CURRENT
@@ -38,10 +37,10 @@ class PublicationRequest(Received):
 
 
 class OverrideView(Sent):
-    """Why a result was published all the same, and what spoke against it then."""
+    """Why a result was published all the same, and the sentences of the checks that it did not pass then."""
 
     reason: str
-    objections: list[str]
+    sentences: list[str]
 
 
 class WithdrawalRequest(Received):
@@ -51,12 +50,12 @@ class WithdrawalRequest(Received):
 
 
 class PublicationView(Sent):
-    """A move of an alias of a vehicle's camera: to which result, by whom, when, why, and against which objections.
+    """A move of an alias of a vehicle's camera: to which result, by whom, when, why, and against which checks.
 
     ``number`` counts the alias's moves from 1. ``result_id`` is null if the alias leads nowhere since: it was
     withdrawn, or its result was deleted. ``led_to`` is the result's id, also after the result was deleted; null of a
     withdrawal. ``published_by`` is a name, null where the person is no longer known. ``reason`` is null where none
-    was given; ``gate`` if neither rig nor fleet stated one. ``is_current``: the alias leads to this result now.
+    was given. ``is_current``: the alias leads to this result now.
     """
 
     id: UUID
@@ -73,5 +72,4 @@ class PublicationView(Sent):
     published_by: str | None
     reason: str | None
     override: OverrideView | None
-    gate: Stored[GateVerdict | None]
     is_current: bool

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Literal
 from uuid import UUID
 
 from apexcal.documents.base import Sent, Stored
+from apexcal.documents.checks import CheckVerdict
 from apexcal.documents.jobs import JobView, ProblemView
 from apexcal.documents.states import WorkState
-
-VerdictLevel = Literal["sound", "doubtful", "unsound"]
 
 
 class ReportView(Sent):
     """A result's report: how far it is. ``made_at`` and ``bytes`` are of the newest one that was made.
 
-    ``verdict``: ``unsound`` if something speaks against the result, ``doubtful`` if something needs a look, ``sound``
-    otherwise.
+    ``verdict`` is the gravest of the checks that it shows, for the mount with its lens.
     """
 
     id: UUID
@@ -26,7 +23,7 @@ class ReportView(Sent):
     state: WorkState
     problem: Stored[ProblemView | None]
     job: JobView | None
-    verdict: VerdictLevel | None
+    verdict: CheckVerdict | None
     bytes: int | None
     made_at: datetime | None
     created_at: datetime

@@ -13,7 +13,7 @@ from uuid import UUID
 from pydantic import ConfigDict
 
 from apexcal.documents.base import Document
-from apexcal.documents.checks import Check
+from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.corners import CornerName
 from apexcal.documents.rules import LensOrigin
 from apexcal.documents.transforms import SolvedTransform
@@ -156,25 +156,6 @@ class Field(Document):
     u: list[float]
     v: list[float]
     sigma_px: list[float]
-
-
-class Compared(Document):
-    """How far a result is from its camera's current one.
-
-    ``sigmas``: the mount's difference in what both state of it, root mean square; ``field_px`` and ``field_sigmas``
-    over the points of ``Field`` that both see. ``differs``: by more than chance does once in 1000. ``turn_deg`` and
-    ``shift_mm`` are the mount's difference about and along the camera's axes.
-    """
-
-    result_id: UUID
-    rotation_deg: float
-    translation_mm: float
-    turn_deg: list[float] | None = None
-    shift_mm: list[float] | None = None
-    sigmas: float
-    field_px: float | None = None
-    field_sigmas: float | None = None
-    differs: bool
 
 
 class OverTime(Document):
@@ -405,9 +386,10 @@ class FitResult(FitPrecision):
 
 
 class ResultView(FitResult):
-    """A run's result, whose it is, and what speaks against publishing it.
+    """A run's result, whose it is, and all its checks at this moment.
 
-    ``objections`` is null of a fit that is not to all pairs. Of pairs that were marked here only reviewers see
+    ``verdict`` is the gravest check of the mount with its lens, ``verdict_alone`` that for who uses the mount with
+    another lens; null of a fit that is not to all pairs. Of pairs that were marked here only reviewers see
     ``residuals_px``, ``outliers`` and the errors of single held-out pairs.
     """
 
@@ -423,6 +405,6 @@ class ResultView(FitResult):
     camera: str
     fold: int
     seed: int | None
-    objections: list[str] | None
-    compared: Compared | None
+    verdict: CheckVerdict | None
+    verdict_alone: CheckVerdict | None
     created_at: datetime

@@ -10,6 +10,7 @@ from typing import Literal
 from uuid import UUID
 
 from apexcal.documents.base import Document, Sent, Stored
+from apexcal.documents.checks import Check, CheckVerdict
 from apexcal.documents.jobs import ProblemView
 from apexcal.documents.publications import OverrideView
 from apexcal.documents.results import Deviations, Errors, Intrinsics, Status, Stopped
@@ -43,7 +44,8 @@ class BetweenModels(Document):
 class ModelSummary(Document):
     """A model's fit to all pairs of a camera, and its errors on held-out ones.
 
-    ``objections`` is what speaks against publishing it, whatever its camera has; ``behind`` how far it is behind the
+    ``verdict`` is the gravest of its checks when the calibration ended, for the mount with its lens;
+    ``verdict_alone`` that for who uses the mount with another lens. ``behind`` says how far it is behind the
     model under which held-out pairs are likeliest. ``weight`` is its share among the models, ``heldout_sigma_px``
     the noise per coordinate of held-out pairs without wrong marks, ``heldout_forbidden`` how many have no projection.
     ``stated_lens`` says in a sentence how well a stated lens fits.
@@ -58,7 +60,6 @@ class ModelSummary(Document):
     linear_baseline: Errors | None = None
     free_parameters: int | None = None
     at_bounds: list[str] = []
-    several_optima: list[str] = []
     lens: LensOrigin = "fitted"
     stated_lens: str | None = None
     pairs: int | None = None
@@ -66,8 +67,6 @@ class ModelSummary(Document):
     marks_outside: int | None = None
     iterations: int | None = None
     stopped: Stopped | None = None
-    alarms: list[str] = []
-    stated_too_small: list[str] = []
     heldout_mean_px: float | None = None
     heldout_rms_px: float | None = None
     heldout_pairs: int | None = None
@@ -77,7 +76,8 @@ class ModelSummary(Document):
     between_models: BetweenModels | None = None
     seconds: float | None = None
     workers: list[str] = []
-    objections: list[str] | None = None
+    verdict: CheckVerdict | None = None
+    verdict_alone: CheckVerdict | None = None
     behind: Behind | None = None
 
     @property
@@ -88,13 +88,16 @@ class ModelSummary(Document):
 
 
 class CameraSummary(Document):
-    """The models of a camera side by side, which one to take and why; whether it was published, where asked for."""
+    """The models of a camera side by side, which one to take and why; whether it was published, where asked for.
+
+    ``checks`` are all checks of the recommended model's result at the end of the calibration.
+    """
 
     recommended: str | None
     why: str
     models: dict[str, ModelSummary]
+    checks: list[Check] = []
     published: bool | None = None
-    not_published: list[str] = []
 
 
 class StatedDeviation(Document):
@@ -171,7 +174,7 @@ class Quality(Document):
     """How good a published calibration is.
 
     ``std`` includes the spread of the models that held-out pairs do not rule out; ``std_of_model`` holds if the model
-    is right.
+    is right. ``verdict`` is the gravest of its checks when its calibration ended, for the mount with its lens.
     """
 
     pairs: int | None = None
@@ -182,7 +185,7 @@ class Quality(Document):
     std: Deviations | None = None
     std_of_model: Deviations | None = None
     interval95_half_width: Deviations | None = None
-    alarms: list[str] = []
+    verdict: CheckVerdict | None
 
 
 class Validity(Document):

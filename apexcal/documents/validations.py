@@ -186,7 +186,10 @@ class DriftStep(Sent):
 
 
 class DriftDifference(Document):
-    """How far apart two results are; ``turn_deg`` and ``shift_mm`` about and along the camera's axes."""
+    """How far apart two results are; ``turn_deg`` and ``shift_mm`` about and along the camera's axes.
+
+    ``incomparable`` says why the difference does not tell that the mount moved; ``differs`` is false then.
+    """
 
     rotation_deg: float
     translation_mm: float
@@ -194,6 +197,7 @@ class DriftDifference(Document):
     shift_mm: list[float] | None = None
     sigmas: float
     differs: bool
+    incomparable: str | None = None
     field_px: float | None = None
     field_sigmas: float | None = None
 

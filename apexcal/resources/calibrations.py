@@ -105,7 +105,7 @@ class Calibrations:
         return self._http.post(at("calibrations", calibration_id, "cancel"), CalibrationView)
 
     def result(self, result_id: UUID | str) -> ResultView:
-        """What a run found: parameters, transform, standard deviations, residuals, alarms."""
+        """What a run found: parameters, transform, standard deviations, residuals, checks."""
         return self._http.get(at("results", result_id), ResultView)
 
     def compare(self, result_id: UUID | str, other_id: UUID | str) -> ResultComparison:
@@ -153,14 +153,14 @@ class Calibrations:
     ) -> PublicationView:
         """Make a result its camera's current calibration, or let another alias lead to it.
 
-        ApiError ``objections`` where something speaks against it (``fields["objections"]``): ``override`` publishes
+        ApiError ``checks_stop`` where a check says so (``fields["checks"]``): ``override`` publishes
         all the same, for this ``reason``, and both are kept. A result that was published before needs a reason.
         """
         why = {"override": {"reason": reason or ""}} if override else {"reason": reason}
         return self._http.post(at("results", result_id, "publication"), PublicationView, {"alias": alias, **why})
 
     def publications(self, vehicle_id: UUID | str, camera: str, alias: str = CURRENT) -> Iterator[PublicationView]:
-        """What a camera was given under an alias, newest first: by whom, when, why and against which objections."""
+        """What a camera was given under an alias, newest first: by whom, when, why and against which checks."""
         address = at("vehicles", vehicle_id, "cameras", camera, "publications")
         return self._http.items(address, PublicationView, alias=alias)
 

@@ -35,9 +35,9 @@ class Fleets:
         """Give a fleet another name."""
         return self._http.patch(at("fleets", fleet_id), FleetOut, {"name": name}, version=version)
 
-    def set_gate(self, fleet_id: UUID | str, gate: Mapping[str, float], *, version: int) -> FleetOut:
+    def set_policy(self, fleet_id: UUID | str, policy: Mapping[str, float | bool], *, version: int) -> FleetOut:
         """State what results must show to be published: ``{"heldout_mean_px": 0.8}``; ``{}`` states nothing."""
-        return self._http.put(at("fleets", fleet_id, "gate"), FleetOut, dict(gate), if_match(version))
+        return self._http.put(at("fleets", fleet_id, "policy"), FleetOut, dict(policy), if_match(version))
 
     def members(self, fleet_id: UUID | str) -> Iterator[Member]:
         """Everybody in a fleet: ``person_id``, ``name``, ``role``."""
@@ -130,6 +130,6 @@ class Vehicles:
         """Correct what cameras' images are: ``{"front": {"kind": "raw"}}``; null lets the next recording tell it."""
         return self._http.patch(at("rigs", rig_id, "images"), RigOut, {"cameras": dict(cameras)}, version=version)
 
-    def set_gate(self, rig_id: UUID | str, gate: Mapping[str, float], *, version: int) -> RigOut:
+    def set_policy(self, rig_id: UUID | str, policy: Mapping[str, float | bool], *, version: int) -> RigOut:
         """State a rig's own limits, which replace the fleet's of the same name; ``{}`` states nothing."""
-        return self._http.put(at("rigs", rig_id, "gate"), RigOut, dict(gate), if_match(version))
+        return self._http.put(at("rigs", rig_id, "policy"), RigOut, dict(policy), if_match(version))

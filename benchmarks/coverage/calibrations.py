@@ -7,10 +7,9 @@ further look. Fits to a part of the pairs have no baselines, because nothing rea
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 from uuid import uuid4
 
 import numpy as np
@@ -21,13 +20,13 @@ from apexcal.documents.camera_models import ModelName
 from benchmarks.coverage.marks import Errors, columns
 from benchmarks.coverage.poses import still
 from benchmarks.coverage.walks import Paired, Walked, pair
-from service.calibration_runs.camera_summary import camera_summary
 from service.calibrations.plan import CalibrationPlan, plan_request
 from service.calibrations.resolve import CameraPairs
 from service.db.base import Json
-from service.db.calibrations import FULL, CorrespondenceSet, Result
+from service.db.calibrations import FULL, CorrespondenceSet
 from service.db.fleets import RigCamera
 from workers.geometry.transforms import to_document
+from workers.models.summary import Fit, camera_summary
 from workers.simulation.camera import FRONT
 from workers.solver.degeneracy import is_determined
 from workers.solver.estimate import estimate
@@ -40,7 +39,6 @@ from workers.tasks.solving import RunInput, read_run, solved
 
 Floats = NDArray[np.float64]
 Request = dict[str, Any]
-NO_WORK: Final[Json] = {"workers": [], "ga_seconds": 0.0, "evaluations": 0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +80,7 @@ class Bench:
         """These pairs, calibrated as the request asks."""
         plan = planned(paired, known, request)
         states = self._states(paired, {fit.model for fit in plan.fits})
-        results: list[Result] = []
+        fits: list[Fit] = []
         problems: dict[str, FitProblem] = {}
         for fit in plan.fits:
             for fold in range(FULL, fit.folds):
@@ -90,10 +88,9 @@ class Bench:
                 if fold == FULL:
                     problems[fit.model] = given.problem
                 document = (solved_document if fold == FULL else held_out_document)(given, states[fit.model])
-                of = {"id": uuid4(), "run_id": uuid4(), "camera": FRONT, "model": fit.model, "fold": fold}
-                results.append(Result(**of, document=document))
-        summary = camera_summary(results, defaultdict(lambda: NO_WORK))
-        full = {result.model: result.document for result in results if result.fold == FULL}
+                fits.append(Fit(uuid4(), fit.model, None if fold == FULL else fold, document))
+        summary = camera_summary(fits)
+        full = {fit.model: fit.document for fit in fits if fit.heldout_fold is None}
         return Calibration(paired, errors, summary, full, known, problems)
 
     def pairs(self, seen: Seen) -> Paired:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from typing import Any, Final, NamedTuple
 from uuid import uuid4
 
@@ -11,16 +10,17 @@ from numpy.typing import NDArray
 
 from apexcal.documents.checks import Check, CheckVerdict, verdict_of
 from apexcal.documents.errors import DocumentError
-from benchmarks.coverage.calibrations import NO_WORK, held_out_document, planned
+from benchmarks.coverage.calibrations import held_out_document, planned
 from benchmarks.coverage.scores import derivative, projected
 from benchmarks.judge.cases import CASES, Case, Draw
-from service.calibration_runs.camera_summary import camera_summary
-from service.db.calibrations import FULL, Result
+from service.db.calibrations import FULL
 from service.http.problems import Problem
 from workers.geometry.transforms import from_document
 from workers.judge.calibration_checks import checks_of_calibration
 from workers.judge.held_out_check import held_out_pairs
 from workers.judge.topics import USE_LIMIT_PX, USE_LIMIT_RAD
+from workers.models.summary import Fit, camera_summary
+from workers.models.summary import Fit, camera_summary
 from workers.simulation.camera import FRONT
 from workers.solver.errors import SolveError
 from workers.solver.schedule import run_schedule
@@ -77,11 +77,8 @@ def calibrated(draw: Draw, with_folds: bool) -> tuple[dict[str, Any], list[Check
         return result, own
     given = [read_run(fit.of_fold(fold), fold, draw.known) for fold in range(fit.folds)]
     folds = [held_out_document(one, state) for one in given]
-    rows = [
-        Result(id=uuid4(), run_id=uuid4(), camera=FRONT, model=fit.model, fold=fold, document=document)
-        for fold, document in enumerate([result, *folds], FULL)
-    ]
-    summary = camera_summary(rows, defaultdict(lambda: NO_WORK))
+    fits = [Fit(uuid4(), fit.model, fold, document) for fold, document in enumerate(folds)]
+    summary = camera_summary([Fit(uuid4(), fit.model, None, result), *fits])
     distances_m = np.linalg.norm(from_document(result["transform"]).apply(whole.problem.points), axis=1)
     pairs = held_out_pairs([one["heldout"] for one in folds], result["outliers"], distances_m) if folds else None
     return result, own + checks_of_calibration(

@@ -31,12 +31,12 @@ _DEVIATIONS = dict.fromkeys((f"{one}_deg" for one in ("rotation_x", "rotation_y"
 # What a result's document holds of the sizes that count: 200 pairs with their residuals and a covariance.
 _RESULT = {
     "model": "brown_conrady", "status": "ok", "pairs": 200, "polished": {"mean_px": 0.61, "rms_px": 0.74},
-    "intrinsics": {"model": "brown_conrady", **_INTRINSICS}, "transform": _MOUNT, "std": _DEVIATIONS, "alarms": [],
+    "intrinsics": {"model": "brown_conrady", **_INTRINSICS}, "transform": _MOUNT, "std": _DEVIATIONS, "checks": [],
     "residuals_px": [0.6123456] * 100, "covariance": [[1.234567e-6] * 10] * 10,
 }  # fmt: skip
 _FOUND = {
-    "status": "ok", "message": "", "at_bounds": [], "several_optima": [], "polished": _RESULT["polished"],
-    "heldout_mean_px": 0.7, "heldout_rms_px": 0.8, "objections": [],
+    "status": "ok", "message": "", "at_bounds": [], "polished": _RESULT["polished"],
+    "heldout_mean_px": 0.7, "heldout_rms_px": 0.8, "verdict": "pass",
 }  # fmt: skip
 _SUMMARY = {
     "cameras": {

@@ -6,7 +6,7 @@ default); DRIVES: drives (half of RUNS by default), of 30 frames and 20 mounts e
 
 A table of the faults goes to stderr: how many, the share that is named, and the largest share that any test could
 name, where that is known. One line of JSON goes to stdout: `worst_fault_named`, the least share over the faults at
-their larger size of verdicts that name them; `sound_accused`, the share of sound results whose verdict is `unsound`.
+their larger size of verdicts that name them; `sound_accused`, the share of sound results whose verdict is `stop`.
 Both are null where nothing was judged.
 """
 
@@ -60,7 +60,7 @@ def summary(judged: Iterable[Told]) -> dict[str, float | None]:
     accused: list[bool] = []
     for one in judged:
         if one.fault is None:
-            accused.append(one.level == "unsound")
+            accused.append(one.level == "stop")
             for sentence in one.against:
                 print(f"against a sound result: {sentence}", file=sys.stderr)
         elif one.is_named is not None:

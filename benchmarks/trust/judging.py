@@ -12,11 +12,11 @@ from apexcal.documents.checks import Check
 from benchmarks.coverage.calibrations import Bench, Calibration
 from benchmarks.coverage.marks import Errors
 from benchmarks.coverage.walks import Paired
-from service.calibration_runs.objection_queries import own_objections
 from workers.geometry.rotations import rotation_from_vector
 from workers.geometry.transforms import RigidTransform, from_document, to_document
+from workers.judge.calibration_checks import checks_of_calibration
 from workers.reports.material import FittedModel
-from workers.reports.verdict import Verdict, verdict_of
+from workers.reports.verdict import ReportVerdict, sentence_of
 from workers.simulation.camera import FRONT
 from workers.validation.calibration import KnownCalibration
 from workers.validation.pair_score import score_pairs
@@ -30,7 +30,7 @@ class Judged:
 
     done: Calibration
     fitted: FittedModel
-    verdict: Verdict
+    verdict: ReportVerdict
     failed: frozenset[str]
 
 
@@ -39,10 +39,12 @@ def judge(bench: Bench, paired: Paired, known: dict[str, Any], request: dict[str
     done = bench.fit(paired, Errors(), known, request)
     (model,) = request["models"]
     fitted = FittedModel(model, done.results[model], done.problems[model])
-    against = own_objections(FRONT, done.summary, model, None, ended_well=True)
     checks = [Check.model_validate(one) for one in fitted.document["checks"]]
+    checks += checks_of_calibration(
+        fitted.document, checks=checks, camera=FRONT, summary=done.summary, ended_well=True
+    )
     failed = frozenset(one.name for one in checks if one.verdict != "pass")
-    return Judged(done, fitted, verdict_of(fitted.document, against, checks), failed)
+    return Judged(done, fitted, sentence_of(fitted.document, checks), failed)
 
 
 def agrees_elsewhere(found: Judged, others: dict[str, Any], turn: Floats, shift: Floats) -> bool:

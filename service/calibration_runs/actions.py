@@ -15,8 +15,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
 from service.broker.hints import hint
-from service.calibration_runs.conclusion import RunRow, conclude, runs_of
-from service.calibration_runs.fleet_request_actions import tell_fleet_request
+from service.calibration_runs.conclusion import end_calibration, runs_of
 from service.db.base import Json
 from service.db.calibrations import FULL, Calibration, CalibrationRun
 from service.db.clock import now
@@ -90,7 +89,7 @@ def end_run(
     failure: Json | None = None,
     schedule: tuple[Json, int] | None = None,
 ) -> None:
-    """End a run once; the calibration's last one ends the calibration too, or has its cameras compared first.
+    """End a run once; after the calibration's last one a job concludes the calibration.
 
     ``run`` has its ``id``, ``fleet_id`` and ``calibration_id``: a row, or those columns of it. ``schedule``: the
     state of the narrowing and the number of iterations, where they are not on record yet.
@@ -103,32 +102,18 @@ def end_run(
     connection = session.connection()
     if connection.execute(statement, ended).one_or_none() is None:
         return
-    left = connection.execute(_COUNT_RUN, {"calibration": run.calibration_id}).scalar_one_or_none()
-    if left == 0:
-        calibration = session.get_one(Calibration, run.calibration_id, populate_existing=True)
-        runs = runs_of(session, calibration.id)
-        if _has_cameras_to_compare(runs):
-            enqueue(session, kind="consistency", fleet_id=run.fleet_id, subject_id=calibration.id)
-        else:
-            end_calibration(session, calibration, runs)
+    if connection.execute(_COUNT_RUN, {"calibration": run.calibration_id}).scalar_one_or_none() == 0:
+        _end_runs(session, session.get_one(Calibration, run.calibration_id, populate_existing=True))
     hint(session, run.fleet_id, "calibration", run.calibration_id)
 
 
-def end_calibration(
-    session: Session,
-    calibration: Calibration,
-    runs: Sequence[RunRow],
-    *,
-    rig: Json | None = None,
-    cancelled: bool = False,
-) -> None:
-    """End a calibration whose runs have all ended; ``rig`` is what the comparison of its cameras found."""
-    conclude(session, calibration, runs, rig=rig, cancelled=cancelled)
-    tell_fleet_request(session, calibration)
-    hint(session, calibration.fleet_id, "calibration", calibration.id)
-
-
-def _has_cameras_to_compare(runs: Sequence[RunRow]) -> bool:
-    """Whether two cameras have a result, and nobody asked for the end."""
-    fitted = [run for run in runs if run.fold == FULL and run.state == WorkState.DONE]
-    return len({run.camera for run in fitted}) > 1 and not any(run.cancel_requested for run in fitted)
+def _end_runs(session: Session, calibration: Calibration) -> None:
+    """Have a worker judge what the runs found. Without a fit to all pairs, or cancelled, the calibration ends now."""
+    runs = runs_of(session, calibration.id)
+    problem = next((run.failure for run in runs if run.failure), None)
+    if any(run.state == WorkState.CANCELLED for run in runs):
+        end_calibration(session, calibration, WorkState.CANCELLED, problem)
+    elif any(run.fold == FULL and run.state == WorkState.DONE for run in runs):
+        enqueue(session, kind="conclude", fleet_id=calibration.fleet_id, subject_id=calibration.id)
+    else:
+        end_calibration(session, calibration, WorkState.FAILED, problem)

@@ -1,4 +1,4 @@
-"""Jobs of calibrations: parts of runs, and the comparison of the cameras at the end."""
+"""Jobs of calibrations: parts of runs, and the conclusion at the end."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.states import UNENDED, WorkState
 from service.broker.hints import hint
-from service.calibration_runs.actions import end_calibration, end_run, start_runs
-from service.calibration_runs.conclusion import runs_of
+from service.calibration_runs.actions import end_run, start_runs
+from service.calibration_runs.conclusion import end_calibration
 from service.calibration_runs.fleet_request_actions import count_missed
 from service.db.base import Json, written
 from service.db.calibrations import Calibration, CalibrationRun, Result, Slot
 from service.db.fleet_requests import FleetRequestVehicle
 from service.db.jobs import Job
 from service.jobs.kinds import CannotRetryError, Kind
+from service.jobs.queue import enqueue
 
 _CANCELLED_RUNS = select(CalibrationRun.id).where(
     CalibrationRun.cancel_requested, CalibrationRun.state.in_([written(state) for state in UNENDED])
@@ -31,13 +32,22 @@ def _end_part(session: Session, run_id: UUID, state: WorkState, problem: Json | 
         end_run(session, run, state, problem)
 
 
-def _end_comparison(session: Session, calibration_id: UUID, state: WorkState, problem: Json | None) -> None:
-    """A comparison of cameras that failed or was cancelled ends its calibration; a done one has ended it already."""
+def _end_conclusion(session: Session, calibration_id: UUID, state: WorkState, problem: Json | None) -> None:
+    """A conclusion that failed or was cancelled ends its calibration; a done one has ended it already."""
     calibration = session.get(Calibration, calibration_id) if state != WorkState.DONE else None
     if calibration and calibration.state in UNENDED:
-        rig: Json = {"pairs": [], "alarms": [], "problem": problem}
-        cancelled = state == WorkState.CANCELLED
-        end_calibration(session, calibration, runs_of(session, calibration.id), rig=rig, cancelled=cancelled)
+        end_calibration(session, calibration, state, problem)
+
+
+def _retry_conclusion(session: Session, job: Job) -> Sequence[Job]:
+    """The conclusion again; its runs have all ended."""
+    calibration = session.get(Calibration, job.subject_id, with_for_update=True)
+    if calibration is None or calibration.state != WorkState.FAILED:
+        state = calibration.state if calibration else "deleted"
+        raise CannotRetryError(f"its calibration is {state}, no longer failed")
+    _check_retried_alone(session, calibration.id)
+    _reopen(session, job.subject_id, runs=0)
+    return [enqueue(session, kind="conclude", fleet_id=job.fleet_id, subject_id=job.subject_id)]
 
 
 def _retry_run(session: Session, job: Job) -> Sequence[Job]:
@@ -45,26 +55,31 @@ def _retry_run(session: Session, job: Job) -> Sequence[Job]:
     run = session.get(CalibrationRun, job.subject_id, with_for_update=True)
     if run is None or run.state != WorkState.FAILED:
         raise CannotRetryError(f"its run is {run.state if run else 'deleted'}, no longer failed")
-    if session.scalar(select(exists().where(FleetRequestVehicle.calibration_id == run.calibration_id))):
-        raise CannotRetryError("it belongs to a fleet request; retry the failed vehicles there")
+    _check_retried_alone(session, run.calibration_id)
     for table in (Slot, Result):
         session.execute(delete(table).where(table.run_id == run.id).execution_options(synchronize_session=False))
     run.state, run.failure, run.finished_at = WorkState.QUEUED, None, None
     run.schedule, run.iteration, run.remaining = None, 0, 0
     session.flush()
-    _reopen(session, run.calibration_id)
+    _reopen(session, run.calibration_id, runs=1)
     before = _newest_job(session, run.id)
     start_runs(session, [run])
     hint(session, run.fleet_id, "calibration", run.calibration_id)
     return session.scalars(select(Job).where(Job.subject_id == run.id, Job.id > before).order_by(Job.id)).all()
 
 
-def _reopen(session: Session, calibration_id: UUID) -> None:
+def _check_retried_alone(session: Session, calibration_id: UUID) -> None:
+    if session.scalar(select(exists().where(FleetRequestVehicle.calibration_id == calibration_id))):
+        raise CannotRetryError("it belongs to a fleet request; retry the failed vehicles there")
+
+
+def _reopen(session: Session, calibration_id: UUID, runs: int) -> None:
+    """Take back the end of a calibration that waits for so many more runs."""
     reopened = session.execute(
         update(Calibration)
         .where(Calibration.id == calibration_id, Calibration.state != WorkState.CANCELLED)
         .values(
-            remaining=Calibration.remaining + 1,
+            remaining=Calibration.remaining + runs,
             state=WorkState.RUNNING,
             finished_at=None,
             summary=None,
@@ -75,10 +90,16 @@ def _reopen(session: Session, calibration_id: UUID) -> None:
     ).one_or_none()
     if reopened is None:
         raise CannotRetryError("its calibration was cancelled; ask for a new one")
+    session.execute(
+        update(Result)
+        .where(Result.calibration_id == calibration_id)
+        .values(checks=None, verdict=None)
+        .execution_options(synchronize_session=False)
+    )
     # The calibration is locked now, so none begins meanwhile: it would end the calibration without this run.
-    comparison = exists().where(Job.subject_id == calibration_id, Job.state.in_(UNENDED))
-    if session.scalar(select(comparison)):
-        raise CannotRetryError("the cameras of its calibration are being compared; wait for their end")
+    conclusion = exists().where(Job.subject_id == calibration_id, Job.state.in_(UNENDED))
+    if session.scalar(select(conclusion)):
+        raise CannotRetryError("its calibration is being concluded; wait for that")
 
 
 def _newest_job(session: Session, subject_id: UUID) -> int:
@@ -87,5 +108,5 @@ def _newest_job(session: Session, subject_id: UUID) -> int:
 
 KINDS = (
     Kind("solve", "solve", _end_part, _retry_run, cancelled=_CANCELLED_RUNS, tend=count_missed),
-    Kind("consistency", "report", _end_comparison),
+    Kind("conclude", "report", _end_conclusion, _retry_conclusion),
 )

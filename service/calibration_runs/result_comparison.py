@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apexcal.documents.results import FIELD_AZIMUTHS_DEG, FIELD_ELEVATIONS_DEG, FIELD_RANGES_M
-from service.calibration_runs.model_spread import MOUNT, difference
-from service.calibration_runs.transforms import write
+from service.calibration_runs.transforms import read, write
 from service.db.base import Json
 
 Floats = NDArray[np.float64]
+_TURNS: Final = ("rotation_x", "rotation_y", "rotation_z")
+_OFFSETS: Final = ("t_x", "t_y", "t_z")
+MOUNT: Final = (*_TURNS, *_OFFSETS)
+# What the parameters of all models mean alike.
+_LENS: Final = ("f_x", "f_y", "c_x", "c_y")
 # A chi-square of 1 to 6 degrees of freedom exceeds these once in a thousand times.
 _ONCE_IN_A_THOUSAND: Final = (10.828, 13.816, 16.266, 18.467, 20.515, 22.458)
 _COEFFICIENTS: Final = ("skew", "k1", "k2", "k3", "k4", "k5")
@@ -48,6 +52,24 @@ def compared_with_stated(document: Json, spread: Json | None, R: Floats, t: Floa
     names = [name for name in MOUNT if _std(document, spread, name)]
     found: Json = {**_distances(apart), "sigmas": None, "differs": None}
     return found | (_in_deviations(apart, names, _covariance(document, spread, names)) if names else {})
+
+
+def difference(one: Json, other: Json) -> dict[str, float]:
+    """By parameter, of two results' mounts and lenses: turns about the camera's axes in degrees, metres, pixels."""
+    R, t = read(one["transform"])
+    R_other, t_other = read(other["transform"])
+    apart = dict(zip(_TURNS, np.degrees(_vector(R @ R_other.T)).tolist(), strict=True))
+    apart |= dict(zip(_OFFSETS, (t - t_other).tolist(), strict=True))
+    lens, other_lens = one["intrinsics"], other["intrinsics"]
+    return apart | {name: lens[name] - other_lens[name] for name in _LENS if name in lens and name in other_lens}
+
+
+def _vector(R: Floats) -> Floats:
+    """The rotation vector of a turn of less than half a circle, radians."""
+    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
+    return axis if sine < 1e-12 else axis * (angle / sine)
 
 
 def _distances(apart: Mapping[str, float]) -> Json:

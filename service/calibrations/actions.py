@@ -66,7 +66,7 @@ def ask_to_end(session: Session, calibrations: Select[Any]) -> None:
         CalibrationRun.calibration_id.in_(calibrations), CalibrationRun.state.in_(UNENDED)
     )
     cancel(session, runs)
-    cancel(session, calibrations)  # the comparison of their cameras
+    cancel(session, calibrations)  # their conclusion
     session.execute(
         update(CalibrationRun)
         .where(CalibrationRun.id.in_(runs))

@@ -14,7 +14,6 @@ from apexcal.documents.results import ResultView
 from apexcal.documents.roles import rank
 from service.annotations.disclosure_actions import tell_pairs
 from service.auth.access import ReadAccess
-from service.calibration_runs.objection_queries import comparison, objections
 from service.calibrations.views import result_document
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.exports.answers import WantedFormat, exported
@@ -22,6 +21,7 @@ from service.exports.queries import of_result
 from service.http.etags import Conditional
 from service.http.problems import not_found
 from service.http.router import Router
+from service.publications.check_queries import checks_now
 
 router = Router(tags=["calibrations"])
 
@@ -30,9 +30,9 @@ router = Router(tags=["calibrations"])
 def read_result(
     result_id: UUID, access: ReadAccess, request: Request, wanted: WantedFormat, conditions: Conditional
 ) -> dict[str, Any] | Response:
-    """The solver's whole document: parameters, errors of every stage, deviations, alarms; and its ids.
+    """The solver's whole document: parameters, errors of every stage, deviations, checks; and its ids.
 
-    ``objections`` is what speaks against publishing it now, null of a fit that is not to all pairs. Of pairs made of
+    ``checks`` are all checks at this moment; of a fit that is not to all pairs those of the fit. Of pairs made of
     marks only reviewers see what tells of single pairs; what they answer afterwards on the vertices of these counts
     as reviewed. ``format``: its lens and mount in another format.
     """
@@ -50,9 +50,8 @@ def read_result(
         raise not_found()
     run, calibration, pairs = found
     with_pairs = pairs.source == "import" or rank(access.role(result.fleet_id) or "") >= rank("reviewer")
-    against = objections(access.session, result) if result.fold == FULL else None
-    document = result_document(result, run, calibration, pairs, against, with_pairs=with_pairs)
-    document["compared"] = comparison(access.session, result, calibration.vehicle_id) if result.fold == FULL else None
+    checks = checks_now(access.session, result) if result.fold == FULL else None
+    document = result_document(result, run, calibration, pairs, checks, with_pairs=with_pairs)
     if with_pairs:
         tell_pairs(access, request.app.state.database, pairs, "result")
     return document

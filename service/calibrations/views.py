@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import CalibrationView, ProgressView, RunView
+from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.pairs import CORNER
 from apexcal.documents.results import SINGLE_HELD_OUT_PAIRS
 from apexcal.documents.states import UNENDED
@@ -83,8 +84,8 @@ def _progress(row: Calibration, runs: Sequence[CalibrationRun]) -> ProgressView:
     ended = sum(run.state not in UNENDED for run in runs)
     begun = sum(run.iteration / (run.iteration + 10.0) for run in runs if run.state in UNENDED)
     fraction = (ended + begun) / len(runs) if runs else 1.0
-    comparing = row.state in UNENDED and ended == len(runs)
-    message = "the cameras are compared" if comparing else f"{ended} of {len(runs)} fits have ended"
+    judging = row.state in UNENDED and ended == len(runs)
+    message = "the models are compared" if judging else f"{ended} of {len(runs)} fits have ended"
     return ProgressView(fraction=round(fraction, 4), message=message)
 
 
@@ -93,12 +94,11 @@ def result_document(
     run: CalibrationRun,
     calibration: Calibration,
     pairs: CorrespondenceSet,
-    against: list[str] | None,
+    checks: Sequence[Check] | None,
     *,
     with_pairs: bool,
 ) -> Json:
-    """The solver's whole document, which rows it belongs to, what speaks ``against`` publishing it, and where its
-    outliers come from.
+    """The solver's whole document, which rows it belongs to, all its ``checks``, and where its outliers come from.
 
     ``with_pairs``: whether the reader may know how far single marks lie from where their vertices project. With the
     calibration beside it that is to know the marks.
@@ -110,7 +110,9 @@ def result_document(
         outliers = [one | {"pair": _origin(pairs, one["index"])} for one in outliers]
     return document | {
         "outliers": outliers,
-        "objections": against,
+        "checks": document["checks"] if checks is None else [one.model_dump(mode="json") for one in checks],
+        "verdict": None if checks is None else verdict_of(checks, "mount_with_lens"),
+        "verdict_alone": None if checks is None else verdict_of(checks, "mount_alone"),
         "recording_id": str(pairs.recording_id) if pairs.recording_id else None,
         "detection_id": str(pairs.detection_id) if pairs.detection_id else None,
         "id": str(row.id),

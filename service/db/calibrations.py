@@ -152,7 +152,12 @@ class Slot(Base):
 
 
 class Result(Base):
-    """What a run found; ``document`` is the solver's solution, with the held-out figures where there are any."""
+    """What a run found; ``document`` is the solver's solution, with the held-out figures where there are any.
+
+    ``document`` has the checks of the fit, ``checks`` those of its calibration and of other data; ``verdict`` is the
+    gravest of both for the mount with its lens. Both are null until the calibration has ended. ``compared_with``: the
+    result that was the camera's current one then.
+    """
 
     __tablename__ = "result"
 
@@ -164,5 +169,8 @@ class Result(Base):
     model: Mapped[str] = mapped_column(String(20))
     fold: Mapped[int]
     document: Mapped[Json]
+    checks: Mapped[list[Any] | None]
+    verdict: Mapped[str | None] = mapped_column(String(4))
+    compared_with: Mapped[UUID | None]
     created_at: Mapped[Created]
     __table_args__ = (UniqueConstraint("run_id"),)

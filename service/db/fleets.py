@@ -14,8 +14,8 @@ from service.db.base import Base, Created, Json, Name, RowId, Version, belongs_t
 class Fleet(Base):
     """What roles are bound to: every row below belongs to exactly one fleet.
 
-    ``quota_bytes`` is what its recordings may take; None: what the settings say. ``gate`` holds the limits that its
-    results must meet to be published.
+    ``quota_bytes`` is what its recordings may take; None: what the settings say. ``policy`` says what its results
+    must show to be published.
     """
 
     __tablename__ = "fleet"
@@ -23,7 +23,7 @@ class Fleet(Base):
     id: Mapped[RowId]
     name: Mapped[Name] = mapped_column(unique=True)
     quota_bytes: Mapped[int | None] = mapped_column(BigInteger)
-    gate: Mapped[Json | None]
+    policy: Mapped[Json | None]
     version: Mapped[Version]
     created_at: Mapped[Created]
 
@@ -44,8 +44,8 @@ class Vehicle(Base):
 class Rig(Base):
     """One LiDAR and one or more cameras on a vehicle. ``T_vehicle_lidar`` is a transform document or absent.
 
-    ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations. Limits
-    of ``gate`` replace the fleet's. Serial numbers are those of the mounted sensors, if known.
+    ``camera_transforms`` are those between cameras that are known otherwise, with their standard deviations. Members
+    of ``policy`` replace the fleet's. Serial numbers are those of the mounted sensors, if known.
     """
 
     __tablename__ = "rig"
@@ -60,7 +60,7 @@ class Rig(Base):
     lidar_serial: Mapped[str | None] = mapped_column(String(200), index=True)
     T_vehicle_lidar: Mapped[Json | None]
     camera_transforms: Mapped[list[Any] | None]
-    gate: Mapped[Json | None]
+    policy: Mapped[Json | None]
     version: Mapped[Version]
     created_at: Mapped[Created]
     cameras: Mapped[list[RigCamera]] = relationship(order_by="RigCamera.position", passive_deletes=True)

@@ -8,7 +8,7 @@ from uuid import UUID
 from sqlalchemy import Index, String
 from sqlalchemy.orm import Mapped, mapped_column
 
-from service.db.base import Base, Created, Json, Name, RowId, belongs_to, refers_to
+from service.db.base import Base, Created, Name, RowId, belongs_to, refers_to
 
 
 class Publication(Base):
@@ -16,8 +16,8 @@ class Publication(Base):
 
     ``number`` counts an alias's moves from 1. The highest number says where the alias leads; no clock decides.
     ``result_id`` is null if the alias leads nowhere. Then it was withdrawn, or its result was deleted: ``led_to``
-    keeps the id of a deleted result. No other column ever changes. ``overridden`` has the objections against which
-    the result was published. ``gate`` is the verdict of the gates of rig and fleet, null if neither stated one.
+    keeps the id of a deleted result. No other column ever changes. ``overridden`` has the sentences of
+    the checks that the result did not pass when it was published.
     """
 
     __tablename__ = "publication"
@@ -34,5 +34,4 @@ class Publication(Base):
     published_by: Mapped[UUID | None] = refers_to("person.id")
     reason: Mapped[str | None] = mapped_column(String(500))
     overridden: Mapped[list[Any] | None]
-    gate: Mapped[Json | None]
     created_at: Mapped[Created]

@@ -26,7 +26,8 @@ class CalibratedCamera:
 
     ``marked`` are the pixels (n, 2) of the pairs. ``T_camera_lidar`` maps LiDAR points into the optical frame
     (x right, y down, z forward) of the images. ``source`` is the id of the result. ``T_own_camera`` leads from there
-    to the camera's own frame, which the vehicle's tree has; None if they are the same.
+    to the camera's own frame, which the vehicle's tree has; None if they are the same. ``mount_checks`` are the
+    sentences of the checks that the mount alone does not pass.
     """
 
     name: str
@@ -45,6 +46,7 @@ class CalibratedCamera:
     is_rectified: bool = False
     T_own_camera: Transform | None = None
     stated: StatedLensFit | None = None
+    mount_checks: Sequence[str] = ()
 
     @property
     def _stated(self) -> StatedLensFit | None:

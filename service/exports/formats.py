@@ -67,7 +67,11 @@ def export(wanted: Format, calibrated: Calibrated) -> Exported:
         )
     tells_lens = wanted.mount_apart or not wanted.carries_lens
     notes = [one.needs(carries_lens=wanted.carries_lens) for one in calibrated.cameras if tells_lens]
-    calibrated = calibrated if wanted.carries_lens else calibrated.alone()
+    if not wanted.carries_lens:
+        notes += [
+            f"{one.name}, this mount alone: {sentence}" for one in calibrated.cameras for sentence in one.mount_checks
+        ]
+        calibrated = calibrated.alone()
     pairs = [(camera, carried(wanted, camera)) for camera in calibrated.cameras]
     notes += [f"{lacking(wanted, camera)}: {less.sentence}." for camera, less in pairs if less]
     files = wanted.write(replace(calibrated, cameras=[less.camera if less else camera for camera, less in pairs]))

@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 from apexcal.documents.camera_models import parse_model
 from apexcal.documents.results import StatedLensFit
 from service.calibration_runs.image_frames import T_images_camera, joint_of_images
+from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.fleets import Rig, RigCamera, Vehicle
 from service.http.problems import not_found
@@ -62,6 +63,10 @@ def _of(session: Session, statement: _Cameras) -> Calibrated:
     return Calibrated(rows[0][3], cameras)
 
 
+def _stored_checks(result: Result) -> list[Json]:
+    return [*result.document["checks"], *(result.checks or [])]
+
+
 def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> CalibratedCamera:
     from service.exports.calibrated import CalibratedCamera, SolvedJoint
     from service.exports.transform import Transform
@@ -88,4 +93,5 @@ def _camera(result: Result, rig: Rig, camera: RigCamera, marked: Floats) -> Cali
         is_rectified=(camera.images or {}).get("kind") == "rectified",
         T_own_camera=Transform.of(turn).inverse(),
         stated=stated and StatedLensFit.model_validate(stated),
+        mount_checks=[one["sentence"] for one in _stored_checks(result) if one["verdict"] != "pass"],
     )

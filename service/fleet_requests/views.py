@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session, aliased
 
 from apexcal.documents.base import stored
 from apexcal.documents.calibrations import ProgressView
+from apexcal.documents.checks import Check, verdict_of
 from apexcal.documents.fleet_requests import CameraOutcome, Counts, FleetRequestView, RequestVehicleView
 from apexcal.documents.publications import CURRENT
 from apexcal.documents.states import VehicleState, WorkState
@@ -22,6 +23,7 @@ from service.db.fleets import Vehicle
 from service.db.jobs import Job
 from service.db.people import Person
 from service.db.publications import Publication
+from service.publications.check_queries import failing
 
 # Before this many vehicles have ended, their pace tells too little.
 _LEAST_ENDED = 3
@@ -162,14 +164,13 @@ def vehicle_view(row: FleetRequestVehicle, name: str, running: bool, summary: Js
 def _outcome(found: Json) -> CameraOutcome:
     model = found["recommended"]
     summary: Json = found["models"].get(model, {})
+    checks = [Check.model_validate(one) for one in found["checks"]]
     return CameraOutcome(
         model=model,
         mean_px=summary.get("polished", {}).get("mean_px"),
         heldout_mean_px=summary.get("heldout_mean_px"),
         status=summary.get("status"),
-        warnings=len(summary.get("alarms", [])),
-        # A worker of an older version does not keep it.
-        objections=summary.get("objections", []),
+        verdict=verdict_of(checks, "mount_with_lens") if checks else None,
+        checks=failing(checks),
         published=found.get("published"),
-        not_published=found.get("not_published", []),
     )

@@ -13,7 +13,7 @@ from sqlalchemy.orm import selectinload
 
 from apexcal.documents.base import stored
 from apexcal.documents.fleets import CameraImages, FleetOut, Named, NewRig, RigOut, SensorSerials, VehicleOut
-from apexcal.documents.gates import Gate
+from apexcal.documents.policies import PublicationPolicy
 from service.auth.access import Access, ReadAccess, WriteAccess
 from service.broker.hints import hint
 from service.db.fleets import Fleet, Rig, RigCamera, Vehicle
@@ -206,23 +206,25 @@ def patch_images(id: UUID, body: CameraImages, access: WriteAccess, conditions: 
     return rig_view(rig)
 
 
-@router.put("/rigs/{id}/gate")
-def put_rig_gate(id: UUID, body: Gate, access: WriteAccess, conditions: Conditional) -> RigOut:
+@router.put("/rigs/{id}/policy")
+def put_rig_policy(id: UUID, body: PublicationPolicy, access: WriteAccess, conditions: Conditional) -> RigOut:
     """State what this rig's results must show to be published; `{}` states nothing. [admin]"""
     rig = access.find(Rig, id, "admin", lock=True)
     conditions.require(version_etag(rig.version))
-    rig.gate = body.model_dump(exclude_none=True) or None
+    rig.policy = body.model_dump(exclude_none=True) or None
     rig.version += 1
     conditions.offer(version_etag(rig.version))
     return rig_view(rig)
 
 
-@router.put("/fleets/{id}/gate")
-def put_fleet_gate(id: UUID, body: Gate, request: Request, access: WriteAccess, conditions: Conditional) -> FleetOut:
+@router.put("/fleets/{id}/policy")
+def put_fleet_policy(
+    id: UUID, body: PublicationPolicy, request: Request, access: WriteAccess, conditions: Conditional
+) -> FleetOut:
     """State what all results of the fleet must show to be published; `{}` states nothing. [admin]"""
     fleet = access.find(Fleet, id, "admin", lock=True)
     conditions.require(version_etag(fleet.version))
-    fleet.gate = body.model_dump(exclude_none=True) or None
+    fleet.policy = body.model_dump(exclude_none=True) or None
     fleet.version += 1
     conditions.offer(version_etag(fleet.version))
     return _fleets(access, [fleet], request)[0]
@@ -238,7 +240,7 @@ def _fleets(access: Access, fleets: Sequence[Fleet], request: Request) -> list[F
             role=access.role(fleet.id),
             taken_bytes=use[fleet.id].taken,
             quota_bytes=use[fleet.id].allowed,
-            gate=stored(fleet.gate),
+            policy=stored(fleet.policy),
             version=fleet.version,
             created_at=fleet.created_at,
         )

@@ -33,7 +33,7 @@ def rig_view(rig: Rig) -> RigOut:
             ]
         ),
         camera_transforms=stored(rig.camera_transforms or []),
-        gate=stored(rig.gate),
+        policy=stored(rig.policy),
         version=rig.version,
         created_at=rig.created_at,
     )

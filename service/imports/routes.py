@@ -14,7 +14,7 @@ from apexcal.documents.imports import (
     UrdfDraftRequest,
 )
 from service.auth.access import CurrentIdentity, ReadAccess
-from service.calibration_runs.objection_queries import spread_of_result
+from service.calibration_runs.conclusion import spread_of_result
 from service.db.calibrations import Result
 from service.db.recordings import Recording
 from service.http.bodies import DOCUMENT

@@ -76,6 +76,10 @@ class LostLeaseError(Exception):
     """Somebody else holds the job now; whatever was computed is dropped."""
 
 
+class StaleInputError(Exception):
+    """What the work was computed from has changed: it is computed again."""
+
+
 class CancelledError(Exception):
     """The job's owner asked for its end."""
 

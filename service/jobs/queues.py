@@ -9,7 +9,7 @@ _CAPS: dict[str, str | None] = {
     "detect": None,
     # A run takes at most half a minute (decision 0032), so nobody waits longer for a process.
     "solve": None,
-    # A queue of its own: the comparison takes a moment and ends a calibration, so it must not wait behind runs.
+    # A queue of its own: a conclusion takes a moment and ends a calibration, so it must not wait behind runs.
     "report": None,
 }
 QUEUES = tuple(_CAPS)

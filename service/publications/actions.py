@@ -14,17 +14,16 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT
-from service.calibration_runs.gate_verdicts import gate_verdict
 from service.db.calibrations import Calibration, Result
 from service.db.fleets import Vehicle
 from service.db.publications import Publication
 from service.publications.queries import newest_publication, newest_publications
 
-_BY_ITSELF = "It was recommended and had no objections."
+_BY_ITSELF = "It was recommended and passed its checks."
 
 
 class Grounds(NamedTuple):
-    """Who moves an alias and why. ``overridden`` holds the objections, if it is published against any."""
+    """Who moves an alias and why. ``overridden`` has the sentences of the checks that the result does not pass."""
 
     person_id: UUID | None
     reason: str | None
@@ -60,16 +59,15 @@ def publish(
         published_by=grounds.person_id,
         reason=grounds.reason,
         overridden=list(grounds.overridden) or None,
-        gate=gate_verdict(session, result),
     )
     session.add(row)
     session.flush()
     return row
 
 
-def publish_by_itself(session: Session, calibration: Calibration, result: Result) -> None:
-    """Give a recommended result to its camera in the name of who asked for it."""
-    publish(session, calibration, result, Grounds(calibration.created_by, _BY_ITSELF))
+def publish_by_itself(session: Session, calibration: Calibration, result: Result, overridden: Sequence[str]) -> None:
+    """Give a recommended result to its camera in the name of who asked for it. ``overridden``: checks of `look`."""
+    publish(session, calibration, result, Grounds(calibration.created_by, _BY_ITSELF, overridden))
 
 
 def withdraw(session: Session, publication: Publication, grounds: Grounds) -> Publication:

@@ -93,5 +93,5 @@ def _quality(result: Result, calibration: Calibration) -> Json:
         "std": stated.get("std"),
         "std_of_model": result.document.get("std"),
         "interval95_half_width": stated.get("interval95_half_width"),
-        "alarms": result.document.get("alarms", []),
+        "verdict": result.verdict,
     }

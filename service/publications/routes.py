@@ -38,8 +38,8 @@ _CAMERA = "/vehicles/{vehicle_id}/cameras/{camera}"
 def publish_result(result_id: UUID, access: WriteAccess, body: PublicationRequest | None = None) -> JSONResponse:
     """Publish a result for its vehicle's camera; if the alias leads to it already, the answer is 200. [reviewer]
 
-    Against the service's objections only with an ``override``, which is kept. One that was published before takes a
-    ``reason``: this is how to go back.
+    Against a check of `stop` only with an ``override``, which is kept with the sentences of the checks. One that was
+    published before takes a ``reason``: this is how to go back.
     """
     wanted = body or PublicationRequest()
     result = access.find(Result, result_id, "reviewer")
@@ -89,7 +89,7 @@ def list_publications(
     window: Paging,
     alias: Annotated[AliasName, Query(description="`current`, or another alias such as `canary`")] = CURRENT,
 ) -> Page[PublicationView]:
-    """What a camera was given under an alias, newest first: by whom, when, why and against which objections."""
+    """What a camera was given under an alias, newest first: by whom, when, why and against which checks."""
     return publication_page(access.session, access.find(Vehicle, vehicle_id).id, camera, alias, window)
 
 

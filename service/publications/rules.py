@@ -1,4 +1,4 @@
-"""What may be published and withdrawn: fits to all pairs; against objections, only under an override."""
+"""What may be published and withdrawn: fits to all pairs; against a check of `stop` only with a reason."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from uuid import UUID
 from sqlalchemy.orm import Session
 
 from apexcal.documents.publications import CURRENT, PublicationRequest
-from service.calibration_runs.objection_queries import objections
 from service.db.calibrations import FULL, Result
 from service.db.publications import Publication
 from service.http.problems import Problem
 from service.publications.actions import Grounds
+from service.publications.check_queries import checks_now, failing
 from service.publications.queries import newest_publications, was_published
 
 # A list of them is one page. People have two or three.
@@ -30,20 +30,21 @@ def check_publishable(result: Result) -> None:
 
 
 def grounds_of(session: Session, result: Result, wanted: PublicationRequest, person_id: UUID) -> Grounds:
-    """Why this person publishes a result now, with what speaks against it.
+    """Why this person publishes a result now, with the sentences of the checks that it does not pass.
 
     Raises:
-        Problem: 409 ``objections`` without an override; 422 ``reason_missing`` where the alias led to it before.
+        Problem: 409 ``checks_stop`` where a check says so, without an override; 422 ``reason_missing`` where the
+            alias led to it before.
     """
-    against = objections(session, result)
-    if against and wanted.override is None:
-        more = f" ({len(against) - 1} more in `objections`)" if len(against) > 1 else ""
+    failed = failing(checks_now(session, result))
+    if failed and failed[0].verdict == "stop" and wanted.override is None:
+        more = f" ({len(failed) - 1} more in `checks`)" if len(failed) > 1 else ""
         raise Problem(
             409,
-            "objections",
-            f"There are objections to publishing this result: {against[0]}{more}",
-            'Look at it first. To publish it all the same, say why: {"override": {"reason": "..."}}.',
-            objections=against,
+            "checks_stop",
+            f"A check says that this result should not be used: {failed[0].sentence}{more}",
+            f'{failed[0].remedy} To publish it all the same, say why: {{"override": {{"reason": "..."}}}}.',
+            checks=[one.model_dump(mode="json") for one in failed],
         )
     reason = wanted.override.reason if wanted.override else wanted.reason
     if reason is None and was_published(session, result, wanted.alias):
@@ -53,7 +54,7 @@ def grounds_of(session: Session, result: Result, wanted: PublicationRequest, per
             "This result was published before, and another one after it.",
             'Say why it is given again: {"reason": "..."}.',
         )
-    return Grounds(person_id, reason, against)
+    return Grounds(person_id, reason, [one.sentence for one in failed])
 
 
 def check_alias(session: Session, vehicle_id: UUID, camera: str, alias: str) -> None:

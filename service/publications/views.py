@@ -1,4 +1,4 @@
-"""Publications as the answers show them: by whom, when, why, and against which objections."""
+"""Publications as the answers show them: by whom, when, why, and against which checks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from uuid import UUID
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
-from apexcal.documents.base import stored
 from apexcal.documents.publications import OverrideView, PublicationView
 from service.db.calibrations import Result
 from service.db.people import Person
@@ -64,7 +63,6 @@ def publication_views(session: Session, statement: Select[Publication]) -> list[
             published_by=published_by,
             reason=row.reason,
             override=override_view(row),
-            gate=stored(row.gate),
             is_current=bool(is_last) and row.result_id is not None,
         )
         for row, calibration_id, model, published_by, is_last in rows
@@ -72,7 +70,7 @@ def publication_views(session: Session, statement: Select[Publication]) -> list[
 
 
 def override_view(publication: Publication) -> OverrideView | None:
-    """The objections against which it was published."""
+    """The checks that it did not pass when it was published, and why it was."""
     if not publication.overridden:
         return None
-    return OverrideView(reason=publication.reason or "", objections=publication.overridden)
+    return OverrideView(reason=publication.reason or "", sentences=publication.overridden)

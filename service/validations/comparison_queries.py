@@ -9,7 +9,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from apexcal.documents.comparisons import ResultComparison
-from service.calibration_runs.objection_queries import spread_of_result
+from service.calibration_runs.conclusion import spread_of_result
 from service.db.base import Json
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.http.problems import Problem, not_found

@@ -20,7 +20,7 @@ from service.publications.queries import withdrawals
 from service.publications.views import publication_views
 
 # What is compared of a result; its document also has the errors of all its pairs.
-COMPARED: Final = ("intrinsics", "transform", "std", "covariance", "field")
+COMPARED: Final = ("intrinsics", "transform", "std", "covariance", "field", "lens")
 
 
 class _Recommended(NamedTuple):
@@ -29,6 +29,7 @@ class _Recommended(NamedTuple):
     id: UUID
     calibration_id: UUID
     model: str
+    verdict: str | None
     document: Json
     at: datetime
     spread: Json | None
@@ -103,17 +104,19 @@ def _recommended(session: Session, camera: str, dated: list[tuple[Json | None, d
         if model:
             chosen[UUID(model["result_id"])] = at, model.get("between_models")
     of_results = select(
-        Result.id, Result.calibration_id, Result.model, *(Result.document[name] for name in COMPARED)
+        Result.id, Result.calibration_id, Result.model, Result.verdict, *(Result.document[name] for name in COMPARED)
     ).where(Result.id.in_(chosen))
     known: dict[UUID, Any] = {row[0]: row for row in session.execute(of_results)}
     withdrawn = _withdrawn(session, list(known))
     found: list[_Recommended] = []
     for result_id, (at, spread) in chosen.items():
         if result_id in known:
-            _, calibration_id, name, *parts = known[result_id]
+            _, calibration_id, name, verdict, *parts = known[result_id]
             document: Json = dict(zip(COMPARED, parts, strict=True))
             found.append(
-                _Recommended(result_id, calibration_id, name, document, at, spread, withdrawn.get(result_id))
+                _Recommended(
+                    *(result_id, calibration_id, name, verdict, document, at, spread, withdrawn.get(result_id))
+                )
             )
     return found
 
@@ -149,7 +152,25 @@ def _apart(one: _Recommended, other: _Recommended) -> Json | None:
     # Imported here: it needs NumPy, which takes a twentieth of the service's start.
     from service.calibration_runs.result_comparison import compared
 
-    return compared(one.document, other.document, one.spread, other.spread)
+    apart = compared(one.document, other.document, one.spread, other.spread)
+    if apart is None:
+        return None
+    reason = _incomparable(one, other)
+    return apart | {"differs": apart["differs"] and reason is None, "incomparable": reason}
+
+
+def _incomparable(one: _Recommended, other: _Recommended) -> str | None:
+    """Why the difference of two mounts does not say that the mount moved; None if it does."""
+    if one.model != other.model:
+        return f"their lens models are {other.model} and {one.model}, and a mount belongs to its lens"
+    if one.document["lens"] != other.document["lens"]:
+        return f"the lens of one is {other.document['lens']}, that of the other {one.document['lens']}"
+    failed = [each for each in (other, one) if each.verdict != "pass"]
+    if failed:
+        return (
+            f"the result of {' and that of '.join(f'{each.at:%Y-%m-%d}' for each in failed)} does not pass its checks"
+        )
+    return None
 
 
 def _sentence(camera: str, steps: list[DriftStep]) -> str:
@@ -169,6 +190,9 @@ def _sentence(camera: str, steps: list[DriftStep]) -> str:
     if jumps:
         when = ", ".join(f"{step.at:%Y-%m-%d}" for step in jumps)
         return f"{said}the mount moved (at {when}). The last one differs from the first by {size}.{withdrawn}"
+    if last["incomparable"]:
+        unsaid = f"Whether the mount moved cannot be said: {last['incomparable']}."
+        return f"{said}the last one differs from the first by {size}. {unsaid}{withdrawn}"
     if last["differs"]:
         return f"{said}no step is significant, but the last one differs from the first by {size}.{withdrawn}"
     return f"{said}the mount did not move significantly: the last one differs from the first by {size}.{withdrawn}"

@@ -4,18 +4,20 @@ import io
 
 from rich.console import Console
 
-from apexcal.commands.calibrated import lens_of, table_of, warnings_of, why_unpublished
+from apexcal.commands.calibrated import lens_of, line_of, table_of, verdict_line, why_unpublished
+from apexcal.documents.checks import Check
 from apexcal.documents.summaries import CameraSummary
 
 STAGE = {"mean_px": 119.11, "rms_px": 264.42}
 FOUND = {"result_id": "0192f0c1-2d3e-7a4b-8c5d-6e7f8a9b0c1d", "status": "ok", "message": ""}
-BROWN = {**FOUND, "polished": {"mean_px": 4.18, "rms_px": 5.1}, "heldout_mean_px": 34.21, "alarms": ["far"]}
+BROWN = {**FOUND, "polished": {"mean_px": 4.18, "rms_px": 5.1}, "heldout_mean_px": 34.21, "verdict": "stop"}
 KANNALA = {
     **FOUND,
     **dict.fromkeys(("ga", "polished", "baseline"), STAGE),
     "heldout_mean_px": 200.0,
     "heldout_pairs": 80,
-    "alarms": ["f_x lies on its bound"],
+    "verdict": "look",
+    "verdict_alone": "stop",
 }
 CAMERA = CameraSummary.model_validate(
     {
@@ -35,10 +37,14 @@ def test_the_table_fits_into_80_columns():
     assert "…" not in shown
 
 
-def test_overfitted_models_and_the_recommended_models_alarms_are_warned_of():
-    overfitted, alarm = warnings_of(CAMERA)
-    assert overfitted.startswith("brown_conrady is at 34.21 px on held-out pairs")
-    assert alarm == "kannala_brandt: f_x lies on its bound"
+def test_the_verdict_and_each_check_are_a_line():
+    check = Check(
+        name="bounds", title="Bounds", verdict="look", sentence="f_x lies on its bound.", remedy="Widen it.",
+        figures={}, scope="mount_with_lens",
+    )  # fmt: skip
+    camera = CAMERA.model_copy(update={"checks": [check]})
+    assert verdict_line(camera) == "Verdict on kannala_brandt: look; stop for the mount with another lens."
+    assert line_of(check) == "look: f_x lies on its bound. Widen it."
 
 
 def test_the_lens_of_the_recommended_model_is_told():
@@ -51,11 +57,7 @@ def test_the_lens_of_the_recommended_model_is_told():
 
 
 def test_each_reason_for_not_publishing_is_its_own():
-    doubtful = CAMERA.model_copy(update={"not_published": ["f_x lies on its bound.", "The slots disagree."]})
-    reasons = {
-        why_unpublished(CAMERA, wanted=False),
-        why_unpublished(doubtful, wanted=True),
-        why_unpublished(CAMERA, wanted=True),
-    }
-    assert len(reasons) == 3
-    assert why_unpublished(doubtful, wanted=True).startswith("f_x lies on its bound. The slots disagree. A reviewer")
+    withheld, replaced = (CAMERA.model_copy(update={"published": was}) for was in (False, True))
+    reasons = [why_unpublished(CAMERA, wanted=False), why_unpublished(withheld, wanted=True)]
+    assert len({*reasons, why_unpublished(replaced, wanted=True)}) == 3
+    assert reasons[1].startswith("a check keeps it back. A reviewer")

@@ -47,11 +47,10 @@ def _result(calibration):
 
 
 def test_one_click_does_not_publish_what_lies_on_its_bounds(car: Car, owner: Client):
-    """The request asked for no publication, and the service looked for objections all the same."""
     with pytest.raises(ApiError) as refused:
         owner.calibrations.publish(car.edge)
-    assert (refused.value.status, refused.value.code) == (409, "objections")
-    assert any("edge of its bounds (f_x" in one for one in refused.value.fields["objections"])
+    assert (refused.value.status, refused.value.code) == (409, "checks_stop")
+    assert any("f_x" in one["sentence"] and one["name"] == "bounds" for one in refused.value.fields["checks"])
     with pytest.raises(ApiError, match="Nothing has been published"):
         owner.calibrations.current(car.id, "front")
 

@@ -12,9 +12,9 @@ from benchmarks.trust.runs import Told
 
 
 def test_the_worst_fault_counts_at_its_larger_size_alone(capsys):
-    judged = [Told(None, None, True, "unsound", ["Why."]), Told(None, None, True, "doubtful", [])]
+    judged = [Told(None, None, True, "stop", ["Why."]), Told(None, None, True, "look", [])]
     judged += [Told("turned_0.2", False, False, None, []), Told("turned_1.0", True, True, None, [])]
-    judged += [Told("clock", True, True, "unsound", []), Told("clock", False, True, "sound", [])]
+    judged += [Told("clock", True, True, "stop", []), Told("clock", False, True, "pass", [])]
     judged += [Told("shifted", None, True, None, [])]
     assert summary(judged) == {"worst_fault_named": 0.5, "sound_accused": 0.5}
     assert "against a sound result: Why." in capsys.readouterr().err
@@ -30,5 +30,5 @@ def test_wrong_marks_are_named_and_sound_ones_are_not():
         judge(bench, paired, columns(paired, Errors(blunders=share), np.random.default_rng(1)), request)
         for share in (0.0, 0.1)
     )
-    assert sound.verdict.level != "unsound" and not sound.failed
-    assert wrong.verdict.level == "unsound" and "wrong_pairs" in wrong.failed
+    assert sound.verdict.level != "stop" and not sound.failed
+    assert wrong.verdict.level == "stop" and "wrong_pairs" in wrong.failed

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
-from service.db.models import Calibration, Job
-from service.jobs.claims import claim, finishing
+from service.db.models import Job
+from service.jobs.claims import claim
 from service.jobs.sweep import sweep
 from tests.support.databases import one_database
 from tests.support.work import work
@@ -78,7 +78,7 @@ def test_two_cameras_are_compared_when_both_are_done(api, context):
     assert pair["shared"]["vertices"] == 100
     assert [done["summary"]["cameras"][name]["published"] for name in ("front", "left")] == [True, True]
     with api.database.reading() as session:
-        assert session.scalars(select(Job.queue).where(Job.kind == "consistency")).all() == ["report"]
+        assert session.scalars(select(Job.queue).where(Job.kind == "conclude")).all() == ["report"]
     result = engineer.get(f"/results/{done['summary']['cameras']['left']['models']['pinhole']['result_id']}").json()
     provenance = result["provenance"]
     assert (len(provenance["sources_sha256"]), len(provenance["pairs_sha256"])) == (64, 64)
@@ -108,47 +108,33 @@ def test_a_rig_that_states_something_else_is_an_alarm_that_publishes_nothing(api
     assert "from what the rig states" in alarm and "noise does not explain" in alarm
     for camera in ("front", "left"):
         assert summary["cameras"][camera]["published"] is False
-        assert summary["cameras"][camera]["not_published"] == [alarm]
+        failed = {
+            one["name"]: one["sentence"] for one in summary["cameras"][camera]["checks"] if one["verdict"] == "stop"
+        }
+        assert failed["cameras"] == alarm
 
 
-def at_the_comparison(api, context):
-    """An engineer, the calibration, and the job that compares its cameras, not yet claimed."""
+def at_the_conclusion(api, context):
+    """An engineer, the calibration, and the job that concludes it, not yet claimed."""
     engineer, calibration = asked(api, folds=0, farm="runs")
     with api.database.reading() as session:
         ids = session.scalars(select(Job.id).order_by(Job.id)).all()
     for job_id in ids:
         run_job(context, job_id)
     waiting = engineer.get(f"/calibrations/{calibration['id']}").json()
-    assert (waiting["state"], waiting["progress"]["message"]) == ("running", "the cameras are compared")
+    assert (waiting["state"], waiting["progress"]["message"]) == ("running", "the models are compared")
     with api.database.reading() as session:
-        (job_id,) = session.scalars(select(Job.id).where(Job.kind == "consistency"))
+        (job_id,) = session.scalars(select(Job.id).where(Job.kind == "conclude"))
     return engineer, calibration, job_id
 
 
-def test_a_cancel_before_the_comparison_ends_the_calibration_with_what_was_found(api, context):
-    engineer, calibration, job_id = at_the_comparison(api, context)
+def test_a_cancel_before_the_conclusion_ends_the_calibration(api, context):
+    engineer, calibration, job_id = at_the_conclusion(api, context)
     assert engineer.post(f"/calibrations/{calibration['id']}/cancel").status_code == 202
     sweep(context.database, context.store)
     ended = engineer.get(f"/calibrations/{calibration['id']}").json()
-    assert ended["state"] == "cancelled"
-    assert set(ended["summary"]["cameras"]) == {"front", "left"}
-    assert not any(camera["published"] for camera in ended["summary"]["cameras"].values())
+    assert (ended["state"], ended["summary"]) == ("cancelled", None)
     assert claim(context.database, job_id, "late") is None
-
-
-def test_a_comparison_that_fails_ends_the_calibration_and_publishes_nothing(api, context):
-    engineer, calibration, job_id = at_the_comparison(api, context)
-    held = claim(context.database, job_id, "w")
-    assert held
-    problem = {"code": "internal_error", "detail": "The work ended unexpectedly.", "hint": "Tell the operator."}
-    with finishing(context.database, held, "failed", problem):
-        pass
-    ended = engineer.get(f"/calibrations/{calibration['id']}").json()
-    assert (ended["state"], ended["summary"]["rig"]["problem"]) == ("done", problem)
-    front = ended["summary"]["cameras"]["front"]
-    assert "could not be compared: The work ended unexpectedly." in front["not_published"][-1]
-    with api.database.reading() as session:
-        assert session.query(Calibration).one().remaining == 0
 
 
 def test_known_transforms_name_two_cameras_of_the_rig(api):

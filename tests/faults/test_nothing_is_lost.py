@@ -162,7 +162,7 @@ def test_a_worker_told_to_stop_gives_its_job_back_uncounted_and_a_cancel_ends_it
     # Before the end of the slot, which is as long as one may be.
     assert seconds_of(lambda: farm.stop("worker")) < 20
     assert (farm.job(job_id).state, farm.job(job_id).lost) == ("queued", 0)
-    # The comparison below waits for a worker that reads its queue.
+    # The conclusion below waits for a worker that reads its queue.
     farm.use_worker(2, "solve")
     wait_until(lambda: farm.job(job_id).state == "running", "another claim", 120)
     farm.client.calibrations.cancel(calibration.id)
@@ -176,16 +176,16 @@ def _running(farm: Farm) -> list[int]:
 
 
 @both_in_the_long_form
-def test_the_comparison_of_cameras_killed_at_work_ends_the_calibration_once(farm: Farm):
+def test_a_conclusion_killed_at_work_ends_the_calibration_once(farm: Farm):
     """As a worker that died between its claim and its finish: the sweep gives the job to another."""
     farm.use_worker(2, "solve")
     calibration = ask_two_cameras(farm.client, next(_names), farm="runs", folds=0)
 
     def waiting() -> list[int]:
         with farm.database.reading() as session:
-            return list(session.scalars(select(Job.id).where(Job.kind == "consistency", Job.state == "queued")))
+            return list(session.scalars(select(Job.id).where(Job.kind == "conclude", Job.state == "queued")))
 
-    wait_until(lambda: waiting() != [], "the comparison", 120)
+    wait_until(lambda: waiting() != [], "the conclusion", 120)
     (job_id,) = waiting()
     assert claim(farm.database, job_id, "a worker that dies")
     farm.use_worker(2)

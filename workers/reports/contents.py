@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from apexcal.documents.checks import Check
-from workers.judge.validation_checks import elsewhere
 from workers.reports.coverage import field_of, missing
 from workers.reports.maps import ground_map, image_map
 from workers.reports.material import Material
 from workers.reports.pair_errors import PairErrors, held_out_px, pair_errors, rings_of
 from workers.reports.rounding import rounded, tidy
-from workers.reports.verdict import verdict_of
+from workers.reports.verdict import sentence_of
 
 Json = dict[str, Any]
 LAYOUT = 1
@@ -35,7 +33,6 @@ def contents(material: Material) -> Json:
     """The report's numbers: metres in the LiDAR's frame, pixels, degrees; of N pairs in the order of their set."""
     document = material.chosen.document
     errors = pair_errors(document, material.chosen.problem.points, material.chosen.problem.pixels)
-    checks = [Check.model_validate(one) for one in document["checks"]] + [elsewhere(material.elsewhere)]
     used = material.chosen.problem.weights > 0.0
     used[[one["index"] for one in document["outliers"]]] = False
     field = field_of(material, errors)
@@ -45,8 +42,8 @@ def contents(material: Material) -> Json:
             "names": dict(material.names),
             "ids": dict(material.ids),
             "made_at": material.made_at,
-            "verdict": verdict_of(document, material.objections, checks)._asdict(),
-            "checks": [one.model_dump() for one in checks],
+            "verdict": sentence_of(document, material.checks)._asdict(),
+            "checks": [one.model_dump() for one in material.checks],
             "rings": rings_of(errors, used),
             "result": {name: document.get(name) for name in _SHOWN_OF_RESULT},
             "recommended": material.recommended,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from apexcal.documents.checks import Check
 from workers.solver.problem import FitProblem
 
 Json = dict[str, Any]
@@ -46,7 +47,7 @@ class Material:
     """All that the report of one result reads.
 
     ``chosen`` is the reported model, ``models`` are all of its camera. ``pairs``: columns of equal lengths.
-    ``objections``: what speaks against publishing the result. ``slots``: iteration, slot and loss of each slot.
+    ``checks``: all checks of the result. ``slots``: iteration, slot and loss of each slot.
     ``marks``: by person, where the pairs are made of marks. ``frames``: by number of the pair. ``elsewhere``: what
     validations found on other data, the newest first, without single pairs. ``names`` are those of vehicle, rig and
     camera; ``ids`` of the rows.
@@ -55,7 +56,7 @@ class Material:
     chosen: FittedModel
     models: Sequence[FittedModel]
     pairs: Json
-    objections: Sequence[str] = ()
+    checks: Sequence[Check] = ()
     recommended: str | None = None
     why: str = ""
     slots: Sequence[tuple[int, int, float]] = ()

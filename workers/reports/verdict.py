@@ -5,36 +5,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from apexcal.documents.checks import Check
-from apexcal.documents.reports import VerdictLevel
+from apexcal.documents.checks import Check, CheckVerdict, verdict_of
 
 
-class Verdict(NamedTuple):
+class ReportVerdict(NamedTuple):
     """How far to trust a result. ``against`` are reasons not to use it, ``doubts`` reasons to look first."""
 
-    level: VerdictLevel
+    level: CheckVerdict
     sentence: str
     against: list[str]
     doubts: list[str]
 
 
-def verdict_of(document: dict[str, Any], objections: Sequence[str], checks: Sequence[Check]) -> Verdict:
-    """``objections``: what speaks against publishing the result. Checks of the mount alone do not count."""
+def sentence_of(document: dict[str, Any], checks: Sequence[Check]) -> ReportVerdict:
+    """Return what the checks of the mount with its lens come to."""
     concerned = [one for one in checks if one.scope == "mount_with_lens"]
-    against = list(objections)
-    against += [one.sentence for one in concerned if one.verdict == "stop" and not _is_said(one.sentence, against)]
-    doubts = [one.sentence for one in concerned if one.verdict == "look" and not _is_said(one.sentence, against)]
-    level: VerdictLevel = "unsound" if against else "doubtful" if doubts else "sound"
+    against = [one.sentence for one in concerned if one.verdict == "stop"]
+    doubts = [one.sentence for one in concerned if one.verdict == "look"]
+    level = verdict_of(concerned, "mount_with_lens")
     words = {
-        "unsound": f"Do not use it as it is: {_counted(len(against), 'reason speaks', 'reasons speak')} against it",
-        "doubtful": f"Check it before you use it: {_counted(len(doubts), 'reason', 'reasons')} for doubt",
-        "sound": "Nothing speaks against it",
+        "stop": f"Do not use it as it is: {_counted(len(against), 'check says', 'checks say')} so",
+        "look": f"Look at it before you use it: {_counted(len(doubts), 'check asks', 'checks ask')} for that",
+        "pass": "It passes all checks",
     }[level]
-    return Verdict(level, f"{words}. {_precision(document)}", against, doubts)
-
-
-def _is_said(sentence: str, others: Sequence[str]) -> bool:
-    return any(sentence in one or one in sentence for one in others)
+    return ReportVerdict(level, f"{words}. {_precision(document)}", against, doubts)
 
 
 def _counted(count: int, one: str, many: str) -> str:

@@ -12,9 +12,6 @@ from sqlalchemy.orm import Session
 
 from apexcal.documents.corners import TOP
 from apexcal.documents.pairs import CORNER
-from apexcal.documents.states import WorkState
-from apexcal.documents.validations import SINGLE_PAIRS
-from service.calibration_runs.objection_queries import objections
 from service.db.annotations import Mark, Verdict
 from service.db.base import Json
 from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
@@ -22,11 +19,11 @@ from service.db.clock import now
 from service.db.detections import Vertex, VertexFrame
 from service.db.fleets import Rig, Vehicle
 from service.db.people import Person
-from service.db.recordings import CameraFrame, Recording, Sensor
+from service.db.recordings import CameraFrame, Sensor
 from service.db.repeating import repeated
 from service.db.reports import Report
-from service.db.validations import Validation
 from service.jobs.claims import Claim, Lease, require_mine
+from service.publications.check_queries import checks_now
 from service.storage.blobs import condemn, keep, reserve
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, FrameImage, Material, PersonMark
@@ -34,13 +31,13 @@ from workers.solver.problem import FitProblem
 from workers.solver.stopping import Stop
 from workers.tasks.context import Context
 from workers.tasks.loading import require_room
+from workers.tasks.other_data import other_data
 from workers.tasks.solving import read_run
 
 _SHOWN: Final = frozenset(("image/jpeg", "image/png", "image/webp"))
 # Outliers with a picture, the worst first, and the largest frame that is read for one: the file stays below 3 MB.
 _PICTURES: Final = 24
 _FRAME_BYTES: Final = 600_000
-_VALIDATIONS: Final = 20
 
 
 class _Place(NamedTuple):
@@ -100,12 +97,12 @@ def _material(session: Session, result: Result, stop: Stop) -> Material:
         chosen=next(one for one in models if one.name == result.model),
         models=models,
         pairs=pairs.columns,
-        objections=objections(session, result),
+        checks=checks_now(session, result),
         recommended=found.get("recommended"),
         why=found.get("why") or "",
         slots=[(int(i), int(slot), float(loss)) for i, slot, loss in session.execute(slots.order_by(*_BY_SLOT))],
         marks=_marks(session, pairs),
-        elsewhere=_elsewhere(session, result, pairs),
+        elsewhere=other_data(session, [result])[result.id],
         names={"vehicle": vehicle.name, "rig": rig.name, "camera": result.camera},
         ids={name: str(value) for name, value in ids.items() if value is not None},
         request=calibration.request,
@@ -164,33 +161,6 @@ def _marks(session: Session, pairs: CorrespondenceSet) -> list[PersonMark]:
     )
     found = [(number.get(tuple(of)), name, u, v) for *of, name, u, v in rows]
     return [PersonMark(pair, name, float(u), float(v)) for pair, name, u, v in found if pair is not None]
-
-
-def _elsewhere(session: Session, result: Result, pairs: CorrespondenceSet) -> list[Json]:
-    """What validations of the result found, the newest first, and of the same data only the newest.
-
-    Pairs of the recording that was fitted to are no other data.
-    """
-    rows = session.execute(
-        select(Validation, CorrespondenceSet.recording_id, CorrespondenceSet.source)
-        .outerjoin(CorrespondenceSet, CorrespondenceSet.id == Validation.set_id)
-        .where(Validation.result_id == result.id, Validation.state == WorkState.DONE)
-        .order_by(Validation.id.desc())
-        .limit(_VALIDATIONS)
-    ).all()
-    used = {row.recording_id or of_set for row, of_set, _ in rows}
-    named = select(Recording.id, Recording.name).where(Recording.id.in_(used))
-    recordings: dict[UUID | None, str] = {row.id: row.name for row in session.execute(named)}
-    found: dict[tuple[str, UUID | None], Json] = {}
-    for row, of_set, source in rows:
-        is_fitted = row.set_id == pairs.id or (of_set is not None and of_set == pairs.recording_id)
-        if is_fitted or row.result is None:
-            continue
-        data = recordings.get(row.recording_id or of_set) or f"pairs from {source}"
-        told = {name: value for name, value in row.result.items() if name not in SINGLE_PAIRS}
-        told |= {"kind": row.kind, "data": data, "at": f"{row.created_at:%Y-%m-%d %H:%M} UTC", "id": str(row.id)}
-        found.setdefault((row.kind, row.set_id or row.recording_id), told)
-    return list(found.values())
 
 
 def _places(session: Session, material: Material, result: Result) -> Sequence[_Place]:

@@ -16,7 +16,17 @@ from apexcal.documents.errors import DocumentError
 from apexcal.documents.states import WorkState
 from service.db.base import Json
 from service.job_kinds import KINDS
-from service.jobs.claims import CancelledError, Claim, Lease, LostLeaseError, claim, finish, give_back, stumble
+from service.jobs.claims import (
+    CancelledError,
+    Claim,
+    Lease,
+    LostLeaseError,
+    StaleInputError,
+    claim,
+    finish,
+    give_back,
+    stumble,
+)
 from service.jobs.messages import Message
 from service.observability.logs import about
 from service.observability.request_ids import working_for
@@ -52,7 +62,7 @@ _ROOMS = {
     "corners": "cornering",
     "clock_offset": "studying",
     "solve": "solving",
-    "consistency": "comparing",
+    "conclude": "concluding",
     "report": "reporting",
     "score_pairs": "validating",
     "check_lanes": "validating",
@@ -110,12 +120,22 @@ def run_job(context: Context, job_id: int, queue: str = "") -> None:
         log.info("job %d: attempt %d took %.2f s", held.job_id, held.attempt, time.monotonic() - began)
 
 
+def _is_finished(context: Context, held: Claim, lease: Lease) -> bool:
+    """Do the work and write its end; False if what it was computed from changed before that."""
+    write = WORK[held.kind](context, held, lease)
+    lease.check()
+    try:
+        finish(context.database, held, write)
+    except StaleInputError:
+        return False
+    return True
+
+
 def _do(context: Context, held: Claim) -> None:
     try:
         with Lease(context.database, held) as lease, interruptible(lease):
-            write = WORK[held.kind](context, held, lease)
-            lease.check()
-            finish(context.database, held, write)
+            while not _is_finished(context, held, lease):
+                log.info("job %d: its input has changed meanwhile; it is done again", held.job_id)
     except LostLeaseError:
         log.warning("job %d attempt %d lost its lease; its work is dropped", held.job_id, held.attempt)
     except CancelledError:

@@ -5,21 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
+from uuid import UUID
 
 import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from apexcal.documents.checks import Check, verdict_of
+from apexcal.documents.states import WorkState
 from apexcal.documents.validations import SINGLE_PAIRS
-from service.db.calibrations import CorrespondenceSet
+from service.db.calibrations import CorrespondenceSet, Result
 from service.db.recordings import CameraFrame, Sensor
 from service.db.validations import Validation
 from service.jobs.claims import Claim, Lease
+from workers.judge.validation_checks import elsewhere
 from workers.readers.images.decoded_frames import decoded_frames
 from workers.readers.normalised.lidar_file import LidarFile
 from workers.readers.recording import ReadError
 from workers.tasks.context import Context
 from workers.tasks.loading import lidar_key, open_lidar
+from workers.tasks.other_data import other_data
 from workers.validation.calibration import KnownCalibration
 from workers.validation.edge_check import EdgeCheck
 from workers.validation.lane_check import LaneCheck
@@ -121,6 +126,21 @@ def _writing(
 ) -> Callable[[Session], None]:
     def write(session: Session) -> None:
         row = session.get_one(Validation, held.subject_id)
-        row.result, row.single_pairs = result, single_pairs
+        row.result, row.single_pairs, row.state = result, single_pairs, WorkState.DONE
+        session.flush()
+        if row.result_id is not None:
+            _judge_elsewhere(session, row.result_id)
 
     return write
+
+
+def _judge_elsewhere(session: Session, result_id: UUID) -> None:
+    """Replace the check of other data among a judged result's checks."""
+    result = session.get(Result, result_id, with_for_update=True)
+    if result is None or result.checks is None:
+        return
+    check = elsewhere(other_data(session, [result])[result.id])
+    others = [Check.model_validate(one) for one in result.checks if one["name"] != check.name]
+    of_fit = [Check.model_validate(one) for one in result.document["checks"]]
+    result.checks = [one.model_dump(mode="json") for one in [*others, check]]
+    result.verdict = verdict_of([*of_fit, *others, check], "mount_with_lens")

@@ -82,7 +82,7 @@ test("who would be skipped, by what is wrong, the commonest first", () => {
 });
 
 test("a camera's outcome", () => {
-  const sound = { status: "ok", warnings: 0, published: true, not_published: [], objections: [] };
+  const sound = { status: "ok", verdict: "pass" as const, checks: [], published: true };
   const outcome = { model: "pinhole", mean_px: 1.2, heldout_mean_px: 1.345, ...sound };
   assert.equal(outcomeInWords("front", outcome), "front: pinhole, 1.34 px held out, published");
   const poor = { ...outcome, heldout_mean_px: null, published: false };

@@ -1,13 +1,13 @@
 /** What a calibration came to, in a line. */
 
-import type { CalibrationSummary, CameraSummary, ModelSummary } from "./api/types.ts";
-import { counted, fixed, words } from "./format.ts";
+import type { CalibrationSummary, CameraSummary, CheckVerdict, ModelSummary } from "./api/types.ts";
+import { fixed, words } from "./format.ts";
 
 export interface Outcome {
   said: string;
   /** What speaks against it; empty where nothing does. */
   caution: string;
-  /** Whether its status is another than `ok`. */
+  /** Whether its status is another than `ok`, or a check says stop. */
   doubtful: boolean;
 }
 
@@ -17,8 +17,8 @@ export function outcomesOf(summary: CalibrationSummary | null): Outcome[] {
     const chosen = recommended(found);
     return {
       said: `${camera}: ${found.recommended ?? "none"}${chosen ? ` ${errorOf(chosen)}` : ""}`,
-      caution: caution(chosen?.status, chosen?.alarms?.length ?? 0),
-      doubtful: isDoubtful(chosen?.status),
+      caution: caution(chosen?.status, chosen?.verdict),
+      doubtful: isDoubtful(chosen?.status) || chosen?.verdict === "stop",
     };
   });
 }
@@ -26,11 +26,11 @@ export function outcomesOf(summary: CalibrationSummary | null): Outcome[] {
 /** Whether the status is not `ok`; its errors then say little, however small. */
 export const isDoubtful = (status: string | null | undefined): boolean => (status ?? "ok") !== "ok";
 
-/** A status other than `ok`, and how many warnings there are: "not determined, 3 warnings". */
-export function caution(status: string | null | undefined, warnings: number): string {
+/** A status other than `ok`, and a verdict other than `pass`: "not determined, stop". */
+export function caution(status: string | null | undefined, verdict: CheckVerdict | null | undefined): string {
   const parts = [
     ...(isDoubtful(status) ? [words(status ?? "")] : []),
-    ...(warnings > 0 ? [counted(warnings, "warning")] : []),
+    ...(verdict && verdict !== "pass" ? [verdict] : []),
   ];
   return parts.join(", ");
 }

@@ -166,10 +166,10 @@ def test_a_failed_run_is_started_again_from_its_beginning(run, database: Databas
     refused(run("requeue", str(first)), "other jobs of the same work are under way")
     fail(database, second)
     with database.writing() as session:
-        comparison = enqueue(session, kind="consistency", fleet_id=fleet_id, subject_id=calibration_id).id
-    refused(run("requeue", str(first)), "are being compared")
+        conclusion = enqueue(session, kind="conclude", fleet_id=fleet_id, subject_id=calibration_id).id
+    refused(run("requeue", str(first)), "is being concluded")
     with database.writing() as session:
-        session.execute(update(Job).where(Job.id == comparison).values(state="done"))
+        session.execute(update(Job).where(Job.id == conclusion).values(state="done"))
     began = run("requeue", str(first))
     assert began.exit_code == 0, began.output
     with database.reading() as session:

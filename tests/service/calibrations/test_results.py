@@ -16,6 +16,7 @@ T_VEHICLE_LIDAR = {
     "rotation": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]},
     "translation_m": [1.0, 0.0, 2.0],
 }
+PLACES = {"x": [5.0] * 60, "y": [0.0] * 60, "z": [0.0] * 60}
 DOCUMENT = {
     "model": "pinhole",
     "status": "ok",
@@ -30,11 +31,13 @@ DOCUMENT = {
     ),
     "std": {"t_x": 0.01},
     "covariance": {"names": ["t_x"], "units": ["m"], "matrix": [[0.0001]]},
-    "alarms": ["c_y and the pitch nearly coincide."],
+    "lens": "fitted",
+    "outliers": [],
+    "checks": [],
 }
 
 
-# What the summary says of the model, as the end of a calibration that did not look for objections wrote it.
+# What the summary says of the model, as the end of a calibration wrote it.
 FOUND = {
     "status": "ok",
     "message": "Stopped.",
@@ -50,8 +53,27 @@ def rig(api, fleet):
     return seed_rig(api.database, fleet, T_vehicle_lidar=T_VEHICLE_LIDAR)
 
 
+EDGE = "pinhole lies on the edge of its bounds (f_x, k1)."
+ON_BOUNDS = FOUND | {
+    "checks": [
+        {
+            "name": "bounds", "title": "Bounds", "verdict": "stop", "sentence": EDGE, "remedy": "Widen them.",
+            "figures": {}, "scope": "mount_with_lens",
+        }
+    ]
+}  # fmt: skip
+NEWER = "Another calibration became the vehicle's current one since this result was judged."
+
+
+def failed(document):
+    """The sentences of the checks that a result, or a refusal, says are not passed."""
+    return [one["sentence"] for one in document["checks"] if one["verdict"] != "pass"]
+
+
 def seed_results(api, rig, folds=(-1, 0), found=FOUND):
     """A finished calibration with a result for each fold, and two slots a run."""
+    checks = found.get("checks", [])
+    verdict = checks[0]["verdict"] if checks else "pass"
     common = {"fleet_id": rig.fleet_id, "vehicle_id": rig.vehicle_id, "rig_id": rig.id}
     with api.database.writing() as session:
         pairs = session.query(CorrespondenceSet).first() or CorrespondenceSet(
@@ -61,7 +83,7 @@ def seed_results(api, rig, folds=(-1, 0), found=FOUND):
             content_hash="0",
             count=60,
             notes=[],
-            pairs={"u": [10.0, 320.0, 630.0], "v": [20.0, 240.0, 470.0]},
+            pairs={"u": [10.0, 320.0, 630.0], "v": [20.0, 240.0, 470.0]} | PLACES,
         )
         front = {"recommended": "pinhole", "why": "It is the only one.", "models": {"pinhole": found}}
         summary = {"cameras": {"front": front}}
@@ -97,6 +119,8 @@ def seed_results(api, rig, folds=(-1, 0), found=FOUND):
                 model="pinhole",
                 fold=fold,
                 document=DOCUMENT,
+                checks=checks if fold == -1 else None,
+                verdict=verdict if fold == -1 else None,
             )
             session.add(result)
             session.add_all(
@@ -128,7 +152,7 @@ def test_a_result_is_the_whole_document_with_its_ids(api, fleet, rig):
     assert {key: read[key] for key in DOCUMENT} == DOCUMENT
     assert (read["id"], read["calibration_id"]) == (str(full), str(calibration))
     assert (read["camera"], read["fold"], read["seed"], read["vehicle_id"]) == ("front", -1, 5, str(rig.vehicle_id))
-    assert read["objections"] == []
+    assert failed(read) == [] and (read["verdict"], read["verdict_alone"]) == ("pass", "pass")
     assert api.member(api.fleet(), "admin").get(f"/results/{full}").status_code == 404
 
 

@@ -50,7 +50,8 @@ def make_calibration(database: Database, *, models: Iterable[str] = ("pinhole",)
         session.add(rig)
         session.flush()
         common = {"fleet_id": fleet.id, "vehicle_id": vehicle.id, "rig_id": rig.id}
-        pairs = CorrespondenceSet(**common, camera="front", source="import", content_hash="0", count=0, pairs={})
+        places = {name: [float(2 + n % 7) for n in range(60)] for name in "xyzuv"}
+        pairs = CorrespondenceSet(**common, camera="front", source="import", content_hash="0", count=60, pairs=places)
         models = list(models)
         calibration = Calibration(
             **common, request={}, content_hash="0", remaining=len(models), publish="none", state="queued"

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from threading import Barrier
 from typing import Any
 
 import pytest
 from sqlalchemy import select, update
 
-from service.calibration_runs.conclusion import conclude, runs_of
 from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
 from service.db.publications import Publication
+from service.jobs.claims import StaleInputError
 from service.publications.actions import Grounds, hold_to_publish, publish
 from service.recordings.actions import delete_recording
-from tests.service.calibration_runs.test_conclusion import document
-from tests.service.calibrations.test_results import FOUND, current_address, seed_results
+from tests.service.calibrations.test_results import FOUND, NEWER, current_address, failed, seed_results
 from tests.service.detections.seeding import seed_recording
+from tests.support.concluding import conclusion
+from tests.workers.tasks.test_concluding import document, of_block
 
 # Long enough that whoever does not wait is done.
 _WAITS_S = 0.5
@@ -102,8 +104,8 @@ def unended(api, rig, held_out_px):
             session.scalars(select(Result).where(Result.id.in_(results)).order_by(Result.fold))
         ):
             held = [] if n == 0 else [held_out_px] * 5
-            of_block = {"errors_px": held, "indices": [5 * n + i for i in range(len(held))]}
-            result.document = result.document | document(held_out_px) | {"heldout": of_block}
+            heldout = of_block(held, [5 * n + i for i in range(len(held))]) if held else None
+            result.document = result.document | document(held_out_px) | {"heldout": heldout}
         session.execute(
             update(Calibration)
             .where(Calibration.id == calibration)
@@ -112,47 +114,56 @@ def unended(api, rig, held_out_px):
     return calibration
 
 
-def end(api, calibration_id):
+def end(api, write):
     with api.database.writing() as session:
-        calibration = session.get_one(Calibration, calibration_id, with_for_update=True)
-        conclude(session, calibration, runs_of(session, calibration_id))
+        write(session)
 
 
-def test_a_person_who_waits_for_the_end_of_a_calibration_is_asked_about_its_result(api, rig, engineer):
+def end_if_unchanged(api, write):
+    """As the job does, which judges again otherwise."""
+    with suppress(StaleInputError):
+        end(api, write)
+
+
+def test_a_person_who_waits_for_the_end_of_a_calibration_is_asked_about_its_result(api, rig, engineer, context):
     calibration = unended(api, rig, 0.9)
+    write = conclusion(context, calibration)
     _, (worse,) = seed_results(api, rig, folds=(-1,), found=FOUND | {"heldout_mean_px": 3.0})
     with ThreadPoolExecutor(1) as pool:
         with api.database.writing() as session:
-            row = session.get_one(Calibration, calibration, with_for_update=True)
-            conclude(session, row, runs_of(session, calibration))
+            write(session)
             waiting = meanwhile(pool, post, engineer, worse)
         answer = waiting.result(30)
-    assert answer.json()["objections"] == ["Held-out pairs lie 3.00 px off; of the vehicle's current result 0.90."]
-    current = engineer.get(current_address(rig)).json()
-    assert (current["calibration_id"], current["override"]) == (str(calibration), None)
-    assert current["reason"] == "It was recommended and had no objections."
+    # It was judged before that: a person is told, and the click of one who had not seen it still publishes.
+    assert answer.json()["override"]["sentences"] == [NEWER]
+    _, by_itself = engineer.get(f"/vehicles/{rig.vehicle_id}/cameras/front/publications").json()["items"]
+    assert (by_itself["calibration_id"], by_itself["override"]) == (str(calibration), None)
+    assert by_itself["reason"] == "It was recommended and passed its checks."
 
 
-def test_the_end_of_a_calibration_that_waits_for_a_person_sees_what_they_published(api, rig, engineer):
+def test_the_end_of_a_calibration_that_waits_for_a_person_sees_what_they_published(api, rig, engineer, context):
     calibration = unended(api, rig, 3.0)
+    write = conclusion(context, calibration)
     _, (better,) = seed_results(api, rig, folds=(-1,))
     with ThreadPoolExecutor(1) as pool:
         with api.database.writing() as session:
             publish_here(session, better)
-            waiting = meanwhile(pool, end, api, calibration)
-        waiting.result(30)
+            waiting = meanwhile(pool, end, api, write)
+        with pytest.raises(StaleInputError):
+            waiting.result(30)
+    end(api, conclusion(context, calibration))
     front = engineer.get(f"/calibrations/{calibration}").json()["summary"]["cameras"]["front"]
     assert front["published"] is False
-    assert front["not_published"] == ["Held-out pairs lie 3.00 px off; of the vehicle's current result 0.90."]
-    assert front["models"]["pinhole"]["objections"] == []
+    (sentence,) = failed(front)
+    assert "Held-out pairs lie 3.00 px off; of the vehicle's current result 0.90." in sentence
     assert engineer.get(current_address(rig)).json()["result_id"] == str(better)
 
 
-def test_all_at_once_nobody_fails_and_nothing_dangles(api, rig, engineer):
+def test_all_at_once_nobody_fails_and_nothing_dangles(api, rig, engineer, context):
     """Two people, a calibration that ends and a deletion, let go at the same moment, five times."""
     for _ in range(5):
         (recording, mine), (_, (theirs,)) = of_recording(api, rig), seed_results(api, rig, folds=(-1,))
-        calibration = unended(api, rig, 0.9)
+        write = conclusion(context, unended(api, rig, 0.9))
         barrier = Barrier(4)
 
         def at_once(act, *given, barrier=barrier):
@@ -160,7 +171,7 @@ def test_all_at_once_nobody_fails_and_nothing_dangles(api, rig, engineer):
             return act(*given)
 
         with ThreadPoolExecutor(4) as pool:
-            ending = pool.submit(at_once, end, api, calibration)
+            ending = pool.submit(at_once, end_if_unchanged, api, write)
             asked = [
                 pool.submit(at_once, post, engineer, mine, {"override": {"reason": "Mine."}}),
                 pool.submit(at_once, post, engineer, theirs, {"override": {"reason": "Theirs."}}),

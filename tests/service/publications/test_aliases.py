@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from service.db.calibrations import Result
 from service.publications import rules
-from tests.service.calibrations.test_results import FOUND, current_address, seed_results
+from tests.service.calibrations.test_results import ON_BOUNDS, current_address, failed, seed_results
 from tests.service.publications.given import camera_address, history, publish, same_moment, withdraw
-
-ON_BOUNDS = FOUND | {"at_bounds": ["f_x"]}
 
 
 def move(actor, to, alias="canary", reason="Two cars try it.", **more):
@@ -59,7 +57,7 @@ def test_an_alias_that_is_taken_away_says_so(api, rig, reviewer, viewer):
     removed = remove(reviewer, rig)
     assert removed.status_code == 201
     assert reviewer.post(f"/publications/{removed.json()['id']}/withdrawal", {"reason": "x"}).status_code == 409
-    assert reviewer.get(f"/results/{given['result_id']}").json()["objections"] == [], "a removed alias is no doubt"
+    assert failed(reviewer.get(f"/results/{given['result_id']}").json()) == [], "a removed alias is no doubt"
     gone = viewer.get(current_address(rig), params={"alias": "canary"})
     assert (gone.status_code, gone.json()["code"]) == (410, "calibration_withdrawn")
     assert "The test is over." in gone.json()["detail"]
@@ -101,12 +99,12 @@ def test_an_alias_whose_result_is_deleted_says_that_it_was_deleted(api, rig, rev
     assert removed.json()["code"] == "calibration_withdrawn" and "The test is over." in removed.json()["detail"]
 
 
-def test_objections_hold_for_aliases_too(api, rig, reviewer, viewer):
+def test_checks_hold_for_aliases_too(api, rig, reviewer, viewer):
     _, (edge, _) = seed_results(api, rig, found=ON_BOUNDS)
     refused = move(reviewer, edge)
-    assert refused.json()["code"] == "objections" and "edge of its bounds" in refused.json()["detail"]
+    assert refused.json()["code"] == "checks_stop" and "edge of its bounds" in refused.json()["detail"]
     made = move(reviewer, edge, reason=None, override={"reason": "Two cars try it."}).json()
-    assert "edge of its bounds" in made["override"]["objections"][0]
+    assert "edge of its bounds" in made["override"]["sentences"][0]
     given = viewer.get(current_address(rig), params={"alias": "canary"}).json()
     assert given["override"] == made["override"]
 

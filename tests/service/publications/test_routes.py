@@ -1,4 +1,4 @@
-"""Publishing against objections, what a camera was given before, and whose clock decides what is newest."""
+"""Publishing against checks, what a camera was given before, and whose clock decides what is newest."""
 
 from __future__ import annotations
 
@@ -13,10 +13,15 @@ from service.db.calibrations import Calibration, CorrespondenceSet, Result
 from service.db.clock import utc_now
 from service.db.fleets import Rig
 from service.db.publications import Publication
-from tests.service.calibrations.test_results import FOUND, current_address, seed_results
-
-ON_BOUNDS = FOUND | {"at_bounds": ["f_x", "k1"]}
-EDGE = "pinhole lies on the edge of its bounds (f_x, k1): widen them, or lock what is known."
+from tests.service.calibrations.test_results import (
+    EDGE,
+    FOUND,
+    NEWER,
+    ON_BOUNDS,
+    current_address,
+    failed,
+    seed_results,
+)
 
 
 def history(actor, rig, **query):
@@ -26,18 +31,17 @@ def history(actor, rig, **query):
 
 
 def test_what_lies_on_its_bounds_is_published_by_an_override_only(api, fleet, rig, reviewer):
-    """The request asked for no publication, and the calibration is of before objections were kept."""
     _, (full, _) = seed_results(api, rig, found=ON_BOUNDS)
-    assert reviewer.get(f"/results/{full}").json()["objections"] == [EDGE]
+    assert failed(reviewer.get(f"/results/{full}").json()) == [EDGE]
     for body in (None, {}, {"reason": "It is good."}):
         refused = reviewer.post(f"/results/{full}/publication", body)
-        assert (refused.status_code, refused.json()["code"]) == (409, "objections"), refused.text
-        assert refused.json()["objections"] == [EDGE] and EDGE in refused.json()["detail"]
+        assert (refused.status_code, refused.json()["code"]) == (409, "checks_stop"), refused.text
+        assert failed(refused.json()) == [EDGE] and EDGE in refused.json()["detail"]
     assert reviewer.get(current_address(rig)).status_code == 404
     why = "The lens is new: Lea measured f_x."
     given = reviewer.post(f"/results/{full}/publication", {"override": {"reason": f" {why} "}})
     assert given.status_code == 201, given.text
-    kept = {"published_by": "Rea", "reason": why, "override": {"reason": why, "objections": [EDGE]}}
+    kept = {"published_by": "Rea", "reason": why, "override": {"reason": why, "sentences": [EDGE]}}
     current = api.member(fleet, "viewer").get(current_address(rig)).json()
     assert {name: current[name] for name in kept} == kept
     (row,) = history(reviewer, rig)["items"]
@@ -82,13 +86,14 @@ def test_a_result_of_a_calibration_that_has_not_ended_is_held_back(api, rig, rev
     _, (full, _) = seed_results(api, rig)
     with api.database.writing() as session:
         session.execute(update(Calibration).values(state="running", summary=None, remaining=1))
+        session.execute(update(Result).values(checks=None, verdict=None))
     refused = reviewer.post(f"/results/{full}/publication")
-    assert refused.json()["code"] == "objections" and "has not ended" in refused.json()["detail"]
+    assert refused.json()["code"] == "checks_stop" and "has not ended" in refused.json()["detail"]
 
 
 def test_worse_and_older_than_the_current_result_is_said_at_the_moment_of_asking(api, rig, reviewer):
     _, (old, _) = seed_results(api, rig, found=FOUND | {"heldout_mean_px": 3.0})
-    assert reviewer.get(f"/results/{old}").json()["objections"] == [], "nothing is current yet"
+    assert failed(reviewer.get(f"/results/{old}").json()) == [], "nothing is current yet"
     with api.database.writing() as session:
         of = session.scalars(select(CorrespondenceSet)).one()
         newer_rig = Rig(fleet_id=rig.fleet_id, vehicle_id=rig.vehicle_id, name="roof 2", lidar_frame="velodyne")
@@ -108,12 +113,14 @@ def test_worse_and_older_than_the_current_result_is_said_at_the_moment_of_asking
             {"set": _raw(api, newer_id), "id": _raw(api, good)},
         )
     assert reviewer.post(f"/results/{good}/publication").status_code == 201
-    worse, of_rig, older = reviewer.get(f"/results/{old}").json()["objections"]
-    assert worse == "Held-out pairs lie 3.00 px off; of the vehicle's current result 0.90."
-    assert of_rig == "It is of the rig 'roof', the vehicle's current result of the newer rig 'roof 2'."
-    assert older.startswith("Its pairs are of ") and "those of the vehicle's current result are newer" in older
-    assert reviewer.post(f"/results/{old}/publication").json()["objections"] == [worse, of_rig, older]
-    assert reviewer.get(f"/results/{good}").json()["objections"] == [], "it is the current one"
+    changed, older = failed(reviewer.get(f"/results/{old}").json())
+    assert changed == NEWER
+    assert "It is of the rig 'roof', the vehicle's current calibration of the newer rig 'roof 2'." in older
+    assert "Its pairs are of " in older and "those of the vehicle's current calibration are newer" in older
+    assert failed(reviewer.get(f"/results/{good}").json()) == [], "it is the current one"
+    # A person publishes it with a click; what they saw is kept.
+    made = reviewer.post(f"/results/{old}/publication")
+    assert made.status_code == 201 and made.json()["override"]["sentences"] == [changed, older]
 
 
 def _raw(api, id):

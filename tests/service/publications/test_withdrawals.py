@@ -10,7 +10,7 @@ from service.db.calibrations import Calibration, Result
 from service.db.fleets import Rig, RigCamera
 from service.db.publications import Publication
 from service.publications import routes
-from tests.service.calibrations.test_results import FOUND, current_address, seed_results
+from tests.service.calibrations.test_results import FOUND, NEWER, current_address, failed, seed_results
 from tests.service.detections.seeding import LEVEL
 from tests.service.publications.given import history, publish, same_moment, withdraw
 
@@ -54,8 +54,8 @@ def test_a_withdrawn_result_is_given_again_by_an_override_only(api, rig, reviewe
     withdraw(reviewer, only)
     again = f"/results/{only['result_id']}/publication"
     refused = reviewer.post(again, {"reason": "It was the tyre."})
-    assert refused.json()["code"] == "objections"
-    assert refused.json()["objections"][0].startswith("It was withdrawn (") and "left." in refused.json()["detail"]
+    assert refused.json()["code"] == "checks_stop"
+    assert failed(refused.json())[0].startswith("It was withdrawn (") and "left." in refused.json()["detail"]
     assert reviewer.post(again, {"override": {"reason": "It was the tyre."}}).status_code == 201
     assert viewer.get(current_address(rig)).status_code == 200
     with api.database.reading() as session:
@@ -83,7 +83,7 @@ def test_what_the_camera_is_no_longer_given_cannot_be_withdrawn(api, rig, review
     gone = withdraw(reviewer, newer)
     refused = reviewer.post(f"/publications/{gone['id']}/withdrawal", {"reason": "Again."})
     assert (refused.status_code, refused.json()["code"]) == (409, "not_current")
-    assert reviewer.get(f"/results/{older['result_id']}").json()["objections"] == []
+    assert failed(reviewer.get(f"/results/{older['result_id']}").json()) == []
 
 
 def delete_of(api, publication):
@@ -121,12 +121,12 @@ def test_deleting_what_is_given_does_not_bring_back_the_one_before(api, rig, rev
 
 
 def test_what_was_withdrawn_is_no_measure_of_what_comes(api, rig, reviewer):
-    """A result with twice the held-out error is worse than the current one, but not than a withdrawn one."""
+    """A result is compared with the current one, but not with a withdrawn one."""
     good = publish(api, rig, reviewer)
     _, (worse, _) = seed_results(api, rig, found=FOUND | {"heldout_mean_px": 2.0})
-    assert "Held-out pairs lie" in reviewer.get(f"/results/{worse}").json()["objections"][0]
+    assert failed(reviewer.get(f"/results/{worse}").json()) == [NEWER]
     withdraw(reviewer, good)
-    assert reviewer.get(f"/results/{worse}").json()["objections"] == []
+    assert failed(reviewer.get(f"/results/{worse}").json()) == []
 
 
 def test_what_is_deleted_at_this_moment_is_not_found(api, rig, reviewer, monkeypatch):

@@ -147,10 +147,13 @@ def seed_results(api, rig, mounts):
                 "parameters": {**LENS["parameters"]},
                 "std": std,
                 "covariance": {"names": names, "units": [], "matrix": matrix},
+                "lens": "fitted",
+                "checks": [],
             }
+            result.checks, result.verdict = [], "pass"
             session.add(result)
             session.flush()
-            model = {"result_id": str(result.id), "objections": []}
+            model = {"result_id": str(result.id), "verdict": "pass"}
             calibration.summary = {"cameras": {"front": {"recommended": "pinhole", "models": {"pinhole": model}}}}
 
 

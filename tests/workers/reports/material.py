@@ -6,10 +6,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from apexcal.documents.checks import Check
 from apexcal.documents.fit_requests import fit_request
 from tests.workers.solver.rigs import NOMINAL, SIZE, plain, simulated
 from tests.workers.solver.walks import ended
 from workers.judge.fit_checks import checks_of_fit
+from workers.judge.validation_checks import elsewhere
 from workers.reports.material import FittedModel, Material, PersonMark
 from workers.solver.problem import fit_problem
 
@@ -37,6 +39,12 @@ PAIRS = {"kind": "pairs", "data": "walk.bag", "at": "2026-01-01 00:00 UTC", "id"
 PAIRS |= {"sentence": "5 pairs are too few.", "pairs": 5, "mean_px": 1.0}
 
 
+_NONE_HELD_OUT = Check(
+    name="held_out", title="Held-out pairs", verdict="stop", sentence="Nobody held pairs out.", remedy="Hold out.",
+    figures={}, scope="mount_with_lens",
+)  # fmt: skip
+
+
 @lru_cache(maxsize=4)
 def made(pairs: int = 222, wrong: int = 3, lens: str = "brown_conrady", model: str = "brown_conrady") -> Material:
     """Marks of 1 px, the first ``wrong`` of them 60 px off; two people, one of whom marks 2 px too far right."""
@@ -61,11 +69,15 @@ def made(pairs: int = 222, wrong: int = 3, lens: str = "brown_conrady", model: s
     columns["stamp_ns"] = [1_700_000_000_000_000_000 + 400_000_000 * i for i in range(pairs)]
     marks = [PersonMark(i, "Ann", u, v) for i, (u, v) in enumerate(pixels[: pairs // 2].tolist())]
     marks += [PersonMark(i, "Ben </script>$x$", u + 2.0, v) for i, (u, v) in enumerate(pixels.tolist())]
+    chosen = next(one for one in fitted if one.name == model)
     return Material(
-        chosen=next(one for one in fitted if one.name == model),
+        chosen=chosen,
         models=fitted,
         pairs=columns,
-        objections=["Nobody held pairs out."],
+        checks=[
+            *(Check.model_validate(one) for one in chosen.document["checks"]),
+            *(_NONE_HELD_OUT, elsewhere([EDGES, PAIRS])),
+        ],
         recommended="brown_conrady",
         slots=[(i, slot, 3.0 / (i + 1) + 0.1 * slot) for i in range(4) for slot in range(3)],
         marks=marks,

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from types import SimpleNamespace
 from typing import Any
 from uuid import UUID
 
 import numpy as np
 
 from apexcal.documents.results import FitResult
-from service.calibration_runs.camera_summary import camera_summary
 from tests.workers.solver.rigs import NOMINAL, plain, real_correspondences
+from workers.models.summary import Fit, camera_summary
 from workers.reports.contents import contents
 from workers.reports.material import FittedModel, Material
 from workers.solver.schedule import run_schedule
@@ -120,12 +119,8 @@ def calibrated(document: Json, pairs: Json) -> Iterator[str]:
         yield json.dumps(found, allow_nan=False)
         FitResult.model_validate(found)
         results.append((run, fold, found | {"finish_seconds": 0.1}))
-    rows: Any = [
-        SimpleNamespace(model=document["model"], fold=fold, document=found, run_id=UUID(int=1), id=UUID(int=2))
-        for _, fold, found in results
-    ]
-    work = {UUID(int=1): {"ga_seconds": 0.1, "workers": []}}
-    yield json.dumps(camera_summary(rows, work), allow_nan=False)
+    fits = [Fit(UUID(int=2), document["model"], None if fold < 0 else fold, found, 0.1) for _, fold, found in results]
+    yield json.dumps(camera_summary(fits), allow_nan=False)
     run, _, found = results[0]
     heldout = [one["heldout"] for _, _, one in results[1:]]
     model = FittedModel(document["model"], found, run.problem, heldout)

@@ -101,11 +101,11 @@ export const resultUrl = (id: string): string => `/v1/results/${id}`;
 /** The alias that vehicles follow if they name none. */
 export const CURRENT = "current";
 
-/** Lets an alias lead to a result. `reason` also overrides the service's objections where `against` them. */
-export const publish = (result_id: string, reason?: string, against = false, alias = CURRENT): Promise<unknown> =>
+/** Lets an alias lead to a result. With `override` the reason says why, although a check says stop. */
+export const publish = (result_id: string, reason?: string, override = false, alias = CURRENT): Promise<unknown> =>
   client.POST("/v1/results/{result_id}/publication", {
     params: { path: { result_id } },
-    body: { alias, ...(against && reason ? { override: { reason } } : { reason: reason ?? null }) },
+    body: { alias, ...(override && reason ? { override: { reason } } : { reason: reason ?? null }) },
     ...once(),
   });
 

@@ -2,7 +2,17 @@
 
 import { bodyOf, client, once } from "./http.ts";
 import { read, readAll, type Read } from "./reads.ts";
-import type { DraftedRig, Fleet, Gate, Rig, RigDraftRequest, RigRequest, SensorSerials, Vehicle } from "./types.ts";
+import type {
+  DraftedRig,
+  Fleet,
+  ImageKind,
+  PublicationPolicy,
+  Rig,
+  RigDraftRequest,
+  RigRequest,
+  SensorSerials,
+  Vehicle,
+} from "./types.ts";
 
 export const fleet = (id: string | undefined): Read<Fleet> => read("/v1/fleets/{id}", { id });
 
@@ -47,9 +57,14 @@ export async function draftRig(
 const asRead = (version: number) => ({ "If-Match": `"v${version}"` });
 
 /** States what results must show to be published; no limit at all states nothing. */
-export const putGate = (of: "fleets" | "rigs", id: string, version: number, body: Gate): Promise<unknown> => {
+export const putPolicy = (
+  of: "fleets" | "rigs",
+  id: string,
+  version: number,
+  body: PublicationPolicy,
+): Promise<unknown> => {
   const options = { params: { path: { id } }, body, headers: asRead(version) };
-  return of === "fleets" ? client.PUT("/v1/fleets/{id}/gate", options) : client.PUT("/v1/rigs/{id}/gate", options);
+  return of === "fleets" ? client.PUT("/v1/fleets/{id}/policy", options) : client.PUT("/v1/rigs/{id}/policy", options);
 };
 
 /** Corrects whether a camera's images are raw or rectified; null lets the next recording tell it. */

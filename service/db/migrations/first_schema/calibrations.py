@@ -104,6 +104,9 @@ def create():
         sa.Column("model", sa.String(20), nullable=False),
         sa.Column("fold", sa.Integer(), nullable=False),
         sa.Column("document", sa.JSON(), nullable=False),
+        sa.Column("checks", sa.JSON()),
+        sa.Column("verdict", sa.String(4)),
+        sa.Column("compared_with", sa.Uuid()),
         sa.Column("created_at", sa.BigInteger(), nullable=False),
         sa.UniqueConstraint("run_id"),
     )
@@ -120,7 +123,6 @@ def create():
         refers_to("published_by", "person.id"),
         sa.Column("reason", sa.String(500)),
         sa.Column("overridden", sa.JSON()),
-        sa.Column("gate", sa.JSON()),
         sa.Column("created_at", sa.BigInteger(), nullable=False),
         sa.Index("uq_publication_number", "vehicle_id", "camera", "alias", "number", unique=True),
     )

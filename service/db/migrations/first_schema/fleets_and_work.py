@@ -34,7 +34,7 @@ def create():
         sa.Column("id", sa.Uuid(), primary_key=True),
         sa.Column("name", sa.String(200), nullable=False, unique=True),
         sa.Column("quota_bytes", sa.BigInteger()),
-        sa.Column("gate", sa.JSON()),
+        sa.Column("policy", sa.JSON()),
         sa.Column("version", sa.Integer(), nullable=False),
         sa.Column("created_at", sa.BigInteger(), nullable=False),
     )
@@ -118,7 +118,7 @@ def create():
         sa.Column("lidar_serial", sa.String(200), index=True),
         sa.Column("T_vehicle_lidar", sa.JSON()),
         sa.Column("camera_transforms", sa.JSON()),
-        sa.Column("gate", sa.JSON()),
+        sa.Column("policy", sa.JSON()),
         sa.Column("version", sa.Integer(), nullable=False),
         sa.Column("created_at", sa.BigInteger(), nullable=False),
         sa.UniqueConstraint("vehicle_id", "name"),

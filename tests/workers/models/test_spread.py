@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from service.calibration_runs.model_spread import spread_of, spread_sentence
+from workers.models.spread import spread_of, spread_sentence
 
 NAMES = ["rotation_x", "rotation_y", "rotation_z", "t_x", "t_y", "t_z", "f_x"]
 
@@ -14,6 +14,8 @@ def result(turn_deg, t, f_x, std, status="ok", **std_of):
     return {
         "status": status,
         "transform": {
+            "to_frame": "camera",
+            "from_frame": "velodyne",
             "rotation": {"matrix": Rotation.from_rotvec(np.radians(turn_deg)).as_matrix().tolist()},
             "translation_m": t,
         },

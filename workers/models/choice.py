@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from service.calibration_runs.evidence import Evidence, Floats, Pairs, standard_error, weigh
+from workers.models.evidence import Evidence, Floats, Pairs, standard_error, weigh
 
 # Difference of log likelihoods below which models predict alike, and its standard error says little (Sivula,
 # Magnusson and Vehtari 2020).

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from apexcal.documents.fit_requests import fit_request
-from service.calibration_runs.evidence import Pairs, weigh
-from service.calibration_runs.model_choice import Candidate, choose
 from tests.workers.solver.draws import few_or_many
 from tests.workers.solver.rigs import NOMINAL, SIZE, simulated
 from workers.geometry.models import INTRINSICS
+from workers.models.choice import Candidate, choose
+from workers.models.evidence import Pairs, weigh
 from workers.solver.estimate import estimate
 from workers.solver.folds import folds
 from workers.solver.polish import distances, polish

@@ -7,18 +7,16 @@ fit: the between-model variance of Bayesian model averaging (Hoeting and others 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from service.calibration_runs.transforms import read
-from service.db.base import Json
+from workers.geometry.rotations import vector_from_rotation
+from workers.geometry.transforms import from_document
 
-Floats = NDArray[np.float64]
+Json = dict[str, Any]
 _TURNS: Final = ("rotation_x", "rotation_y", "rotation_z")
 _OFFSETS: Final = ("t_x", "t_y", "t_z")
-MOUNT: Final = (*_TURNS, *_OFFSETS)
 # What the parameters of all models mean alike.
 _LENS: Final = ("f_x", "f_y", "c_x", "c_y")
 # A difference of so many stated deviations is more than a result's own noise.
@@ -64,10 +62,9 @@ def spread_of(model: str, documents: Mapping[str, Json], weight: Mapping[str, fl
 
 def difference(one: Json, other: Json) -> dict[str, float]:
     """By parameter, of two results' mounts and lenses: turns about the camera's axes in degrees, metres, pixels."""
-    R, t = read(one["transform"])
-    R_other, t_other = read(other["transform"])
-    found = dict(zip(_TURNS, np.degrees(_vector(R @ R_other.T)).tolist(), strict=True))
-    found |= dict(zip(_OFFSETS, (t - t_other).tolist(), strict=True))
+    mount, other_mount = from_document(one["transform"]), from_document(other["transform"])
+    found = dict(zip(_TURNS, np.degrees(vector_from_rotation(mount.R @ other_mount.R.T)).tolist(), strict=True))
+    found |= dict(zip(_OFFSETS, (mount.t - other_mount.t).tolist(), strict=True))
     lens, other_lens = one["intrinsics"], other["intrinsics"]
     return found | {name: lens[name] - other_lens[name] for name in _LENS if name in lens and name in other_lens}
 
@@ -93,11 +90,3 @@ def spread_sentence(model: str, documents: Mapping[str, Json], spread: Json | No
     if not told:
         return None
     return f"{'; '.join(told)}: the pairs do not rule that out, so the published deviations include it."
-
-
-def _vector(R: Floats) -> Floats:
-    """The rotation vector of a turn of less than half a circle, radians."""
-    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = float(np.linalg.norm(axis))
-    angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
-    return axis if sine < 1e-12 else axis * (angle / sine)

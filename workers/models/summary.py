@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Final
+from typing import Any, Final, NamedTuple
 from uuid import UUID
 
 import numpy as np
 
 from apexcal.documents.camera_models import CAMERA_MODELS, parse_model
-from service.calibration_runs.evidence import Integers, Pairs
-from service.calibration_runs.model_choice import Candidate, Choice, choose
-from service.calibration_runs.model_spread import spread_of, spread_sentence
-from service.db.base import Json
-from service.db.calibrations import FULL, Result
+from workers.models.choice import Candidate, Choice, choose
+from workers.models.evidence import Integers, Pairs
+from workers.models.spread import spread_of, spread_sentence
+
+Json = dict[str, Any]
 
 # A missing projection counts in the mean as this share of the image's diagonal, or as the largest error, if that is
 # more. The robust loss of the search saturates at this distance.
@@ -22,16 +22,27 @@ _NO_PROJECTION: Final = 0.01
 _STAGES: Final = ("ga", "polished", "baseline", "linear_baseline")
 
 
-def camera_summary(of_camera: Sequence[Result], work: Mapping[UUID, Json]) -> Json:
-    """The summary of one camera's results. ``work``: compute seconds and workers of each run."""
-    choice, candidates = recommend(of_camera)
-    full = {result.model: result for result in of_camera if result.fold == FULL}
-    documents = {name: result.document for name, result in full.items()}
+class Fit(NamedTuple):
+    """A result of one camera. ``heldout_fold`` is None for a fit to all pairs; ``document`` is the solver's."""
+
+    result_id: UUID
+    model: str
+    heldout_fold: int | None
+    document: Json
+    search_seconds: float = 0.0
+    workers: Sequence[str] = ()
+
+
+def camera_summary(fits: Sequence[Fit]) -> Json:
+    """Return the summary of one camera's fits."""
+    choice, candidates = recommend(fits)
+    full = {fit.model: fit for fit in fits if fit.heldout_fold is None}
+    documents = {name: fit.document for name, fit in full.items()}
     wrong = _left_out_by_all(documents)
     models: dict[str, Json] = {}
-    for name, result in full.items():
-        found = models[name] = _model_summary(result, work[result.run_id])
-        found |= _heldout(candidates[name].heldout, wrong, _diagonal_px(result.document))
+    for name, fit in full.items():
+        found = models[name] = _model_summary(fit)
+        found |= _heldout(candidates[name].heldout, wrong, _diagonal_px(fit.document))
         if name in choice.behind:
             found["behind"] = asdict(choice.behind[name])
         if name in choice.weight:
@@ -42,13 +53,13 @@ def camera_summary(of_camera: Sequence[Result], work: Mapping[UUID, Json]) -> Js
     return {"recommended": chosen, "why": f"{choice.why} {sentence or ''}".strip(), "models": models}
 
 
-def recommend(of_camera: Sequence[Result]) -> tuple[Choice, dict[str, Candidate]]:
-    """Which model to recommend from a camera's results, and why."""
-    full = {result.model: result.document for result in of_camera if result.fold == FULL}
+def recommend(fits: Sequence[Fit]) -> tuple[Choice, dict[str, Candidate]]:
+    """Choose the model to recommend from a camera's fits, and say why."""
+    full = {fit.model: fit.document for fit in fits if fit.heldout_fold is None}
     folds: dict[str, dict[int, Json]] = {name: {} for name in full}
-    for result in of_camera:
-        if result.fold != FULL and result.model in full and result.document.get("heldout"):
-            folds[result.model][result.fold] = result.document
+    for fit in fits:
+        if fit.heldout_fold is not None and fit.model in full and fit.document.get("heldout"):
+            folds[fit.model][fit.heldout_fold] = fit.document
     candidates = {name: _candidate(name, document, folds[name]) for name, document in full.items()}
     width, height = (next(iter(full.values())).get("intrinsics") or {}).get("image_size") or (1, 1)
     return choose(candidates, float(width * height)), candidates
@@ -124,28 +135,24 @@ def _diagonal_px(document: Json) -> float:
     return float(np.hypot(*size)) if size else float("inf")
 
 
-def _model_summary(full: Result, work: Json) -> Json:
-    document = full.document
+def _model_summary(fit: Fit) -> Json:
+    document = fit.document
     summary: Json = {stage: _stage(document.get(stage)) for stage in _STAGES}
     return summary | {
-        "result_id": str(full.id),
+        "result_id": str(fit.result_id),
         "status": document["status"],
         "message": document["message"],
         "free_parameters": document["free_parameters"],
         "at_bounds": document["at_bounds"],
-        # The previous version's workers do not send it.
-        "several_optima": document.get("several_optima", []),
         "lens": document.get("lens", "fitted"),
         "stated_lens": (document.get("stated_lens") or {}).get("sentence"),
         "explained_px": document.get("explained_px"),
         "marks_outside": document.get("marks_outside"),
-        "stated_too_small": document.get("stated_too_small", []),
         "pairs": document["pairs"],
         "iterations": document["iterations"],
         "stopped": document["stopped"],
-        "alarms": document["alarms"],
-        "seconds": work["ga_seconds"] + document.get("finish_seconds", 0.0),
-        "workers": work["workers"],
+        "seconds": fit.search_seconds + document.get("finish_seconds", 0.0),
+        "workers": list(fit.workers),
     }
 
 

@@ -1,0 +1,168 @@
+"""All checks of a result at this moment: the stored ones, and those that only the database tells now."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any, Final, NamedTuple
+from uuid import UUID
+
+from sqlalchemy import Row, Select, and_, func, select
+from sqlalchemy.orm import Session
+
+from apexcal.documents.checks import Check, CheckVerdict
+from apexcal.documents.policies import PublicationPolicy
+from service.db.calibrations import Calibration, CalibrationRun, CorrespondenceSet, Result
+from service.db.fleets import Fleet, Rig, RigCamera
+from service.publications.mounted_sensors import Calibrated, swapped_sensors
+from service.publications.policy_checks import policy_check
+from service.publications.queries import current_publication, withdrawals
+
+CURRENT_CHECK: Final = "current"
+_COMPARE: Final = "Compare the two results; publish this one if it is the better one."
+
+
+class JudgedResult(NamedTuple):
+    """The checks of a result now, and the policy of its rig and fleet."""
+
+    checks: list[Check]
+    policy: PublicationPolicy
+
+
+def checks_now(session: Session, result: Result) -> list[Check]:
+    """Return all checks of a fit to all pairs: those of its fit, its calibration and other data, and those of now."""
+    return judged_now(session, result).checks
+
+
+def judged_now(session: Session, result: Result) -> JudgedResult:
+    """Return the checks as :func:`checks_now`, with the policy by which the result is published."""
+    own = session.execute(_origin(result.id)).one()
+    policy = PublicationPolicy.model_validate((own.fleet_policy or {}) | (own.rig_policy or {}))
+    stored = [Check.model_validate(one) for one in [*result.document["checks"], *(result.checks or [])]]
+    published = current_publication(session, own.vehicle_id, result.camera)
+    current = None if published is None or published.result_id is None else session.get(Result, published.result_id)
+    beside = next((one for one in stored if one.name == CURRENT_CHECK), None)
+    checks = [
+        *(one for one in stored if one.name != CURRENT_CHECK),
+        _current(result, current, beside),
+        _ended(result),
+        _age(session, own, current if current is not None and current.id != result.id else None),
+        _withdrawn(session, result),
+        _sensors(session, result.camera, own),
+    ]
+    limits = policy_check(session, result, own.summary, policy)
+    return JudgedResult([*checks, limits] if limits else checks, policy)
+
+
+def _check(name: str, title: str, verdict: CheckVerdict, sentence: str, remedy: str = "") -> Check:
+    return Check(
+        name=name,
+        title=title,
+        verdict=verdict,
+        sentence=sentence,
+        remedy=remedy if verdict != "pass" else "",
+        figures={},
+        scope="mount_with_lens",
+    )
+
+
+def _origin(result_id: UUID) -> Select[*tuple[Any, ...]]:
+    """A query for what a result was made of; one statement, because what it reads may be deleted between two."""
+    return (
+        select(
+            *(
+                Calibration.vehicle_id,
+                Calibration.summary,
+                CorrespondenceSet.id.label("set_id"),
+                Rig,
+                RigCamera.serial,
+            ),
+            func.coalesce(CorrespondenceSet.brought_at, CorrespondenceSet.created_at).label("pairs_at"),
+            *(Rig.policy.label("rig_policy"), Fleet.policy.label("fleet_policy")),
+        )
+        .select_from(Result)
+        .join(Calibration, Calibration.id == Result.calibration_id)
+        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .join(Rig, Rig.id == CorrespondenceSet.rig_id)
+        .join(Fleet, Fleet.id == Rig.fleet_id)
+        .outerjoin(RigCamera, and_(RigCamera.rig_id == Rig.id, RigCamera.name == Result.camera))
+        .where(Result.id == result_id)
+    )
+
+
+def _ended(result: Result) -> Check:
+    if result.verdict is not None:
+        return _check("ended", "End of the calibration", "pass", "Its calibration has ended.")
+    return _check(
+        *("ended", "End of the calibration", "stop"),
+        "Its calibration has not ended, or was cancelled, so it was not judged beside the other fits.",
+        "Wait for the end of the calibration, or calibrate again.",
+    )
+
+
+def _current(result: Result, current: Result | None, beside: Check | None) -> Check:
+    """The comparison with the current calibration; if that changed since the result was judged, so it says."""
+    title = "The vehicle's current calibration"
+    if current is None:
+        return _check(CURRENT_CHECK, title, "pass", "The vehicle has no current calibration of this camera.")
+    if current.id == result.id:
+        return _check(CURRENT_CHECK, title, "pass", "It is the vehicle's current calibration.")
+    if current.verdict == "stop":
+        sentence = "The vehicle's current calibration fails its own checks, so it is no measure."
+        return _check(CURRENT_CHECK, title, "pass", sentence)
+    if beside is not None and result.compared_with == current.id:
+        return beside
+    sentence = "Another calibration became the vehicle's current one since this result was judged."
+    return _check(CURRENT_CHECK, title, "look", sentence, _COMPARE)
+
+
+def _age(session: Session, own: Row[*tuple[Any, ...]], current: Result | None) -> Check:
+    """Whether the current calibration is of a newer rig or newer pairs."""
+    title = "Newer rig or pairs"
+    other = None if current is None else session.execute(_origin(current.id)).one_or_none()
+    said: list[str] = []
+    if other is not None and own.Rig.id != other.Rig.id and own.Rig.created_at < other.Rig.created_at:
+        said.append(
+            f"It is of the rig {own.Rig.name!r}, the vehicle's current calibration of the newer rig "
+            f"{other.Rig.name!r}."
+        )
+    if other is not None and own.set_id != other.set_id and own.pairs_at < other.pairs_at:
+        said.append(
+            f"Its pairs are of {_in_words(own.pairs_at)}, those of the vehicle's current calibration are newer: of "
+            f"{_in_words(other.pairs_at)}."
+        )
+    if said:
+        return _check("newest", title, "look", " ".join(said), "Calibrate from the newest pairs.")
+    return _check("newest", title, "pass", "No current calibration is of a newer rig or newer pairs.")
+
+
+def _withdrawn(session: Session, result: Result) -> Check:
+    title = "Withdrawals"
+    said = [
+        f"It was withdrawn ({_in_words(move.created_at)}): {move.reason}"
+        for _, move in withdrawals(session, [result.id])
+        if move is not None
+    ]
+    if said:
+        return _check("withdrawn", title, "stop", " ".join(said), "Publish another result.")
+    return _check("withdrawn", title, "pass", "It was never withdrawn.")
+
+
+def _sensors(session: Session, camera: str, own: Row[*tuple[Any, ...]]) -> Check:
+    title = "Mounted sensors"
+    swapped = swapped_sensors(session, own.vehicle_id, [Calibrated(camera, own.serial, own.Rig)])
+    if swapped:
+        sentence = " ".join(one.sentence for one in swapped)
+        return _check("sensors", title, "stop", sentence, "Calibrate the sensors that are mounted now.")
+    return _check("sensors", title, "pass", "No serial number says that a sensor was swapped.")
+
+
+def failing(checks: Sequence[Check]) -> list[Check]:
+    """Return the checks that do not pass, the gravest first; those of the mount alone are left out."""
+    of_use = [one for one in checks if one.scope == "mount_with_lens" and one.verdict != "pass"]
+    return sorted(of_use, key=lambda one: one.verdict != "stop")
+
+
+def _in_words(moment: datetime) -> str:
+    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"

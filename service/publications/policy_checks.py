@@ -1,0 +1,109 @@
+"""The check of a result against the limits of its rig's and fleet's publication policy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from sqlalchemy.orm import Session
+
+from apexcal.documents.camera_models import EXTRINSICS
+from apexcal.documents.checks import Check
+from apexcal.documents.policies import PublicationPolicy
+from service.db.base import Json
+from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result
+
+# Cells of the image, as `PublicationPolicy` defines coverage.
+_COLUMNS, _ROWS = 8, 6
+# As results name their deviations, in degrees and metres.
+_TURNS = tuple(name for names in EXTRINSICS.values() for name in names[:3])
+_SHIFTS = EXTRINSICS["rotation_vector"][3:]
+
+
+class _Limit(NamedTuple):
+    """What a policy asks of one measure, in words; ``sign`` is 1 for an upper limit, -1 for a lower."""
+
+    what: str
+    unit: str
+    sign: int = 1
+
+
+_LIMITS = {
+    "heldout_mean_px": _Limit("the mean error of held-out pairs", "px"),
+    "std_deg": _Limit("the largest standard deviation of a turn", "degrees"),
+    "std_mm": _Limit("the largest standard deviation of the translation", "mm"),
+    "halves_ratio": _Limit("the difference of halves of the pairs over what is stated", ""),
+    "coverage": _Limit("the share of the image's cells that hold a pair", "", -1),
+}
+
+
+def policy_check(session: Session, result: Result, summary: Json | None, policy: PublicationPolicy) -> Check | None:
+    """Return the check of a fit to all pairs against the limits of its rig and fleet; None if they state none."""
+    limits = policy.model_dump(exclude_none=True, exclude={"publish_looks"})
+    if not limits:
+        return None
+    measured = _measures(session, result, summary, with_coverage="coverage" in limits)
+    missed = [
+        _sentence(name, limit, measured[name]) for name, limit in limits.items() if _misses(name, limit, measured)
+    ]
+    return Check(
+        name="policy",
+        title="Publication policy",
+        verdict="stop" if missed else "pass",
+        sentence=" ".join(missed) or "It keeps the limits of the publication policy.",
+        remedy="Add pairs until it keeps the limit, or have an admin change the limit." if missed else "",
+        figures={name: measured[name] for name in limits},
+        scope="mount_with_lens",
+    )
+
+
+def _misses(name: str, limit: float, measured: Mapping[str, float | None]) -> bool:
+    value, sign = measured[name], _LIMITS[name].sign
+    return value is None or sign * value > sign * limit
+
+
+def _sentence(name: str, limit: float, value: float | None) -> str:
+    known = _LIMITS[name]
+    unit = f" {known.unit}" if known.unit else ""
+    bound = "at most" if known.sign == 1 else "at least"
+    is_now = f"it is {value:.3g}{unit}" if value is not None else "this result does not have it"
+    return f"The policy asks for {bound} {limit:g}{unit} as {known.what}; {is_now}."
+
+
+def _measures(
+    session: Session, result: Result, summary: Json | None, *, with_coverage: bool
+) -> dict[str, float | None]:
+    models: Json = (summary or {}).get("cameras", {}).get(result.camera, {}).get("models", {})
+    summed: Json = models.get(result.model, {})
+    # As published: with the spread of the models, if they were weighed.
+    stated: Json = summed.get("between_models") or result.document
+    std: Mapping[str, float | None] = stated.get("std") or {}
+    metres = _largest(std, _SHIFTS)
+    return {
+        "heldout_mean_px": summed.get("heldout_mean_px"),
+        "halves_ratio": max((half["ratio"] for half in result.document.get("halves") or []), default=None),
+        "std_deg": _largest(std, _TURNS),
+        "std_mm": None if metres is None else 1000.0 * metres,
+        "coverage": _coverage(session, result) if with_coverage else None,
+    }
+
+
+def _largest(std: Mapping[str, float | None], names: Sequence[str]) -> float | None:
+    """The largest of these deviations; None if there is none, or one of them is not determined."""
+    found = [std[name] for name in names if name in std]
+    known = [one for one in found if one is not None]
+    return max(known) if known and len(known) == len(found) else None
+
+
+def _coverage(session: Session, result: Result) -> float | None:
+    """The share of the image's cells that hold at least one pair that the fit did not leave out."""
+    run = session.get_one(CalibrationRun, result.run_id)
+    pairs = session.get_one(CorrespondenceSet, run.set_id).columns
+    width, height = result.document["intrinsics"]["image_size"]
+    left_out = {one["index"] for one in result.document["outliers"] if one["excluded"]}
+    cells = {
+        (int(_COLUMNS * u / width), int(_ROWS * v / height))
+        for index, (u, v) in enumerate(zip(pairs["u"], pairs["v"], strict=True))
+        if index not in left_out and 0 <= u < width and 0 <= v < height
+    }
+    return len(cells) / (_COLUMNS * _ROWS)

@@ -1,0 +1,406 @@
+"""What a calibration ends as, and what of it a vehicle is given."""
+
+from uuid import UUID
+
+import numpy as np
+import pytest
+from sqlalchemy import select, update
+
+from service.calibration_runs.actions import end_run
+from service.db.models import Calibration, CalibrationRun, Fleet, Job, Publication, Result
+from service.jobs.claims import Lease, StaleInputError, claim, finish, finishing
+from service.jobs.kinds import CannotRetryError, kind_of
+from tests.service.jobs.support import make_calibration, statements
+from tests.support.work import work
+from workers.tasks.concluding import conclude
+
+pytestmark = pytest.mark.usefixtures("broker")
+
+FREE = {"pinhole": 10, "brown_conrady": 16, "kannala_brandt": 14}
+
+MOUNT = {"to_frame": "camera", "from_frame": "velodyne"}
+
+
+def of_block(errors, indices):
+    return {"errors_px": list(errors), "standard_px": list(errors), "stretch": [1.0] * len(errors)} | {
+        "indices": list(indices)
+    }
+
+
+def document(mean_px, heldout=(), model="pinhole", **more):
+    stage = {"mean_px": mean_px, "rms_px": mean_px}
+    return {
+        "ga": stage,
+        "polished": stage,
+        "baseline": stage,
+        "status": "ok",
+        "message": "Stopped.",
+        "free_parameters": FREE[model],
+        "at_bounds": [],
+        "several_optima": [],
+        "intrinsics": {
+            "model": model,
+            "image_size": [1280, 960],
+            "f_x": 600.0,
+            "f_y": 600.0,
+            "c_x": 640.0,
+            "c_y": 480.0,
+        },
+        "transform": {
+            "to_frame": "camera",
+            "from_frame": "velodyne",
+            "rotation": {"matrix": np.eye(3).tolist()},
+            "translation_m": [0.0, 0.0, 0.0],
+        },
+        "residuals_px": [mean_px] * 20,
+        "pairs": 20,
+        "iterations": 1,
+        "stopped": "converged",
+        "checks": [],
+        "outliers": [],
+        "kept": {"pairs": 20, **stage},
+        "sigma_px": mean_px,
+        "lens": "fitted",
+        "heldout": of_block(heldout, range(len(heldout))) if heldout else None,
+        **more,
+    }
+
+
+def check(verdict, sentence="The marks lie off.", scope="mount_with_lens"):
+    of = {"name": "made", "title": "Made", "remedy": "" if verdict == "pass" else "Look.", "figures": {}}
+    return of | {"verdict": verdict, "sentence": sentence, "scope": scope}
+
+
+def failed(front):
+    """The sentences of the checks that a camera's recommended result does not pass."""
+    return [one["sentence"] for one in front["checks"] if one["verdict"] != "pass"]
+
+
+def end(context, run_id, state="done", found=None):
+    with context.database.writing() as session:
+        run = session.get_one(CalibrationRun, run_id)
+        if found:
+            session.add(
+                Result(
+                    fleet_id=run.fleet_id,
+                    calibration_id=run.calibration_id,
+                    run_id=run.id,
+                    camera=run.camera,
+                    model=run.model,
+                    fold=run.fold,
+                    document=found,
+                )
+            )
+        end_run(session, run, state)
+
+
+@pytest.fixture
+def three_runs(context):
+    """Full fits of two models, and one fold of the first."""
+    calibration_id, runs = make_calibration(context.database, models=("pinhole", "brown_conrady", "kannala_brandt"))
+    with context.database.writing() as session:
+        session.get_one(Calibration, calibration_id).publish = "recommended"
+        session.execute(update(CalibrationRun).where(CalibrationRun.id == runs[2]).values(model="pinhole", fold=0))
+    return calibration_id, runs
+
+
+def ended(context, calibration_id):
+    """The end of the calibration, once a worker has done what is queued."""
+    work(context)
+    with context.database.reading() as session:
+        row = session.get_one(Calibration, calibration_id)
+        return row.state, row.summary, session.scalars(select(Publication.result_id)).all()
+
+
+def test_a_cancelled_calibration_ends_at_once_without_a_summary(context, three_runs):
+    calibration_id, (pinhole, brown, fold) = three_runs
+    end(context, pinhole, found=document(5.0))
+    end(context, brown, found=document(1.0, model="brown_conrady"))
+    end(context, fold, "cancelled")
+    with context.database.reading() as session:
+        row = session.get_one(Calibration, calibration_id)
+        assert (row.state, row.summary) == ("cancelled", None) and row.finished_at is not None
+        assert session.scalars(select(Job)).all() == [] and session.scalars(select(Publication)).all() == []
+
+
+def test_a_calibration_whose_fits_all_failed_ends_at_once_with_the_first_problem(context, three_runs):
+    calibration_id, (pinhole, brown, fold) = three_runs
+    end(context, pinhole, "failed")
+    end(context, brown, "failed")
+    end(context, fold, found=document(5.0, [5.0]))
+    assert ended(context, calibration_id) == ("failed", None, [])
+
+
+def test_a_conclusion_that_failed_fails_its_calibration_and_is_retried(context, three_runs):
+    calibration_id, (pinhole, brown, fold) = three_runs
+    end(context, pinhole, found=document(5.0))
+    end(context, brown, "failed")
+    end(context, fold, found=document(5.0, [5.0] * 10))
+    problem = {"code": "worker_lost", "detail": "Every worker that tried it died.", "hint": "Tell the operator."}
+    with context.database.reading() as session:
+        (job_id,) = session.scalars(select(Job.id))
+    held = claim(context.database, job_id, "w")
+    with finishing(context.database, held, "failed", problem):
+        pass
+    with context.database.reading() as session:
+        row, job = session.get_one(Calibration, calibration_id), session.get_one(Job, job_id)
+        assert (row.state, row.problem, row.summary) == ("failed", problem, None)
+    with context.database.writing() as session:
+        kind_of("conclude").retry(session, job)
+    state, summary, _ = ended(context, calibration_id)
+    assert state == "done" and list(summary["cameras"]["front"]["models"]) == ["pinhole"]
+    with context.database.writing() as session, pytest.raises(CannotRetryError, match="no longer failed"):
+        kind_of("conclude").retry(session, job)
+
+
+def test_the_transaction_that_ends_a_calibration_is_short(context):
+    """It reads no results: those were read before it."""
+    calibration_id, (run_id,) = make_calibration(context.database)
+    end(context, run_id, found=document(1.0))
+    with context.database.reading() as session:
+        (job_id,) = session.scalars(select(Job.id))
+    held = claim(context.database, job_id, "w")
+    with Lease(context.database, held) as lease:
+        write = conclude(context, held, lease)
+    with context.database.writing() as session, statements(context.database) as seen:
+        write(session)
+        session.flush()
+    # The calibration, locked; the results' checks; the vehicle, locked; the recommended result and its checks of now
+    # (its origin, the current one, withdrawals, sensors); the end, and the fleet request.
+    assert seen == ["SELECT", "UPDATE", *["SELECT"] * 6, "UPDATE", "UPDATE"]
+    assert calibration_id
+
+
+def test_a_model_of_which_nothing_was_held_out_is_not_judged(context, three_runs):
+    calibration_id, (pinhole, brown, fold) = three_runs
+    end(context, pinhole, found=document(5.0))
+    end(context, brown, found=document(1.0, model="brown_conrady"))
+    end(context, fold, found=document(5.0, [5.0, 6.0]))
+    state, summary, _ = ended(context, calibration_id)
+    assert state == "done"
+    assert summary["cameras"]["front"]["recommended"] == "pinhole"
+    assert "brown_conrady was not judged: nothing was held out of it." in summary["cameras"]["front"]["why"]
+
+
+def test_a_fold_that_failed_or_left_parameters_open_counts_for_no_model(context):
+    calibration_id, runs = two_models(context, folds=3)
+    end_model(context, [runs["pinhole"][0]], 1.0, "pinhole")
+    end_model(context, [runs["brown_conrady"][0]], 1.0, "brown_conrady")
+    for fold in range(3):
+        for model in ("pinhole", "brown_conrady"):
+            found = document(1.0, model=model)
+            wild = fold == 1 and model == "brown_conrady"
+            found |= {"heldout": of_block([900.0 if wild else 1.0] * 10, range_of(fold))}
+            found |= {"status": "not_determined"} if wild else {}
+            end(context, runs[model][1 + fold], found=found)
+    _, summary, _ = ended(context, calibration_id)
+    models = summary["cameras"]["front"]["models"]
+    assert models["brown_conrady"]["heldout_mean_px"] == pytest.approx(1.0)
+    assert models["brown_conrady"]["weight"] == pytest.approx(0.5)
+
+
+def test_a_projection_that_is_none_costs_a_bounded_error(context):
+    calibration_id, runs = two_models(context)
+    for model, (full, *folds) in runs.items():
+        end(context, full, found=document(1.0, model=model))
+        for fold, run_id in enumerate(folds):
+            errors = [1.0] * 9 + [2300.0 if (fold, model) == (0, "brown_conrady") else 1.0]
+            end(
+                context,
+                run_id,
+                found=document(1.0, errors, model=model) | {"heldout": of_block(errors, range_of(fold))},
+            )
+    _, summary, _ = ended(context, calibration_id)
+    brown = summary["cameras"]["front"]["models"]["brown_conrady"]
+    assert brown["heldout_forbidden"] == 1
+    # A hundredth of the image's diagonal of 1600 px.
+    assert brown["heldout_mean_px"] == pytest.approx((19 * 1.0 + 16.0) / 20)
+    assert brown["behind"]["log_likelihood"] < 25.0
+
+
+def two_models(context, *, folds=2):
+    """Full fits of two models and their folds, to be published where recommended: (calibration, run ids by model)."""
+    names = ["pinhole", "brown_conrady"]
+    calibration_id, runs = make_calibration(context.database, models=[*names, *(f"{i}" for i in range(2 * folds))])
+    by_model = {name: [run] for name, run in zip(names, runs, strict=False)}
+    with context.database.writing() as session:
+        session.get_one(Calibration, calibration_id).publish = "recommended"
+        for place, run_id in enumerate(runs[2:]):
+            model, fold = names[place % 2], place // 2
+            session.execute(update(CalibrationRun).where(CalibrationRun.id == run_id).values(model=model, fold=fold))
+            by_model[model].append(run_id)
+    return calibration_id, by_model
+
+
+def end_model(context, runs, mean_px, model, **more):
+    """Its fit to all pairs, and in each fold 10 pairs whose errors lie a little about the mean."""
+    end(context, runs[0], found=document(mean_px, model=model, **more))
+    for fold, run_id in enumerate(runs[1:]):
+        errors = [mean_px + 0.01 * (pair % 2) + 0.01 * fold for pair in range(10)]
+        found = document(mean_px, model=model)
+        end(context, run_id, found=found | {"heldout": of_block(errors, range_of(fold))})
+
+
+def range_of(fold, count=10):
+    return list(range(count * fold, count * fold + count))
+
+
+@pytest.mark.parametrize(("folds", "given"), [(2, 1), (0, 0)])
+def test_the_lowest_error_is_recommended_and_published_where_pairs_were_held_out(context, folds, given):
+    calibration_id, runs = two_models(context, folds=folds)
+    end_model(context, runs["pinhole"], 5.0, "pinhole")
+    end_model(context, runs["brown_conrady"], 1.0, "brown_conrady")
+    state, summary, published = ended(context, calibration_id)
+    front = summary["cameras"]["front"]
+    assert (state, front["recommended"]) == ("done", "brown_conrady")
+    assert len(published) == given
+    assert front["published"] is bool(given)
+    assert failed(front) == ([] if given else ["No pairs were held out to judge it by."])
+
+
+@pytest.mark.parametrize(
+    ("checks", "publishes_looks", "is_published", "verdicts"),
+    [
+        ([check("pass")], None, True, ("pass", "pass")),
+        ([check("look")], None, False, ("look", "look")),
+        ([check("look")], True, True, ("look", "look")),
+        ([check("stop")], True, False, ("stop", "stop")),
+        # Who uses the mount with its own lens is not concerned.
+        ([check("stop", scope="mount_alone")], None, True, ("pass", "stop")),
+    ],
+)
+def test_what_is_published_by_itself_follows_from_the_checks_and_the_policy(
+    context, checks, publishes_looks, is_published, verdicts
+):
+    calibration_id, runs = two_models(context)
+    with context.database.writing() as session:
+        session.execute(update(Fleet).values(policy={"publish_looks": publishes_looks}))
+    end_model(context, runs["pinhole"], 5.0, "pinhole")
+    end_model(context, runs["brown_conrady"], 1.0, "brown_conrady", checks=checks)
+    _, summary, published = ended(context, calibration_id)
+    front = summary["cameras"]["front"]
+    model = front["models"]["brown_conrady"]
+    assert (model["verdict"], model["verdict_alone"]) == verdicts
+    assert (len(published), front["published"]) == (int(is_published), is_published)
+    with context.database.reading() as session:
+        stored = session.get_one(Result, UUID(model["result_id"]))
+        assert stored.verdict == verdicts[0] and "models" in {one["name"] for one in stored.checks}
+        overridden = session.scalars(select(Publication.overridden)).all()
+    assert not is_published or overridden == [["The marks lie off."] if verdicts[0] == "look" else None]
+
+
+def test_each_result_is_judged_also_where_nobody_asked_to_publish(context):
+    calibration_id, runs = two_models(context)
+    with context.database.writing() as session:
+        session.get_one(Calibration, calibration_id).publish = "none"
+    end_model(context, runs["pinhole"], 5.0, "pinhole")
+    end_model(context, runs["brown_conrady"], 1.0, "brown_conrady", checks=[check("look")])
+    _, summary, published = ended(context, calibration_id)
+    front = summary["cameras"]["front"]
+    assert published == [] and front["published"] is None
+    assert {name: model["verdict"] for name, model in front["models"].items()} == {
+        "brown_conrady": "look",
+        # It is far behind on held-out pairs.
+        "pinhole": "stop",
+    }
+    assert failed(front) == ["The marks lie off."]
+
+
+def test_a_calibration_published_meanwhile_has_the_result_judged_beside_it(context):
+    """The current result changes between the judging and the commit: the job judges again, and once."""
+    calibration_id, runs = two_models(context)
+    end_model(context, runs["pinhole"], 5.0, "pinhole")
+    end_model(context, runs["brown_conrady"], 1.0, "brown_conrady")
+    with context.database.reading() as session:
+        (job_id,) = session.scalars(select(Job.id).where(Job.kind == "conclude"))
+    held = claim(context.database, job_id, "w")
+    with Lease(context.database, held) as lease:
+        write = conclude(context, held, lease)
+        another = give(context, runs["pinhole"][0], 0.6)
+        with pytest.raises(StaleInputError):
+            finish(context.database, held, write)
+        finish(context.database, held, conclude(context, held, lease))
+    _, summary, published = ended(context, calibration_id)
+    assert published == [another]
+    (sentence,) = failed(summary["cameras"]["front"])
+    assert "of the vehicle's current result 0.60." in sentence
+    with context.database.reading() as session:
+        results = session.scalars(select(Result).where(Result.verdict.is_not(None), Result.id != another)).all()
+        assert {one.compared_with for one in results} == {another}
+
+
+def test_what_fits_far_better_than_it_foretells_does_not_publish_itself(context):
+    calibration_id, runs = two_models(context)
+    end_model(context, runs["pinhole"], 5.0, "pinhole")
+    end_model(context, runs["brown_conrady"], 1.0, "brown_conrady", kept={"pairs": 20, "mean_px": 0.3, "rms_px": 0.3})
+    _, summary, published = ended(context, calibration_id)
+    assert published == []
+    assert failed(summary["cameras"]["front"]) == [
+        "Held-out pairs lie 1.01 px off, the fitted ones 0.30: the pairs are too few, too uneven, or some of them wrong."
+    ]
+
+
+def give(context, of_run, before_px):
+    """Another calibration's result, judged sound and published for the run's vehicle; its id."""
+    with context.database.writing() as session:
+        run = session.get_one(CalibrationRun, of_run)
+        calibration = session.get_one(Calibration, run.calibration_id)
+        of_vehicle = {"fleet_id": calibration.fleet_id, "vehicle_id": calibration.vehicle_id}
+        had = {"cameras": {"front": {"models": {"pinhole": {"heldout_mean_px": before_px}}}}}
+        before = Calibration(
+            **of_vehicle, rig_id=calibration.rig_id, request={}, content_hash="1", state="done", remaining=0,
+            publish="none", notes=[], summary=had,
+        )  # fmt: skip
+        session.add(before)
+        session.flush()
+        of_before = CalibrationRun(
+            fleet_id=run.fleet_id, calibration_id=before.id, set_id=run.set_id, camera="front", model="pinhole",
+            fold=-1, farm="runs", slots=1, bundle=1, problem={}, state="done",
+        )  # fmt: skip
+        session.add(of_before)
+        session.flush()
+        given = Result(
+            fleet_id=run.fleet_id, calibration_id=before.id, run_id=of_before.id, camera="front", model="pinhole",
+            fold=-1, document=document(before_px), checks=[], verdict="pass",
+        )  # fmt: skip
+        session.add(given)
+        session.flush()
+        session.add(Publication(**of_vehicle, camera="front", alias="current", number=1, result_id=given.id))
+        return given.id
+
+
+@pytest.mark.parametrize(
+    ("before_px", "verdict", "takes_over"), [(1.2, "pass", True), (0.6, "pass", False), (0.6, "stop", True)]
+)
+def test_a_result_that_predicts_worse_than_a_sound_current_one_does_not_publish_itself(
+    context, before_px, verdict, takes_over
+):
+    calibration_id, runs = two_models(context)
+    before = give(context, runs["pinhole"][0], before_px)
+    with context.database.writing() as session:
+        session.get_one(Result, before).verdict = verdict
+    end_model(context, runs["pinhole"], 5.0, "pinhole")
+    end_model(context, runs["brown_conrady"], 1.0, "brown_conrady")
+    _, summary, _ = ended(context, calibration_id)
+    front = summary["cameras"]["front"]
+    assert front["published"] is takes_over
+    assert takes_over or failed(front)[0].endswith(
+        "Held-out pairs lie 1.01 px off; of the vehicle's current result 0.60."
+    )
+
+
+def test_pairs_that_every_fit_left_out_are_not_held_against_any_model(context):
+    calibration_id, runs = two_models(context)
+    excluded = {"pinhole": (3, 4), "brown_conrady": (4,)}
+    for model, (full, *folds) in runs.items():
+        outliers = [{"index": index, "excluded": True} for index in excluded[model]]
+        end(context, full, found=document(1.0, model=model, outliers=outliers))
+        for fold, run_id in enumerate(folds):
+            errors = [1.0] * 3 + [9.0, 500.0] if fold == 0 else [1.0] * 5
+            found = document(1.0, model=model)
+            end(context, run_id, found=found | {"heldout": of_block(errors, range_of(fold, 5))})
+    _, summary, published = ended(context, calibration_id)
+    models = summary["cameras"]["front"]["models"]
+    assert [models[name]["heldout_pairs"] for name in runs] == [9, 9]
+    assert models["brown_conrady"]["heldout_mean_px"] == pytest.approx((8 * 1.0 + 9.0) / 9)
+    assert len(published) == 1

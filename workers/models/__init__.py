@@ -1,0 +1,1 @@
+"""The models of a camera compared: evidence of held-out pairs, choice, spread, and the summary."""

@@ -1,0 +1,323 @@
+"""The last job of a calibration: its models compared, its cameras compared, its summary and its publications."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import NamedTuple
+from uuid import UUID
+
+import numpy as np
+from sqlalchemy import bindparam, func, select, update
+from sqlalchemy.orm import Session
+
+from apexcal.documents.checks import Check, CheckVerdict, verdict_of
+from apexcal.documents.results import FitResult
+from apexcal.documents.states import WorkState
+from service.calibration_runs.conclusion import end_calibration, runs_of
+from service.calibration_runs.image_frames import T_images_camera
+from service.calibration_runs.result_comparison import compared
+from service.db.base import Json
+from service.db.calibrations import FULL, Calibration, CalibrationRun, CorrespondenceSet, Result, Slot
+from service.db.fleets import Rig
+from service.jobs.claims import Claim, Lease, StaleInputError
+from service.publications.actions import hold_publications, publish_by_itself
+from service.publications.check_queries import failing, judged_now
+from service.publications.queries import current_publication
+from workers.geometry.errors import GeometryError
+from workers.geometry.transforms import from_document
+from workers.judge.calibration_checks import CurrentResult, checks_of_calibration
+from workers.judge.held_out_check import HeldOut, held_out_pairs
+from workers.judge.validation_checks import elsewhere as other_data_check
+from workers.models.summary import Fit, camera_summary
+from workers.solver.rig_consistency import SolvedCamera, StatedTransform, rig_consistency
+from workers.solver.stopping import Stop
+from workers.tasks.context import Context
+from workers.tasks.other_data import other_data
+from workers.tasks.solving import read_run
+
+# Built once: SQLAlchemy takes longer to build such a statement than to run it.
+_RESULTS = (
+    select(Result)
+    .where(Result.calibration_id == bindparam("calibration"))
+    .order_by(Result.camera, Result.model, Result.fold)
+)
+_SEARCHES = (
+    select(Slot.run_id, Slot.worker, func.sum(Slot.seconds))
+    .join(CalibrationRun, CalibrationRun.id == Slot.run_id)
+    .where(CalibrationRun.calibration_id == bindparam("calibration"), CalibrationRun.fold == FULL)
+    .group_by(Slot.run_id, Slot.worker)
+    .order_by(Slot.worker)
+)
+
+
+class _Current(NamedTuple):
+    """What a camera is given while its new results are judged."""
+
+    result: Result
+    summary: Json
+    """Of its model."""
+
+
+class _Judged(NamedTuple):
+    """A fit to all pairs with the checks of its calibration, and the result that was current then."""
+
+    result: Result
+    checks: list[Check]
+    current_id: UUID | None
+
+    @property
+    def all_checks(self) -> list[Check]:
+        """Those of the fit, too."""
+        return [Check.model_validate(one) for one in self.result.document["checks"]] + self.checks
+
+
+def conclude(context: Context, held: Claim, lease: Lease) -> Callable[[Session], None]:
+    """Summarise and judge a calibration whose runs have all ended; publish what passes, where that was asked for."""
+    with context.database.reading() as session:
+        calibration = session.get_one(Calibration, held.subject_id)
+        runs, results = runs_of(session, calibration.id), session.scalars(_RESULTS, {"calibration": calibration.id})
+        cameras = _by_camera(results.all())
+        fits = _fits(session, calibration.id, cameras)
+        lease.report(0.0, "comparing the models")
+        summaries = {camera: camera_summary(of_camera) for camera, of_camera in fits.items()}
+        solved = _solved_cameras(session, calibration.id, cameras, summaries, lease)
+        stated = _stated(session, calibration.rig_id) if len(cameras) > 1 else []
+        of_runs = select(CalibrationRun.id, CalibrationRun.set_id).where(
+            CalibrationRun.calibration_id == calibration.id
+        )
+        sets = {run_id: set_id for run_id, set_id in session.execute(of_runs)}
+        current = {camera: _current(session, calibration.vehicle_id, camera) for camera in cameras}
+        elsewhere = other_data(session, [one for found in cameras.values() for one in found if one.fold == FULL])
+    rig = _compared(solved, stated, summaries) if len(cameras) > 1 else None
+    ended_well = all(run.state == WorkState.DONE for run in runs)
+    judged = [
+        _judge(
+            *(result, fits[camera], summaries[camera], rig, current[camera], elsewhere[result.id]),
+            context.pairs_of(sets[result.run_id]),
+            ended_well=ended_well,
+        )
+        for camera, found in cameras.items()
+        for result in found
+        if result.fold == FULL
+    ]
+    for one in judged:
+        model = summaries[one.result.camera]["models"][one.result.model]
+        model["verdict"] = verdict_of(one.all_checks, "mount_with_lens")
+        model["verdict_alone"] = verdict_of(one.all_checks, "mount_alone")
+
+    def write(session: Session) -> None:
+        calibration = session.get_one(Calibration, held.subject_id, with_for_update=True)
+        _store(session, judged)
+        # The calibration's row before the vehicle's: the order of all locks.
+        session.flush()
+        hold_publications(session, calibration.vehicle_id)
+        if calibration.publish == "recommended":
+            _check_unchanged(session, calibration.vehicle_id, current)
+        ended = {camera: found | _published(session, calibration, found) for camera, found in summaries.items()}
+        problem = next((run.failure for run in runs if run.failure), None)
+        end_calibration(
+            *(session, calibration, WorkState.DONE, problem),
+            {"cameras": ended} | ({} if rig is None else {"rig": rig}),
+        )
+
+    return write
+
+
+def _judge(
+    result: Result,
+    fits: Sequence[Fit],
+    found: Json,
+    rig: Json | None,
+    current: _Current | None,
+    elsewhere: Sequence[Json],
+    pairs: Json,
+    *,
+    ended_well: bool,
+) -> _Judged:
+    """Judge a fit beside the other fits of its calibration, and beside what the vehicle has."""
+    document = result.document
+    is_current = current is not None and current.result.id == result.id
+    checks = checks_of_calibration(
+        document,
+        checks=[Check.model_validate(one) for one in document["checks"]],
+        camera=result.camera,
+        summary=found,
+        ended_well=ended_well,
+        pairs=_held_out(document, [one.document for one in fits if one.model == result.model], pairs),
+        rig=rig,
+        current=None if current is None or is_current else _beside(document, found["models"][result.model], current),
+    )
+    return _Judged(result, [*checks, other_data_check(elsewhere)], current and current.result.id)
+
+
+def _held_out(document: Json, of_model: Sequence[Json], pairs: Json) -> HeldOut | None:
+    """The held-out pairs of a model's folds; None if nothing was held out."""
+    heldout = [one["heldout"] for one in of_model if one.get("heldout")]
+    if not heldout:
+        return None
+    points = np.column_stack([pairs[name] for name in "xyz"]).astype(np.float64)
+    distances_m = np.linalg.norm(from_document(document["transform"]).apply(points), axis=1)
+    return held_out_pairs(heldout, document["outliers"], distances_m)
+
+
+def _beside(document: Json, model: Json, current: _Current) -> CurrentResult:
+    """What the vehicle has, and how far this fit is from it."""
+    theirs = current.result.document
+    spreads = model["between_models"], current.summary.get("between_models")
+    return CurrentResult(
+        model=current.result.model,
+        lens=theirs["lens"],
+        verdict=_verdict(current.result.verdict),
+        checks=[Check.model_validate(one) for one in theirs["checks"]],
+        compared=compared(document, theirs, *spreads),
+        heldout_mean_px=current.summary.get("heldout_mean_px"),
+    )
+
+
+def _verdict(stored: str | None) -> CheckVerdict:
+    """A result's stored verdict; one that was never judged should not be used."""
+    return "pass" if stored == "pass" else "look" if stored == "look" else "stop"
+
+
+def _current(session: Session, vehicle_id: UUID, camera: str) -> _Current | None:
+    """What the camera is given now, with the summary of its model."""
+    publication = current_publication(session, vehicle_id, camera)
+    if publication is None or publication.result_id is None:
+        return None
+    result = session.get_one(Result, publication.result_id)
+    summary = session.get_one(Calibration, result.calibration_id).summary or {}
+    return _Current(result, summary.get("cameras", {}).get(camera, {}).get("models", {}).get(result.model, {}))
+
+
+def _store(session: Session, judged: Sequence[_Judged]) -> None:
+    """Keep each result's checks with it."""
+    rows = [
+        {
+            "id": one.result.id,
+            "checks": [check.model_dump(mode="json") for check in one.checks],
+            "verdict": verdict_of(one.all_checks, "mount_with_lens"),
+            "compared_with": one.current_id,
+        }
+        for one in judged
+    ]
+    session.execute(update(Result), rows)
+
+
+def _check_unchanged(session: Session, vehicle_id: UUID, judged_beside: Mapping[str, _Current | None]) -> None:
+    """Raises :class:`StaleInputError` if a camera's current result is another one than results were judged beside."""
+    for camera, before in judged_beside.items():
+        publication = current_publication(session, vehicle_id, camera)
+        if (publication and publication.result_id) != (before and before.result.id):
+            raise StaleInputError
+
+
+def _published(session: Session, calibration: Calibration, found: Json) -> Json:
+    """The checks of a camera's recommended result now; if that was asked for, whether its policy publishes it."""
+    chosen = found["models"].get(found["recommended"])
+    is_asked = calibration.publish == "recommended"
+    if chosen is None:
+        return {"checks": [], "published": False if is_asked else None}
+    result = session.get_one(Result, UUID(chosen["result_id"]), populate_existing=True)
+    checks, policy = judged_now(session, result)
+    publishes = is_asked and policy.publishes(verdict_of(checks, "mount_with_lens"))
+    if publishes:
+        publish_by_itself(session, calibration, result, [one.sentence for one in failing(checks)])
+    return {
+        "checks": [one.model_dump(mode="json") for one in checks],
+        "published": publishes if is_asked else None,
+    }
+
+
+def _by_camera(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """The results of each camera that has a fit to all its pairs."""
+    cameras: dict[str, list[Result]] = defaultdict(list)
+    for result in results:
+        cameras[result.camera].append(result)
+    return {name: found for name, found in cameras.items() if any(result.fold == FULL for result in found)}
+
+
+def _fits(session: Session, calibration_id: UUID, cameras: Mapping[str, Sequence[Result]]) -> dict[str, list[Fit]]:
+    """Each camera's fits, with the seconds of their searches and who did them."""
+    seconds: dict[UUID, float] = defaultdict(float)
+    workers: dict[UUID, list[str]] = defaultdict(list)
+    for run_id, worker, spent in session.connection().execute(_SEARCHES, {"calibration": calibration_id}):
+        seconds[run_id] += spent
+        workers[run_id].append(worker)
+    return {
+        camera: [
+            Fit(
+                *(result.id, result.model, None if result.fold == FULL else result.fold, result.document),
+                *(seconds[result.run_id], workers[result.run_id]),
+            )
+            for result in results
+        ]
+        for camera, results in cameras.items()
+    }
+
+
+def _compared(
+    solved: Sequence[SolvedCamera], stated: Sequence[StatedTransform], summaries: Mapping[str, Json]
+) -> Json:
+    """Every two cameras compared by their recommended results; cameras without one are left out, with a sentence."""
+    try:
+        compared = rig_consistency(solved, stated)
+    except GeometryError as error:
+        problem = {"code": error.code, "detail": error.message, "hint": error.hint}
+        compared = {"pairs": [], "alarms": [], "problem": problem}
+    compared["left_out"] = [
+        f"{camera} is not compared with the others: no model is recommended for it."
+        for camera, found in summaries.items()
+        if found["recommended"] is None
+    ]
+    return compared
+
+
+def _solved_cameras(
+    session: Session,
+    calibration_id: UUID,
+    cameras: Mapping[str, Sequence[Result]],
+    summaries: Mapping[str, Json],
+    stop: Stop,
+) -> list[SolvedCamera]:
+    """Each camera's recommended result with the pairs that it was fitted to; none of a rig with one camera."""
+    if len(cameras) < 2:
+        return []
+    rows = session.execute(
+        select(CalibrationRun, CorrespondenceSet)
+        .join(CorrespondenceSet, CorrespondenceSet.id == CalibrationRun.set_id)
+        .where(CalibrationRun.calibration_id == calibration_id, CalibrationRun.fold == FULL)
+    )
+    runs = {run.id: (run, pairs) for run, pairs in rows}
+    return [
+        _solved(*runs[result.run_id], result, stop)
+        for camera, results in cameras.items()
+        for result in results
+        if result.fold == FULL and result.model == summaries[camera]["recommended"]
+    ]
+
+
+def _solved(run: CalibrationRun, pairs: CorrespondenceSet, result: Result, stop: Stop) -> SolvedCamera:
+    detection = str(pairs.detection_id) if pairs.detection_id else None
+    problem = read_run(run.problem, run.fold, pairs.columns, stop).problem
+    return SolvedCamera(run.camera, problem, FitResult.model_validate(result.document), pairs.columns, detection)
+
+
+def _stated(session: Session, rig_id: UUID) -> list[StatedTransform]:
+    """T_cameraA_cameraB by the nominal mounts of every two cameras, and as the rig knows it otherwise."""
+    rig = session.get_one(Rig, rig_id)
+    nominal = combinations((from_document(camera.nominal) for camera in rig.cameras), 2)
+    stated = [StatedTransform(a @ b.inverse(), "nominal") for a, b in nominal] + [
+        StatedTransform(from_document(one["transform"]), "rig", one["std_deg"], 1e-3 * one["std_mm"])
+        for one in rig.camera_transforms or []
+    ]
+    turns = [from_document(T_images_camera(one.frame, one.images)) for one in rig.cameras]
+    by_frame = {turn.from_frame: turn for turn in turns}
+    # Results lead to the frames of the images.
+    return [
+        replace(one, transform=by_frame[known.to_frame] @ known @ by_frame[known.from_frame].inverse())
+        for one in stated
+        for known in [one.transform]
+    ]

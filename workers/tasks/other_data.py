@@ -1,0 +1,54 @@
+"""What validations on other data than a result was fitted to say of it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Final
+from uuid import UUID
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session, aliased
+
+from apexcal.documents.states import WorkState
+from apexcal.documents.validations import SINGLE_PAIRS
+from service.db.base import Json
+from service.db.calibrations import CalibrationRun, CorrespondenceSet, Result
+from service.db.recordings import Recording
+from service.db.validations import Validation
+
+# Validations of a result that are read, the newest first.
+_MOST: Final = 20
+
+
+def other_data(session: Session, results: Sequence[Result]) -> dict[UUID, list[Json]]:
+    """Return what validations of each result found, without single pairs: the newest first, one for the same data.
+
+    Pairs of the recording that was fitted to are no other data.
+    """
+    fitted = aliased(CorrespondenceSet)
+    rows = session.execute(
+        select(Validation, CorrespondenceSet, fitted.id, fitted.recording_id)
+        .join(Result, Result.id == Validation.result_id)
+        .join(CalibrationRun, CalibrationRun.id == Result.run_id)
+        .join(fitted, fitted.id == CalibrationRun.set_id)
+        .outerjoin(CorrespondenceSet, CorrespondenceSet.id == Validation.set_id)
+        .where(Validation.result_id.in_([one.id for one in results]), Validation.state == WorkState.DONE)
+        .order_by(Validation.id.desc())
+        .limit(_MOST * len(results))
+    ).all()
+    used = {row.recording_id or (pairs and pairs.recording_id) for row, pairs, *_ in rows}
+    named = select(Recording.id, Recording.name).where(Recording.id.in_(used))
+    names: dict[UUID | None, str] = {row.id: row.name for row in session.execute(named)} if rows else {}
+    told: dict[UUID, dict[tuple[str, UUID | None], Json]] = defaultdict(dict)
+    for row, pairs, fitted_set, fitted_recording in rows:
+        of_pairs = pairs.recording_id if pairs else None
+        is_fitted = row.set_id == fitted_set or (of_pairs is not None and of_pairs == fitted_recording)
+        if is_fitted or row.result is None:
+            continue
+        data = names.get(row.recording_id or of_pairs) or f"pairs from {pairs.source if pairs else 'elsewhere'}"
+        found = {name: value for name, value in row.result.items() if name not in SINGLE_PAIRS}
+        found |= {"kind": row.kind, "data": data, "at": f"{row.created_at:%Y-%m-%d %H:%M} UTC", "id": str(row.id)}
+        assert row.result_id is not None
+        told[row.result_id].setdefault((row.kind, row.set_id or row.recording_id), found)
+    return {one.id: list(told[one.id].values()) for one in results}
